@@ -1,0 +1,70 @@
+"""Isotropic linear elasticity and inertia, as pure functions that return UFL."""
+
+from __future__ import annotations
+
+import ufl
+
+from fenics_joints.forms.kinematics import strain, stretched_gradient
+
+__all__ = [
+    "attached_mass",
+    "elasticity",
+    "isotropic_stress",
+    "lame_from_moduli",
+    "lame_parameters",
+    "mass",
+]
+
+
+def lame_parameters(E, nu):
+    """Lamé parameters (lambda, mu), Pa, from Young's modulus ``E`` (Pa) and Poisson's ratio."""
+    return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+
+
+def lame_from_moduli(E, G):
+    """Lamé parameters (lambda, mu), Pa, from Young's modulus and shear modulus, Pa.
+
+    Seed 001, eq. 7, whose denominator is printed ``E - 3G``: that has the wrong sign; it is
+    ``3G - E``. Positive definite for 0 < E < 3G.
+    """
+    return G * (E - 2 * G) / (3 * G - E), G
+
+
+def isotropic_stress(eps, lmbda, mu):
+    """Cauchy stress, Pa, of the strain tensor ``eps``; plane strain when that is 2 x 2."""
+    return lmbda * ufl.tr(eps) * ufl.Identity(eps.ufl_shape[0]) + 2 * mu * eps
+
+
+def elasticity(u, v, E, nu, dx=ufl.dx, *, normal=None, stretch=None):
+    """Stiffness form of an isotropic solid.
+
+    Args:
+        u: Trial function or displacement, shape (gdim,), m.
+        v: Test function, shape (gdim,).
+        E: Young's modulus, Pa.
+        nu: Poisson's ratio, -1 < nu < 0.5.
+        dx: Cell measure, with subdomain and quadrature degree.
+        normal: Direction of a thickness stretch, unit vector.
+        stretch: Actual over meshed thickness; None is 1.
+
+    Returns:
+        Bilinear (or, for given functions, scalar) UFL form, N m for displacements.
+    """
+    eps_u = strain(stretched_gradient(u, normal, stretch))
+    eps_v = strain(stretched_gradient(v, normal, stretch))
+    jacobian = 1 if stretch is None else stretch
+    return jacobian * ufl.inner(isotropic_stress(eps_u, *lame_parameters(E, nu)), eps_v) * dx
+
+
+def mass(u, v, rho, dx=ufl.dx, *, stretch=None):
+    """Consistent mass form for density ``rho``, kg/m3, with an optional thickness stretch."""
+    return (rho if stretch is None else rho * stretch) * ufl.inner(u, v) * dx
+
+
+def attached_mass(u, v, m, area, ds):
+    """A mass ``m`` (kg) spread evenly over the facets of ``ds``, whose total area is ``area`` (m2).
+
+    The form for a sensor or a bolt head on a patch of facets. A mass at a point that need not be
+    a node is no UFL form: see `fenics_joints.structure.PointMass`.
+    """
+    return (m / area) * ufl.inner(u, v) * ds

@@ -1,0 +1,55 @@
+"""Strains, in the geometry of the mesh or in one stretched along a direction.
+
+A stretch maps the mesh to a body whose extent along ``normal`` is ``stretch`` times the mesh's, so
+that a plate's or a layer's thickness becomes a parameter of the form, with an exact derivative and
+no new mesh. With F = I + (stretch - 1) n n^T: grad_x u = grad_X u F^-1 and dx = stretch dX.
+"""
+
+from __future__ import annotations
+
+import ufl
+
+__all__ = ["layer_strain", "strain", "stretched_gradient"]
+
+
+def stretched_gradient(u, normal=None, stretch=None):
+    """Displacement gradient in the stretched geometry.
+
+    Args:
+        u: Displacement, shape (gdim,), m.
+        normal: Unit direction of the stretch, shape (gdim,); not needed without a stretch.
+        stretch: Ratio of actual to meshed extent along ``normal``, scalar > 0; None is 1.
+
+    Returns:
+        UFL expression of shape (gdim, gdim), row i the gradient of component i.
+    """
+    gradient = ufl.grad(u)
+    if stretch is None:
+        return gradient
+    return gradient + (1 / stretch - 1) * ufl.outer(gradient * normal, normal)
+
+
+def strain(gradient):
+    """Small-strain tensor, shape (gdim, gdim), of a displacement gradient of that shape."""
+    return ufl.sym(gradient)
+
+
+def layer_strain(gradient, normal):
+    """Normal and tangential strain of a thin layer (seed 001, before eq. 5).
+
+    The in-plane strains are left out, as the seed does; the in-plane gradient of the normal
+    displacement stays in the shear strain, since without it a rigid rotation would strain the layer.
+
+    Args:
+        gradient: Displacement gradient, shape (gdim, gdim).
+        normal: Unit normal of the layer, shape (gdim,).
+
+    Returns:
+        (eps_n, gamma_t): scalar normal strain, and the engineering shear strain as a vector in
+        the tangent plane, shape (gdim,). Both are unchanged when ``normal`` changes sign, but for
+        the sign of ``gamma_t``.
+    """
+    eps_n = ufl.dot(normal, gradient * normal)
+    shear = gradient * normal + ufl.transpose(gradient) * normal
+    gamma_t = shear - ufl.dot(shear, normal) * normal
+    return eps_n, gamma_t
