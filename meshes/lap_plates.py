@@ -1,0 +1,208 @@
+"""Two plates lapped over a bolted joint with a thin layer between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes.extrude import Extrusion
+from fenics_joints.meshes.plane import grid_lines, tensor_grid
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+
+__all__ = ["lap_plates"]
+
+CELL_NAMES = {"plate_1": 1, "plate_2": 2, "joint_near": 3, "joint_away": 4}
+FACET_NAMES = {
+    "end_1": 1, "end_2": 2, "bottom": 3, "top": 4,
+    "joint_lower": 5, "joint_upper": 6, "interface": 7, "holes": 8, "washers": 9,
+}  # fmt: skip
+BOLTS = ((0.14, 0.02), (0.14, 0.06), (0.18, 0.02), (0.18, 0.06))
+
+
+def lap_plates(
+    comm: MPI.Intracomm,
+    *,
+    length: float = 0.2,
+    width: float = 0.08,
+    thickness: float = 0.008,
+    lap: float = 0.08,
+    layer: float = 0.5e-3,
+    element_size: float = 5e-3,
+    n_length: int | None = None,
+    n_width: int | None = None,
+    n_thickness: int = 2,
+    bolts: Sequence[tuple[float, float]] = BOLTS,
+    zone: float = 0.02,
+    cell: str = "hexahedron",
+) -> TaggedMesh:
+    """Mesh of two equal plates that overlap by ``lap``, with a joint layer one element thick.
+
+    Plate 1 spans x from 0 to ``length`` and z from 0 to ``thickness``; the layer lies on it over
+    the lap, x from ``length - lap`` to ``length``; plate 2 lies on the layer and ends at
+    x = ``2 * length - lap``. Both span y from 0 to ``width``.
+
+    Grid lines stand at the ends, at the lap's edges and at the zones' edges exactly; each interval
+    between them is cut into the fewest equal parts not longer than the element size. The counts
+    ``n_length`` and ``n_width`` set that size to ``length / n_length`` and ``width / n_width``,
+    so they are met exactly when the edges are multiples of it, and exceeded a little otherwise.
+
+    Parts: ``plate_1``, ``plate_2``, ``joint_near`` (the layer within squares of side ``zone``
+    centred on the bolts, their union if they overlap) and ``joint_away`` (the rest of the layer).
+    Faces: ``end_1`` (x = 0), ``end_2``, ``bottom`` (of plate 1, z = 0), ``top`` (of plate 2),
+    ``joint_lower`` and ``joint_upper`` (between the layer and plate 1, plate 2). With ``layer=0``
+    the plates share their vertices over the lap: no joint parts, and the one face ``interface``.
+    Points: ``bolts``, at mid-height of the joint.
+
+    Args:
+        comm: Communicator; the call is collective, the lists are built on rank 0 alone.
+        length: Length of each plate, in metres.
+        width: Width of the plates, in metres.
+        thickness: Thickness of each plate, in metres.
+        lap: Length of the overlap, in metres.
+        layer: Thickness of the joint layer, in metres; 0 for none.
+        element_size: Longest side of an element in the plane, in metres.
+        n_length: Elements along each plate, instead of ``element_size``.
+        n_width: Elements across the plates, instead of ``element_size``.
+        n_thickness: Elements through each plate.
+        bolts: Centres (x, y) of the bolts, in metres.
+        zone: Side of the square zone around each bolt, in metres; 0 for none.
+        cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
+
+    Returns:
+        The tagged mesh.
+
+    Raises:
+        MeshError: A dimension or count is impossible, or a zone leaves the lap; the message names
+            the argument, its value and what was expected.
+    """
+    _check_dimensions(length, width, thickness, lap, layer, n_thickness, cell)
+    size_x = _size("n_length", n_length, length, element_size)
+    size_y = _size("n_width", n_width, width, element_size)
+    bolts = np.asarray(bolts, dtype=float).reshape(-1, 2)
+    _check_zones(bolts, zone, (length - lap, length), (0.0, width))
+    form = _LapPlates(length, width, thickness, lap, layer, n_thickness, bolts, zone, cell)
+    return distribute(comm, on_root(comm, lambda: form.lists(size_x, size_y)))
+
+
+@dataclass(frozen=True)
+class _LapPlates:
+    """Checked dimensions of lap plates; see ``lap_plates``."""
+
+    length: float
+    width: float
+    thickness: float
+    lap: float
+    layer: float
+    n_thickness: int
+    bolts: np.ndarray
+    zone: float
+    cell: str
+
+    def lists(self, size_x: float, size_y: float) -> MeshLists:
+        """The whole mesh with elements not longer than the sizes, in metres."""
+        x, y = self.lines(size_x, size_y)
+        points, quads = tensor_grid(x, y)
+        middle = points[quads].mean(axis=1)
+        column = Extrusion(points, quads, self.levels(), self.values(middle), self.cell)
+        left = np.arange(len(y))
+        right = left + len(points) - len(y)
+        self.tag_faces(column, middle, _chain(left), _chain(right))
+        centres = np.full((len(self.bolts), 3), self.thickness + self.layer / 2)
+        centres[:, :2] = self.bolts
+        return MeshLists(self.cell, *column.lists(), CELL_NAMES, FACET_NAMES, {"bolts": centres})
+
+    def lines(self, size_x: float, size_y: float) -> tuple[np.ndarray, np.ndarray]:
+        half = self.zone / 2
+        around = np.concatenate([self.bolts - half, self.bolts + half])
+        x = [0.0, self.length - self.lap, self.length, 2 * self.length - self.lap, *around[:, 0]]
+        return grid_lines(x, size_x), grid_lines([0.0, self.width, *around[:, 1]], size_y)
+
+    def levels(self) -> np.ndarray:
+        plate = np.linspace(0.0, self.thickness, self.n_thickness + 1)
+        upper = plate + self.thickness + self.layer
+        return np.concatenate([plate, upper if self.layer > 0 else upper[1:]])
+
+    def values(self, middle: np.ndarray) -> np.ndarray:
+        """Cell tags per layer of cells and plane cell, whose centres are ``middle``, (n, 2)."""
+        first, second, lap = self.regions(middle)
+        from_bolts = np.abs(middle[:, None, :] - self.bolts).max(axis=2)
+        near = (from_bolts < self.zone / 2).any(axis=1)
+        joint = np.where(near, CELL_NAMES["joint_near"], CELL_NAMES["joint_away"])
+        rows = [np.where(first, CELL_NAMES["plate_1"], 0)] * self.n_thickness
+        if self.layer > 0:
+            rows.append(np.where(lap, joint, 0))
+        rows += [np.where(second, CELL_NAMES["plate_2"], 0)] * self.n_thickness
+        return np.array(rows)
+
+    def regions(self, middle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which plane cells belong to plate 1, to plate 2 and to the lap."""
+        first = middle[:, 0] < self.length
+        second = middle[:, 0] > self.length - self.lap
+        return first, second, first & second
+
+    def tag_faces(self, column, middle, left, right) -> None:
+        first, second, lap = self.regions(middle)
+        n, last = self.n_thickness, len(column.z) - 1
+        column.tag_wall(left, np.arange(n), FACET_NAMES["end_1"])
+        column.tag_wall(right, np.arange(last - n, last), FACET_NAMES["end_2"])
+        column.tag_level(0, first, FACET_NAMES["bottom"])
+        column.tag_level(last, second, FACET_NAMES["top"])
+        if self.layer > 0:
+            column.tag_level(n, lap, FACET_NAMES["joint_lower"])
+            column.tag_level(n + 1, lap, FACET_NAMES["joint_upper"])
+        else:
+            column.tag_level(n, lap, FACET_NAMES["interface"])
+
+
+def _chain(points: np.ndarray) -> np.ndarray:
+    return np.column_stack([points[:-1], points[1:]])
+
+
+def _check_dimensions(length, width, thickness, lap, layer, n_thickness, cell) -> None:
+    sizes = {"length": length, "width": width, "thickness": thickness, "lap": lap}
+    for name, value in sizes.items():
+        _require(_is_positive(value), name, value, "a length above 0 m")
+    _require(lap < length, "lap", lap, f"less than length = {length:g} m")
+    _require(layer == 0 or _is_positive(layer), "layer", layer, "0 m or a thickness above it")
+    _require(_is_count(n_thickness), "n_thickness", n_thickness, "a whole number of at least 1")
+    cells = "'hexahedron' or 'tetrahedron'"
+    _require(cell in ("hexahedron", "tetrahedron"), "cell", cell, cells)
+
+
+def _size(name: str, count: int | None, span: float, element_size: float) -> float:
+    if count is None:
+        _require(_is_positive(element_size), "element_size", element_size, "a size above 0 m")
+        return element_size
+    _require(_is_count(count), name, count, "a whole number of at least 1")
+    return span / count
+
+
+def _check_zones(bolts, zone, x_range, y_range) -> None:
+    _require(zone == 0 or _is_positive(zone), "zone", zone, "0 m or a side above it")
+    for number, bolt in enumerate(bolts):
+        for axis, value, (low, high) in zip("xy", bolt, (x_range, y_range), strict=True):
+            room = min(value - low, high - value)
+            span = f"{low:g} to {high:g} m of the lap along {axis}"
+            where = f"bolts[{number}] {axis}"
+            _require(room > 0, where, value, f"a position within {span}")
+            fits = zone / 2 <= room + 1e-9 * (high - low)
+            expected = f"at most {2 * room:g} m, so that the zone of {where} = {value:g} m stays "
+            _require(fits, "zone", zone, expected + f"within {span}")
+
+
+def _is_positive(value: float) -> bool:
+    return math.isfinite(value) and value > 0
+
+
+def _is_count(value: int) -> bool:
+    return isinstance(value, int | np.integer) and value >= 1
+
+
+def _require(holds: bool, name: str, value: object, expected: str) -> None:
+    if not holds:
+        raise MeshError(f"lap_plates: {name} is {value!r}, expected {expected}")

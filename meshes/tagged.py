@@ -1,0 +1,154 @@
+"""A mesh with named parts and faces, and its distribution from one rank to all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import dolfinx.mesh
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints import _compat
+from fenics_joints.errors import MeshError
+
+__all__ = ["MeshLists", "TaggedMesh", "distribute", "on_root"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class TaggedMesh:
+    """A mesh whose parts and faces have names.
+
+    A cell or facet has one tag. Names without any cell or facet are left out of ``cell_names`` and
+    ``facet_names``, so that asking for one is an error and never an empty integral.
+
+    Attributes:
+        mesh: The mesh, geometry in metres, ghosted over shared facets so that ``dS`` works.
+        cell_tags: Tags of the cells, those of ghosts included.
+        facet_tags: Tags of the named facets.
+        cell_names: Tag of each named part.
+        facet_names: Tag of each named face.
+        points: Named points, each of shape (n, 3) in metres, such as the centres of the bolts.
+    """
+
+    mesh: dolfinx.mesh.Mesh
+    cell_tags: dolfinx.mesh.MeshTags
+    facet_tags: dolfinx.mesh.MeshTags
+    cell_names: dict[str, int]
+    facet_names: dict[str, int]
+    points: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def cell_tag(self, name: str) -> int:
+        """Tag of the part ``name``; raises MeshError when the mesh has no such part."""
+        return _lookup(self.cell_names, name, "part")
+
+    def facet_tag(self, name: str) -> int:
+        """Tag of the face ``name``; raises MeshError when the mesh has no such face."""
+        return _lookup(self.facet_names, name, "face")
+
+
+def _lookup(names: dict[str, int], name: str, kind: str) -> int:
+    if name not in names:
+        present = ", ".join(sorted(names)) or "none"
+        raise MeshError(f"the mesh has no {kind} named {name!r}; it has: {present}")
+    return names[name]
+
+
+@dataclass(frozen=True)
+class MeshLists:
+    """The whole mesh as arrays on one rank, before it is distributed.
+
+    Attributes:
+        cell: ``"hexahedron"``, ``"tetrahedron"``, ``"quadrilateral"`` or ``"triangle"``.
+        x: Vertices, shape (n_vertices, gdim), in metres.
+        cells: Vertices of each cell in DOLFINx's order, shape (n_cells, n_corners).
+        cell_values: Tag of each cell, shape (n_cells,).
+        facets: Vertices of each tagged facet in DOLFINx's order, shape (n_facets, n_corners).
+        facet_values: Tag of each tagged facet, shape (n_facets,).
+        cell_names: Tag of each named part.
+        facet_names: Tag of each named face.
+        points: Named points, each of shape (n, 3), in metres.
+    """
+
+    cell: str
+    x: np.ndarray
+    cells: np.ndarray
+    cell_values: np.ndarray
+    facets: np.ndarray
+    facet_values: np.ndarray
+    cell_names: dict[str, int]
+    facet_names: dict[str, int]
+    points: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def on_root(comm: MPI.Intracomm, build: Callable[[], T]) -> T | None:
+    """Call ``build`` on rank 0 only; if it raises, raise the same on every rank.
+
+    Args:
+        comm: Communicator; the call is collective.
+        build: Function without arguments.
+
+    Returns:
+        What ``build`` returned on rank 0, None on the others.
+    """
+    result, error = None, None
+    if comm.rank == 0:
+        try:
+            result = build()
+        except Exception as caught:
+            error = caught
+    error = comm.bcast(error, root=0)
+    if error is not None:
+        raise error
+    return result
+
+
+def distribute(comm: MPI.Intracomm, lists: MeshLists | None) -> TaggedMesh:
+    """Distribute a mesh that rank 0 holds over all ranks.
+
+    Args:
+        comm: Communicator; the call is collective.
+        lists: The whole mesh on rank 0; ignored on the other ranks.
+
+    Returns:
+        The tagged mesh, ghosted over shared facets.
+    """
+    shapes = None
+    if comm.rank == 0:
+        shapes = (lists.cell, lists.x.shape[1], lists.cells.shape[1], lists.facets.shape[1],
+                  _used(lists.cell_names, lists.cell_values),
+                  _used(lists.facet_names, lists.facet_values), lists.points)
+    cell, gdim, cell_corners, facet_corners, cell_names, facet_names, points = comm.bcast(shapes)
+    if comm.rank == 0:
+        x, cells = lists.x, lists.cells
+        facets, facet_values = lists.facets, lists.facet_values
+        cell_values = lists.cell_values.astype(np.int32)
+    else:
+        x, cells = np.empty((0, gdim)), np.empty((0, cell_corners), np.int64)
+        facets, facet_values = np.empty((0, facet_corners), np.int64), np.empty(0, np.int32)
+        cell_values = None
+    mesh = _compat.create_mesh(comm, cells, x, cell)
+    cell_values = comm.bcast(cell_values)
+    return TaggedMesh(
+        mesh, _cell_tags(mesh, cell_values),
+        _compat.distribute_facet_tags(mesh, facets, facet_values),
+        cell_names, facet_names, points,
+    )  # fmt: skip
+
+
+def _used(names: dict[str, int], values: np.ndarray) -> dict[str, int]:
+    present = set(np.unique(values).tolist())
+    return {name: tag for name, tag in names.items() if tag in present}
+
+
+def _cell_tags(mesh: dolfinx.mesh.Mesh, values: np.ndarray) -> dolfinx.mesh.MeshTags:
+    # Rank 0 gave all cells, so the original index of any cell is its row in rank 0's list.
+    topology = mesh.topology
+    original = np.asarray(topology.original_cell_index)
+    cells = np.arange(len(original), dtype=np.int32)
+    tags = dolfinx.mesh.meshtags(mesh, topology.dim, cells, values[original])
+    tags.name = "cell_tags"
+    return tags
