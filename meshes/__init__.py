@@ -1,6 +1,9 @@
 """Meshes with named parts and faces: builders for known geometries, and a reader of ``.msh``."""
 
+from fenics_joints.meshes.box import box
+from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.lap_plates import lap_plates
+from fenics_joints.meshes.msh import read_msh
 from fenics_joints.meshes.tagged import TaggedMesh
 
-__all__ = ["TaggedMesh", "lap_plates"]
+__all__ = ["MeshQuality", "TaggedMesh", "box", "check_mesh", "lap_plates", "read_msh"]

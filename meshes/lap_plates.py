@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import grid_lines, tensor_grid
+from fenics_joints.meshes.plane import grid_lines, o_grid, tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
 
 __all__ = ["lap_plates"]
@@ -38,6 +38,8 @@ def lap_plates(
     n_thickness: int = 2,
     bolts: Sequence[tuple[float, float]] = BOLTS,
     zone: float = 0.02,
+    hole_diameter: float | None = None,
+    washer_diameter: float | None = None,
     cell: str = "hexahedron",
 ) -> TaggedMesh:
     """Mesh of two equal plates that overlap by ``lap``, with a joint layer one element thick.
@@ -58,6 +60,12 @@ def lap_plates(
     the plates share their vertices over the lap: no joint parts, and the one face ``interface``.
     Points: ``bolts``, at mid-height of the joint.
 
+    With ``hole_diameter``, a hole goes through everything at each bolt, the inside of each zone is
+    an O-grid between the hole and the zone's square, and the element size is at most a quarter of
+    the zone. A hole is a polygon whose corners lie on the circle, four times as many as elements
+    along the zone's side. More faces: ``holes`` (their walls) and, with ``washer_diameter``,
+    ``washers`` (the rings under head and nut; they are then no part of ``bottom`` and ``top``).
+
     Args:
         comm: Communicator; the call is collective, the lists are built on rank 0 alone.
         length: Length of each plate, in metres.
@@ -71,6 +79,8 @@ def lap_plates(
         n_thickness: Elements through each plate.
         bolts: Centres (x, y) of the bolts, in metres.
         zone: Side of the square zone around each bolt, in metres; 0 for none.
+        hole_diameter: Diameter of the bolts' holes, in metres; None for plates without holes.
+        washer_diameter: Outer diameter of the washers, in metres; None for none.
         cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
 
     Returns:
@@ -85,7 +95,10 @@ def lap_plates(
     size_y = _size("n_width", n_width, width, element_size)
     bolts = np.asarray(bolts, dtype=float).reshape(-1, 2)
     _check_zones(bolts, zone, (length - lap, length), (0.0, width))
-    form = _LapPlates(length, width, thickness, lap, layer, n_thickness, bolts, zone, cell)
+    radii = _check_holes(bolts, zone, hole_diameter, washer_diameter)
+    if radii:
+        size_x, size_y = min(size_x, zone / 4), min(size_y, zone / 4)
+    form = _LapPlates(length, width, thickness, lap, layer, n_thickness, bolts, zone, radii, cell)
     return distribute(comm, on_root(comm, lambda: form.lists(size_x, size_y)))
 
 
@@ -101,17 +114,19 @@ class _LapPlates:
     n_thickness: int
     bolts: np.ndarray
     zone: float
+    radii: tuple[float, ...]
     cell: str
 
     def lists(self, size_x: float, size_y: float) -> MeshLists:
         """The whole mesh with elements not longer than the sizes, in metres."""
         x, y = self.lines(size_x, size_y)
         points, quads = tensor_grid(x, y)
-        middle = points[quads].mean(axis=1)
-        column = Extrusion(points, quads, self.levels(), self.values(middle), self.cell)
         left = np.arange(len(y))
         right = left + len(points) - len(y)
-        self.tag_faces(column, middle, _chain(left), _chain(right))
+        points, quads, circle, rims = self.drill(x, y, points, quads, min(size_x, size_y))
+        middle = points[quads].mean(axis=1)
+        column = Extrusion(points, quads, self.levels(), self.values(middle), self.cell)
+        self.tag_faces(column, middle, circle == 1, _chain(left), _chain(right), rims)
         centres = np.full((len(self.bolts), 3), self.thickness + self.layer / 2)
         centres[:, :2] = self.bolts
         return MeshLists(self.cell, *column.lists(), CELL_NAMES, FACET_NAMES, {"bolts": centres})
@@ -121,6 +136,33 @@ class _LapPlates:
         around = np.concatenate([self.bolts - half, self.bolts + half])
         x = [0.0, self.length - self.lap, self.length, 2 * self.length - self.lap, *around[:, 0]]
         return grid_lines(x, size_x), grid_lines([0.0, self.width, *around[:, 1]], size_y)
+
+    def drill(self, x, y, points, quads, size):
+        """Replace the inside of each zone by an O-grid around the bolt's hole, if there are holes.
+
+        Returns:
+            Points; cells; the circle of each cell, 1 within the washer; the holes' edges, (n, 2).
+        """
+        circle, rims = np.zeros(len(quads), dtype=int), [np.empty((0, 2), dtype=np.int64)]
+        for bolt in self.bolts if self.radii else ():
+            loop = self.loop(bolt, x, y)
+            outside = np.abs(points[quads].mean(axis=1) - bolt).max(axis=1) > self.zone / 2
+            new = o_grid(loop, points[loop], bolt, self.radii, size, len(points))
+            rim = len(points) + np.arange(len(loop))
+            rims.append(_chain(np.append(rim, rim[0])))
+            points = np.vstack([points, new[0]])
+            quads = np.vstack([quads[outside], new[1]])
+            circle = np.concatenate([circle[outside], new[2]])
+        return points, quads, circle, np.vstack(rims)
+
+    def loop(self, bolt, x, y) -> np.ndarray:
+        """Numbers of the grid points on the boundary of the bolt's zone, anticlockwise."""
+        i0, i1 = _nearest(x, bolt[0] - self.zone / 2), _nearest(x, bolt[0] + self.zone / 2)
+        j0, j1 = _nearest(y, bolt[1] - self.zone / 2), _nearest(y, bolt[1] + self.zone / 2)
+        i, j = np.arange(i0, i1 + 1), np.arange(j0, j1 + 1)
+        n = len(y)
+        sides = i[:-1] * n + j0, i1 * n + j[:-1], i[:0:-1] * n + j1, i0 * n + j[:0:-1]
+        return np.concatenate(sides)
 
     def levels(self) -> np.ndarray:
         plate = np.linspace(0.0, self.thickness, self.n_thickness + 1)
@@ -145,18 +187,25 @@ class _LapPlates:
         second = middle[:, 0] > self.length - self.lap
         return first, second, first & second
 
-    def tag_faces(self, column, middle, left, right) -> None:
+    def tag_faces(self, column, middle, washer, left, right, rims) -> None:
         first, second, lap = self.regions(middle)
         n, last = self.n_thickness, len(column.z) - 1
         column.tag_wall(left, np.arange(n), FACET_NAMES["end_1"])
         column.tag_wall(right, np.arange(last - n, last), FACET_NAMES["end_2"])
-        column.tag_level(0, first, FACET_NAMES["bottom"])
-        column.tag_level(last, second, FACET_NAMES["top"])
+        column.tag_level(0, first & ~washer, FACET_NAMES["bottom"])
+        column.tag_level(last, second & ~washer, FACET_NAMES["top"])
+        column.tag_wall(rims, np.arange(last), FACET_NAMES["holes"])
+        for level in (0, last):
+            column.tag_level(level, washer, FACET_NAMES["washers"])
         if self.layer > 0:
             column.tag_level(n, lap, FACET_NAMES["joint_lower"])
             column.tag_level(n + 1, lap, FACET_NAMES["joint_upper"])
         else:
             column.tag_level(n, lap, FACET_NAMES["interface"])
+
+
+def _nearest(lines: np.ndarray, position: float) -> int:
+    return int(np.abs(lines - position).argmin())
 
 
 def _chain(points: np.ndarray) -> np.ndarray:
@@ -193,6 +242,28 @@ def _check_zones(bolts, zone, x_range, y_range) -> None:
             fits = zone / 2 <= room + 1e-9 * (high - low)
             expected = f"at most {2 * room:g} m, so that the zone of {where} = {value:g} m stays "
             _require(fits, "zone", zone, expected + f"within {span}")
+
+
+def _check_holes(bolts, zone, hole, washer) -> tuple[float, ...]:
+    """Radii of the hole and the washer, those that are given."""
+    if hole is None:
+        _require(washer is None, "washer_diameter", washer, "None when hole_diameter is None")
+        return ()
+    # The O-grid needs room between the outer circle and the square.
+    room = f"at most 0.9 * zone = {0.9 * zone:g} m"
+    fits = _is_positive(hole) and hole <= 0.9 * zone
+    _require(fits, "hole_diameter", hole, "a diameter above 0 m and " + room)
+    for number, bolt in enumerate(bolts):
+        for other in range(number):
+            gap = np.abs(bolt - bolts[other]).max()
+            pair = f"the distance of bolts[{other}] and bolts[{number}], {gap:g} m, with holes"
+            _require(zone <= gap * (1 + 1e-9), "zone", zone, "at most " + pair)
+    if washer is None:
+        return (hole / 2,)
+    expected = f"more than hole_diameter = {hole:g} m and {room}"
+    fits = math.isfinite(washer) and hole < washer <= 0.9 * zone
+    _require(fits, "washer_diameter", washer, expected)
+    return hole / 2, washer / 2
 
 
 def _is_positive(value: float) -> bool:

@@ -1,0 +1,63 @@
+"""A box with named faces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes.extrude import Extrusion
+from fenics_joints.meshes.plane import tensor_grid
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+
+__all__ = ["box"]
+
+FACES = {"x_min": 1, "x_max": 2, "y_min": 3, "y_max": 4, "z_min": 5, "z_max": 6}
+
+
+def box(
+    comm: MPI.Intracomm,
+    lengths: Sequence[float],
+    counts: Sequence[int],
+    cell: str = "hexahedron",
+) -> TaggedMesh:
+    """Mesh of the box from the origin to ``lengths``.
+
+    The one part is ``body``; the faces are ``x_min``, ``x_max``, ``y_min`` and so on.
+
+    Args:
+        comm: Communicator; the call is collective.
+        lengths: Side along x, y and z, in metres.
+        counts: Elements along x, y and z.
+        cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
+
+    Returns:
+        The tagged mesh.
+
+    Raises:
+        MeshError: A length is not positive, a count is below 1, or the cell is unknown.
+    """
+    if len(lengths) != 3 or not np.all(np.isfinite(lengths)) or min(lengths) <= 0:
+        raise MeshError(f"box: lengths is {lengths!r}, expected three lengths above 0 m")
+    if len(counts) != 3 or any(n != int(n) or n < 1 for n in counts):
+        raise MeshError(f"box: counts is {counts!r}, expected three whole numbers of at least 1")
+    if cell not in ("hexahedron", "tetrahedron"):
+        raise MeshError(f"box: cell is {cell!r}, expected 'hexahedron' or 'tetrahedron'")
+    return distribute(comm, on_root(comm, lambda: _lists(lengths, counts, cell)))
+
+
+def _lists(lengths, counts, cell) -> MeshLists:
+    x, y, z = (np.linspace(0.0, a, n + 1) for a, n in zip(lengths, counts, strict=True))
+    points, quads = tensor_grid(x, y)
+    column = Extrusion(points, quads, z, np.ones((len(z) - 1, len(quads)), dtype=int), cell)
+    number = np.arange(len(points)).reshape(len(x), len(y))
+    layers = np.arange(len(z) - 1)
+    walls = number[0], number[-1], number[:, 0], number[:, -1]
+    for value, wall in enumerate(walls, start=1):
+        column.tag_wall(np.column_stack([wall[:-1], wall[1:]]), layers, value)
+    everywhere = np.ones(len(quads), dtype=bool)
+    column.tag_level(0, everywhere, FACES["z_min"])
+    column.tag_level(len(z) - 1, everywhere, FACES["z_max"])
+    return MeshLists(cell, *column.lists(), {"body": 1}, FACES)

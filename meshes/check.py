@@ -1,0 +1,143 @@
+"""Checks of a mesh that hold for any source of it: inverted and flat cells, separate bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import dolfinx.la
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from fenics_joints import _compat
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes.tagged import TaggedMesh
+
+__all__ = ["MeshQuality", "check_mesh", "count_bodies", "scaled_jacobian"]
+
+# Corners at which each shape is measured, and per corner the ends of its edges; DOLFINx's order.
+_CORNERS = {
+    "triangle": [(0, 1, 2), (1, 2, 0), (2, 0, 1)],
+    "tetrahedron": [(0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 1, 0, 2)],
+    "quadrilateral": [(0, 1, 2), (1, 3, 0), (3, 2, 1), (2, 0, 3)],
+    "hexahedron": [
+        (0, 1, 2, 4), (1, 3, 0, 5), (3, 2, 1, 7), (2, 0, 3, 6),
+        (4, 6, 5, 0), (5, 4, 7, 1), (7, 5, 6, 3), (6, 7, 4, 2),
+    ],
+}  # fmt: skip
+
+# Cells of thickness 1e-5 of their length still pass; round-off of a flat one lies far below.
+_FLAT = 1e-7
+
+
+@dataclass(frozen=True)
+class MeshQuality:
+    """What ``check_mesh`` measured.
+
+    Attributes:
+        scaled_jacobian: Smallest scaled Jacobian over all cells; 1 for right angles.
+        bodies: Number of bodies that share no vertex; more than 1 where parts that look joined
+            have each their own vertices.
+    """
+
+    scaled_jacobian: float
+    bodies: int
+
+
+def check_mesh(tagged: TaggedMesh) -> MeshQuality:
+    """Refuse a mesh with inverted or flat cells.
+
+    Args:
+        tagged: The mesh; the call is collective, and raises on all ranks or on none.
+
+    Returns:
+        The measured quality.
+
+    Raises:
+        MeshError: A cell's Jacobian is negative at a corner (the cell is folded, or its vertices
+            are numbered as its mirror image), or vanishes there; the message names the number of
+            such cells, and the first one's centre and part.
+    """
+    mesh = tagged.mesh
+    cell, gdim = mesh.topology.cell_name(), mesh.geometry.dim
+    if cell not in _CORNERS or gdim != mesh.topology.dim:
+        known = ", ".join(_CORNERS)
+        raise MeshError(f"the mesh has {cell} cells in {gdim}-D, expected one of {known}, flat")
+    n_owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    n_corners = len(_CORNERS[cell])
+    vertices = mesh.geometry.x[_compat.geometry_dofmap(mesh)[:n_owned, :n_corners]]
+    jacobian = scaled_jacobian(vertices[..., :gdim], cell)
+    # Written so that a vertex that is not a number is bad too.
+    bad = np.flatnonzero(~(jacobian > _FLAT))
+    _refuse(tagged, bad, jacobian[bad] < -_FLAT, vertices[bad].mean(axis=1))
+    smallest = mesh.comm.allreduce(float(jacobian.min(initial=np.inf)), op=MPI.MIN)
+    return MeshQuality(smallest, count_bodies(tagged))
+
+
+def scaled_jacobian(vertices: np.ndarray, cell: str) -> np.ndarray:
+    """Smallest over a cell's corners of the Jacobian divided by the lengths of the edges there.
+
+    P. Knupp, "Algebraic mesh quality metrics", SIAM J. Sci. Comput. 23 (2001) 193.
+
+    Args:
+        vertices: Corners of each cell in DOLFINx's order, shape (n_cells, n_corners, gdim).
+        cell: Name of the cells' shape, of dimension gdim.
+
+    Returns:
+        Values from -1 to 1, not a number where an edge has no length; shape (n_cells,).
+    """
+    smallest = np.full(len(vertices), np.inf)
+    for corner, *ends in _CORNERS[cell]:
+        edges = vertices[:, ends] - vertices[:, [corner]]
+        lengths = np.linalg.norm(edges, axis=2, keepdims=True)
+        with np.errstate(invalid="ignore"):
+            smallest = np.minimum(smallest, np.linalg.det(edges / lengths))
+    return smallest
+
+
+def _refuse(tagged, bad, inverted, centres) -> None:
+    """Raise on all ranks if any rank has bad cells, naming the first in the order of the input."""
+    mesh = tagged.mesh
+    first = (np.inf, None, None)
+    if len(bad):
+        original = np.asarray(mesh.topology.original_cell_index)[bad]
+        here = original.argmin()
+        tag = tagged.cell_tags.values[tagged.cell_tags.indices == bad[here]]
+        first = (int(original[here]), centres[here], int(tag[0]) if len(tag) else None)
+    found = mesh.comm.allgather((len(bad), int(inverted.sum()), first))
+    n_bad, n_inverted = (sum(counts) for counts in list(zip(*found, strict=True))[:2])
+    if n_bad == 0:
+        return
+    _, centre, tag = min((first for _, _, first in found), key=lambda entry: entry[0])
+    names = {value: name for name, value in tagged.cell_names.items()}
+    part = f"part {names[tag]!r}" if tag in names else "no part"
+    at = ", ".join(f"{x:.6g}" for x in centre)
+    raise MeshError(
+        f"the mesh has {n_inverted} inverted and {n_bad - n_inverted} flat cells; the first has "
+        f"its centre at ({at}) m in {part}; expected a positive Jacobian at every corner"
+    )
+
+
+def count_bodies(tagged: TaggedMesh) -> int:
+    """Number of bodies that share no vertex with each other; the call is collective."""
+    mesh = tagged.mesh
+    vertices = mesh.topology.index_map(0)
+    n_vertices = vertices.size_local + vertices.num_ghosts
+    links = mesh.topology.connectivity(mesh.topology.dim, 0)
+    cell = np.repeat(np.arange(links.num_nodes), np.diff(links.offsets))
+    n_labels, label = _components(n_vertices, links.array, links.array[links.offsets[cell]])
+    # A ghost vertex ties the body it has here to the body it has on its owner.
+    start = mesh.comm.exscan(n_labels) or 0
+    label_of = dolfinx.la.vector(vertices, dtype=np.int64)
+    label_of.array[:] = label + start
+    here = label_of.array[vertices.size_local :].copy()
+    label_of.scatter_forward()
+    ties = np.unique(np.column_stack([here, label_of.array[vertices.size_local :]]), axis=0)
+    ties = np.vstack(mesh.comm.allgather(ties))
+    return _components(mesh.comm.allreduce(n_labels), ties[:, 0], ties[:, 1])[0]
+
+
+def _components(n: int, a: np.ndarray, b: np.ndarray) -> tuple[int, np.ndarray]:
+    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
+    return connected_components(graph, directed=False)

@@ -1,0 +1,246 @@
+"""Reading a user's own gmsh mesh with named physical groups."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes.check import check_mesh
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+
+__all__ = ["read_msh"]
+
+# gmsh's type of element -> our name, and its vertices in DOLFINx's order.
+_CELLS = {
+    2: ("triangle", [0, 1, 2]),
+    3: ("quadrilateral", [0, 1, 3, 2]),
+    4: ("tetrahedron", [0, 1, 2, 3]),
+    5: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6]),
+}
+_FACETS = {
+    1: ("interval", [0, 1]),
+    2: ("triangle", [0, 1, 2]),
+    3: ("quadrilateral", [0, 1, 3, 2]),
+}
+_KINDS = {1: "curve", 2: "surface", 3: "volume"}
+
+
+def read_msh(
+    path: str | Path,
+    comm: MPI.Intracomm,
+    *,
+    gdim: int = 3,
+    required_cells: Sequence[str] = (),
+    required_facets: Sequence[str] = (),
+    scale: float = 1.0,
+) -> TaggedMesh:
+    """Read a gmsh ``.msh`` file whose physical groups name the parts and the faces.
+
+    The groups of dimension ``gdim`` are the parts, those of dimension ``gdim - 1`` the faces,
+    interior ones (a joint's interface) included; a cell or facet is in one group at most. Cells
+    are straight-sided and of one shape; tags are the groups' numbers in the file.
+
+    Args:
+        path: The file, in any version of the format, text or binary.
+        comm: Communicator; the call is collective, gmsh runs on rank 0 alone.
+        gdim: Dimension of the cells and of the coordinates, 3 or 2.
+        required_cells: Names of parts that must be there.
+        required_facets: Names of faces that must be there.
+        scale: Length in metres of the file's unit, such as 1e-3 for millimetres.
+
+    Returns:
+        The tagged mesh.
+
+    Raises:
+        MeshError: The file is missing or is not gmsh's; a group has no name, or a name is used
+            twice; cells are in no group, in two, of several shapes, of a shape we cannot use, or
+            of second order; facets are in two groups or are no facets of the cells; a required
+            name is missing; cells are inverted or flat. The message names it.
+    """
+    path = Path(path)
+    if gdim not in (2, 3):
+        raise MeshError(f"read_msh: gdim is {gdim!r}, expected 2 or 3")
+    if not (np.isfinite(scale) and scale > 0):
+        raise MeshError(f"read_msh: scale is {scale!r}, expected a length above 0 m")
+
+    def build() -> MeshLists:
+        lists = _read(path, gdim, scale)
+        _check_required(path, "part", required_cells, lists.cell_names)
+        _check_required(path, "face", required_facets, lists.facet_names)
+        return lists
+
+    lists = on_root(comm, build)
+    tagged = distribute(comm, lists)
+    try:
+        check_mesh(tagged)
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
+    _check_facets_found(path, tagged, lists)
+    return tagged
+
+
+def _read(path: Path, gdim: int, scale: float) -> MeshLists:
+    _check_header(path)
+    with _opened(path) as model:
+        cell_groups = _groups(path, model, gdim)
+        facet_groups = _groups(path, model, gdim - 1)
+        _check_ungrouped(path, model, gdim, cell_groups)
+        cell, cells, cell_values = _elements(path, model, gdim, cell_groups, _CELLS)
+        _, facets, facet_values = _elements(path, model, gdim - 1, facet_groups, _FACETS)
+        tags, x, _ = model.mesh.getNodes()
+    nodes = np.unique(cells)
+    order = np.argsort(tags)
+    x = x.reshape(-1, 3)[order[np.searchsorted(tags, nodes, sorter=order)]] * scale
+    if gdim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x):
+        raise MeshError(f"{path}: gdim is 2, expected all vertices at one z, got {np.ptp(x[:, 2])}")
+    if not np.isin(facets, nodes).all():
+        raise MeshError(f"{path}: a face has vertices that no cell has, expected facets of cells")
+    return MeshLists(
+        cell, x[:, :gdim], np.searchsorted(nodes, cells), cell_values,
+        np.searchsorted(nodes, facets), facet_values,
+        _names(cell_groups, cell_values), _names(facet_groups, facet_values),
+    )  # fmt: skip
+
+
+def _names(groups, values: np.ndarray) -> dict[str, int]:
+    """Number of each named group that has elements."""
+    present = set(values.tolist())
+    return {name: tag for tag, (name, _) in groups.items() if tag in present}
+
+
+def _check_header(path: Path) -> None:
+    # gmsh guesses the format and would run another file as its script.
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file, expected a gmsh .msh file")
+    with path.open("rb") as file:
+        start = file.read(4096)
+    if b"$MeshFormat" not in start:
+        raise MeshError(f"{path}: not a gmsh .msh file, expected it to begin with $MeshFormat")
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator:
+    """The file as gmsh's current model, closed afterwards; a model of the caller's stays."""
+    try:
+        import gmsh
+    except ImportError as error:
+        raise MeshError(
+            f"{path}: reading it takes gmsh's Python module, expected python3-gmsh (Debian) "
+            "or python-gmsh (conda) to be installed"
+        ) from error
+    ours = not gmsh.isInitialized()
+    if ours:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    before = None if ours else gmsh.model.getCurrent()
+    terminal = gmsh.option.getNumber("General.Terminal")
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.add("fenics_joints")
+    try:
+        try:
+            gmsh.merge(str(path))
+        except Exception as error:
+            raise MeshError(f"{path}: gmsh cannot read it: {error}") from error
+        yield gmsh.model
+    finally:
+        gmsh.model.remove()
+        gmsh.option.setNumber("General.Terminal", terminal)
+        if ours:
+            gmsh.finalize()
+        else:
+            gmsh.model.setCurrent(before)
+
+
+def _groups(path: Path, model, dim: int) -> dict[int, tuple[str, list[int]]]:
+    """Name and entities of each physical group that has any, by the group's number."""
+    groups: dict[int, tuple[str, list[int]]] = {}
+    group_of: dict[int, str] = {}
+    for _, tag in model.getPhysicalGroups(dim):
+        name = model.getPhysicalName(dim, tag)
+        if not name:
+            raise MeshError(f"{path}: {_KINDS[dim]} group {tag} has no name, expected one")
+        if name in (other for other, _ in groups.values()):
+            raise MeshError(f"{path}: two {_KINDS[dim]} groups are named {name!r}, expected one")
+        entities = [abs(entity) for entity in model.getEntitiesForPhysicalGroup(dim, tag)]
+        for entity in entities:
+            if group_of.setdefault(entity, name) != name:
+                both = f"{group_of[entity]!r} and {name!r}"
+                raise MeshError(f"{path}: {_KINDS[dim]} {entity} is in {both}, expected one group")
+        groups[tag] = (name, entities)
+    return groups
+
+
+def _check_ungrouped(path: Path, model, gdim: int, groups) -> None:
+    grouped = {entity for _, entities in groups.values() for entity in entities}
+    counts = {
+        entity: sum(len(tags) for tags in model.mesh.getElements(gdim, entity)[1])
+        for _, entity in model.getEntities(gdim)
+    }
+    if not any(counts.values()):
+        raise MeshError(f"{path}: the mesh has no cells of dimension {gdim}, expected some")
+    missing = {entity: n for entity, n in counts.items() if n and entity not in grouped}
+    if missing:
+        entities = ", ".join(str(entity) for entity in missing)
+        present = ", ".join(name for name, _ in groups.values()) or "none"
+        raise MeshError(
+            f"{path}: {sum(missing.values())} cells ({_KINDS[gdim]} {entities}) are in no named "
+            f"group, expected every cell in one; groups of dimension {gdim}: {present}"
+        )
+
+
+def _elements(path: Path, model, dim: int, groups, shapes):
+    """Shape, vertices by gmsh's numbers (n, n_corners) and group (n,) of the groups' elements."""
+    found = [
+        (kind, nodes, tag, name)
+        for tag, (name, entities) in groups.items()
+        for entity in entities
+        for kind, _, nodes in zip(*model.mesh.getElements(dim, entity), strict=True)
+    ]
+    for kind, _, _, name in found:
+        title, _, order, *_ = model.mesh.getElementProperties(kind)
+        if order != 1:
+            raise MeshError(
+                f"{path}: group {name!r} has elements of order {order} ({title}), expected order 1 "
+                "(gmsh -order 1; the order of the displacements is chosen in the analysis)"
+            )
+        if kind not in shapes:
+            known = ", ".join(shape for shape, _ in shapes.values())
+            raise MeshError(f"{path}: group {name!r} has {title} elements, expected {known}")
+    kinds = {kind: shapes[kind][0] for kind, *_ in found}
+    if len(kinds) > 1:
+        mixed = " and ".join(sorted(kinds.values()))
+        raise MeshError(f"{path}: the elements of dimension {dim} are {mixed}, expected one shape")
+    # Without faces any shape of facet does, as long as there are none.
+    kind = next(iter(kinds), next(iter(shapes)))
+    shape, order = shapes[kind]
+    nodes = [nodes.reshape(-1, len(order)) for _, nodes, _, _ in found]
+    values = [np.full(len(n), tag) for n, (_, _, tag, _) in zip(nodes, found, strict=True)]
+    if not found:
+        return shape, np.empty((0, len(order)), np.int64), np.empty(0, np.int32)
+    return shape, np.vstack(nodes)[:, order].astype(np.int64), np.concatenate(values)
+
+
+def _check_required(path: Path, kind: str, required: Sequence[str], present) -> None:
+    missing = [name for name in required if name not in present]
+    if missing:
+        names = ", ".join(repr(name) for name in missing)
+        there = ", ".join(sorted(present)) or "none"
+        raise MeshError(f"{path}: {kind} {names} is missing, expected a group; it has: {there}")
+
+
+def _check_facets_found(path: Path, tagged: TaggedMesh, lists: MeshLists | None) -> None:
+    """Raise if DOLFINx did not find each facet of the file among the facets of the cells."""
+    mesh, tags = tagged.mesh, tagged.facet_tags
+    owned = tags.values[tags.indices < mesh.topology.index_map(tags.dim).size_local]
+    for name, tag in tagged.facet_names.items():
+        found = mesh.comm.allreduce(int((owned == tag).sum()))
+        given = mesh.comm.bcast(int((lists.facet_values == tag).sum()) if lists else None)
+        if found != given:
+            raise MeshError(
+                f"{path}: {found} of {given} facets of face {name!r} are facets of the cells, each "
+                "once; expected all (cells and faces must share their vertices)"
+            )
