@@ -1,0 +1,194 @@
+"""What a structure is made of: parameters, parts, joints, supports, springs and point masses.
+
+Plain data; `fenics_joints.structure` turns it into matrices. Wherever a number stands, the name of
+a parameter may stand instead; a material property may also be a function of position,
+``(x, p) -> UFL`` with ``x`` the spatial coordinate and ``p`` the parameters' symbols by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.laws import LAYER_LAWS, SOLID, Law
+
+__all__ = ["Parameter", "PointMass", "Region", "Spring", "Support", "joint", "part"]
+
+Value = float | str
+Property = float | str | Callable
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named scalar of the model.
+
+    Attributes:
+        name: Unique name, such as ``joint.near.E``.
+        value: Nominal value in SI units.
+        unit: SI unit, for people.
+        lower: Lower bound, inclusive.
+        upper: Upper bound, inclusive.
+        log: Whether updating works on its logarithm (stiffnesses, masses) or on the value itself.
+    """
+
+    name: str
+    value: float
+    unit: str = ""
+    lower: float = -np.inf
+    upper: float = np.inf
+    log: bool = True
+
+    def __post_init__(self):
+        if not np.isfinite(self.value):
+            raise InputError(f"parameter {self.name} = {self.value}: expected a finite number.")
+        if not self.lower <= self.value <= self.upper:
+            raise InputError(
+                f"parameter {self.name} = {self.value:g} {self.unit}: expected a value within its "
+                f"bounds [{self.lower:g}, {self.upper:g}]."
+            )
+        if self.log and self.value <= 0:
+            raise InputError(
+                f"parameter {self.name} = {self.value:g}: expected a positive value, since it is "
+                "updated by its logarithm; give log = false for one that may be zero or negative."
+            )
+
+
+@dataclass(frozen=True)
+class Region:
+    """Cells with one material law; make one with `part` or `joint`.
+
+    Attributes:
+        name: Name in messages and in reports.
+        cells: Names of the mesh's cell groups.
+        law: Material law.
+        properties: A value for each of the law's properties.
+        normal: Unit normal of the layer, or direction in which a part's thickness stretches.
+    """
+
+    name: str
+    cells: tuple[str, ...]
+    law: Law
+    properties: Mapping[str, Property]
+    normal: tuple[float, ...] = (0.0, 0.0, 1.0)
+
+    @property
+    def is_joint(self) -> bool:
+        return self.law is not SOLID
+
+
+def _unit(normal, name) -> tuple[float, ...]:
+    length = float(np.linalg.norm(normal))
+    if not np.isfinite(length) or length == 0:
+        raise InputError(f"{name}.normal = {list(normal)}: expected a non-zero vector.")
+    return tuple(float(c) / length for c in normal)
+
+
+def part(
+    name: str,
+    cells: str | tuple[str, ...],
+    *,
+    E: Property,
+    nu: Property,
+    rho: Property,
+    stretch: Property = 1.0,
+    normal=(0.0, 0.0, 1.0),
+) -> Region:
+    """A solid, isotropic part.
+
+    Args:
+        name: Name of the part.
+        cells: Name or names of cell groups.
+        E: Young's modulus, Pa.
+        nu: Poisson's ratio.
+        rho: Density, kg/m3.
+        stretch: Actual over meshed thickness along ``normal``.
+        normal: Direction of the thickness, shape (gdim,).
+    """
+    cells = (cells,) if isinstance(cells, str) else tuple(cells)
+    properties = {"E": E, "nu": nu, "rho": rho, "stretch": stretch}
+    return Region(name, cells, SOLID, properties, _unit(normal, name))
+
+
+def joint(
+    name: str,
+    cells: str | tuple[str, ...],
+    *,
+    E: Property,
+    G: Property,
+    law: str = "uncoupled",
+    rho: Property = 0.0,
+    stretch: Property = 1.0,
+    normal=(0.0, 0.0, 1.0),
+) -> Region:
+    """A joint interface as a thin layer of cells.
+
+    Args:
+        name: Name of the joint or of one of its zones.
+        cells: Name or names of cell groups.
+        E: Normal (``uncoupled``) or Young's modulus, Pa.
+        G: Tangential or shear modulus, Pa.
+        law: ``uncoupled`` (seed 001, eq. 5), ``isotropic`` (eqs. 6, 7) or ``constrained`` (eq. 8).
+        rho: Density, kg/m3; zero as in the seed unless given.
+        stretch: Actual over meshed layer thickness.
+        normal: Normal of the layer, shape (gdim,).
+
+    Raises:
+        InputError: If the law's name is unknown.
+    """
+    if law not in LAYER_LAWS:
+        raise InputError(f"{name}.law = {law!r}: expected one of {', '.join(LAYER_LAWS)}.")
+    cells = (cells,) if isinstance(cells, str) else tuple(cells)
+    properties = {"E": E, "G": G, "rho": rho, "stretch": stretch}
+    return Region(name, cells, LAYER_LAWS[law], properties, _unit(normal, name))
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """A mass at a point that need not be a node.
+
+    Attributes:
+        name: Name in reports.
+        mass: Mass, kg, or a parameter's name.
+        point: Position, m, shape (3,).
+        direction: With ``travel``: unit direction in which the mass may move.
+        travel: Distance from ``point`` along ``direction``, m, or a parameter's name.
+    """
+
+    name: str
+    mass: Value
+    point: tuple[float, float, float]
+    direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    travel: Value = 0.0
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A grounding spring at a point, such as a suspension cord.
+
+    Attributes:
+        name: Name in reports.
+        stiffness: Stiffness, N/m, or a parameter's name.
+        point: Position, m, shape (3,).
+        direction: Unit direction in which the spring acts.
+    """
+
+    name: str
+    stiffness: Value
+    point: tuple[float, float, float]
+    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Support:
+    """Facets that cannot move.
+
+    Attributes:
+        facets: Name of a facet group.
+        directions: Held directions; all of them by default.
+    """
+
+    facets: str
+    directions: tuple[int, ...] = field(default=(0, 1, 2))

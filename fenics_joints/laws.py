@@ -1,0 +1,160 @@
+"""The material laws a structure can hold, each built on the pure functions of `forms`.
+
+A `Law` adds to those functions what the analyses need besides: the names of the properties, the
+range where they make sense, and the scalars in which the stiffness is linear. A parametric reduced
+model needs only these scalars to be exact in the properties (`fenics_joints.reduction`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+
+from fenics_joints import forms
+from fenics_joints.errors import InputError
+
+__all__ = ["LAYER_LAWS", "SOLID", "Law"]
+
+Properties = Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A linear material law with properties that may vary from cell to cell.
+
+    Attributes:
+        name: Name in case files and messages.
+        properties: Names of the properties, in the order of the property field.
+        stiffness: ``(u, v, q, normal, dx) -> Form`` with ``q`` the properties by name.
+        stiffness_terms: ``q -> (n,)`` scalars theta_i(q) such that the stiffness is
+            sum theta_i(q) K_i with K_i independent of q; works on numpy arrays, complex too.
+        check: ``q -> None``; raises InputError when the properties make no sense.
+    """
+
+    name: str
+    properties: tuple[str, ...]
+    stiffness: Callable
+    stiffness_terms: Callable[[Properties], np.ndarray]
+    check: Callable[[str, Properties], None]
+
+    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
+        """Consistent mass form; linear in rho * stretch for every law."""
+        return forms.mass(u, v, q["rho"], dx, stretch=q["stretch"])
+
+    def inertia_terms(self, q: Properties) -> np.ndarray:
+        """The scalars in which the mass is linear, like ``stiffness_terms``."""
+        return np.array([q["rho"] * q["stretch"]])
+
+
+def _require(where: str, key: str, value, good, expected: str) -> None:
+    if not np.all(good):
+        shown = np.asarray(value).flat[int(np.argmin(np.broadcast_to(good, np.shape(value))))]
+        raise InputError(f"{where}.{key} = {shown:g} is out of range: expected {expected}.")
+
+
+def _check_common(where: str, q: Properties) -> None:
+    _require(where, "E", q["E"], np.asarray(q["E"]) > 0, "E > 0 (Pa)")
+    _require(where, "rho", q["rho"], np.asarray(q["rho"]) >= 0, "rho >= 0 (kg/m3)")
+    _require(where, "stretch", q["stretch"], np.asarray(q["stretch"]) > 0, "stretch > 0")
+
+
+def _check_solid(where: str, q: Properties) -> None:
+    _check_common(where, q)
+    nu = np.asarray(q["nu"])
+    _require(where, "nu", nu, (nu > -1) & (nu < 0.5), "-1 < nu < 0.5")
+
+
+def _check_uncoupled(where: str, q: Properties) -> None:
+    _check_common(where, q)
+    _require(where, "G", q["G"], np.asarray(q["G"]) > 0, "G > 0 (Pa)")
+
+
+def _check_isotropic(where: str, q: Properties) -> None:
+    _check_uncoupled(where, q)
+    E, G = np.asarray(q["E"]), np.asarray(q["G"])
+    _require(
+        where, "E", E, E < 3 * G, f"E < 3 G (G = {np.max(G):g} Pa) in an isotropic layer (nu < 0.5)"
+    )
+
+
+def _with_stretch(*moduli):
+    """Every modulus times s, 1 and 1/s: in-plane, mixed and through-thickness gradients."""
+
+    def terms(q: Properties) -> np.ndarray:
+        s = q["stretch"]
+        return np.array([m * f for m in _evaluate(moduli, q) for f in (s, 1.0, 1 / s)])
+
+    return terms
+
+
+def _evaluate(moduli, q):
+    return [modulus(q) for modulus in moduli]
+
+
+def _solid_stiffness(u, v, q, normal, dx):
+    return forms.elasticity(u, v, q["E"], q["nu"], dx, normal=normal, stretch=q["stretch"])
+
+
+def _isotropic_stiffness(u, v, q, normal, dx):
+    return forms.isotropic_layer(u, v, q["E"], q["G"], dx, normal=normal, stretch=q["stretch"])
+
+
+def _uncoupled_stiffness(u, v, q, normal, dx):
+    return forms.uncoupled_layer(u, v, normal, q["E"], q["G"], dx, stretch=q["stretch"])
+
+
+def _constrained_stiffness(u, v, q, normal, dx):
+    return forms.constrained_layer(u, v, normal, q["E"], q["G"], dx, stretch=q["stretch"])
+
+
+def _uncoupled_terms(q: Properties) -> np.ndarray:
+    E, G, s = q["E"], q["G"], q["stretch"]
+    return np.array([E / s, G / s, G * np.ones_like(s), G * s])
+
+
+def _constrained_terms(q: Properties) -> np.ndarray:
+    lmbda, mu = forms.lame_from_moduli(q["E"], q["G"])
+    return _uncoupled_terms({"E": lmbda + 2 * mu, "G": mu, "stretch": q["stretch"]})
+
+
+SOLID = Law(
+    "solid",
+    ("E", "nu", "rho", "stretch"),
+    _solid_stiffness,
+    _with_stretch(
+        lambda q: forms.lame_parameters(q["E"], q["nu"])[0],
+        lambda q: forms.lame_parameters(q["E"], q["nu"])[1],
+    ),
+    _check_solid,
+)
+
+_LAYER_PROPERTIES = ("E", "G", "rho", "stretch")
+
+LAYER_LAWS = {
+    law.name: law
+    for law in (
+        Law(
+            "isotropic",
+            _LAYER_PROPERTIES,
+            _isotropic_stiffness,
+            _with_stretch(
+                lambda q: forms.lame_from_moduli(q["E"], q["G"])[0],
+                lambda q: q["G"],
+            ),
+            _check_isotropic,
+        ),
+        Law(
+            "uncoupled", _LAYER_PROPERTIES, _uncoupled_stiffness, _uncoupled_terms, _check_uncoupled
+        ),
+        Law(
+            "constrained",
+            _LAYER_PROPERTIES,
+            _constrained_stiffness,
+            _constrained_terms,
+            _check_isotropic,
+        ),
+    )
+}

@@ -1,0 +1,389 @@
+"""A jointed structure: parts, joints, supports, springs and masses to K(p) and M(p).
+
+Every material property is a field over the cells, so that one compiled form serves all values of
+the parameters, and one assembly gives the derivative with respect to all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from fenics_joints.components import Parameter, PointMass, Region, Spring, Support
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.meshes import TaggedMesh
+from fenics_joints.points import PointRows, Sensors, locate, observe
+from fenics_joints.properties import PropertyField
+
+__all__ = ["Structure"]
+
+_SERENDIPITY_CELLS = ("quadrilateral", "hexahedron")
+
+
+class Structure:
+    """A finite-element model whose matrices are functions of named parameters.
+
+    Args:
+        tagged: Mesh with named groups of cells and facets.
+        regions: Parts and joints; together they cover every cell once.
+        parameters: The parameters that the components name.
+        masses: Point masses.
+        springs: Grounding springs.
+        supports: Held facets.
+        degree: Degree of the displacement, 1 or 2; on quadrilaterals and hexahedra degree 2 is
+            the serendipity element.
+        quadrature_degree: Degree of the cell quadrature; 2 * degree by default, which is exact for
+            straight-sided boxes and simplices.
+
+    Raises:
+        InputError: For a name that does not exist or a value out of range.
+        MeshError: If a cell is in no region or in two.
+
+    Attributes:
+        V: Displacement space.
+        parameters: The parameters by name, in order.
+    """
+
+    def __init__(
+        self,
+        tagged: TaggedMesh,
+        regions: Iterable[Region],
+        parameters: Iterable[Parameter] = (),
+        *,
+        masses: Iterable[PointMass] = (),
+        springs: Iterable[Spring] = (),
+        supports: Iterable[Support] = (),
+        degree: int = 2,
+        quadrature_degree: int | None = None,
+    ):
+        self.tagged = tagged
+        self.mesh = tagged.mesh
+        self.comm = tagged.mesh.comm
+        self.parameters: dict[str, Parameter] = {}
+        for parameter in parameters:
+            if parameter.name in self.parameters:
+                raise InputError(f"parameter {parameter.name} is given twice; expected once.")
+            self.parameters[parameter.name] = parameter
+        self.regions, self.masses = tuple(regions), tuple(masses)
+        self.springs, self.supports = tuple(springs), tuple(supports)
+        self._check_names()
+        self.quadrature_degree = 2 * degree if quadrature_degree is None else quadrature_degree
+        self._make_spaces(degree)
+        self.field = PropertyField(self.mesh, self._region_cells(), self.parameters)
+        self.bcs = self._dirichlet()
+        self._stiffness = self._inertia = self._gradient = None
+        self._rows: dict[tuple, PointRows] = {}
+
+    # -- set-up ------------------------------------------------------------------------------
+
+    def _check_names(self) -> None:
+        names = [c.name for c in (*self.regions, *self.masses, *self.springs)]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"component {name} is given twice; expected unique names.")
+        for owner, key, value in self._values():
+            if isinstance(value, str) and value not in self.parameters:
+                raise InputError(
+                    f"{owner}.{key} names the parameter {value!r}, which does not exist; "
+                    f"expected a number or one of: {', '.join(self.parameters) or 'none'}."
+                )
+
+    def _values(self):
+        for region in self.regions:
+            for key in region.law.properties:
+                yield region.name, key, region.properties[key]
+        for mass in self.masses:
+            yield mass.name, "mass", mass.mass
+            yield mass.name, "travel", mass.travel
+        for spring in self.springs:
+            yield spring.name, "stiffness", spring.stiffness
+
+    def _region_cells(self) -> list[tuple[Region, np.ndarray]]:
+        """Local cells, ghosts included, of each region."""
+        imap = self.mesh.topology.index_map(self.mesh.topology.dim)
+        count = np.zeros(imap.size_local + imap.num_ghosts, dtype=np.int32)
+        found = []
+        for region in self.regions:
+            tags = [self.tagged.cell_tag(name) for name in region.cells]
+            cells = np.sort(np.concatenate([self.tagged.cell_tags.find(t) for t in tags]))
+            count[cells] += 1
+            found.append((region, cells))
+        owned = count[: imap.size_local]
+        bad = self.comm.allreduce(int(np.sum(owned != 1)))
+        if bad:
+            raise MeshError(
+                f"{bad} cells are in no region or in more than one; expected every cell group "
+                f"({', '.join(self.tagged.cell_names)}) in exactly one part or joint."
+            )
+        return found
+
+    def _make_spaces(self, degree: int) -> None:
+        if degree not in (1, 2):
+            raise InputError(f"degree = {degree}: expected 1 or 2.")
+        cell = self.mesh.topology.cell_name()
+        family = "S" if degree == 2 and cell in _SERENDIPITY_CELLS else "Lagrange"
+        self.element = basix.ufl.element(family, cell, degree)
+        gdim = self.mesh.geometry.dim
+        self.V = fem.functionspace(
+            self.mesh, basix.ufl.element(family, cell, degree, shape=(gdim,))
+        )
+
+    def _dirichlet(self) -> list:
+        fdim = self.mesh.topology.dim - 1
+        bcs = []
+        for support in self.supports:
+            facets = self.tagged.facet_tags.find(self.tagged.facet_tag(support.facets))
+            for i in support.directions:
+                if i >= self.mesh.geometry.dim:
+                    continue
+                dofs = fem.locate_dofs_topological(self.V.sub(i), fdim, facets)
+                zero = PETSc.ScalarType(0.0)
+                bcs.append(fem.dirichletbc(zero, dofs, self.V.sub(i)))
+        return bcs
+
+    # -- forms -------------------------------------------------------------------------------
+
+    def _groups(self):
+        """Regions that share a law and a normal, with their tags: one integral each."""
+        groups: dict[tuple, list[int]] = {}
+        for region in self.regions:
+            tags = [self.tagged.cell_tag(name) for name in region.cells]
+            groups.setdefault((region.law, region.normal), []).extend(tags)
+        for (law, normal), tags in groups.items():
+            yield law, normal, tuple(sorted(tags))
+
+    def _dx(self, tags):
+        return ufl.Measure(
+            "dx",
+            domain=self.mesh,
+            subdomain_data=self.tagged.cell_tags,
+            metadata={"quadrature_degree": self.quadrature_degree},
+        )(tags)
+
+    def stiffness_form(self, u, v) -> ufl.Form:
+        """Stiffness of all parts and joints, as UFL over the property field."""
+        return self._sum(lambda law, q, n, dx: law.stiffness(u, v, q, n, dx))
+
+    def inertia_form(self, u, v) -> ufl.Form:
+        """Consistent mass of all parts and joints, as UFL over the property field."""
+        return self._sum(lambda law, q, n, dx: law.inertia(u, v, q, dx))
+
+    def _sum(self, make) -> ufl.Form:
+        gdim = self.mesh.geometry.dim
+        total = None
+        for law, normal, tags in self._groups():
+            q = {name: self.field.q[i] for i, name in enumerate(law.properties)}
+            n = ufl.as_vector([float(c) for c in normal[:gdim]])
+            form = make(law, q, n, self._dx(tags))
+            total = form if total is None else total + form
+        return total
+
+    def _compile(self) -> None:
+        u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
+        self._stiffness = fem.form(self.stiffness_form(u, v))
+        self._inertia = fem.form(self.inertia_form(u, v))
+
+    # -- matrices ----------------------------------------------------------------------------
+
+    def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+        """All parameters' values: the nominal ones, with ``given`` put in.
+
+        Raises:
+            InputError: If ``given`` names an unknown parameter or has a value that is not finite.
+        """
+        values = {name: p.value for name, p in self.parameters.items()}
+        for name, value in (given or {}).items():
+            if name not in values:
+                raise InputError(
+                    f"parameter {name!r} does not exist; expected one of: {', '.join(values)}."
+                )
+            if not np.isfinite(value):
+                raise InputError(f"parameter {name} = {value}: expected a finite number.")
+            values[name] = float(value)
+        return values
+
+    def stiffness(self, given: Mapping[str, float] | None = None, out=None) -> PETSc.Mat:
+        """Stiffness matrix K(p), N/m, symmetric; rows of held DOFs are the identity's.
+
+        Args:
+            given: Values of parameters that differ from their nominal value.
+            out: A matrix from an earlier call, to assemble into.
+        """
+        values = self._update(given)
+        K = self._assemble(self._stiffness, out, 1.0)
+        for spring in self.springs:
+            k = self._number(spring.stiffness, values)
+            self._add_point(K, spring.point, k * np.outer(spring.direction, spring.direction))
+        K.assemble()
+        return K
+
+    def mass(self, given: Mapping[str, float] | None = None, out=None) -> PETSc.Mat:
+        """Mass matrix M(p), kg, positive semi-definite; rows of held DOFs are zero."""
+        values = self._update(given)
+        M = self._assemble(self._inertia, out, 0.0)
+        for mass in self.masses:
+            m = self._number(mass.mass, values)
+            if m:
+                self._add_point(M, self._place(mass, values), m * np.eye(3))
+        M.assemble()
+        return M
+
+    def _update(self, given) -> dict[str, float]:
+        if self._stiffness is None:
+            self._compile()
+        values = self.values(given)
+        self.field.update(values)
+        return values
+
+    def _assemble(self, form, out, diagonal: float) -> PETSc.Mat:
+        if out is None:
+            out = fem_petsc.create_matrix(form)
+            out.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+            out.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+            out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
+        else:
+            out.zeroEntries()
+        # The name of the fourth argument changed in 0.10.
+        fem_petsc.assemble_matrix(out, form, self.bcs, diagonal)
+        out.assemble()
+        return out
+
+    @staticmethod
+    def _number(value, values) -> float:
+        return values[value] if isinstance(value, str) else float(value)
+
+    def _place(self, mass: PointMass, values) -> tuple:
+        travel = self._number(mass.travel, values)
+        return tuple(np.asarray(mass.point) + travel * np.asarray(mass.direction))
+
+    def rows(self, points, what: str = "point") -> PointRows:
+        """Rows that evaluate the displacement at points; cached. Collective."""
+        points = np.atleast_2d(np.asarray(points, dtype=float))[:, : self.mesh.geometry.dim]
+        key = points.tobytes()
+        if key not in self._rows:
+            self._rows[key] = locate(self.V, self.element, points, what)
+        return self._rows[key]
+
+    def _add_point(self, A: PETSc.Mat, point, block: np.ndarray) -> None:
+        gdim = self.mesh.geometry.dim
+        rows = self.rows(point)
+        held = self._held()
+        for nodes, N in zip(rows.nodes, rows.values, strict=True):
+            dofs = (nodes[:, None] * gdim + np.arange(gdim)).ravel().astype(np.int32)
+            values = np.kron(np.outer(N, N), block[:gdim, :gdim])
+            free = ~held[dofs]
+            values = values * np.outer(free, free)
+            A.setValuesLocal(dofs, dofs, values, PETSc.InsertMode.ADD_VALUES)
+        A.assemble()
+
+    def _held(self) -> np.ndarray:
+        imap, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        held = np.zeros((imap.size_local + imap.num_ghosts) * bs, dtype=bool)
+        for bc in self.bcs:
+            held[bc.dof_indices()[0]] = True
+        return held
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of displacement DOFs, held ones included."""
+        return self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs
+
+    @property
+    def quadrature(self) -> int:
+        """Degree of the cell quadrature."""
+        return self.quadrature_degree
+
+    # -- derivatives and observation -----------------------------------------------------------
+
+    def cell_gradient(self, shape: PETSc.Vec, eigenvalue: float, given=None) -> np.ndarray:
+        """Derivative of x^T (K - lambda M) x by every property of every cell: one assembly.
+
+        Args:
+            shape: Displacement vector x, owned entries.
+            eigenvalue: lambda, (rad/s)^2.
+            given: Values of parameters that differ from their nominal value.
+
+        Returns:
+            Shape (n_owned_cells, n_properties), for this rank's cells.
+        """
+        self._update(given)
+        if self._gradient is None:
+            self._phi, self._lambda = fem.Function(self.V), fem.Constant(self.mesh, 0.0)
+            energy = self.stiffness_form(self._phi, self._phi)
+            energy = energy - self._lambda * self.inertia_form(self._phi, self._phi)
+            direction = ufl.TestFunction(self.field.space)
+            self._gradient = fem.form(ufl.derivative(energy, self.field.q, direction))
+        owned = self.V.dofmap.index_map.size_local * self.V.dofmap.index_map_bs
+        self._phi.x.array[:owned] = shape.array_r
+        self._phi.x.scatter_forward()
+        self._lambda.value = eigenvalue
+        # Cell integrals reach no other cell's property: nothing is to be summed over ranks.
+        vector = fem.assemble_vector(self._gradient)
+        return self.field.by_cell(vector.array)
+
+    def pencil_gradient(self, shape: PETSc.Vec, eigenvalue: float, given=None) -> np.ndarray:
+        """Derivative of x^T (K - lambda M) x by every parameter, at fixed x. Collective.
+
+        For an M-normalised eigenvector that is the eigenvalue's derivative.
+
+        Returns:
+            Shape (n_parameters,), in the order of `parameters`.
+        """
+        values = self.values(given)
+        gradient = self.field.contract(self.cell_gradient(shape, eigenvalue, given), values)
+        position = {name: i for i, name in enumerate(self.parameters)}
+        for spring in self.springs:
+            if isinstance(spring.stiffness, str):
+                d = self._at(shape, spring.point) @ np.asarray(spring.direction)[: self.gdim]
+                gradient[position[spring.stiffness]] += d**2
+        for mass in self.masses:
+            self._mass_gradient(gradient, position, mass, shape, eigenvalue, values)
+        return gradient
+
+    @property
+    def gdim(self) -> int:
+        """Geometric dimension of the mesh."""
+        return self.mesh.geometry.dim
+
+    def _mass_gradient(self, gradient, position, mass, shape, eigenvalue, values) -> None:
+        if not isinstance(mass.mass, str) and not isinstance(mass.travel, str):
+            return
+        place = self._place(mass, values)
+        u = self._at(shape, place)
+        if isinstance(mass.mass, str):
+            gradient[position[mass.mass]] -= eigenvalue * (u @ u)
+        if isinstance(mass.travel, str):
+            slope = self._slope_at(shape, place) @ np.asarray(mass.direction)[: self.gdim]
+            m = self._number(mass.mass, values)
+            gradient[position[mass.travel]] -= 2 * eigenvalue * m * (u @ slope)
+
+    def _at(self, vector, point) -> np.ndarray:
+        points = np.repeat(np.atleast_2d(point)[:, : self.gdim], self.gdim, axis=0)
+        rows = self.rows(points)
+        return observe(rows, np.eye(self.gdim), [vector], self.V)[:, 0]
+
+    def _slope_at(self, vector, point) -> np.ndarray:
+        rows = self.rows(np.repeat(np.atleast_2d(point)[:, : self.gdim], self.gdim, axis=0))
+        slopes = np.empty((self.gdim, self.gdim))
+        for j in range(self.gdim):
+            turned = PointRows(rows.index, rows.nodes, rows.gradients[:, :, j], rows.gradients)
+            slopes[:, j] = observe(turned, np.eye(self.gdim), [vector], self.V)[:, 0]
+        return slopes
+
+    def observe(self, shapes, sensors: Sensors) -> np.ndarray:
+        """Displacement shapes at sensors, shape (n_sensors, n_shapes), equal on all ranks."""
+        rows = self.rows(sensors.points, "sensor")
+        return observe(rows, sensors.directions[:, : self.gdim], list(shapes), self.V)
+
+    def total_mass(self, given: Mapping[str, float] | None = None) -> float:
+        """Mass, kg, of parts, joints and point masses."""
+        values = self._update(given)
+        one = ufl.as_vector([1.0] + [0.0] * (self.gdim - 1))
+        local = fem.assemble_scalar(fem.form(self.inertia_form(one, one)))
+        return self.comm.allreduce(local) + sum(self._number(m.mass, values) for m in self.masses)
