@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from numbers import Real
+
 import ufl
 
+from fenics_joints.errors import InputError
 from fenics_joints.forms.kinematics import strain, stretched_gradient
 
 __all__ = [
@@ -17,7 +20,13 @@ __all__ = [
 
 
 def lame_parameters(E, nu):
-    """Lamé parameters (lambda, mu), Pa, from Young's modulus ``E`` (Pa) and Poisson's ratio."""
+    """Lamé parameters (lambda, mu), Pa, from Young's modulus ``E`` (Pa) and Poisson's ratio.
+
+    Raises:
+        InputError: ``nu`` is a number outside -1 < nu < 0.5.
+    """
+    if isinstance(nu, Real) and not -1 < nu < 0.5:
+        raise InputError(f"nu = {nu}: an isotropic solid needs -1 < nu < 0.5")
     return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
 
@@ -26,7 +35,12 @@ def lame_from_moduli(E, G):
 
     Seed 001, eq. 7, whose denominator is printed ``E - 3G``: that has the wrong sign; it is
     ``3G - E``. Positive definite for 0 < E < 3G.
+
+    Raises:
+        InputError: ``E`` and ``G`` are numbers outside that range.
     """
+    if isinstance(E, Real) and isinstance(G, Real) and not 0 < E < 3 * G:
+        raise InputError(f"E = {E} Pa with G = {G} Pa: an isotropic solid needs 0 < E < 3 G")
     return G * (E - 2 * G) / (3 * G - E), G
 
 

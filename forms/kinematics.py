@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import ufl
 
+from fenics_joints.errors import InputError
+
 __all__ = ["layer_strain", "strain", "stretched_gradient"]
 
 
@@ -22,10 +24,15 @@ def stretched_gradient(u, normal=None, stretch=None):
 
     Returns:
         UFL expression of shape (gdim, gdim), row i the gradient of component i.
+
+    Raises:
+        InputError: A stretch without its direction.
     """
     gradient = ufl.grad(u)
     if stretch is None:
         return gradient
+    if normal is None:
+        raise InputError("stretch is given without normal: it needs the direction of the stretch")
     return gradient + (1 / stretch - 1) * ufl.outer(gradient * normal, normal)
 
 
@@ -38,7 +45,8 @@ def layer_strain(gradient, normal):
     """Normal and tangential strain of a thin layer (seed 001, before eq. 5).
 
     The in-plane strains are left out, as the seed does; the in-plane gradient of the normal
-    displacement stays in the shear strain, since without it a rigid rotation would strain the layer.
+    displacement stays in the shear strain, since without it a rigid rotation would strain the
+    layer.
 
     Args:
         gradient: Displacement gradient, shape (gdim, gdim).

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from numbers import Real
+
 import ufl
+
+from fenics_joints.errors import InputError
 
 __all__ = ["contact_radius", "graded_modulus", "peak_pressure", "pressure_cone", "radius"]
 
@@ -32,7 +36,14 @@ def peak_pressure(force, r_hole, r_contact, *, open_hole=False):
         r_hole: Radius of the hole r_i, m.
         r_contact: Contact radius r_m, m, from `contact_radius`.
         open_hole: Whether the hole is meshed as a hole.
+
+    Raises:
+        InputError: The radii are numbers and the hole is not the smaller one.
     """
+    if isinstance(r_hole, Real) and isinstance(r_contact, Real) and not 0 <= r_hole < r_contact:
+        raise InputError(
+            f"r_contact = {r_contact} m with r_hole = {r_hole} m: expected 0 <= r_hole < r_contact"
+        )
     square = r_contact**2 + r_contact * r_hole
     square = square - 2 * r_hole**2 if open_hole else square + r_hole**2
     return 3 * force / (ufl.pi * square)
