@@ -1,0 +1,500 @@
+"""The lowest eigenpairs of ``K x = lambda M x`` for assembled PETSc matrices.
+
+Purely algebraic: nothing here knows of meshes or joints. ``K`` and ``M`` are symmetric positive
+semi-definite; ``M`` may be singular (massless DOFs: zero-density layers, constrained DOFs).
+
+The default method is shift-and-invert block Lanczos in the M inner product, with full
+reorthogonalisation and thick restart (Grimes, Lewis and Simon, SIAM J. Matrix Anal. Appl. 15, 1994,
+eqs. 2.3-2.6; Wu and Simon, SIAM J. Matrix Anal. Appl. 22, 2000). SLEPc has no block Krylov method,
+and a sparse triangular solve is bound by memory, not arithmetic: one with sixteen right-hand sides
+costs about twice one with a single one. A block also finds every copy of an eigenvalue up to its
+width, so the six rigid-body zeros or the pairs of a symmetric structure are not lost, where
+single-vector Lanczos finds the second copy only through round-off. Any SLEPc solver can take its
+place: ``petsc_options={"eps_type": "krylovschur"}``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+from slepc4py import SLEPc
+
+from fenics_joints.errors import ConvergenceError, InputError
+
+__all__ = ["DEFAULT_SHIFT", "EigenResult", "EigenSolver", "count_below", "solve_pencil"]
+
+#: Default shift in rad^2/s^2: 50 Hz below zero, right for metal parts with modes from 10 Hz to 20 kHz.
+DEFAULT_SHIFT = -((2.0 * np.pi * 50.0) ** 2)
+
+_OPTIONS = {
+    "st_ksp_type": "preonly",
+    "st_pc_type": "cholesky",
+    "st_pc_factor_mat_solver_type": "mumps",
+}
+
+
+@dataclass(frozen=True)
+class EigenResult:
+    """Eigenpairs of a pencil.
+
+    Attributes:
+        values: Eigenvalues, ascending, shape (n,); rad^2/s^2 for SI matrices.
+        shapes: The n eigenvectors, M-orthonormal, laid out like the rows of K.
+        residuals: Relative residuals, shape (n,): ``|K x - lambda M x|`` over ``|x|_A``, the first in
+            the norm of the inverse diagonal of ``A = K - shift M``. Unlike the 2-norm it is not
+            swamped by the round-off of stiff thin layers.
+        solver: The SLEPc solver, to look into; its ST holds the KSP that was used.
+        statistics: ``method``, ``seconds``, of which ``factor_seconds``, and ``basis``; from block
+            Lanczos also ``solves`` (right-hand sides) and ``block_solves``.
+    """
+
+    values: np.ndarray
+    shapes: list[PETSc.Vec]
+    residuals: np.ndarray
+    solver: SLEPc.EPS | None = None
+    statistics: dict[str, float | int | str] = field(default_factory=dict)
+
+
+class EigenSolver:
+    """Solver for many pencils of one sparsity pattern; ordering and symbolic analysis are kept.
+
+    Args:
+        n: Number of modes wanted, rigid-body modes included.
+        shift: Shift in the unit of the eigenvalues, not above zero; below zero for a free body.
+        tol: Relative tolerance on ``|A^-1 M x - theta x|_M / theta`` with ``theta = 1 / (lambda - shift)``.
+            The eigenvalue's relative error is of the order of its square.
+        block: Columns solved at once; default from n.
+        max_basis: Largest Krylov basis before a restart; default from n and block.
+        max_restarts: Restarts before ConvergenceError.
+        petsc_options: PETSc and SLEPc options without prefix, for example ``st_pc_type``,
+            ``st_mat_mumps_icntl_7`` or ``eps_type`` (which hands the problem to that SLEPc solver).
+        prefix: Options prefix, so that the command line can set the same options.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        *,
+        shift: float = DEFAULT_SHIFT,
+        tol: float = 1e-7,
+        block: int | None = None,
+        max_basis: int | None = None,
+        max_restarts: int = 30,
+        petsc_options: Mapping[str, object] | None = None,
+        prefix: str = "fenics_joints_eigen_",
+    ):
+        if n < 1:
+            raise InputError(f"n is {n}: expected at least one mode")
+        if not shift <= 0.0:
+            raise InputError(
+                f"shift is {shift}: expected zero or less, since only a shift below every eigenvalue "
+                "gives the lowest modes (and below zero for a free body)"
+            )
+        if not 0.0 < tol < 1e-2:
+            raise InputError(f"tol is {tol}: expected a number between 0 and 0.01")
+        if block is not None and block < 1:
+            raise InputError(f"block is {block}: expected at least one column")
+        self.n, self.shift, self.tol = int(n), float(shift), float(tol)
+        self.block, self.max_basis, self.max_restarts = block, max_basis, max_restarts
+        self.petsc_options, self.prefix = dict(petsc_options or {}), prefix
+        self._eps: SLEPc.EPS | None = None
+        self._shifted: PETSc.Mat | None = None
+        self._pattern: tuple | None = None
+
+    @property
+    def solver(self) -> SLEPc.EPS | None:
+        """The SLEPc solver (None before the first solve); ``.solver.getST().getKSP()`` solves."""
+        return self._eps
+
+    def solve(
+        self, K: PETSc.Mat, M: PETSc.Mat, initial: Sequence[PETSc.Vec] | None = None
+    ) -> EigenResult:
+        """Return the n lowest eigenpairs.
+
+        Args:
+            K: Stiffness, symmetric positive semi-definite.
+            M: Mass, symmetric positive semi-definite, same layout.
+            initial: Approximate eigenvectors to start from, such as the ``shapes`` of a near pencil.
+
+        Raises:
+            InputError: The matrices are not a square pencil of one layout, or smaller than n.
+            ConvergenceError: The factorisation failed, or fewer than n modes converged.
+        """
+        _check_pencil(K, M, self.n, initial)
+        begin = time.perf_counter()
+        if self._eps is None:
+            self._create(K.comm)
+        chosen = PETSc.Options(self.prefix)
+        if chosen.hasName("eps_type"):
+            values, shapes, stats = self._solve_slepc(K, M, initial)
+        else:
+            values, shapes, stats = self._solve_block(K, M, initial)
+        residuals = _residuals(K, M, values, shapes, self.shift)
+        # The recurrence's own estimate decides convergence; this catches a wrong factorisation.
+        if not np.all(residuals <= max(1e3 * self.tol, 1e-6)):
+            raise ConvergenceError(
+                f"the true residual of mode {int(np.argmax(residuals)) + 1} is {residuals.max():.1e}: "
+                "the factorisation is inaccurate; take a shift further below zero"
+            )
+        stats["seconds"] = time.perf_counter() - begin
+        return EigenResult(values, shapes, residuals, self._eps, stats)
+
+    def _create(self, comm) -> None:
+        options = PETSc.Options(self.prefix)
+        # The command line and the environment stand above our defaults, the dictionary above both.
+        for key, value in _OPTIONS.items():
+            if not options.hasName(key):
+                options.setValue(key, value)
+        for key, value in self.petsc_options.items():
+            options.setValue(key, value)
+        self._eps = SLEPc.EPS().create(comm)
+        self._eps.setOptionsPrefix(self.prefix)
+        self._eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+        self._eps.getST().setType(SLEPc.ST.Type.SINVERT)
+        self._eps.getST().setShift(self.shift)
+
+    def _shift_matrix(self, K: PETSc.Mat, M: PETSc.Mat) -> PETSc.Mat:
+        """``A = K - shift M`` in the matrix of the last call, so that its analysis is kept."""
+        pattern = (K.getSize(), K.getInfo()["nz_used"], M.getInfo()["nz_used"])
+        same = K.comm.tompi4py().allreduce(pattern == self._pattern, op=MPI.LAND)
+        structure = PETSc.Mat.Structure
+        if not same:
+            self._shifted = K.duplicate(copy=True)
+            self._shifted.axpy(-self.shift, M, structure.UNKNOWN_NONZERO_PATTERN)
+        else:
+            self._shifted.zeroEntries()
+            self._shifted.axpy(1.0, K, structure.SUBSET_NONZERO_PATTERN)
+            self._shifted.axpy(-self.shift, M, structure.SUBSET_NONZERO_PATTERN)
+        self._shifted.setOption(PETSc.Mat.Option.SPD, True)
+        self._pattern = pattern
+        return self._shifted
+
+    def _solve_block(self, K, M, initial):
+        A = self._shift_matrix(K, M)
+        ksp = self._eps.getST().getKSP()
+        ksp.setOperators(A)
+        ksp.setFromOptions()
+        factor_seconds = _set_up(ksp)
+        operator = _Operator(ksp, M)
+        size = K.getSize()[0]
+        block = min(self.block or _default_block(self.n, initial), size)
+        largest = min(max(self.max_basis or 0, self.n + 6 * block), size)
+        start = _start(M, block, initial)
+        try:
+            theta, X, basis = _lanczos(
+                operator, start, self.n, self.tol, largest, self.max_restarts
+            )
+        finally:
+            operator.destroy()
+        stats = {
+            "method": "block Lanczos",
+            "factor_seconds": factor_seconds,
+            "solves": operator.columns,
+            "block_solves": operator.calls,
+            "basis": basis,
+        }
+        return self.shift + 1.0 / theta, [_vector(K, X[:, i]) for i in range(self.n)], stats
+
+    def _solve_slepc(self, K, M, initial):
+        eps = self._eps
+        eps.setOperators(K, M)
+        eps.setDimensions(self.n)
+        eps.setTolerances(self.tol, 1000)
+        eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+        eps.setTarget(self.shift)
+        if initial:
+            eps.setInitialSpace(list(initial))
+        eps.setFromOptions()
+        begin = time.perf_counter()
+        try:
+            eps.setUp()
+            factor_seconds = time.perf_counter() - begin
+            eps.solve()
+        except PETSc.Error as error:
+            raise ConvergenceError("SLEPc could not solve K x = lambda M x", str(error)) from error
+        found = eps.getConverged()
+        if found < self.n:
+            reason = _name(SLEPc.EPS.ConvergedReason, eps.getConvergedReason())
+            raise ConvergenceError(f"{found} of {self.n} modes converged", reason)
+        values = np.array([np.real(eps.getEigenvalue(i)) for i in range(self.n)])
+        order = np.argsort(values)
+        shapes = []
+        for i in order:
+            x = K.createVecRight()
+            eps.getEigenvector(int(i), x)
+            x.scale(1.0 / np.sqrt(np.real(x.dot(M * x))))
+            shapes.append(x)
+        stats = {
+            "method": eps.getType(),
+            "factor_seconds": factor_seconds,
+            "restarts": eps.getIterationNumber(),
+            "basis": eps.getDimensions()[1],
+        }
+        return values[order], shapes, stats
+
+
+def solve_pencil(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    n: int,
+    *,
+    shift: float = DEFAULT_SHIFT,
+    petsc_options: Mapping[str, object] | None = None,
+    initial: Sequence[PETSc.Vec] | None = None,
+    **settings,
+) -> EigenResult:
+    """Solve one pencil: ``EigenSolver(n, ...).solve(K, M, initial)``; see there for the arguments."""
+    solver = EigenSolver(n, shift=shift, petsc_options=petsc_options, **settings)
+    return solver.solve(K, M, initial)
+
+
+def count_below(K: PETSc.Mat, M: PETSc.Mat, value: float) -> int:
+    """Number of eigenvalues below a value, by Sylvester's law of inertia.
+
+    An independent check that no mode was missed; it costs one indefinite factorisation, as much as a
+    whole solve, and so is not part of one.
+
+    Args:
+        K: Stiffness.
+        M: Mass.
+        value: Bound, in the unit of the eigenvalues; not itself an eigenvalue.
+
+    Raises:
+        ConvergenceError: The factorisation failed.
+    """
+    A = K.duplicate(copy=True)
+    A.axpy(-value, M, PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
+    A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    pc = PETSc.PC().create(K.comm)
+    pc.setOperators(A)
+    pc.setType(PETSc.PC.Type.CHOLESKY)
+    pc.setFactorSolverType("mumps")
+    pc.setFactorSetUpSolverType()
+    factor = pc.getFactorMatrix()
+    factor.setMumpsIcntl(13, 1)  # the root front on one rank: MUMPS counts no pivots elsewhere
+    pc.setUp()
+    if factor.getMumpsInfog(1) < 0:
+        raise ConvergenceError(
+            f"MUMPS could not factorise K - {value} M", f"INFOG(1) = {factor.getMumpsInfog(1)}"
+        )
+    negative = factor.getMumpsInfog(12)
+    pc.destroy()
+    A.destroy()
+    return negative
+
+
+class _Operator:
+    """``X -> (A^-1 X, M X)`` on blocks of local columns, shape (local rows, columns)."""
+
+    def __init__(self, ksp: PETSc.KSP, M: PETSc.Mat):
+        self._ksp, self._mass = ksp, M
+        self.comm = M.comm.tompi4py()
+        self.calls = self.columns = 0
+        self._work: dict[int, tuple[PETSc.Mat, PETSc.Mat, PETSc.Mat]] = {}
+
+    def _buffers(self, columns: int):
+        if columns not in self._work:
+            rows = self._mass.getSizes()[0]
+            mats = [PETSc.Mat().createDense([rows, (None, columns)], comm=self._mass.comm) for _ in "ab"]
+            for mat in mats:
+                mat.setUp()
+                mat.assemble()
+            self._work[columns] = (*mats, self._mass.matMult(mats[1]))
+        return self._work[columns]
+
+    def solve(self, block: np.ndarray) -> np.ndarray:
+        right, left, _ = self._buffers(block.shape[1])
+        right.getDenseArray()[:] = block
+        self._ksp.matSolve(right, left)
+        if self._ksp.getConvergedReason() < 0:
+            reason = _name(PETSc.KSP.ConvergedReason, self._ksp.getConvergedReason())
+            raise ConvergenceError("the linear solve with K - shift M failed", reason)
+        self.calls += 1
+        self.columns += block.shape[1]
+        return left.getDenseArray().copy(order="F")
+
+    def mass(self, block: np.ndarray) -> np.ndarray:
+        _, left, product = self._buffers(block.shape[1])
+        left.getDenseArray()[:] = block
+        self._mass.matMult(left, result=product)
+        return product.getDenseArray().copy(order="F")
+
+    def dot(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        return self.comm.allreduce(left.conj().T @ right, op=MPI.SUM)
+
+    def destroy(self) -> None:
+        # By hand: left to Python's collector, matrices on several ranks die in no common order.
+        for mats in self._work.values():
+            for mat in mats:
+                mat.destroy()
+        self._work = {}
+
+
+def _lanczos(op: _Operator, start, n: int, tol: float, largest: int, max_restarts: int):
+    """Block Lanczos for ``A^-1 M``, largest eigenvalues first; returns (theta, X, basis size).
+
+    The recurrence starts from ``A^-1 M start``, which has no part in the null space of M.
+    """
+    W = op.solve(op.mass(start))
+    W, MW, _ = _orthonormalise(op, W, op.mass(W), 0.0)
+    rows, room = W.shape[0], largest + W.shape[1]
+    V = np.empty((rows, room), dtype=W.dtype, order="F")
+    MV = np.empty_like(V)
+    T = np.zeros((room, room), dtype=W.dtype)
+    k = restarts = 0
+    while True:
+        w = W.shape[1]
+        k, last = k + w, slice(k, k + w)
+        V[:, last], MV[:, last] = W, MW
+        W = op.solve(MW)
+        T[:k, last] = _project(op, V[:, :k], MV[:, :k], W)
+        T[last, :k] = T[:k, last].conj().T
+        theta, Y = np.linalg.eigh(T[:k, :k])
+        theta, Y = theta[::-1], Y[:, ::-1]
+        W, MW, R = _orthonormalise(op, W, op.mass(W), theta[0], V[:, :k], MV[:, :k])
+        residuals = np.linalg.norm(R @ Y[last], axis=0)
+        converged = int(np.sum(np.cumprod(residuals[:n] <= tol * theta[:n])))
+        if converged == n:
+            _check_spread(theta[:n])
+            return theta[:n], V[:, :k] @ Y[:, :n], k
+        if W.shape[1] == 0:
+            raise ConvergenceError(f"{converged} of {n} modes exist: M has rank {k} only")
+        if k + W.shape[1] > largest:
+            if restarts == max_restarts:
+                raise ConvergenceError(
+                    f"{converged} of {n} modes converged after {restarts} restarts",
+                    "restarts exhausted: allow a larger basis, or more restarts",
+                )
+            restarts += 1
+            keep = min(n + w // 2, k - 1)
+            V[:, :keep], MV[:, :keep] = V[:, :k] @ Y[:, :keep], MV[:, :k] @ Y[:, :keep]
+            T[:] = 0.0
+            T[range(keep), range(keep)] = theta[:keep]
+            k = keep
+
+
+def _project(op: _Operator, V, MV, W) -> np.ndarray:
+    """Make W M-orthogonal to V in place, twice; returns the coefficients."""
+    total = 0.0
+    for _ in range(2):
+        H = op.dot(MV, W)
+        W -= V @ H
+        total = total + H
+    return total
+
+
+def _orthonormalise(op: _Operator, W, MW, scale: float, V=None, MV=None):
+    """M-orthonormal basis Q of span(W) with M Q and R, W = Q R; columns at round-off are dropped.
+
+    Two passes of SVQB (Stathopoulos and Wu, SIAM J. Sci. Comput. 23, 2002); between them Q is made
+    orthogonal to V again, since normalising a short column magnifies what is left of V in it.
+    """
+    R = np.eye(W.shape[1], dtype=W.dtype)
+    for sweep in range(2):
+        gram = op.dot(W, MW)
+        norms = np.sqrt(np.maximum(np.real(np.diag(gram)), 0.0))
+        floor = max(1e-14 * scale, np.finfo(float).tiny)
+        live = norms > floor
+        d = np.where(live, norms, 1.0)
+        s, Q = np.linalg.eigh((gram / np.outer(d, d))[np.ix_(live, live)])
+        good = s > 1e-13 * max(s.max(initial=0.0), 1e-300)
+        s, Q = s[good], Q[:, good]
+        back = np.zeros((W.shape[1], s.size), dtype=W.dtype)
+        back[live] = Q / np.sqrt(s) / d[live, None]
+        forth = np.zeros((s.size, W.shape[1]), dtype=W.dtype)
+        forth[:, live] = (np.sqrt(s) * Q.conj()).T * d[live]
+        W, MW, R = W @ back, MW @ back, forth @ R
+        if sweep == 0 and V is not None and s.size:
+            H = op.dot(MV, W)
+            W, MW = W - V @ H, MW - MV @ H
+        scale = 0.0
+    return W, MW, R
+
+
+def _check_spread(theta: np.ndarray) -> None:
+    """Raise when the shift is so near an eigenvalue that round-off hides the others."""
+    if theta[-1] <= 0.0 or theta[0] > 1e10 * theta[-1]:
+        raise ConvergenceError(
+            "K - shift M is nearly singular: take a shift further below zero",
+            f"1 / (lambda - shift) spreads from {theta[-1]:.1e} to {theta[0]:.1e}",
+        )
+
+
+def _residuals(K, M, values, shapes, shift) -> np.ndarray:
+    """Relative residuals as in EigenResult."""
+    weight = K.getDiagonal()
+    weight.axpy(-shift, M.getDiagonal())
+    weight.abs()
+    r, Mx = K.createVecs()
+    out = []
+    for value, x in zip(values, shapes, strict=True):
+        K.mult(x, r)
+        M.mult(x, Mx)
+        r.axpy(-value, Mx)
+        Mx.pointwiseDivide(r, weight)
+        out.append(np.sqrt(np.real(r.dot(Mx)) / max(value - shift, np.finfo(float).tiny)))
+    for vector in (weight, r, Mx):
+        vector.destroy()
+    return np.array(out)
+
+
+def _set_up(ksp: PETSc.KSP) -> float:
+    """Factorise; returns the seconds it took."""
+    begin = time.perf_counter()
+    advice = (
+        "K - shift M could not be factorised: is K symmetric positive semi-definite, "
+        "and the shift below zero for a free body?"
+    )
+    try:
+        ksp.setUp()
+    except PETSc.Error as error:
+        raise ConvergenceError(advice, str(error)) from error
+    reason = ksp.getPC().getFailedReason()
+    if reason:
+        raise ConvergenceError(advice, _name(PETSc.PC.FailedReason, reason))
+    return time.perf_counter() - begin
+
+
+def _default_block(n: int, initial) -> int:
+    """Wide enough for six rigid modes and a pair; all warm-start vectors fit."""
+    return max(min(n + 4, 16), 8, len(initial or ()))
+
+
+def _start(M: PETSc.Mat, block: int, initial) -> np.ndarray:
+    """Starting block: the given vectors, then random columns."""
+    rows = M.getLocalSize()[0]
+    rng = np.random.default_rng([M.comm.rank, 1994])
+    start = np.asfortranarray(rng.standard_normal((rows, block)), dtype=PETSc.ScalarType)
+    for i, vector in enumerate(list(initial or ())[:block]):
+        start[:, i] = vector.array_r
+    return start
+
+
+def _vector(K: PETSc.Mat, values: np.ndarray) -> PETSc.Vec:
+    x = K.createVecRight()
+    x.array[:] = values
+    return x
+
+
+def _check_pencil(K: PETSc.Mat, M: PETSc.Mat, n: int, initial) -> None:
+    if K.getSize()[0] != K.getSize()[1] or K.getSizes() != M.getSizes():
+        raise InputError(f"K is {K.getSize()} and M is {M.getSize()}: expected square and alike")
+    if n > K.getSize()[0]:
+        raise InputError(f"n is {n}: K has {K.getSize()[0]} rows only")
+    for vector in initial or ():
+        if vector.getSizes() != K.getSizes()[0]:
+            raise InputError(f"an initial vector has {vector.getSize()} rows, K {K.getSize()[0]}")
+
+
+def _name(enum, value: int) -> str:
+    """PETSc's or SLEPc's name of a reason."""
+    names = [key for key, number in vars(enum).items() if number == value and key[0] != "_"]
+    return names[0] if names else str(value)
