@@ -1,4 +1,4 @@
-"""What differs between DOLFINx 0.9 and 0.11, in one place: features are asked for, then versions."""
+"""What differs between DOLFINx 0.9 and 0.11: features are asked for before versions."""
 
 from __future__ import annotations
 

@@ -8,8 +8,8 @@ import numpy as np
 
 __all__ = ["Extrusion"]
 
-# Each quadrilateral (v00, v10, v01, v11) is cut along v00-v11; both halves turn anticlockwise.
-_TRIANGLES = np.array([[0, 1, 3], [0, 3, 2]])
+# Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
+_CUTS = np.array([[[0, 1, 3], [0, 3, 2]], [[0, 1, 2], [1, 3, 2]]])
 
 
 @dataclass
@@ -17,8 +17,9 @@ class Extrusion:
     """Columns over a plane mesh: which cells exist, and which facets have a name.
 
     Vertex ``p`` of the plane at level ``k`` has the number ``p * len(z) + k``. A column is cut into
-    hexahedra, or into tetrahedra along the diagonals that rise from the lower plane vertex number
-    to the higher one; neighbours see the same diagonal, so the cut conforms.
+    hexahedra; or into tetrahedra, along the shorter diagonal of each plane cell, and upright along
+    the diagonals that rise from the lower plane vertex number to the higher one. Neighbours see the
+    same diagonal, so the cut conforms.
 
     Attributes:
         points: Plane vertices, shape (n_points, 2), in metres.
@@ -86,7 +87,11 @@ class Extrusion:
         return x, number[cells], values, number[facets]
 
     def _triangles(self) -> np.ndarray:
-        return self.quads[:, _TRIANGLES]
+        """Both halves of each plane cell, shape (n_quads, 2, 3)."""
+        v00, v10, v01, v11 = self.points[self.quads].transpose(1, 0, 2)
+        rising, falling = np.linalg.norm(v11 - v00, axis=1), np.linalg.norm(v10 - v01, axis=1)
+        cut = _CUTS[(falling < rising * (1 - 1e-9)).astype(int)]
+        return np.take_along_axis(self.quads, cut.reshape(-1, 6), axis=1).reshape(-1, 2, 3)
 
     def _lift(self, base: np.ndarray, level: np.ndarray) -> np.ndarray:
         return base * len(self.z) + level[:, None]

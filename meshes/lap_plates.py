@@ -233,7 +233,7 @@ def _size(name: str, count: int | None, span: float, element_size: float) -> flo
 
 def _check_zones(bolts, zone, x_range, y_range) -> None:
     _require(zone == 0 or _is_positive(zone), "zone", zone, "0 m or a side above it")
-    for number, bolt in enumerate(bolts):
+    for number, bolt in enumerate(bolts.tolist()):
         for axis, value, (low, high) in zip("xy", bolt, (x_range, y_range), strict=True):
             room = min(value - low, high - value)
             span = f"{low:g} to {high:g} m of the lap along {axis}"

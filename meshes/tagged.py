@@ -118,9 +118,15 @@ def distribute(comm: MPI.Intracomm, lists: MeshLists | None) -> TaggedMesh:
     """
     shapes = None
     if comm.rank == 0:
-        shapes = (lists.cell, lists.x.shape[1], lists.cells.shape[1], lists.facets.shape[1],
-                  _used(lists.cell_names, lists.cell_values),
-                  _used(lists.facet_names, lists.facet_values), lists.points)
+        shapes = (
+            lists.cell,
+            lists.x.shape[1],
+            lists.cells.shape[1],
+            lists.facets.shape[1],
+            _used(lists.cell_names, lists.cell_values),
+            _used(lists.facet_names, lists.facet_values),
+            lists.points,
+        )
     cell, gdim, cell_corners, facet_corners, cell_names, facet_names, points = comm.bcast(shapes)
     if comm.rank == 0:
         x, cells = lists.x, lists.cells
