@@ -93,7 +93,9 @@ def lap_plates(
     _check_dimensions(length, width, thickness, lap, layer, n_thickness, cell)
     size_x = _size("n_length", n_length, length, element_size)
     size_y = _size("n_width", n_width, width, element_size)
-    bolts = np.asarray(bolts, dtype=float).reshape(-1, 2)
+    pairs = all(np.shape(bolt) == (2,) for bolt in bolts)
+    _require(pairs, "bolts", bolts, "a pair (x, y) in metres for each bolt")
+    bolts = np.array(bolts, dtype=float).reshape(-1, 2)
     _check_zones(bolts, zone, (length - lap, length), (0.0, width))
     radii = _check_holes(bolts, zone, hole_diameter, washer_diameter)
     if radii:

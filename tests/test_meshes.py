@@ -184,6 +184,7 @@ def test_box_measures(cell):
         ({"n_length": 2.5}, "n_length is 2.5, expected a whole number"),
         ({"n_thickness": 0}, "n_thickness is 0, expected a whole number"),
         ({"cell": "prism"}, "cell is 'prism', expected 'hexahedron' or 'tetrahedron'"),
+        ({"bolts": [0.14, 0.02]}, "bolts is [0.14, 0.02], expected a pair (x, y)"),
         ({"bolts": [(0.1, 0.04)]}, "bolts[0] x is 0.1, expected a position within 0.12 to 0.2 m"),
         ({"zone": 0.05}, "zone is 0.05, expected at most 0.04 m, so that the zone of bolts[0] x"),
         ({"hole_diameter": 0.019}, "hole_diameter is 0.019, expected a diameter above 0 m and"),
