@@ -1,4 +1,14 @@
-"""Isotropic linear elasticity and inertia, as pure functions that return UFL."""
+"""Isotropic linear elasticity and inertia, as pure functions that return UFL.
+
+Use degree 2 (serendipity is enough) for plates and beams: cells of degree 1 lock in bending. A
+plate of thickness t, n quadrilaterals of length l through it, is too stiff in bending by
+1 + (1 - nu)/2 (l/t)^2 + ((1 - nu)^2/(1 - 2 nu) - 1)/n^2 (plane strain; hexahedra with nu = 0 have
+the first term alone), and the first term does not shrink with more cells through the thickness.
+Linear triangles and tetrahedra are worse: 4 times too stiff at l = t, n = 1. On 8 mm lapped plates
+with 10 mm cells, one through each plate, the frequencies come out 28 to 32 % high in linear
+quadrilaterals and about twice as high as they should in linear triangles; quadratic cells represent
+pure bending exactly (``tests/test_thin_layers.py``).
+"""
 
 from __future__ import annotations
 

@@ -183,7 +183,7 @@ def test_thin_layer_tends_to_the_spring_interface(name, cells, rule):
     assert order == pytest.approx(1, abs=0.03), change
     # In units of h over the plates' thickness, which is the change of the section.
     h = LENGTH / cells / aspects
-    assert (abs(change).max(axis=1) < 3 * h / THICKNESS).all(), change
+    assert (abs(change).max(axis=1) < 0.2 * h / THICKNESS).all(), change
 
 
 def test_quadratic_triangles_converge_in_the_plane():
@@ -229,7 +229,7 @@ def test_isotropic_layer_is_a_spring_of_the_constrained_modulus():
     right = frequencies(sprung_lap("quad-S2", 32, k_n=modulus_ratio(nu) * E_h))
     wrong = frequencies(sprung_lap("quad-S2", 32, k_n=E_h))
     layer = frequencies(layered_lap("quad-S2", 32, 1000, "isotropic", k_n=E_h))
-    assert abs(layer / right - 1).max() < 3e-4
+    assert abs(layer / right - 1).max() < 2e-4
     assert abs(layer / wrong - 1).max() > 2e-3
 
 
@@ -248,7 +248,7 @@ def test_isotropic_layer_near_incompressibility():
         rigid_normal = frequencies(sprung_lap("quad-S2", 32, k_n=1e4 * K_N))
         layer = frequencies(layered_lap("quad-S2", 32, aspect, "isotropic", k_n=E_h))
         h = LENGTH / 32 / aspect
-        assert abs(layer / rigid_normal - 1).max() < 3 * h / THICKNESS
+        assert abs(layer / rigid_normal - 1).max() < 0.2 * h / THICKNESS
     assert excess("quad-S2", 10) < 2e-3
     assert excess("quad-P1", 10) > 3e-2
     assert excess("quad-P1", 1000) < 2e-4
