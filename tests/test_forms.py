@@ -397,7 +397,7 @@ def test_spring_interface_patch_and_null_space(name):
     W, a, ds, R = two_blocks(name)
     d = len(R)
     K = gathered(a)
-    used = abs(K).sum(axis=1).A1 > 0
+    used = np.asarray(abs(K).sum(axis=1)).ravel() > 0
     traction, in_plane, spin = constant_state(d)
     gradient = spin.copy()
     gradient[:-1, :-1] += in_plane

@@ -139,7 +139,7 @@ def sprung_lap(name, cells, k_n=K_N, k_t=K_T, rule=None):
 
 def dense(K, M):
     """Dense matrices without the rows that no form touches."""
-    used = abs(K).sum(axis=1).A1 > 0
+    used = np.asarray(abs(K).sum(axis=1)).ravel() > 0
     return K[used][:, used].toarray(), M[used][:, used].toarray()
 
 
