@@ -16,7 +16,8 @@ place: ``petsc_options={"eps_type": "krylovschur"}``.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -48,7 +49,6 @@ class EigenResult:
         residuals: Relative residuals, shape (n,): ``|K x - lambda M x|`` over ``|x|_A``, the first in
             the norm of the inverse diagonal of ``A = K - shift M``. Unlike the 2-norm it is not
             swamped by the round-off of stiff thin layers.
-        solver: The SLEPc solver, to look into; its ST holds the KSP that was used.
         statistics: ``method``, ``seconds``, of which ``factor_seconds``, and ``basis``; from block
             Lanczos also ``solves`` (right-hand sides) and ``block_solves``.
     """
@@ -56,7 +56,6 @@ class EigenResult:
     values: np.ndarray
     shapes: list[PETSc.Vec]
     residuals: np.ndarray
-    solver: SLEPc.EPS | None = None
     statistics: dict[str, float | int | str] = field(default_factory=dict)
 
 
@@ -130,14 +129,12 @@ class EigenSolver:
         """
         _check_pencil(K, M, self.n, initial)
         begin = time.perf_counter()
-        if self._eps is None:
-            self._create(K.comm)
-        chosen = PETSc.Options(self.prefix)
-        if chosen.hasName("eps_type"):
-            values, shapes, stats = self._solve_slepc(K, M, initial)
-        else:
-            values, shapes, stats = self._solve_block(K, M, initial)
-        residuals = _residuals(K, M, values, shapes, self.shift)
+        with self._options() as options:
+            if self._eps is None:
+                self._create(K.comm)
+            solve = self._solve_slepc if options.hasName("eps_type") else self._solve_block
+            values, X, stats = solve(K, M, initial)
+        residuals = _residuals(K, M, values, X, self.shift)
         # The recurrence's own estimate decides convergence; this catches a wrong factorisation.
         if not np.all(residuals <= max(1e3 * self.tol, 1e-6)):
             raise ConvergenceError(
@@ -145,16 +142,29 @@ class EigenSolver:
                 "the factorisation is inaccurate; take a shift further below zero"
             )
         stats["seconds"] = time.perf_counter() - begin
-        return EigenResult(values, shapes, residuals, self._eps, stats)
+        return EigenResult(values, [_vector(K, x) for x in X.T], residuals, stats)
+
+    @contextmanager
+    def _options(self) -> Iterator[PETSc.Options]:
+        """Our options in PETSc's database, and out of it again for the next solver.
+
+        The command line and the environment stand above our defaults, the dictionary above both.
+        """
+        options = PETSc.Options(self.prefix)
+        ours = {key: value for key, value in _OPTIONS.items() if not options.hasName(key)}
+        ours.update(self.petsc_options)
+        before = {key: options.getString(key) for key in ours if options.hasName(key)}
+        for key, value in ours.items():
+            options.setValue(key, value)
+        try:
+            yield options
+        finally:
+            for key in ours:
+                options.delValue(key)
+            for key, value in before.items():
+                options.setValue(key, value)
 
     def _create(self, comm) -> None:
-        options = PETSc.Options(self.prefix)
-        # The command line and the environment stand above our defaults, the dictionary above both.
-        for key, value in _OPTIONS.items():
-            if not options.hasName(key):
-                options.setValue(key, value)
-        for key, value in self.petsc_options.items():
-            options.setValue(key, value)
         self._eps = SLEPc.EPS().create(comm)
         self._eps.setOptionsPrefix(self.prefix)
         self._eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
@@ -201,7 +211,7 @@ class EigenSolver:
             "block_solves": operator.calls,
             "basis": basis,
         }
-        return self.shift + 1.0 / theta, [_vector(K, X[:, i]) for i in range(self.n)], stats
+        return self.shift + 1.0 / theta, X, stats
 
     def _solve_slepc(self, K, M, initial):
         eps = self._eps
@@ -226,19 +236,19 @@ class EigenSolver:
             raise ConvergenceError(f"{found} of {self.n} modes converged", reason)
         values = np.array([np.real(eps.getEigenvalue(i)) for i in range(self.n)])
         order = np.argsort(values)
-        shapes = []
-        for i in order:
-            x = K.createVecRight()
+        X = np.empty((K.getLocalSize()[0], self.n), dtype=PETSc.ScalarType, order="F")
+        x, Mx = K.createVecs()
+        for column, i in enumerate(order):
             eps.getEigenvector(int(i), x)
-            x.scale(1.0 / np.sqrt(np.real(x.dot(M * x))))
-            shapes.append(x)
+            M.mult(x, Mx)
+            X[:, column] = x.array_r / np.sqrt(np.real(x.dot(Mx)))
         stats = {
             "method": eps.getType(),
             "factor_seconds": factor_seconds,
             "restarts": eps.getIterationNumber(),
             "basis": eps.getDimensions()[1],
         }
-        return values[order], shapes, stats
+        return values[order], X, stats
 
 
 def solve_pencil(
@@ -302,12 +312,8 @@ class _Operator:
 
     def _buffers(self, columns: int):
         if columns not in self._work:
-            rows = self._mass.getSizes()[0]
-            mats = [PETSc.Mat().createDense([rows, (None, columns)], comm=self._mass.comm) for _ in "ab"]
-            for mat in mats:
-                mat.setUp()
-                mat.assemble()
-            self._work[columns] = (*mats, self._mass.matMult(mats[1]))
+            right, left = _dense(self._mass, columns), _dense(self._mass, columns)
+            self._work[columns] = (right, left, self._mass.matMult(left))
         return self._work[columns]
 
     def solve(self, block: np.ndarray) -> np.ndarray:
@@ -366,9 +372,11 @@ def _lanczos(op: _Operator, start, n: int, tol: float, largest: int, max_restart
             _check_spread(theta[:n])
             return theta[:n], V[:, :k] @ Y[:, :n], k
         if W.shape[1] == 0:
+            _check_spread(theta)
             raise ConvergenceError(f"{converged} of {n} modes exist: M has rank {k} only")
         if k + W.shape[1] > largest:
             if restarts == max_restarts:
+                _check_spread(theta[:n])
                 raise ConvergenceError(
                     f"{converged} of {n} modes converged after {restarts} restarts",
                     "restarts exhausted: allow a larger basis, or more restarts",
@@ -428,22 +436,33 @@ def _check_spread(theta: np.ndarray) -> None:
         )
 
 
-def _residuals(K, M, values, shapes, shift) -> np.ndarray:
+def _residuals(K, M, values, X, shift) -> np.ndarray:
     """Relative residuals as in EigenResult."""
-    weight = K.getDiagonal()
-    weight.axpy(-shift, M.getDiagonal())
-    weight.abs()
-    r, Mx = K.createVecs()
-    out = []
-    for value, x in zip(values, shapes, strict=True):
-        K.mult(x, r)
-        M.mult(x, Mx)
-        r.axpy(-value, Mx)
-        Mx.pointwiseDivide(r, weight)
-        out.append(np.sqrt(np.real(r.dot(Mx)) / max(value - shift, np.finfo(float).tiny)))
-    for vector in (weight, r, Mx):
-        vector.destroy()
-    return np.array(out)
+    diagonal = K.getDiagonal()
+    diagonal.axpy(-shift, M.getDiagonal())
+    r = _product(K, X) - _product(M, X) * values
+    squares = np.sum(np.abs(r) ** 2 / np.abs(diagonal.array_r)[:, None], axis=0)
+    squares = K.comm.tompi4py().allreduce(squares, op=MPI.SUM)
+    return np.sqrt(squares / np.maximum(values - shift, np.finfo(float).tiny))
+
+
+def _product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
+    """``A X`` for local columns."""
+    dense = _dense(A, X.shape[1])
+    dense.getDenseArray()[:] = X
+    product = A.matMult(dense)
+    out = product.getDenseArray().copy(order="F")
+    product.destroy()
+    dense.destroy()
+    return out
+
+
+def _dense(A: PETSc.Mat, columns: int) -> PETSc.Mat:
+    """Dense matrix with the rows of A."""
+    dense = PETSc.Mat().createDense([A.getSizes()[0], (None, columns)], comm=A.comm)
+    dense.setUp()
+    dense.assemble()
+    return dense
 
 
 def _set_up(ksp: PETSc.KSP) -> float:
