@@ -155,6 +155,7 @@ class PointMass:
         point: Position, m, shape (3,).
         direction: With ``travel``: unit direction in which the mass may move.
         travel: Distance from ``point`` along ``direction``, m, or a parameter's name.
+        share: Share of ``mass`` that is at this point, when several points have one parameter.
     """
 
     name: str
@@ -162,6 +163,7 @@ class PointMass:
     point: tuple[float, float, float]
     direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
     travel: Value = 0.0
+    share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -173,12 +175,14 @@ class Spring:
         stiffness: Stiffness, N/m, or a parameter's name.
         point: Position, m, shape (3,).
         direction: Unit direction in which the spring acts.
+        share: Share of ``stiffness`` that is at this point, when several have one parameter.
     """
 
     name: str
     stiffness: Value
     point: tuple[float, float, float]
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    share: float = 1.0
 
 
 @dataclass(frozen=True)

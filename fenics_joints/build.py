@@ -1,0 +1,225 @@
+"""The mesh and the structure that a case describes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.case import (
+    AttachedMass,
+    Case,
+    FileMesh,
+    Joint,
+    MassSection,
+    Part,
+    SpringSection,
+    unknown_groups,
+)
+from fenics_joints.components import Parameter, PointMass, Region, Spring, Support, joint, part
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.meshes import TaggedMesh, lap_plates, read_msh
+from fenics_joints.structure import Structure
+
+__all__ = ["build_mesh", "build_structure", "parameters"]
+
+_AXES = ("x", "y", "z")
+_UNITS = {
+    "E": "Pa",
+    "G": "Pa",
+    "rho": "kg/m3",
+    "mass": "kg",
+    "stiffness": "N/m",
+    "travel": "m",
+}
+#: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
+_JOINT_MODULUS = (1e2, 1e14)
+#: How far a known property may be from its nominal value, as a factor.
+_KNOWN = 3.0
+_THICKNESS = (0.5, 2.0)
+_NU = (0.0, 0.49)
+#: How much heavier or stiffer than the case says something attached may be.
+_ATTACHED = {"mass": 10.0, "stiffness": 1e3}
+
+
+def build_mesh(case: Case, comm: MPI.Intracomm) -> TaggedMesh:
+    """The mesh of a case. Collective.
+
+    Raises:
+        MeshError: If it cannot be built or read, or lacks a group that the case names.
+    """
+    try:
+        if isinstance(case.mesh, FileMesh):
+            mesh = case.mesh
+            file = case.folder / mesh.file
+            tagged = read_msh(file, comm, gdim=mesh.gdim, scale=mesh.scale)
+        else:
+            tagged = lap_plates(comm, **case.mesh.arguments())
+    except MeshError as error:
+        raise MeshError(f"{case.path}: mesh: {error}") from error
+    missing = unknown_groups(case, tagged.cell_names, tagged.facet_names)
+    if missing:
+        raise MeshError("\n  ".join([f"{case.path}: names groups of the mesh:", *missing]))
+    return tagged
+
+
+def build_structure(
+    case: Case,
+    comm: MPI.Intracomm,
+    *,
+    law: str | None = None,
+    attached: bool = False,
+    tagged: TaggedMesh | None = None,
+) -> Structure:
+    """The structure of a case, all its numbers as parameters. Collective.
+
+    The parameters are named NAME.KEY: E, nu, rho and thickness of a part; E, G, thickness, and rho
+    if given, of a joint; mass, stiffness. A thickness is relative to the mesh's, 1.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        law: Law of all joints, instead of the case's own.
+        attached: Whether to add what ``[attached]`` names, with parameters at zero: not there.
+            ``NAME.mass`` is the total of all points, ``NAME.stiffness`` that of each spring, and
+            ``NAME.travel`` the distance from the points in the case.
+        tagged: The case's mesh, if it exists already.
+
+    Raises:
+        InputError: For a value that is out of range.
+        MeshError: As `build_mesh`.
+    """
+    tagged = build_mesh(case, comm) if tagged is None else tagged
+    pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
+    masses = [m for name, section in pointed.items() for m in _masses(name, section)]
+    springs = [s for name, section in pointed.items() for s in _springs(name, section)]
+    supports = [
+        Support(s.facets, tuple(_AXES.index(d) for d in s.directions))
+        for s in case.supports.values()
+    ]
+    try:
+        return Structure(
+            tagged,
+            [*_parts(case), *_joints(case, law)],
+            parameters(case, attached=attached),
+            masses=masses,
+            springs=springs,
+            supports=supports,
+            degree=case.mesh.degree,
+        )
+    except MeshError as error:
+        raise MeshError(f"{case.path}: {error}") from error
+    except InputError as error:
+        raise InputError(f"{case.path}: {error}") from error
+
+
+def parameters(case: Case, *, attached: bool = False) -> list[Parameter]:
+    """The parameters of a case's structure, with units and bounds, in order."""
+    bounds = _bounds(case)
+    return [
+        Parameter(name, value, _unit(name), *bounds[name], log=_is_log(name, value))
+        for name, value in case.nominal(attached).items()
+    ]
+
+
+def _unit(name: str) -> str:
+    return _UNITS.get(name.rpartition(".")[2], "")
+
+
+def _is_log(name: str, value: float) -> bool:
+    return value > 0 and not name.endswith(".nu")
+
+
+def _bounds(case: Case) -> dict[str, tuple[float, float]]:
+    bounds = {}
+    for name, section in {**case.parts, **case.joints}.items():
+        given = section.bounds.model_dump(exclude_none=True)
+        for key, value in section.nominal().items():
+            bounds[f"{name}.{key}"] = given.get(key) or _usual(section, key, value)
+    for name, section in {**case.masses, **case.springs}.items():
+        for key, value in section.nominal().items():
+            bounds[f"{name}.{key}"] = value / _ATTACHED[key], value * _ATTACHED[key]
+    for name, section in case.attached.items():
+        for key, value in section.nominal().items():
+            bounds[f"{name}.{key}"] = 0.0, value * _ATTACHED[key]
+        if isinstance(section, AttachedMass) and section.travel is not None:
+            bounds[f"{name}.travel"] = section.shift()
+    return bounds
+
+
+def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]:
+    """Bounds for a property whose section gives none."""
+    if key == "nu":
+        low, high = _NU
+    elif key == "thickness":
+        low, high = _THICKNESS
+    elif isinstance(section, Joint) and key in ("E", "G"):
+        low, high = _JOINT_MODULUS
+    else:
+        low, high = value / _KNOWN, value * _KNOWN
+    return min(low, value), max(high, value)
+
+
+def _parts(case: Case) -> list[Region]:
+    return [
+        part(
+            name,
+            tuple(p.cells),
+            E=f"{name}.E",
+            nu=f"{name}.nu",
+            rho=f"{name}.rho",
+            stretch=f"{name}.thickness",
+            normal=p.normal,
+        )
+        for name, p in case.parts.items()
+    ]
+
+
+def _joints(case: Case, law: str | None) -> list[Region]:
+    return [
+        joint(
+            name,
+            tuple(j.cells),
+            E=f"{name}.E",
+            G=f"{name}.G",
+            law=law or j.law,
+            rho=0.0 if j.rho is None else f"{name}.rho",
+            stretch=f"{name}.thickness",
+            normal=j.normal,
+        )
+        for name, j in case.joints.items()
+    ]
+
+
+def _masses(name: str, section) -> list[PointMass]:
+    if not isinstance(section, MassSection):
+        return []
+    moves = isinstance(section, AttachedMass) and section.travel is not None
+    axis = np.eye(3)[_AXES.index(section.along) if moves else 0]
+    return [
+        PointMass(
+            label,
+            f"{name}.mass",
+            point,
+            direction=tuple(axis.tolist()),
+            travel=f"{name}.travel" if moves else 0.0,
+            share=1 / len(section.points),
+        )
+        for label, point in zip(_labels(name, section.points), section.points, strict=True)
+    ]
+
+
+def _springs(name: str, section) -> list[Spring]:
+    if not isinstance(section, SpringSection):
+        return []
+    length = math.hypot(*section.direction)
+    direction = tuple(c / length for c in section.direction)
+    return [
+        Spring(label, f"{name}.stiffness", point, direction)
+        for label, point in zip(_labels(name, section.points), section.points, strict=True)
+    ]
+
+
+def _labels(name: str, points) -> list[str]:
+    return [name] if len(points) == 1 else [f"{name}[{i}]" for i in range(len(points))]

@@ -1,0 +1,89 @@
+"""Numbers with units, as people write them, to SI."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+
+from fenics_joints.errors import InputError
+
+__all__ = ["factor_to_si", "to_si"]
+
+#: What a unit measures and how one would write it, for messages.
+_KINDS = {
+    "": ("a ratio", "0.5 %"),
+    "m": ("a length", "8 mm"),
+    "kg": ("a mass", "20 g"),
+    "Pa": ("a modulus", "69 GPa"),
+    "kg/m3": ("a density", "2750 kg/m3"),
+    "N/m": ("a stiffness", "1 kN/m"),
+    "Hz": ("a frequency", "12.5 Hz"),
+}
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+#: Angles are no dimension, so that rad/s and rpm would pass for Hz and be wrong by 2 pi or 60.
+_ANGLES = re.compile(r"rad|rev|rpm|turn|cycle|deg|°")
+_PRODUCT = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "2", "³": "3", "−": "-"})
+
+
+def to_si(value: float | str, unit: str) -> float:
+    """A number in SI units.
+
+    Args:
+        value: Text with a unit, such as ``"8 mm"``, or a bare number, which is in SI units.
+        unit: SI unit of the result; ``""`` for a ratio, which may be in per cent.
+
+    Raises:
+        InputError: If it is no number, is not finite, or its unit measures something else.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise InputError(_expected(unit))
+    if isinstance(value, str):
+        match = _NUMBER.fullmatch(value)
+        if not match or (unit and not match[2]):
+            raise InputError(_expected(unit))
+        value = float(match[1]) * factor_to_si(match[2], unit)
+    if not math.isfinite(value):
+        raise InputError("expected a finite number")
+    return float(value)
+
+
+def factor_to_si(text: str, unit: str) -> float:
+    """How many of the SI ``unit`` one of the unit ``text`` is.
+
+    Raises:
+        InputError: If the unit is unknown or measures something else.
+    """
+    if text in ("", "%", "‰"):
+        if unit and text:
+            raise InputError(_expected(unit))
+        return {"": 1.0, "%": 1e-2, "‰": 1e-3}[text]
+    if unit == "Hz" and _ANGLES.search(text):
+        raise InputError(f"the unit {text!r} is not one of cycles per second; {_expected(unit)}")
+    registry = _registry()
+    try:
+        return float(registry.Quantity(1.0, _parsed(text)).to(_parsed(unit)).magnitude)
+    except Exception as error:  # pint, its tokenizer and Python's raise many kinds
+        known = f"{_expected(unit)} (the unit {text!r} measures something else or is unknown)"
+        raise InputError(known) from error
+
+
+def _parsed(text: str):
+    text = text.translate(_PRODUCT)
+    # Pint's Nm is a count of yarn; here it can only be a torque.
+    text = re.sub(r"(?<![A-Za-z])(k|m|M)?Nm(?![A-Za-z])", r"\1N*m", text)
+    return _registry().parse_units(re.sub(r"(?<=[A-Za-z])\^?(-?\d)", r"**\1", text))
+
+
+@lru_cache(maxsize=1)
+def _registry():
+    # Half a second, so only when a unit is read.
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _expected(unit: str) -> str:
+    kind, example = _KINDS.get(unit, ("a number", f"1 {unit}"))
+    bare = f"a bare number in {unit}" if unit else "a bare number"
+    return f"expected {kind} with its unit, such as {example!r}, or {bare}"
