@@ -36,6 +36,8 @@ _OPTIONS = {
     "st_ksp_type": "preonly",
     "st_pc_type": "cholesky",
     "st_pc_factor_mat_solver_type": "mumps",
+    # Slack in MUMPS's work space, per cent: its own 5 is too little on several ranks.
+    "st_mat_mumps_icntl_14": "30",
 }
 
 
@@ -474,12 +476,27 @@ def _set_up(ksp: PETSc.KSP) -> float:
     )
     try:
         ksp.setUp()
+        _give_room(ksp)
     except PETSc.Error as error:
         raise ConvergenceError(advice, str(error)) from error
     reason = ksp.getPC().getFailedReason()
     if reason:
         raise ConvergenceError(advice, _name(PETSc.PC.FailedReason, reason))
     return time.perf_counter() - begin
+
+
+def _give_room(ksp: PETSc.KSP) -> None:
+    """Factorise again with more slack where MUMPS underestimated its work space (INFOG(1) = -9)."""
+    pc, A = ksp.getPC(), ksp.getOperators()[1]
+    for slack in (100, 300):
+        if pc.getFailedReason() != PETSc.PC.FailedReason.FACTOR_OUTMEMORY:
+            return
+        if pc.getFactorSolverType() != "mumps":
+            return
+        PETSc.Options(ksp.getOptionsPrefix()).setValue("mat_mumps_icntl_14", slack)
+        pc.reset()  # PETSc keeps the error with the factor, and would not try it again
+        ksp.setOperators(A)
+        ksp.setUp()
 
 
 def _default_block(n: int, initial) -> int:
