@@ -1,0 +1,209 @@
+"""The ``fenics-joints`` command: reads the arguments, runs, writes files, and says how it went."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Protocol
+
+import typer
+
+from fenics_joints import __version__
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fenics_joints.case import Case
+
+__all__ = ["Outcome", "app", "main"]
+
+#: Where launchers say the rank, before MPI itself is started.
+_RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Where a model of a bolted structure and its vibration test disagree, why, and how far "
+    "the gap shrinks.",
+)
+
+CaseArgument = Annotated[
+    Path, typer.Argument(metavar="CASE", help="A folder with a case.toml, or the file.")
+]
+JsonOption = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the results as JSON.")
+]
+ReportOption = Annotated[
+    Path | None, typer.Option("--report", metavar="FILE", help="Write a page of HTML.")
+]
+DebugOption = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
+
+
+class Outcome(Protocol):
+    """What a command made of a case."""
+
+    def json(self) -> dict[str, object]:
+        """The content of the JSON file. Called on every rank."""
+
+    def html(self) -> str:
+        """The page. Called on every rank."""
+
+    def show(self, console: Console) -> None:
+        """Print a summary of one screen. Called on rank 0."""
+
+
+@app.command()
+def modes(
+    case: CaseArgument,
+    n: Annotated[
+        int | None,
+        typer.Option("-n", min=1, help="Number of modes, rigid-body modes included."),
+    ] = None,
+    json: JsonOption = None,
+    report: ReportOption = None,
+    debug: DebugOption = False,
+) -> None:
+    """Natural frequencies and modes of the nominal model.
+
+    JSON: version, title, dofs, frequencies_hz (0 for rigid-body modes), rigid_body_modes (their
+    number), visible (whether the test could see each mode; null if the case does not say).
+    """
+
+    def run(case, comm, progress):
+        from fenics_joints.mode_list import run_modes
+
+        return run_modes(case, comm, progress, n_modes=n)
+
+    _command(run, case, json, report, debug)
+
+
+@app.command()
+def update(
+    case: CaseArgument,
+    json: JsonOption = None,
+    report: ReportOption = None,
+    debug: DebugOption = False,
+) -> None:
+    """Fit the parameters that the case names to the measured frequencies.
+
+    JSON: parameters (name, value, unit, standard deviation), frequencies_hz before and after,
+    errors_percent.
+    """
+
+    def run(case, comm, progress):
+        from fenics_joints.workflow import run_update
+
+        return run_update(case, comm, progress)
+
+    _command(run, case, json, report, debug)
+
+
+@app.command()
+def diagnose(
+    case: CaseArgument,
+    json: JsonOption = None,
+    report: ReportOption = None,
+    debug: DebugOption = False,
+) -> None:
+    """Where the model is wrong, which effect causes it, and how far the gap shrinks.
+
+    JSON: gap (before, after, heldout_before, heldout_after, placebo_after; relative RMS), where
+    (region, share), effects (name, region, probability, class), verdict, frequencies_hz before
+    and after.
+    """
+
+    def run(case, comm, progress):
+        from fenics_joints.workflow import run_diagnose
+
+        return run_diagnose(case, comm, progress)
+
+    _command(run, case, json, report, debug)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"fenics-joints {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Entry point of the ``fenics-joints`` command."""
+    if any(os.environ.get(key, "0") != "0" for key in _RANKS):
+        # Help and usage errors come from every rank; one is enough.
+        sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    app(prog_name="fenics-joints")
+
+
+# -- running ---------------------------------------------------------------------------------------
+
+
+def _command(
+    run: Callable[..., Outcome], path: Path, json: Path | None, report: Path | None, debug: bool
+) -> None:
+    """Read the case, run, write the files, show the summary; exit with the right code."""
+    from fenics_joints.failures import guarded
+
+    with guarded(debug):
+        from mpi4py import MPI
+
+        from fenics_joints.files import json_text
+        from fenics_joints.progress import Progress
+
+        comm = MPI.COMM_WORLD
+        case = _prepare(comm, path, json, report)
+        with Progress(silent=comm.rank != 0) as progress:
+            outcome = run(case, comm, progress)
+            contents = []
+            if json is not None:
+                contents.append((json, json_text(outcome.json())))
+            if report is not None:
+                progress.step("writing the report")
+                contents.append((report, outcome.html()))
+        _finish(comm, outcome, contents)
+
+
+def _prepare(comm, path: Path, json: Path | None, report: Path | None) -> Case:
+    """Check the outputs and read the case, on rank 0 for all."""
+    from fenics_joints.case import load_case
+    from fenics_joints.errors import InputError
+    from fenics_joints.files import check_writable
+    from fenics_joints.meshes.tagged import on_root
+
+    def read() -> Case:
+        if json is not None:
+            check_writable(json, "--json")
+        if report is not None:
+            check_writable(report, "--report")
+        if json is not None and report is not None and json.resolve() == report.resolve():
+            raise InputError(f"--report {report}: is --json's file too; expected another")
+        return load_case(path)
+
+    return comm.bcast(on_root(comm, read))
+
+
+def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
+    from fenics_joints.files import write_text
+    from fenics_joints.meshes.tagged import on_root
+
+    def write() -> None:
+        from rich.console import Console
+
+        for path, text in contents:
+            write_text(path, text)
+        outcome.show(Console())
+        for path, _ in contents:
+            typer.echo(f"wrote {path}")
+
+    on_root(comm, write)

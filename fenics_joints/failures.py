@@ -1,0 +1,111 @@
+"""Failures of a command: one clear message, an exit code, and no rank left waiting."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from fenics_joints.errors import JointsError
+
+__all__ = ["guarded"]
+
+#: How long a failed rank waits for the others to fail too, in seconds.
+_PATIENCE = 3.0
+
+
+class _Terminated(BaseException):
+    """The process was asked to end (SIGTERM), as mpirun does to its ranks on Ctrl-C."""
+
+
+@contextmanager
+def guarded(debug: bool = False) -> Iterator[None]:
+    """Turn what is raised inside into a message on standard error and an exit code.
+
+    Exit codes: 1 for an error, 130 for Ctrl-C, 143 for SIGTERM. Under MPI rank 0 speaks; a rank
+    that fails alone speaks itself and ends the others, which would wait for it for ever.
+    Collective.
+
+    Args:
+        debug: Show the traceback as well.
+    """
+    from mpi4py import MPI
+
+    # Its own channel: the failed rank may have left a message pending on the common one.
+    comm = MPI.COMM_WORLD.Dup()
+    started = time.time()
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    except (KeyboardInterrupt, _Terminated) as stop:
+        _forget_half_compiled(started)
+        code = 130 if isinstance(stop, KeyboardInterrupt) else 143
+        _say("stopped; no file is left half-written" if comm.rank == 0 else None)
+        if comm.size > 1:
+            comm.Abort(code)
+        sys.exit(code)
+    except Exception as error:
+        _forget_half_compiled(started)
+        if debug:
+            traceback.print_exc(file=sys.__stderr__)
+        alone = not _all_arrive(comm)
+        _say(_message(error, comm.rank, alone) if comm.rank == 0 or alone else None)
+        if alone:
+            comm.Abort(1)
+        sys.exit(1)
+    comm.Free()
+
+
+def _terminate(number, frame) -> None:
+    raise _Terminated
+
+
+def _message(error: Exception, rank: int, alone: bool) -> str:
+    where = f" (on rank {rank})" if alone else ""
+    if isinstance(error, JointsError):
+        return f"error{where}: {error}"
+    return (
+        f"error{where}: unexpected {type(error).__name__}: {error}\n"
+        "Run again with --debug to see where, and please report it."
+    )
+
+
+def _say(message: str | None) -> None:
+    if message is not None:
+        print(message, file=sys.__stderr__, flush=True)
+
+
+def _all_arrive(comm) -> bool:
+    """Whether all ranks come here in time: most errors are the same on every rank."""
+    if comm.size == 1:
+        return True
+    request = comm.Ibarrier()
+    # Ranks give up one after the other, so that the first to do so is the only one to speak.
+    end = time.monotonic() + _PATIENCE + 0.5 * comm.rank
+    while time.monotonic() < end:
+        if request.Test():
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def _forget_half_compiled(since: float) -> None:
+    """Remove sources in the form compiler's cache whose compilation was cut short.
+
+    The next run would wait for them and then fail, until someone removed them by hand.
+    """
+    jit = sys.modules.get("dolfinx.jit")
+    if jit is None:
+        return
+    cache = Path(jit.get_options().get("cache_dir", ""))
+    for source in cache.glob("libffcx_*.c"):
+        try:
+            done = source.with_suffix(".c.cached").exists()
+            if not done and source.stat().st_mtime >= since - 1.0:
+                source.unlink()
+        except OSError:
+            continue  # another process finished or removed it

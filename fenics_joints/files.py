@@ -1,0 +1,72 @@
+"""Files that are either whole or not there."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from fenics_joints.errors import InputError
+
+__all__ = ["check_writable", "json_text", "write_text"]
+
+
+def check_writable(path: str | Path, what: str) -> Path:
+    """Raise before the work starts if a file could not be written after it.
+
+    Args:
+        path: The file to be.
+        what: Name of the option, for the message.
+
+    Raises:
+        InputError: If the folder does not exist or cannot be written to, or the path is a folder.
+    """
+    path = Path(path)
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(f"{what} {path}: no folder {folder}; expected one that exists")
+    if path.is_dir():
+        raise InputError(f"{what} {path}: is a folder; expected the name of a file")
+    if not os.access(path if _is_stream(path) else folder, os.W_OK):
+        raise InputError(f"{what} {path}: {folder} cannot be written to; expected one that can")
+    return path
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file through a temporary sibling, so that no reader ever sees a part of it.
+
+    Raises:
+        InputError: If it cannot be written; what was there before is still there.
+    """
+    path = Path(path)
+    try:
+        if _is_stream(path):
+            path.write_text(text, encoding="utf-8")
+        else:
+            _replace(path.resolve(), text)  # a link stays a link
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def _replace(path: Path, text: str) -> None:
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with open(part, "w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def json_text(content: Mapping[str, object]) -> str:
+    """Text of JSON; raises ValueError for nan or infinity, which JSON does not have."""
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _is_stream(path: Path) -> bool:
+    """A pipe or a device, such as /dev/stdout: nothing to rename."""
+    return path.exists() and not path.is_file() and not path.is_dir()

@@ -1,0 +1,124 @@
+"""The modes of a case's nominal model, as a table, JSON or a page: the ``modes`` command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mpi4py import MPI
+
+import fenics_joints
+from fenics_joints.build import build_structure
+from fenics_joints.case import Case
+from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.progress import Progress
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["ModeList", "run_modes"]
+
+#: As `fenics_joints.gap.pair_modes`: a share of what a rigid motion along the sensors would show.
+_VISIBLE = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class ModeList:
+    """Modes of a case.
+
+    Attributes:
+        case: The case.
+        modes: The modes.
+        visibility: How much of each mode the test's sensors see, shape (n,), see
+            `Modes.visibility`; None if the case does not say what the test saw.
+    """
+
+    case: Case
+    modes: Modes
+    visibility: np.ndarray | None
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """Natural frequencies, Hz, shape (n,); 0 for rigid-body modes, whose value is round-off."""
+        frequencies = self.modes.frequencies_hz.copy()
+        frequencies[: self.modes.n_rigid] = 0.0
+        return frequencies
+
+    @property
+    def visible(self) -> np.ndarray | None:
+        """Which modes the test could see, shape (n,); no rigid-body mode is one."""
+        if self.visibility is None:
+            return None
+        return (self.visibility >= _VISIBLE) & (np.arange(len(self.modes)) >= self.modes.n_rigid)
+
+    def json(self) -> dict[str, object]:
+        """What ``--json`` writes.
+
+        Keys: ``version``, ``title``; ``dofs``, the number of degrees of freedom;
+        ``frequencies_hz``, ascending, 0 for rigid-body modes; ``rigid_body_modes``, their number;
+        ``visible``, whether the test could see each mode, or null if the case does not say.
+        """
+        visible = self.visible
+        return {
+            "version": fenics_joints.__version__,
+            "title": self.case.title,
+            "dofs": self.modes.model.n_dofs,
+            "frequencies_hz": self.frequencies_hz.tolist(),
+            "rigid_body_modes": self.modes.n_rigid,
+            "visible": None if visible is None else visible.tolist(),
+        }
+
+    def html(self) -> str:
+        """What ``--report`` writes. Collective."""
+        from fenics_joints.report import modes_page
+
+        return modes_page(self)
+
+    def kinds(self) -> list[str]:
+        """What each mode is, in words."""
+        visible = self.visible
+        n = self.modes.n_rigid
+        if visible is None:
+            return ["rigid body" if i < n else "elastic" for i in range(len(self.modes))]
+        words = ["seen by the test" if seen else "not seen by the test" for seen in visible]
+        return ["rigid body"] * n + words[n:]
+
+    def show(self, console: Console) -> None:
+        """Print the summary."""
+        from rich.markup import escape
+        from rich.table import Table
+
+        title = f"{self.case.title or self.case.path.parent.name}: nominal model"
+        table = Table(title=escape(title), title_justify="left")
+        table.add_column("mode", justify="right")
+        table.add_column("Hz", justify="right")
+        table.add_column("what it is")
+        for i, (f, kind) in enumerate(zip(self.frequencies_hz, self.kinds(), strict=True), 1):
+            table.add_row(str(i), f"{f:.2f}", kind, style="dim" if kind[0] in "rn" else None)
+        console.print(table)
+        console.print(f"{self.modes.model.n_dofs} degrees of freedom")
+
+
+def run_modes(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, n_modes: int | None = None
+) -> ModeList:
+    """Modes of a case's nominal model. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        n_modes: Number of modes, rigid-body modes included; the case's ``diagnose.n_modes`` by
+            default.
+
+    Raises:
+        JointsError: If the case, the mesh or the solution fails.
+    """
+    n_modes = case.diagnose.n_modes if n_modes is None else n_modes
+    progress.step("building the model")
+    structure = build_structure(case, comm)
+    progress.step(f"solving {n_modes} modes of {structure.n_dofs} degrees of freedom")
+    modes = solve_modes(structure, n_modes=n_modes)
+    sensors = case.sensors()
+    return ModeList(case, modes, None if sensors is None else modes.visibility(sensors))

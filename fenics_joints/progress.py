@@ -1,0 +1,95 @@
+"""What a long computation is doing, on the terminal."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TextIO
+
+__all__ = ["Progress"]
+
+#: Seconds between two lines of one step where there is no terminal to redraw.
+_INTERVAL = 10.0
+
+
+class Progress:
+    """Steps of a computation, told on rank 0: redrawn on a terminal, else plain lines.
+
+    Use it as a context; `step` and `advance` may be called on every rank, and outside a context
+    they do nothing, so that ``Progress(silent=True)`` suits tests and notebooks.
+
+    Args:
+        silent: Say nothing; for the ranks other than 0.
+        stream: Where to; standard error by default.
+    """
+
+    def __init__(self, *, silent: bool = False, stream: TextIO | None = None):
+        self._stream = sys.stderr if stream is None else stream
+        self._silent, self._open = silent, False
+        self._live = self._task = self._total = None
+        self._done, self._text, self._said = 0, "", 0.0
+
+    def __enter__(self) -> Progress:
+        self._open = not self._silent
+        if self._open and self._stream.isatty():
+            self._live = _live(self._stream)
+            self._live.start()
+        return self
+
+    def __exit__(self, kind, value, trace) -> None:
+        if self._live is not None:
+            if kind is None:
+                self._finish()
+            self._live.stop()
+            self._live = None
+        self._open = False
+
+    def step(self, text: str, total: int | None = None) -> None:
+        """Begin the next step.
+
+        Args:
+            text: What is being done, such as ``solving 18 modes``.
+            total: How many calls of `advance` it takes, if known.
+        """
+        if not self._open:
+            return
+        if self._live is not None:
+            self._finish()
+            self._task = self._live.add_task(text, total=total)
+            return
+        self._text, self._total, self._done, self._said = text, total, 0, time.monotonic()
+        print(f"{text} ...", file=self._stream, flush=True)
+
+    def advance(self, n: int = 1) -> None:
+        """Say that ``n`` more parts of the step are done."""
+        if not self._open:
+            return
+        if self._live is not None:
+            if self._task is not None:
+                self._live.advance(self._task, n)
+            return
+        self._done += n
+        now = time.monotonic()
+        if now - self._said > _INTERVAL:
+            of = f" of {self._total}" if self._total else ""
+            print(f"{self._text}: {self._done}{of}", file=self._stream, flush=True)
+            self._said = now
+
+    def _finish(self) -> None:
+        if self._task is not None:
+            self._live.update(self._task, total=1, completed=1)
+            self._live.stop_task(self._task)
+
+
+def _live(stream: TextIO):
+    from rich.console import Console
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as RichProgress
+
+    return RichProgress(
+        SpinnerColumn(finished_text="·"),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        TimeElapsedColumn(),
+        console=Console(file=stream),
+    )
