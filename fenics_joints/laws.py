@@ -21,7 +21,7 @@ __all__ = ["LAYER_LAWS", "SOLID", "Law"]
 Properties = Mapping[str, object]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Law:
     """A linear material law with properties that may vary from cell to cell.
 
@@ -31,13 +31,15 @@ class Law:
         stiffness: ``(u, v, q, normal, dx) -> Form`` with ``q`` the properties by name.
         stiffness_terms: ``q -> (n,)`` scalars theta_i(q) such that the stiffness is
             sum theta_i(q) K_i with K_i independent of q; works on numpy arrays, complex too.
-        check: ``q -> None``; raises InputError when the properties make no sense.
+        samples: As many property sets as there are scalars, for which these are independent.
+        check: ``(name, q) -> None``; raises InputError when the properties make no sense.
     """
 
     name: str
     properties: tuple[str, ...]
     stiffness: Callable
     stiffness_terms: Callable[[Properties], np.ndarray]
+    samples: tuple[Properties, ...]
     check: Callable[[str, Properties], None]
 
     def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
@@ -120,6 +122,13 @@ def _constrained_terms(q: Properties) -> np.ndarray:
     return _uncoupled_terms({"E": lmbda + 2 * mu, "G": mu, "stretch": q["stretch"]})
 
 
+def _samples(*bases: dict) -> tuple[dict, ...]:
+    """Each base at three stretches."""
+    return tuple({**base, "rho": 1.0, "stretch": s} for base in bases for s in (0.5, 1.0, 2.0))
+
+
+_UNCOUPLED_SAMPLES = ({"E": 1.0, "G": 0.0, "rho": 1.0, "stretch": 1.0},)
+
 SOLID = Law(
     "solid",
     ("E", "nu", "rho", "stretch"),
@@ -128,6 +137,7 @@ SOLID = Law(
         lambda q: forms.lame_parameters(q["E"], q["nu"])[0],
         lambda q: forms.lame_parameters(q["E"], q["nu"])[1],
     ),
+    _samples({"E": 2.0, "nu": 0.0}, {"E": 2.0, "nu": 0.3}),
     _check_solid,
 )
 
@@ -144,16 +154,23 @@ LAYER_LAWS = {
                 lambda q: forms.lame_from_moduli(q["E"], q["G"])[0],
                 lambda q: q["G"],
             ),
+            _samples({"E": 2.0, "G": 1.0}, {"E": 2.6, "G": 1.0}),
             _check_isotropic,
         ),
         Law(
-            "uncoupled", _LAYER_PROPERTIES, _uncoupled_stiffness, _uncoupled_terms, _check_uncoupled
+            "uncoupled",
+            _LAYER_PROPERTIES,
+            _uncoupled_stiffness,
+            _uncoupled_terms,
+            _UNCOUPLED_SAMPLES + _samples({"E": 1.0, "G": 1.0}),
+            _check_uncoupled,
         ),
         Law(
             "constrained",
             _LAYER_PROPERTIES,
             _constrained_stiffness,
             _constrained_terms,
+            ({"E": 2.0, "G": 1.0, "rho": 1.0, "stretch": 1.0},) + _samples({"E": 2.6, "G": 1.0}),
             _check_isotropic,
         ),
     )

@@ -47,7 +47,7 @@ class PropertyField:
         self.q.x.array[:] = 1.0
         self._dof = self.space.dofmap.list[:, 0]
         self._symbols = {
-            name: ufl.variable(fem.Constant(mesh, p.value)) for name, p in parameters.items()
+            name: ufl.variable(fem.Constant(mesh, float(p.value))) for name, p in parameters.items()
         }
         self._expressions: dict[tuple, fem.Expression | None] = {}
 
@@ -65,6 +65,13 @@ class PropertyField:
                 q[key] = self._value(number, region, cells, key, values)
                 table[self._dof[cells], slot] = q[key]
             self._check(region, q)
+
+    def fill(self, number: int, q: Mapping[str, float]) -> None:
+        """Put property values into a region's cells, unchecked."""
+        region, cells = self.regions[number]
+        table = self.q.x.array.reshape(-1, self.slots)
+        for slot, key in enumerate(region.law.properties):
+            table[self._dof[cells], slot] = q[key]
 
     def region_values(self, number: int, values: Mapping[str, float]) -> dict | None:
         """Property values of a region that are the same in all its cells; None if one varies."""

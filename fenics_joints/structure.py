@@ -13,6 +13,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.components import Parameter, PointMass, Region, Spring, Support
@@ -77,8 +78,9 @@ class Structure:
         self._make_spaces(degree)
         self.field = PropertyField(self.mesh, self._region_cells(), self.parameters)
         self.bcs = self._dirichlet()
-        self._stiffness = self._inertia = self._gradient = None
-        self._rows: dict[tuple, PointRows] = {}
+        self._stiffness = self._inertia = self._gradient = self._weight = None
+        self._rows: dict[bytes, PointRows] = {}
+        self._region_forms: dict[int, list] = {}
 
     # -- set-up ------------------------------------------------------------------------------
 
@@ -142,9 +144,10 @@ class Structure:
             for i in support.directions:
                 if i >= self.mesh.geometry.dim:
                     continue
-                dofs = fem.locate_dofs_topological(self.V.sub(i), fdim, facets)
-                zero = PETSc.ScalarType(0.0)
-                bcs.append(fem.dirichletbc(zero, dofs, self.V.sub(i)))
+                # A function, as serendipity elements take no constant.
+                W, _ = self.V.sub(i).collapse()
+                dofs = fem.locate_dofs_topological((self.V.sub(i), W), fdim, facets)
+                bcs.append(fem.dirichletbc(fem.Function(W), dofs, self.V.sub(i)))
         return bcs
 
     # -- forms -------------------------------------------------------------------------------
@@ -189,6 +192,37 @@ class Structure:
         self._stiffness = fem.form(self.stiffness_form(u, v))
         self._inertia = fem.form(self.inertia_form(u, v))
 
+    def region_matrices(self, number: int, q: Mapping[str, float] | None) -> tuple:
+        """Stiffness and mass of one region alone, supports not applied.
+
+        Args:
+            number: Index of the region in `regions`.
+            q: Property values to put into its cells, unchecked; None leaves the field as it is.
+
+        Returns:
+            (K, M), PETSc matrices that the next call with the same ``number`` overwrites.
+        """
+        region = self.regions[number]
+        if number not in self._region_forms:
+            u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
+            tags = tuple(self.tagged.cell_tag(name) for name in region.cells)
+            slots = {name: self.field.q[i] for i, name in enumerate(region.law.properties)}
+            n, dx = ufl.as_vector(list(region.normal[: self.gdim])), self._dx(tags)
+            forms = [
+                fem.form(region.law.stiffness(u, v, slots, n, dx)),
+                fem.form(region.law.inertia(u, v, slots, dx)),
+            ]
+            self._region_forms[number] = [(f, fem_petsc.create_matrix(f)) for f in forms]
+        if q is not None:
+            self.field.fill(number, q)
+        matrices = []
+        for form, A in self._region_forms[number]:
+            A.zeroEntries()
+            fem_petsc.assemble_matrix(A, form)
+            A.assemble()
+            matrices.append(A)
+        return tuple(matrices)
+
     # -- matrices ----------------------------------------------------------------------------
 
     def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
@@ -218,7 +252,7 @@ class Structure:
         values = self._update(given)
         K = self._assemble(self._stiffness, out, 1.0)
         for spring in self.springs:
-            k = self._number(spring.stiffness, values)
+            k = spring.share * self._number(spring.stiffness, values)
             self._add_point(K, spring.point, k * np.outer(spring.direction, spring.direction))
         K.assemble()
         return K
@@ -228,7 +262,7 @@ class Structure:
         values = self._update(given)
         M = self._assemble(self._inertia, out, 0.0)
         for mass in self.masses:
-            m = self._number(mass.mass, values)
+            m = mass.share * self._number(mass.mass, values)
             if m:
                 self._add_point(M, self._place(mass, values), m * np.eye(3))
         M.assemble()
@@ -294,11 +328,6 @@ class Structure:
         """Number of displacement DOFs, held ones included."""
         return self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs
 
-    @property
-    def quadrature(self) -> int:
-        """Degree of the cell quadrature."""
-        return self.quadrature_degree
-
     # -- derivatives and observation -----------------------------------------------------------
 
     def cell_gradient(self, shape: PETSc.Vec, eigenvalue: float, given=None) -> np.ndarray:
@@ -341,7 +370,7 @@ class Structure:
         for spring in self.springs:
             if isinstance(spring.stiffness, str):
                 d = self._at(shape, spring.point) @ np.asarray(spring.direction)[: self.gdim]
-                gradient[position[spring.stiffness]] += d**2
+                gradient[position[spring.stiffness]] += spring.share * d**2
         for mass in self.masses:
             self._mass_gradient(gradient, position, mass, shape, eigenvalue, values)
         return gradient
@@ -357,10 +386,10 @@ class Structure:
         place = self._place(mass, values)
         u = self._at(shape, place)
         if isinstance(mass.mass, str):
-            gradient[position[mass.mass]] -= eigenvalue * (u @ u)
+            gradient[position[mass.mass]] -= eigenvalue * mass.share * (u @ u)
         if isinstance(mass.travel, str):
             slope = self._slope_at(shape, place) @ np.asarray(mass.direction)[: self.gdim]
-            m = self._number(mass.mass, values)
+            m = mass.share * self._number(mass.mass, values)
             gradient[position[mass.travel]] -= 2 * eigenvalue * m * (u @ slope)
 
     def _at(self, vector, point) -> np.ndarray:
@@ -381,9 +410,31 @@ class Structure:
         rows = self.rows(sensors.points, "sensor")
         return observe(rows, sensors.directions[:, : self.gdim], list(shapes), self.V)
 
+    def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
+        """Frequency, Hz, at which the body would breathe if it grew evenly in all directions.
+
+        A Rayleigh quotient, of the order of wave speed over length: a scale for spectral shifts.
+        """
+        self._update(given)
+        centre = 0.5 * (self._extreme(MPI.MIN) + self._extreme(MPI.MAX))
+        u = ufl.SpatialCoordinate(self.mesh) - ufl.as_vector([float(c) for c in centre])
+        forms = fem.form(self.stiffness_form(u, u)), fem.form(self.inertia_form(u, u))
+        stiff, heavy = (self.comm.allreduce(fem.assemble_scalar(form)) for form in forms)
+        if heavy <= 0:
+            raise InputError("the structure has no mass: expected a density > 0 in some part.")
+        return float(np.sqrt(stiff / heavy) / (2 * np.pi))
+
+    def _extreme(self, op) -> np.ndarray:
+        x = self.mesh.geometry.x[:, : self.gdim]
+        local = np.ascontiguousarray(x.min(axis=0) if op == MPI.MIN else x.max(axis=0))
+        self.comm.Allreduce(MPI.IN_PLACE, local, op=op)
+        return local
+
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg, of parts, joints and point masses."""
         values = self._update(given)
-        one = ufl.as_vector([1.0] + [0.0] * (self.gdim - 1))
-        local = fem.assemble_scalar(fem.form(self.inertia_form(one, one)))
-        return self.comm.allreduce(local) + sum(self._number(m.mass, values) for m in self.masses)
+        if self._weight is None:
+            one = ufl.as_vector([1.0] + [0.0] * (self.gdim - 1))
+            self._weight = fem.form(self.inertia_form(one, one))
+        points = sum(m.share * self._number(m.mass, values) for m in self.masses)
+        return self.comm.allreduce(fem.assemble_scalar(self._weight)) + points

@@ -1,0 +1,194 @@
+"""Effects that a nominal model may lack, each with its parameters, prior and way into the model.
+
+To add one, write a function that returns an `Effect` and put it in the list of `standard_effects`,
+or pass it to `diagnose` beside those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+__all__ = ["Effect", "Prior", "compliance", "relative_error"]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter before the test.
+
+    Attributes:
+        name: Name, unique in its effect.
+        median: Median, in ``unit``.
+        spread: One standard deviation: of the logarithm if ``log``, else in ``unit``.
+        unit: SI unit.
+        log: Log-normal (positive quantities) or normal.
+        span: Hard limits (low, high) in ``unit``.
+    """
+
+    name: str
+    median: float
+    spread: float
+    unit: str = ""
+    log: bool = True
+    span: tuple[float, float] = (-np.inf, np.inf)
+
+    def value(self, z: float) -> float:
+        """The parameter at ``z`` standard deviations from the median."""
+        return self.median * np.exp(self.spread * z) if self.log else self.median + self.spread * z
+
+    def standard(self, value: float) -> float:
+        """Inverse of `value`; the limits may be infinite or, for ``log``, zero."""
+        if not self.log:
+            return (value - self.median) / self.spread
+        if value <= 0:
+            return -np.inf
+        return np.log(value / self.median) / self.spread
+
+    def limits(self, widest: float = 5.0) -> tuple[float, float]:
+        """Limits of z."""
+        low, high = (self.standard(v) for v in self.span)
+        return max(low, -widest), min(high, widest)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect that a model may lack.
+
+    Attributes:
+        name: What it is, in an engineer's words.
+        region: Where it acts.
+        priors: Its parameters.
+        apply: ``(values, theta, condition) -> None``: puts the effect with parameters ``theta``
+            into the model's parameter values, in place. Effects can be put in one after another.
+        describe: One sentence for the report.
+        depends_on_condition: Whether it changes with the torque.
+    """
+
+    name: str
+    region: str
+    priors: tuple[Prior, ...]
+    apply: Callable[[dict[str, float], Mapping[str, float], float], None]
+    describe: str = ""
+    depends_on_condition: bool = False
+    starts: tuple[tuple[float, ...], ...] = field(default=())
+
+    @property
+    def key(self) -> str:
+        """Unique name."""
+        return f"{self.name} ({self.region})" if self.region else self.name
+
+
+#: Interface stiffness per area of clamped machined metal faces, Pa/m: 1e11 to 1e13 in the
+#: literature, far less where the faces hardly touch; hence a factor of 30 either way.
+_STIFFNESS = (1e12, np.log(30.0), (1e7, 1e16))
+#: Exponent of K = alpha P^beta (seed 001, eqs. 22 and 23), P proportional to the torque.
+_EXPONENT = (0.5, 0.3, (0.0, 1.5))
+
+
+def compliance(
+    name: str,
+    region: str,
+    zones: Sequence[str],
+    thickness: Mapping[str, float],
+    *,
+    normal: bool,
+    tangential: bool,
+    reference: float | None,
+    describe: str,
+) -> Effect:
+    """Interface compliance k = k_ref (T / T_ref)^beta, in series with what the model has.
+
+    Args:
+        name: Name of the effect.
+        region: Where, for people.
+        zones: Joint zones it acts in; each has parameters ``ZONE.E`` and ``ZONE.G``.
+        thickness: Layer thickness of each zone, m.
+        normal: Whether it acts normal to the interface.
+        tangential: Whether it acts along it.
+        reference: Torque at which k_ref holds; None when the test has one torque only, and the
+            stiffness then does not depend on it.
+        describe: Sentence for the report.
+    """
+    kinds = [kind for kind, on in (("n", normal), ("t", tangential)) if on]
+    median, spread, span = _STIFFNESS
+    priors = []
+    for kind in kinds:
+        priors.append(Prior(f"k_{kind}", median, spread, "Pa/m", True, span))
+        if reference is not None:
+            mean, sd, limits = _EXPONENT
+            priors.append(Prior(f"beta_{kind}", mean, sd, "", False, limits))
+
+    def apply(values, theta, condition):
+        for kind in kinds:
+            k = theta[f"k_{kind}"]
+            if reference is not None:
+                k = k * (condition / reference) ** theta[f"beta_{kind}"]
+            for zone in zones:
+                key = f"{zone}.{'E' if kind == 'n' else 'G'}"
+                values[key] = 1 / (1 / values[key] + 1 / (k * thickness[zone]))
+
+    return Effect(name, region, tuple(priors), apply, describe, reference is not None)
+
+
+def two_zones(zones, thickness, reference, describe) -> Effect:
+    """Compliance with stiffnesses of its own in every zone, and one exponent (the seed's model)."""
+    median, spread, span = _STIFFNESS
+    priors = [
+        Prior(f"{zone}.k_{kind}", median, spread, "Pa/m", True, span)
+        for zone in zones
+        for kind in "nt"
+    ]
+    if reference is not None:
+        mean, sd, limits = _EXPONENT
+        priors.append(Prior("beta", mean, sd, "", False, limits))
+
+    def apply(values, theta, condition):
+        factor = 1.0 if reference is None else (condition / reference) ** theta["beta"]
+        for zone in zones:
+            for kind, key in (("n", f"{zone}.E"), ("t", f"{zone}.G")):
+                k = theta[f"{zone}.k_{kind}"] * factor
+                values[key] = 1 / (1 / values[key] + 1 / (k * thickness[zone]))
+
+    name = "joint compliance graded from zone to zone"
+    return Effect(name, "joint", tuple(priors), apply, describe, reference is not None)
+
+
+def relative_error(
+    name: str, region: str, parameters: Sequence[str], spread: float, describe: str
+) -> Effect:
+    """A parameter off by a common factor, log-normal about 1.
+
+    Args:
+        name: Name of the effect.
+        region: Where, for people.
+        parameters: The model's parameters that share the factor.
+        spread: Standard deviation of the factor's logarithm.
+        describe: Sentence for the report.
+    """
+
+    def apply(values, theta, condition):
+        for key in parameters:
+            values[key] *= theta["factor"]
+
+    prior = Prior("factor", 1.0, spread, "", True, (0.3, 3.0))
+    return Effect(name, region, (prior,), apply, describe)
+
+
+def attached(name: str, region: str, key: str, priors: Sequence[Prior], describe: str) -> Effect:
+    """A mass or a spring that the nominal model leaves out.
+
+    Args:
+        name: Name of the effect.
+        region: Where, for people.
+        key: Name of the attachment; its parameters are ``KEY.<prior's name>``.
+        priors: Its parameters; ``mass``, ``travel`` or ``stiffness``.
+        describe: Sentence for the report.
+    """
+
+    def apply(values, theta, condition):
+        for prior in priors:
+            values[f"{key}.{prior.name}"] = theta[prior.name]
+
+    return Effect(name, region, tuple(priors), apply, describe)

@@ -1,0 +1,323 @@
+"""Fits a hypothesis to the test and weighs it: non-linear least squares, then Laplace evidence.
+
+Every parameter is worked on as z, its distance from its prior median in prior standard deviations,
+so that the prior is standard normal in all of them. The data are the logarithms of frequencies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from fenics_joints.diagnosis.effects import Effect, Prior
+from fenics_joints.errors import InputError
+from fenics_joints.gap import pair_modes
+from fenics_joints.modal import solve_modes
+from fenics_joints.points import Sensors
+from fenics_joints.sensitivity import frequency_sensitivity
+
+__all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "fit"]
+
+_DIFFERENCE = 1e-5
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """The nominal model plus effects, with what is uncertain in any case.
+
+    Attributes:
+        effects: The effects; none for "no gap".
+        nuisances: Effects within tolerance, free in every hypothesis.
+        name: Name for people; by default the effects'.
+        unknown: Whether this is the hypothesis that something else is at work: no effect of the
+            library, and a wide discrepancy instead.
+    """
+
+    effects: tuple[Effect, ...]
+    nuisances: tuple[Effect, ...] = ()
+    name: str = ""
+    unknown: bool = False
+
+    @property
+    def label(self) -> str:
+        return self.name or " + ".join(effect.name for effect in self.effects)
+
+    @property
+    def priors(self) -> list[tuple[Effect, Prior]]:
+        """Every free parameter with its effect: nuisances first."""
+        return [(e, p) for e in (*self.nuisances, *self.effects) for p in e.priors]
+
+    def values(self, z: np.ndarray, condition: float, baseline: dict[str, float]) -> dict:
+        """The model's parameter values at ``z`` and a torque."""
+        values = dict(baseline)
+        at = 0
+        for effect in (*self.nuisances, *self.effects):
+            theta = {}
+            for prior in effect.priors:
+                theta[prior.name] = prior.value(z[at])
+                at += 1
+            effect.apply(values, theta, condition)
+        return values
+
+    def table(self, z: np.ndarray, covariance: np.ndarray) -> list[dict]:
+        """The fitted parameters for people, with one-sigma intervals."""
+        rows = []
+        for i, (effect, prior) in enumerate(self.priors):
+            sd = float(np.sqrt(covariance[i, i]))
+            low, high = prior.value(z[i] - sd), prior.value(z[i] + sd)
+            rows.append(
+                {
+                    "effect": effect.key,
+                    "name": prior.name,
+                    "value": float(prior.value(z[i])),
+                    "low": float(low),
+                    "high": float(high),
+                    "unit": prior.unit,
+                    "nuisance": effect in self.nuisances,
+                    "prior_sigmas": float(z[i]),
+                }
+            )
+        return rows
+
+
+class Forward:
+    """Frequencies of the modes that the test saw, and their derivatives, at parameter values.
+
+    Args:
+        model: A reduced (or full) structure.
+        sensors: What the test saw; None takes elastic modes in order.
+        n_test: Number of test modes.
+        n_modes: Number of model modes to compute.
+        reference: Shapes of the test's modes at the sensors, measured or of the baseline.
+    """
+
+    def __init__(
+        self,
+        model,
+        sensors: Sensors | None,
+        n_test: int,
+        n_modes: int,
+        reference: np.ndarray | None = None,
+    ):
+        self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
+        self.reference = reference
+        self._cache: dict[tuple, tuple] = {}
+        self.calls = 0
+
+    def __call__(self, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """(ln f, d ln f / d values) of the test's modes, shapes (m,) and (m, n_parameters)."""
+        key = tuple(values[name] for name in self.model.parameters)
+        if key not in self._cache:
+            modes = solve_modes(self.model, values, n_modes=min(self.n_modes, self.model.n_dofs))
+            pairing = pair_modes(modes, self.n_test, self.sensors, reference=self.reference)
+            log_f = np.log(modes.frequencies_hz[pairing.index])
+            self._cache[key] = (log_f, frequency_sensitivity(modes, pairing.index))
+            self.calls += 1
+        return self._cache[key]
+
+    def forget(self) -> None:
+        """Drop what was computed, after the model has changed."""
+        self._cache.clear()
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The test as the inference sees it.
+
+    Attributes:
+        conditions: Torque of each row, shape (n,).
+        log_f: ln of the measured frequencies, shape (n, m); nan where missing.
+        log_sd: Their standard deviations from noise and resolution, shape (n, m).
+        discrepancy: Standard deviation, of ln f, of the error that every model of this structure
+            has; equal at all torques, so that more torques do not average it out.
+        used: Which entries are fitted, shape (n, m); the others are held out.
+    """
+
+    conditions: np.ndarray
+    log_f: np.ndarray
+    log_sd: np.ndarray
+    discrepancy: float
+    used: np.ndarray = field(default=None)
+
+    def __post_init__(self):
+        if self.used is None:
+            object.__setattr__(self, "used", np.isfinite(self.log_f))
+
+    def without(self, held_out: np.ndarray) -> Evidence:
+        """The same test with some entries held out, mask of shape (n, m)."""
+        used = self.used & ~held_out
+        return Evidence(self.conditions, self.log_f, self.log_sd, self.discrepancy, used)
+
+    def covariance(self, unknown: bool = False) -> np.ndarray:
+        """Covariance of the fitted entries, shape (k, k)."""
+        n, m = self.log_f.shape
+        mode = np.tile(np.arange(m), n)
+        same_mode = mode[:, None] == mode[None, :]
+        total = np.diag(self.log_sd.ravel() ** 2) + self.discrepancy**2 * same_mode
+        if unknown:
+            total = total + _wide(self.conditions, m) * same_mode
+        used = self.used.ravel()
+        return total[np.ix_(used, used)]
+
+
+#: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
+#: of the torque (5 % per factor e), and a bend of it (2 %).
+_UNKNOWN = (0.10, 0.05, 0.02)
+
+
+def _wide(conditions: np.ndarray, m: int) -> np.ndarray:
+    shift, trend, bend = _UNKNOWN
+    spread = len(conditions) > 1 and np.all(conditions > 0)
+    x = np.log(conditions) - np.mean(np.log(conditions)) if spread else 0 * conditions
+    rows = shift**2 + trend**2 * np.outer(x, x) + bend**2 * np.outer(x**2, x**2)
+    return np.kron(rows, np.ones((m, m)))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A hypothesis at its most probable parameters.
+
+    Attributes:
+        hypothesis: The hypothesis.
+        z: Parameters in prior standard deviations, shape (d,).
+        covariance: Posterior covariance of z (Laplace), shape (d, d).
+        log_f: Predicted ln f at all conditions, held out or not, shape (n, m).
+        jacobian: Derivative of all predictions by z, shape (n * m, d).
+        log_evidence: ln of the marginal likelihood of the fitted entries.
+        misfit: Squared whitened residual of the fitted entries.
+        n_data: Number of fitted entries.
+        at_bound: Names of parameters at a limit of their prior.
+    """
+
+    hypothesis: Hypothesis
+    z: np.ndarray
+    covariance: np.ndarray
+    log_f: np.ndarray
+    jacobian: np.ndarray
+    log_evidence: float
+    misfit: float
+    n_data: int
+    at_bound: tuple[str, ...] = ()
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """Predicted frequencies, Hz, shape (n, m)."""
+        return np.exp(self.log_f)
+
+
+def fit(
+    hypothesis: Hypothesis,
+    forward: Forward,
+    evidence: Evidence,
+    baseline: dict[str, float],
+    *,
+    starts: Sequence[np.ndarray] = (),
+    progress: Callable[[], None] | None = None,
+) -> Fit:
+    """Most probable parameters of a hypothesis and its Laplace evidence.
+
+    The evidence is ln Z = ln N(r; 0, Sigma) - |z|^2 / 2 - ln det(J^T Sigma^-1 J + I) / 2 at the
+    maximum, with the Gauss-Newton Hessian.
+
+    Args:
+        hypothesis: What is fitted.
+        forward: Predicts frequencies.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+        starts: Points z to start from besides the prior's median; the best end counts.
+        progress: Called when done.
+    """
+    covariance = evidence.covariance(hypothesis.unknown)
+    lower = np.linalg.cholesky(covariance)
+    problem = _Problem(hypothesis, forward, evidence, baseline, lower)
+    bounds = np.array([prior.limits() for _, prior in hypothesis.priors]).reshape(-1, 2)
+    best = None
+    for start in (np.zeros(len(bounds)), *starts):
+        if len(bounds) == 0:
+            best = (0.0, start)
+            break
+        inside = np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6)
+        result = least_squares(
+            problem.residual, inside, problem.slope, bounds=tuple(bounds.T), method="trf",
+            x_scale=1.0, ftol=1e-7, xtol=1e-6, gtol=1e-6, max_nfev=40,
+        )  # fmt: skip
+        if best is None or result.cost < best[0]:
+            best = (result.cost, result.x)
+    if progress:
+        progress()
+    return problem.finish(best[1], bounds)
+
+
+class _Problem:
+    """Residuals and slopes of one fit; remembers the last point, since both are asked for."""
+
+    def __init__(self, hypothesis, forward, evidence, baseline, lower):
+        self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
+        self.baseline, self.lower = baseline, lower
+        self._last: tuple | None = None
+
+    def predict(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._last is not None and np.array_equal(self._last[0], z):
+            return self._last[1:]
+        rows, slopes = [], []
+        for condition in self.evidence.conditions:
+            values = self.hypothesis.values(z, condition, self.baseline)
+            log_f, by_values = self.forward(values)
+            rows.append(log_f)
+            slopes.append(by_values @ self._chain(z, condition))
+        self._last = (z.copy(), np.array(rows), np.concatenate(slopes))
+        return self._last[1:]
+
+    def _chain(self, z, condition) -> np.ndarray:
+        """Derivative of the model's values by z, shape (n_parameters, d): central differences of
+        formulas, no model solution."""
+        names = list(self.forward.model.parameters)
+        chain = np.zeros((len(names), len(z)))
+        for j in range(len(z)):
+            step = np.zeros(len(z))
+            step[j] = _DIFFERENCE
+            up = self.hypothesis.values(z + step, condition, self.baseline)
+            down = self.hypothesis.values(z - step, condition, self.baseline)
+            chain[:, j] = [(up[n] - down[n]) / (2 * _DIFFERENCE) for n in names]
+        return chain
+
+    def _whiten(self, a):
+        return np.linalg.solve(self.lower, a)
+
+    def residual(self, z):
+        log_f, _ = self.predict(z)
+        used = self.evidence.used
+        return np.concatenate([self._whiten(log_f[used] - self.evidence.log_f[used]), z])
+
+    def slope(self, z):
+        _, jacobian = self.predict(z)
+        whitened = self._whiten(jacobian[self.evidence.used.ravel()])
+        return np.concatenate([whitened, np.eye(len(z))])
+
+    def finish(self, z, bounds) -> Fit:
+        log_f, jacobian = self.predict(z)
+        residual = self.residual(z)
+        slope = self.slope(z)
+        n = len(residual) - len(z)
+        misfit = float(residual[:n] @ residual[:n])
+        hessian = slope.T @ slope
+        log_det = 2 * np.sum(np.log(np.diag(self.lower)))
+        log_evidence = (
+            -0.5 * misfit - 0.5 * (log_det + n * np.log(2 * np.pi)) - 0.5 * z @ z
+            - 0.5 * np.linalg.slogdet(hessian)[1]
+        )  # fmt: skip
+        close = np.minimum(z - bounds[:, 0], bounds[:, 1] - z) < 1e-3 if len(z) else []
+        at_bound = tuple(
+            f"{effect.name}: {prior.name}"
+            for (effect, prior), near in zip(self.hypothesis.priors, close, strict=True)
+            if near
+        )
+        if not np.isfinite(log_evidence):
+            raise InputError(f"{self.hypothesis.label}: the evidence is not finite; check the data.")
+        covariance = np.linalg.inv(hessian) if len(z) else np.zeros((0, 0))
+        return Fit(
+            self.hypothesis, z, covariance, log_f, jacobian, float(log_evidence), misfit, n, at_bound
+        )

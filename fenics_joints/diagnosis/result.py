@@ -1,0 +1,229 @@
+"""What a diagnosis says: where the gap lies, which effect causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_joints.gap import Gap
+
+__all__ = ["CellMap", "Diagnosis", "EffectResult", "HypothesisResult", "Separation", "ZoneShare"]
+
+
+@dataclass(frozen=True)
+class EffectResult:
+    """One effect of the library, over all hypotheses that hold it.
+
+    Attributes:
+        name: The effect.
+        region: Where it acts.
+        probability: Probability that it is at work, 0 to 1: the sum over hypotheses with it.
+        class_name: Class of effects that this test cannot tell apart; its own name if it can.
+        detectable: Whether this test could see it at its expected size at all.
+        describe: What it means.
+    """
+
+    name: str
+    region: str
+    probability: float
+    class_name: str
+    detectable: bool
+    describe: str = ""
+
+
+@dataclass(frozen=True)
+class HypothesisResult:
+    """A set of effects that together were fitted to the test; these exclude one another.
+
+    Attributes:
+        label: Names of the effects, ``no gap`` or ``none of these``.
+        effects: Keys of the effects.
+        probability: Posterior probability; all hypotheses sum to 1.
+        log_evidence: ln of the marginal likelihood.
+        gap: Root mean square relative error after the fit.
+        p_value: Probability of a misfit this large if it were right; small means it is not.
+        parameters: Rows with effect, name, value, low, high, unit, nuisance, prior_sigmas.
+        at_bound: Parameters at a limit of their range.
+    """
+
+    label: str
+    effects: tuple[str, ...]
+    probability: float
+    log_evidence: float
+    gap: float
+    p_value: float
+    parameters: list[dict] = field(default_factory=list)
+    at_bound: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ZoneShare:
+    """Share of the measured gap that a region explains; all regions and the rest sum to 1."""
+
+    region: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Separation:
+    """A measurement that would tell the members of a class apart.
+
+    Attributes:
+        class_name: The class.
+        members: Names of its effects.
+        measurement: What to measure.
+        distance: Expected separation D in standard deviations; 2.33 is 1 % confusion.
+    """
+
+    class_name: str
+    members: tuple[str, ...]
+    measurement: str
+    distance: float
+
+
+@dataclass(frozen=True)
+class CellMap:
+    """Where stiffness would have to change to close the gap, cell by cell; on rank 0 only.
+
+    Attributes:
+        vertices: Corner coordinates of every cell, m, shape (n_cells, n_corners, 3).
+        region: Index into ``regions`` of every cell, shape (n_cells,).
+        regions: Names of the regions.
+        density: Reduction of the squared gap per relative loss of stiffness and per volume, scaled
+            to a largest magnitude of 1, shape (n_cells,); positive: the test wants it softer.
+    """
+
+    vertices: np.ndarray
+    region: np.ndarray
+    regions: tuple[str, ...]
+    density: np.ndarray
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer.
+
+    Attributes:
+        title: The case's title.
+        verdict: ``cause``, ``no gap``, ``unknown`` or ``ambiguous``.
+        summary: The verdict in one or two plain sentences.
+        condition: Name and unit of the conditions, such as ("torque", "N·m").
+        before: Gap of the nominal model.
+        after: Gap of the leading hypothesis, fitted to all data.
+        noise: Root mean square of the measurement's own standard deviation: the least gap.
+        heldout_before: Gap of the nominal model on what is held out.
+        heldout_after: Gap on held-out data, selection and fitting done without them.
+        placebo_after: The same for the best wrong effect.
+        placebo: Its label.
+        folds: Rows with name, n, before, after, placebo, chosen.
+        validation: Gap before and after on data that were never fitted; None if there are none.
+        where: Share by region, largest first, ``unexplained`` last.
+        effects: Effects, most probable first; ``no gap`` and ``none of these`` among them.
+        hypotheses: Hypotheses, most probable first.
+        separations: How to split classes that this test leaves together.
+        cells: Map over the structure, on rank 0.
+        model_error: Largest relative frequency error of the reduced model against the full one.
+        model: Facts on the model: dofs, basis, samples, seconds.
+    """
+
+    title: str
+    verdict: str
+    summary: str
+    condition: tuple[str, str]
+    before: Gap
+    after: Gap
+    noise: float
+    heldout_before: float
+    heldout_after: float
+    placebo_after: float
+    placebo: str
+    folds: list[dict]
+    validation: tuple[Gap, Gap] | None
+    where: list[ZoneShare]
+    effects: list[EffectResult]
+    hypotheses: list[HypothesisResult]
+    separations: list[Separation]
+    cells: CellMap | None
+    model_error: float
+    model: dict
+
+    def to_json(self) -> dict:
+        """The documented keys of ``diagnose --json``."""
+        out = {
+            "title": self.title,
+            "verdict": self.verdict,
+            "summary": self.summary,
+            "gap": {
+                "before": self.before.rms,
+                "after": self.after.rms,
+                "heldout_before": self.heldout_before,
+                "heldout_after": self.heldout_after,
+                "placebo_after": self.placebo_after,
+                "placebo": self.placebo,
+                "noise": self.noise,
+            },
+            "where": [{"region": z.region, "share": z.share} for z in self.where],
+            "effects": [
+                {
+                    "name": e.name,
+                    "region": e.region,
+                    "probability": e.probability,
+                    "class": e.class_name,
+                    "detectable": e.detectable,
+                }
+                for e in self.effects
+            ],
+            "hypotheses": [
+                {
+                    "label": h.label,
+                    "probability": h.probability,
+                    "log_evidence": h.log_evidence,
+                    "gap": h.gap,
+                    "p_value": h.p_value,
+                    "parameters": h.parameters,
+                    "at_bound": list(h.at_bound),
+                }
+                for h in self.hypotheses
+            ],
+            "separations": [
+                {
+                    "class": s.class_name,
+                    "members": list(s.members),
+                    "measurement": s.measurement,
+                    "distance": s.distance,
+                }
+                for s in self.separations
+            ],
+            "folds": self.folds,
+            "conditions": {
+                "name": self.condition[0],
+                "unit": self.condition[1],
+                "values": self.before.conditions.tolist(),
+            },
+            "modes": list(self.before.mode_names),
+            "frequencies_hz": {
+                "test": _rows(self.before.test_hz),
+                "before": _rows(self.before.model_hz),
+                "after": _rows(self.after.model_hz),
+            },
+            "model": {**self.model, "frequency_error": self.model_error},
+        }
+        if self.validation is not None:
+            before, after = self.validation
+            out["validation"] = {
+                "conditions": before.conditions.tolist(),
+                "gap_before": before.rms,
+                "gap_after": after.rms,
+                "frequencies_hz": {
+                    "test": _rows(before.test_hz),
+                    "before": _rows(before.model_hz),
+                    "after": _rows(after.model_hz),
+                },
+            }
+        return out
+
+
+def _rows(array: np.ndarray) -> list:
+    """Nested lists with None for missing entries, which JSON has no number for."""
+    return [[None if np.isnan(x) else float(x) for x in row] for row in np.atleast_2d(array)]

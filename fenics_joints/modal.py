@@ -1,0 +1,153 @@
+"""Natural frequencies and mode shapes of a structure, full or reduced."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from petsc4py import PETSc
+
+from fenics_joints.eigensolver import EigenSolver
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.points import Sensors
+
+__all__ = ["Modes", "solve_modes"]
+
+#: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
+#: for a safe factorisation of a free body, near enough for fast convergence.
+_SHIFT_SHARE = 0.002
+#: A mode below this share of the shift's frequency moves the body without straining it.
+_RIGID_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of a structure, in ascending order, rigid-body modes first.
+
+    Attributes:
+        model: The model they belong to.
+        given: The parameters that differed from their nominal values.
+        eigenvalues: omega^2, (rad/s)^2, shape (n,).
+        shapes: M-normalised shapes: n PETSc vectors, or an array (n_dofs, n) of a reduced model.
+        n_rigid: Number of rigid-body modes.
+        residuals: Relative residuals, shape (n,); None for a dense solution.
+        solver: The `EigenSolver` that was used; its ``solver`` is SLEPc's. None when dense.
+        statistics: What the solver says of its work.
+    """
+
+    model: object
+    given: Mapping[str, float]
+    eigenvalues: np.ndarray
+    shapes: list[PETSc.Vec] | np.ndarray
+    n_rigid: int
+    residuals: np.ndarray | None = None
+    solver: EigenSolver | None = None
+    statistics: Mapping[str, object] | None = None
+
+    def __len__(self) -> int:
+        return len(self.eigenvalues)
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """Natural frequencies, Hz, shape (n,); 0 for an eigenvalue that round-off made negative."""
+        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
+
+    def shape(self, i: int):
+        """Shape of mode ``i``: a PETSc vector or a column of the reduced model."""
+        return self.shapes[:, i] if isinstance(self.shapes, np.ndarray) else self.shapes[i]
+
+    def at(self, sensors: Sensors) -> np.ndarray:
+        """Mass-normalised shapes at sensors, kg^-1/2, shape (n_sensors, n)."""
+        return self.model.observe(self.shapes, sensors)
+
+    def visibility(self, sensors: Sensors) -> np.ndarray:
+        """How much of each mode the sensors see, shape (n,).
+
+        Root mean square of the shape at the sensors, relative to that of a rigid translation along
+        them (which is 1): near 1 for a mode that moves as the sensors measure, near 0 for one that
+        they miss.
+        """
+        mass = self.model.total_mass(self.given)
+        return np.sqrt(np.mean(self.at(sensors) ** 2, axis=0) * mass)
+
+    def gradient(self, i: int) -> np.ndarray:
+        """Derivative of eigenvalue ``i`` by every parameter of the model, shape (n_parameters,).
+
+        For a multiple eigenvalue it is the derivative of this shape's Rayleigh quotient only.
+        """
+        return self.model.pencil_gradient(self.shape(i), self.eigenvalues[i], self.given)
+
+
+def solve_modes(
+    model,
+    given: Mapping[str, float] | None = None,
+    *,
+    n_modes: int = 20,
+    shift_hz: float | None = None,
+    petsc_options: Mapping[str, object] | None = None,
+    solver: EigenSolver | None = None,
+    initial: Modes | None = None,
+) -> Modes:
+    """Lowest modes of K(p) x = omega^2 M(p) x.
+
+    Args:
+        model: A `Structure`, or a `ReducedStructure`, which is solved densely.
+        given: Values of parameters that differ from their nominal value.
+        n_modes: Number of modes, rigid-body modes included.
+        shift_hz: The factorised matrix is K + (2 pi shift_hz)^2 M; by default a five-hundredth of the
+            frequency at which the whole body would breathe, which suits free and held bodies.
+        petsc_options: Options of SLEPc's and PETSc's solvers, without prefix.
+        solver: One from an earlier solution, to keep its ordering.
+        initial: Modes of a near model, to start from.
+
+    Raises:
+        InputError: If ``n_modes`` is out of range.
+        ConvergenceError: If fewer modes converged than asked for.
+    """
+    if n_modes < 1:
+        raise InputError(f"n_modes = {n_modes}: expected at least 1.")
+    given = dict(given or {})
+    K, M = model.stiffness(given), model.mass(given)
+    if isinstance(K, np.ndarray):
+        return _solve_dense(model, given, K, M, n_modes)
+    if solver is None or solver.n != n_modes:
+        scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / _SHIFT_SHARE
+        shift = -((2 * np.pi * _SHIFT_SHARE * scale) ** 2)
+        solver = EigenSolver(n_modes, shift=shift, petsc_options=petsc_options)
+    result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
+    K.destroy(), M.destroy()
+    n_rigid = _count_rigid(result.values, np.sqrt(-solver.shift) / (2 * np.pi))
+    return Modes(
+        model, given, result.values, result.shapes, n_rigid, result.residuals, solver,
+        result.statistics,
+    )  # fmt: skip
+
+
+def _solve_dense(model, given, K, M, n_modes) -> Modes:
+    if n_modes > len(K):
+        raise InputError(
+            f"n_modes = {n_modes}: expected at most {len(K)}, the size of the reduced model."
+        )
+    shift_hz = model.scale_hz * _SHIFT_SHARE
+    shift = (2 * np.pi * shift_hz) ** 2
+    # Inverted, the wanted eigenvalues are the largest: round-off of stiff layers, of the order of
+    # the largest of K, would swamp the rigid-body modes otherwise.
+    try:
+        inverse, vectors = scipy.linalg.eigh(
+            M, K + shift * M, subset_by_index=[len(K) - n_modes, len(K) - 1], check_finite=False
+        )
+    except scipy.linalg.LinAlgError as error:
+        raise ConvergenceError(
+            "the reduced eigenproblem was not solved; build the reduced model with a larger "
+            "tolerance",
+            str(error),
+        ) from error
+    inverse, vectors = inverse[::-1], vectors[:, ::-1]
+    values = 1 / inverse - shift
+    return Modes(model, given, values, vectors / np.sqrt(inverse), _count_rigid(values, shift_hz))
+
+
+def _count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
+    return int(np.sum(np.abs(eigenvalues) < (2 * np.pi * _RIGID_SHARE * shift_hz) ** 2))
