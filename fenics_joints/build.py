@@ -7,15 +7,15 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case import (
+from fenics_joints.case import Case, unknown_groups
+from fenics_joints.case_sections import (
+    AXES,
     AttachedMass,
-    Case,
     FileMesh,
     Joint,
     MassSection,
     Part,
     SpringSection,
-    unknown_groups,
 )
 from fenics_joints.components import Parameter, PointMass, Region, Spring, Support, joint, part
 from fenics_joints.errors import InputError, MeshError
@@ -24,7 +24,6 @@ from fenics_joints.structure import Structure
 
 __all__ = ["build_mesh", "build_structure", "parameters"]
 
-_AXES = ("x", "y", "z")
 _UNITS = {
     "E": "Pa",
     "G": "Pa",
@@ -95,7 +94,7 @@ def build_structure(
     masses = [m for name, section in pointed.items() for m in _masses(name, section)]
     springs = [s for name, section in pointed.items() for s in _springs(name, section)]
     supports = [
-        Support(s.facets, tuple(_AXES.index(d) for d in s.directions))
+        Support(s.facets, tuple(AXES.index(d) for d in s.directions))
         for s in case.supports.values()
     ]
     try:
@@ -196,7 +195,7 @@ def _masses(name: str, section) -> list[PointMass]:
     if not isinstance(section, MassSection):
         return []
     moves = isinstance(section, AttachedMass) and section.travel is not None
-    axis = np.eye(3)[_AXES.index(section.along) if moves else 0]
+    axis = np.eye(3)[AXES.index(section.along) if moves else 0]
     return [
         PointMass(
             label,

@@ -15,7 +15,7 @@ from fenics_joints.errors import JointsError
 __all__ = ["guarded"]
 
 #: How long a failed rank waits for the others to fail too, in seconds.
-_PATIENCE = 3.0
+_PATIENCE = 2.0
 
 
 class _Terminated(BaseException):
@@ -38,7 +38,7 @@ def guarded(debug: bool = False) -> Iterator[None]:
     # Its own channel: the failed rank may have left a message pending on the common one.
     comm = MPI.COMM_WORLD.Dup()
     started = time.time()
-    signal.signal(signal.SIGTERM, _terminate)
+    previous = signal.signal(signal.SIGTERM, _terminate)
     try:
         yield
     except (KeyboardInterrupt, _Terminated) as stop:
@@ -57,6 +57,8 @@ def guarded(debug: bool = False) -> Iterator[None]:
         if alone:
             comm.Abort(1)
         sys.exit(1)
+    finally:
+        signal.signal(signal.SIGTERM, previous)
     comm.Free()
 
 

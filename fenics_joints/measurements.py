@@ -279,8 +279,8 @@ def read_test_data(
     left = [name for name in measured if name not in modes]
     if left:
         raise InputError(
-            f"{table.path}: columns {', '.join(map(repr, left))} are no modes, expected {len(modes)} "
-            f"columns of frequencies: {', '.join(modes)}"
+            f"{table.path}: has columns {', '.join(map(repr, left))}, which are no modes; "
+            f"expected {len(modes)} columns of frequencies: {', '.join(modes)}"
         )
     _check_values(table, modes, f > 0, "a frequency above 0 Hz")
     ratios = None if damping is None else _damping(damping, condition, unit, conditions, modes)
@@ -322,8 +322,7 @@ def _damping(path, condition, unit, conditions, modes) -> np.ndarray:
     own, own_unit = _conditions(table, condition)
     if own_unit != unit:
         raise InputError(
-            f"{table.path}: {condition} is in {own_unit or 'no unit'}, expected {unit or 'no unit'} "
-            "as in the frequencies"
+            f"{table.path}: {condition} is in {own_unit!r}, expected {unit!r} as in the frequencies"
         )
     present = [name for name in table.names if name != condition]
     for name in present:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import gc
+import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -37,3 +38,27 @@ def shared_tmp_path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     comm = MPI.COMM_WORLD
     yield comm.bcast(tmp_path_factory.mktemp("shared") if comm.rank == 0 else None)
     comm.barrier()
+
+
+@pytest.fixture
+def write_case() -> Callable[..., Path]:
+    """A function that puts the case of ``lap_case.toml`` and its data into a folder.
+
+    ``write_case(folder, (old, new), ..., file="case.toml")`` replaces texts of one of the files,
+    each of which must stand there once, and returns the folder. Call it on rank 0 only.
+    """
+    here = Path(__file__).parent
+
+    def write(folder: Path, *edits: tuple[str, str], file: str = "case.toml") -> Path:
+        for source in (here.parent / "demos" / "lap_plates").glob("*.csv"):
+            shutil.copy(source, folder)
+        shutil.copy(here / "lap_case.toml", folder / "case.toml")
+        text = (folder / file).read_text(encoding="utf-8")
+        for old, new in edits:
+            if text.count(old) != 1:
+                raise ValueError(f"{old!r} is {text.count(old)} times in {file}, expected once")
+            text = text.replace(old, new)
+        (folder / file).write_text(text, encoding="utf-8")
+        return folder
+
+    return write

@@ -1,0 +1,469 @@
+"""The sections of a case file as data, with their units and limits.
+
+Each class is a table of the file and says in its docstring which. `fenics_joints.case` puts them
+together and checks them against one another.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    model_validator,
+)
+
+from fenics_joints.units import to_si
+
+__all__ = [
+    "AXES",
+    "Attached",
+    "AttachedMass",
+    "AttachedSpring",
+    "Diagnose",
+    "FileMesh",
+    "Joint",
+    "LapPlatesMesh",
+    "MassSection",
+    "Mesh",
+    "Part",
+    "Section",
+    "SpringSection",
+    "SupportSection",
+    "Test",
+    "Update",
+    "ValidationTest",
+    "named",
+]
+
+_NAME = r"[A-Za-z][A-Za-z0-9_-]*"
+AXES = ("x", "y", "z")
+
+
+# -- values ----------------------------------------------------------------------------------------
+
+
+def _quantity(unit: str, least: float = -math.inf, most: float = math.inf, above: bool = False):
+    """A float in SI ``unit`` from text with a unit; within limits, or above the lower one."""
+
+    def read(value: Any) -> float:
+        number = to_si(value, unit)
+        if not (number > least if above else number >= least) or number > most:
+            low = f"{'above' if above else 'at least'} {least:g} {unit}".rstrip()
+            high = f" and at most {most:g} {unit}".rstrip() if most < math.inf else ""
+            raise ValueError(f"expected {low}{high}")
+        return number
+
+    return Annotated[float, BeforeValidator(read)]
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, list) else [value]
+
+
+def _padded(vector: list[float]) -> tuple[float, ...]:
+    return tuple(vector) + (0.0,) * (3 - len(vector))
+
+
+def _nonzero(vector: list[float]) -> list[float]:
+    if not any(vector) or not all(math.isfinite(c) for c in vector):
+        raise ValueError("expected a finite vector that is not zero")
+    return vector
+
+
+def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0] < pair[1]:
+        raise ValueError("expected [low, high] with low < high")
+    return pair
+
+
+Length = _quantity("m")
+Size = _quantity("m", 0, above=True)
+Gap = _quantity("m", 0)
+Modulus = _quantity("Pa", 0, above=True)
+Density = _quantity("kg/m3", 0, above=True)
+Mass = _quantity("kg", 0, above=True)
+Stiffness = _quantity("N/m", 0, above=True)
+Spacing = _quantity("Hz", 0)
+Positive = _quantity("", 0, above=True)
+Share = _quantity("", 0)
+Poisson = _quantity("", -0.999, 0.4999)
+Point = Annotated[list[Length], Field(min_length=2, max_length=3), AfterValidator(_padded)]
+Direction = Annotated[
+    list[float],
+    Field(min_length=2, max_length=3),
+    AfterValidator(_nonzero),
+    AfterValidator(_padded),
+]
+Names = Annotated[list[str], BeforeValidator(_listed), Field(min_length=1)]
+Count = Annotated[int, Field(ge=1, strict=True)]
+
+
+def _range(kind):
+    return Annotated[tuple[kind, kind], AfterValidator(_ascending)]
+
+
+# -- sections --------------------------------------------------------------------------------------
+
+
+class Section(BaseModel):
+    """A table of the file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+
+class LapPlatesMesh(Section):
+    """``[mesh]`` with a builder; the arguments are those of `fenics_joints.meshes.lap_plates`."""
+
+    builder: Literal["lap_plates"]
+    length: Size | None = None
+    width: Size | None = None
+    thickness: Size | None = None
+    lap: Size | None = None
+    layer: Gap | None = None
+    element_size: Size | None = None
+    n_length: Count | None = None
+    n_width: Count | None = None
+    n_thickness: Count | None = None
+    bolts: list[tuple[Length, Length]] | None = None
+    zone: Gap | None = None
+    hole_diameter: Size | None = None
+    washer_diameter: Size | None = None
+    cell: Literal["hexahedron", "tetrahedron"] | None = None
+    degree: Literal[1, 2] = 2
+
+    def arguments(self) -> dict[str, Any]:
+        """The builder's arguments that the file gives."""
+        return self.model_dump(exclude={"builder", "degree"}, exclude_none=True)
+
+
+class FileMesh(Section):
+    """``[mesh]`` from a gmsh file with named physical groups."""
+
+    file: str
+    scale: Size = 1.0
+    gdim: Literal[2, 3] = 3
+    degree: Literal[1, 2] = 2
+
+
+def _mesh_kind(data: Any) -> str | None:
+    if isinstance(data, dict) and ("file" in data) != ("builder" in data):
+        return "<FileMesh>" if "file" in data else "<LapPlatesMesh>"
+    return None
+
+
+Mesh = Annotated[
+    Annotated[LapPlatesMesh, Tag("<LapPlatesMesh>")] | Annotated[FileMesh, Tag("<FileMesh>")],
+    Discriminator(_mesh_kind),
+]
+
+
+class PartTolerance(Section):
+    """How well a part is known: relative standard deviations."""
+
+    E: Share | None = None
+    nu: Share | None = None
+    rho: Share | None = None
+    thickness: Share | None = None
+
+
+class PartBounds(Section):
+    """Bounds of a part's parameters; the thickness as actual over nominal."""
+
+    E: _range(Modulus) | None = None
+    nu: _range(Poisson) | None = None
+    rho: _range(Density) | None = None
+    thickness: _range(Positive) | None = None
+
+
+class Part(Section):
+    """``[parts.NAME]``: cells of a solid material, with E and one of G and nu."""
+
+    cells: Names
+    E: Modulus
+    G: Modulus | None = None
+    nu: Poisson | None = None
+    rho: Density
+    normal: Direction = (0.0, 0.0, 1.0)
+    tolerance: PartTolerance = PartTolerance()
+    bounds: PartBounds = PartBounds()
+
+    @model_validator(mode="after")
+    def _one_of_G_and_nu(self) -> Part:
+        if (self.G is None) == (self.nu is None):
+            raise ValueError("expected E and either G or nu")
+        if not -1 < self.nominal()["nu"] < 0.5:
+            raise ValueError(
+                f"E = {self.E:g} Pa and G = {self.G:g} Pa give nu = {self.nominal()['nu']:g}; "
+                "expected E < 3 G, so that nu < 0.5"
+            )
+        return self
+
+    def nominal(self) -> dict[str, float]:
+        """Value of each parameter; the thickness is relative to the mesh's."""
+        nu = self.E / (2 * self.G) - 1 if self.nu is None else self.nu
+        return {"E": self.E, "nu": nu, "rho": self.rho, "thickness": 1.0}
+
+
+class JointTolerance(Section):
+    """How well a joint is known: relative standard deviations."""
+
+    E: Share | None = None
+    G: Share | None = None
+    rho: Share | None = None
+    thickness: Share | None = None
+
+
+class JointBounds(Section):
+    """Bounds of a joint's parameters."""
+
+    E: _range(Modulus) | None = None
+    G: _range(Modulus) | None = None
+    rho: _range(Density) | None = None
+    thickness: _range(Positive) | None = None
+
+
+class Joint(Section):
+    """``[joints.NAME]``: a thin layer of cells."""
+
+    cells: Names
+    law: Literal["isotropic", "uncoupled", "constrained"] = "uncoupled"
+    E: Modulus
+    G: Modulus
+    rho: Density | None = None
+    normal: Direction = (0.0, 0.0, 1.0)
+    tolerance: JointTolerance = JointTolerance()
+    bounds: JointBounds = JointBounds()
+
+    @model_validator(mode="after")
+    def _definite(self) -> Joint:
+        if self.law != "uncoupled" and not self.E < 3 * self.G:
+            raise ValueError(
+                f"E = {self.E:g} Pa and G = {self.G:g} Pa: expected E < 3 G with law = "
+                f"'{self.law}' (nu < 0.5)"
+            )
+        return self
+
+    def nominal(self) -> dict[str, float]:
+        """Value of each parameter; a density only if the file gives one."""
+        rho = {} if self.rho is None else {"rho": self.rho}
+        return {"E": self.E, "G": self.G, **rho, "thickness": 1.0}
+
+
+class PointsSection(Section):
+    """Something at points."""
+
+    points: Annotated[list[Point], Field(min_length=1)]
+    tolerance: Share | None = None
+
+
+class MassSection(PointsSection):
+    """``[masses.NAME]``: a total mass in equal shares at points."""
+
+    mass: Mass
+
+    def nominal(self) -> dict[str, float]:
+        """Value of each parameter."""
+        return {"mass": self.mass}
+
+
+class SpringSection(PointsSection):
+    """``[springs.NAME]``: equal springs to the ground at points."""
+
+    direction: Direction
+    stiffness: Stiffness
+
+    def nominal(self) -> dict[str, float]:
+        """Value of each parameter; the stiffness is that of each spring."""
+        return {"stiffness": self.stiffness}
+
+
+class AttachedMass(MassSection):
+    """``[attached.NAME]`` with ``kind = "mass"``: there, but not in the nominal model.
+
+    ``travel`` is where the first point may sit along ``along``; the others move with it.
+    """
+
+    kind: Literal["mass"]
+    travel: _range(Length) | None = None
+    along: Literal["x", "y", "z"] = "x"
+
+    @model_validator(mode="after")
+    def _starts_inside(self) -> AttachedMass:
+        if self.travel is not None:
+            start = self.points[0][AXES.index(self.along)]
+            if not self.travel[0] <= start <= self.travel[1]:
+                raise ValueError(
+                    f"travel = {list(self.travel)} m: expected a range that holds the first "
+                    f"point's {self.along} = {start:g} m"
+                )
+        return self
+
+    def shift(self) -> tuple[float, float] | None:
+        """Range of the distance from the first point, m."""
+        if self.travel is None:
+            return None
+        start = self.points[0][AXES.index(self.along)]
+        return self.travel[0] - start, self.travel[1] - start
+
+    def absent(self) -> dict[str, float]:
+        """Value of each parameter when the mass is not there."""
+        return {"mass": 0.0} | ({} if self.travel is None else {"travel": 0.0})
+
+
+class AttachedSpring(SpringSection):
+    """``[attached.NAME]`` with ``kind = "spring"``: there, but not in the nominal model."""
+
+    kind: Literal["spring"]
+
+    def absent(self) -> dict[str, float]:
+        """Value of each parameter when the springs are not there."""
+        return {"stiffness": 0.0}
+
+
+def _attached_kind(data: Any) -> str | None:
+    kind = data.get("kind") if isinstance(data, dict) else None
+    kinds = {"mass": "<AttachedMass>", "spring": "<AttachedSpring>"}
+    return kinds.get(kind) if isinstance(kind, str) else None
+
+
+Attached = Annotated[
+    Annotated[AttachedMass, Tag("<AttachedMass>")]
+    | Annotated[AttachedSpring, Tag("<AttachedSpring>")],
+    Discriminator(_attached_kind),
+]
+
+
+class SupportSection(Section):
+    """``[supports.NAME]``: facets that cannot move in some directions."""
+
+    facets: str
+    directions: list[Literal["x", "y", "z"]] = Field(["x", "y", "z"], min_length=1)
+
+
+class LineOfSensors(Section):
+    """``[test.sees]`` with sensors along an axis."""
+
+    along: Literal["x", "y", "z"]
+    positions: Annotated[list[Length], Field(min_length=1)]
+    at: dict[Literal["x", "y", "z"], Annotated[list[Length], BeforeValidator(_listed)]] = {}
+    direction: Direction
+
+    @model_validator(mode="after")
+    def _one_for_each(self) -> LineOfSensors:
+        for axis, values in self.at.items():
+            if len(values) not in (1, len(self.positions)):
+                raise ValueError(
+                    f"at.{axis} has {len(values)} values: expected one, or {len(self.positions)}, "
+                    "one for each position"
+                )
+        return self
+
+    def points(self) -> list[tuple[float, ...]]:
+        """Positions, m, each of shape (3,)."""
+        n = len(self.positions)
+        at = {axis: values * (n if len(values) == 1 else 1) for axis, values in self.at.items()}
+        at[self.along] = self.positions
+        return list(zip(*(at.get(axis, [0.0] * n) for axis in AXES), strict=True))
+
+    def directions(self) -> list[tuple[float, ...]]:
+        """A direction for each point."""
+        return [self.direction] * len(self.positions)
+
+
+class ListOfSensors(Section):
+    """``[test.sees]`` with sensors anywhere, in one direction or each in its own."""
+
+    at_points: Annotated[list[Point], Field(min_length=1, alias="points")]
+    direction: Direction | None = None
+    each: Annotated[list[Direction] | None, Field(alias="directions")] = None
+
+    @model_validator(mode="after")
+    def _one_for_each(self) -> ListOfSensors:
+        if (self.direction is None) == (self.each is None):
+            raise ValueError("expected either direction or directions")
+        if self.each is not None and len(self.each) != len(self.at_points):
+            raise ValueError(f"expected {len(self.at_points)} directions, one for each point")
+        return self
+
+    def points(self) -> list[tuple[float, ...]]:
+        """Positions, m, each of shape (3,)."""
+        return self.at_points
+
+    def directions(self) -> list[tuple[float, ...]]:
+        """A direction for each point."""
+        return self.each or [self.direction] * len(self.at_points)
+
+
+def _sensors_kind(data: Any) -> str:
+    many = isinstance(data, dict) and "points" in data
+    return "<ListOfSensors>" if many else "<LineOfSensors>"
+
+
+Sees = Annotated[
+    Annotated[LineOfSensors, Tag("<LineOfSensors>")]
+    | Annotated[ListOfSensors, Tag("<ListOfSensors>")],
+    Discriminator(_sensors_kind),
+]
+
+
+class ValidationTest(Section):
+    """``[test.validation]``: data that is never fitted."""
+
+    frequencies: str
+    damping: str | None = None
+
+
+class Test(Section):
+    """``[test]``: the measured data and how good it is."""
+
+    __test__ = False
+
+    frequencies: str
+    damping: str | None = None
+    condition: str | None = None
+    modes: Names | None = None
+    resolution: Annotated[list[Spacing], BeforeValidator(_listed)] = [0.0]
+    noise: Annotated[list[Share], BeforeValidator(_listed)] = [0.0]
+    sees: Sees | None = None
+    validation: ValidationTest | None = None
+
+
+class Update(Section):
+    """``[update]``: what `fenics-joints update` fits."""
+
+    at: float | None = None
+    parameters: Names
+    start: dict[str, float | str] = {}
+    hold_out: list[float] = []
+
+
+class Diagnose(Section):
+    """``[diagnose]``: what `fenics-joints diagnose` may assume."""
+
+    n_modes: Count = 20
+    discrepancy: Share = 0.0
+    max_effects: Count = 2
+
+
+def _names(table: Any) -> Any:
+    for name in table if isinstance(table, dict) else ():
+        if not re.fullmatch(_NAME, name):
+            raise ValueError(
+                f"the name {name!r} is not usable: expected letters, digits, _ and -, "
+                "starting with a letter"
+            )
+    return table
+
+
+def named(kind):
+    """A table of sections with names of their own, such as ``[parts.NAME]``."""
+    return Annotated[dict[str, kind], BeforeValidator(_names)]
