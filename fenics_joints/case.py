@@ -240,25 +240,19 @@ def _read_tests(case: Case) -> list[str]:
     test = case.test
     if test is None:
         return []
-    errors = []
-    sources = [("test", test)] + ([("test.validation", test.validation)] if test.validation else [])
-    for key, source in sources:
-        try:
-            data = _read_test(case, key, source)
-        except InputError as error:
-            errors.append(f"{key}: {error}")
-            continue
-        if key == "test":
-            case._measured = data
-        else:
-            case._validation = data
+    try:
+        case._measured = _read_test(case, "test", test)
+        if test.validation is not None:
+            case._validation = _read_test(case, "test.validation", test.validation)
+    except InputError as error:
+        return [str(error)]
     measured, validation = case._measured, case._validation
-    if measured and validation and measured.condition_unit != validation.condition_unit:
-        errors.append(
+    if validation is not None and measured.condition_unit != validation.condition_unit:
+        return [
             f"test.validation: {test.condition} is in {validation.condition_unit!r}, "
             f"expected {measured.condition_unit!r} as in test.frequencies"
-        )
-    return errors
+        ]
+    return []
 
 
 def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
@@ -268,30 +262,29 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
         file = getattr(source, name)
         files[name] = None if file is None else case.folder / file
         if file is not None and not files[name].is_file():
-            raise InputError(
-                said(name, file, f"no such file, expected CSV or TOML at {files[name]}")
-            )
-    modes = test.modes
-    if modes is None and key != "test" and case._measured is not None:
-        modes = case._measured.mode_names
-    data = read_test_data(
-        files["frequencies"], condition=test.condition, modes=modes, damping=files["damping"]
-    )
-    n = len(data.mode_names)
-    per_mode = {}
-    for name in ("resolution", "noise"):
-        values = getattr(test, name)
-        if len(values) not in (1, n):
-            raise InputError(
-                said(name, values, f"expected one value, or {n}: one for each of the modes")
-            )
-        per_mode[name] = values[0] if len(values) == 1 else values
+            expected = f"no such file, expected CSV or TOML at {files[name]}"
+            raise InputError(said(f"{key}.{name}", file, expected))
+    # Modes that are not named are all columns of the test; the validation must have the same.
+    modes = test.modes or (case._measured.mode_names if case._measured else None)
+    try:
+        data = read_test_data(
+            files["frequencies"], condition=test.condition, modes=modes, damping=files["damping"]
+        )
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
     return replace(
         data,
-        resolution_hz=per_mode["resolution"],
-        noise=per_mode["noise"],
+        resolution_hz=_per_mode("resolution", test.resolution, len(data.mode_names)),
+        noise=_per_mode("noise", test.noise, len(data.mode_names)),
         sensors=case.sensors(),
     )
+
+
+def _per_mode(name: str, values: list[float], n: int) -> list[float] | float:
+    if len(values) not in (1, n):
+        expected = f"expected one value, or {n}: one for each of the modes"
+        raise InputError(said(f"test.{name}", values, expected))
+    return values if len(values) == n else values[0]
 
 
 def _check_update(case: Case) -> list[str]:

@@ -75,8 +75,8 @@ def _place(loc: tuple) -> str:
 def did_you_mean(name: str, known: list[str]) -> str:
     """The end of a message about an unknown name: what is near it, and all there is."""
     near = difflib.get_close_matches(name, known, 1, 0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else ";"
-    return f"{hint} Expected one of: {', '.join(known)}" if known else ""
+    hint = f"; did you mean {near[0]!r}? Expected" if near else "; expected"
+    return f"{hint} one of: {', '.join(known)}" if known else ""
 
 
 def _fields(loc: tuple, root: type) -> list[str]:

@@ -450,8 +450,11 @@ class Diagnose(Section):
     """``[diagnose]``: what `fenics-joints diagnose` may assume."""
 
     n_modes: Count = 20
-    discrepancy: Share = 0.0
-    max_effects: Count = 2
+    discrepancy: Share = 0.01
+    preload_scatter: Share = 0.2
+    max_effects: Annotated[int, Field(ge=1, le=3, strict=True)] = 2
+    effects: list[str] | None = None
+    samples: Annotated[int, Field(ge=4, strict=True)] = 24
 
 
 def _names(table: Any) -> Any:
