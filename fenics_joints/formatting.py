@@ -1,0 +1,86 @@
+"""Numbers as people read them: SI prefixes, per cent, a dash for what is missing."""
+
+from __future__ import annotations
+
+import math
+
+__all__ = ["MISSING", "condition_value", "hertz", "number", "percent", "probability", "quantity"]
+
+#: Shown where there is no number.
+MISSING = "–"
+
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+#: Units whose first symbol takes a prefix; others are written as they are.
+_PREFIXED = ("Pa", "N/m", "m", "g", "Hz", "N", "s", "W", "J")
+_PLAIN = {"kg/m3": "kg/m³", "kg/m^3": "kg/m³", "N m": "N·m", "Nm": "N·m", "N*m": "N·m"}
+
+
+def _missing(value) -> bool:
+    return value is None or not math.isfinite(value)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number with a fixed count of significant digits, without an exponent where it can be."""
+    if value is None or math.isnan(value):
+        return MISSING
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -4 <= exponent < 6:
+        mantissa, power = f"{value:.{digits - 1}e}".split("e")
+        return f"{mantissa}e{int(power)}"
+    return f"{value:.{max(digits - 1 - exponent, 0)}f}"
+
+
+def quantity(value: float | None, unit: str = "", digits: int = 3) -> str:
+    """A number with its unit and an SI prefix: 6.6e11 Pa/m is ``660 GPa/m``, 0.16 kg ``160 g``.
+
+    Args:
+        value: In SI units; None or nan gives a dash.
+        unit: SI unit; ``""`` for a ratio.
+        digits: Significant digits.
+    """
+    if _missing(value):
+        return number(value, digits)
+    unit = _PLAIN.get(unit, unit)
+    if unit == "kg":
+        value, unit = value * 1e3, "g"
+    head = unit.split("/")[0]
+    if not unit or (unit not in _PREFIXED and head not in _PREFIXED) or value == 0:
+        return f"{number(value, digits)} {unit}".rstrip()
+    rounded = float(f"{value:.{digits - 1}e}")
+    power = 3 * math.floor(math.log10(abs(rounded)) / 3)
+    power = min(max(power, -12), 12)
+    if unit == "g":
+        power = min(power, 3)
+    return f"{number(value / 10.0**power, digits)} {_PREFIXES[power]}{unit}"
+
+
+def percent(ratio: float | None, digits: int = 2, *, sign: bool = False) -> str:
+    """A ratio in per cent with ``digits`` decimals."""
+    if _missing(ratio):
+        return MISSING
+    return f"{100 * ratio:{'+' if sign else ''}.{digits}f} %"
+
+
+def probability(p: float | None) -> str:
+    """A probability in per cent; what would be rounded to 0 or 100 % is shown as a bound."""
+    if _missing(p):
+        return MISSING
+    if 0 < p < 5e-4:
+        return "< 0.1 %"
+    if 0.9995 <= p < 1:
+        return "> 99.9 %"
+    return f"{100 * p:.1f} %"
+
+
+def hertz(frequency: float | None) -> str:
+    """A frequency to a hundredth of a hertz, without the unit."""
+    return MISSING if _missing(frequency) else f"{frequency:.2f}"
+
+
+def condition_value(value: float, unit: str = "") -> str:
+    """A torque or other condition, such as ``20 N·m``."""
+    return f"{value:g} {_PLAIN.get(unit, unit)}".rstrip()

@@ -1,0 +1,395 @@
+"""Reports as HTML: one page each that holds its own style and pictures and needs nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+import fenics_joints
+from fenics_joints import formatting, mesh_pictures, pictures
+from fenics_joints.gap import Gap
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
+    from fenics_joints.mode_list import ModeList
+    from fenics_joints.updating import UpdateReport
+
+__all__ = ["ModePicture", "diagnosis_html", "modes_html", "modes_page", "update_html"]
+
+#: Verdicts as headings.
+VERDICTS = {
+    "cause": "Cause found",
+    "no gap": "No gap",
+    "unknown": "Cause unknown",
+    "ambiguous": "Ambiguous",
+}
+#: Hypotheses that get a row of their own.
+_MOST_HYPOTHESES = 8
+#: A nuisance further from its expected value than this, in its standard deviations, is marked.
+_FAR = 2.0
+
+
+def _environment() -> jinja2.Environment:
+    env = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    env.globals["version"] = fenics_joints.__version__
+    env.filters.update(
+        percent=formatting.percent,
+        probability=formatting.probability,
+        hertz=formatting.hertz,
+        number=formatting.number,
+        quantity=formatting.quantity,
+        at=formatting.condition_value,
+    )
+    return env
+
+
+def _render(template: str, **values) -> str:
+    return _environment().get_template(template).render(**values)
+
+
+# -- shared parts ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class HeatCell:
+    """A cell of a heat map: its text, and its colours as CSS."""
+
+    text: str
+    style: str
+
+
+def heat_map(gap: Gap, largest: float) -> list[list[HeatCell]]:
+    """Relative errors as coloured cells, shape (n, m).
+
+    Args:
+        gap: The gap.
+        largest: Relative error that gets the full colour.
+    """
+    return [[_heat_cell(e, largest) for e in row] for row in np.atleast_2d(gap.relative)]
+
+
+def _heat_cell(error: float, largest: float) -> HeatCell:
+    if not np.isfinite(error):
+        return HeatCell(formatting.MISSING, "")
+    # A square root, so that errors of a tenth of the largest still show.
+    strength = math.copysign(math.sqrt(min(abs(error) / largest, 1.0)), error) if largest else 0.0
+    red, green, blue, _ = mesh_pictures.diverging(0.5 + 0.5 * 0.9 * strength)
+    dark = 0.2126 * red + 0.7152 * green + 0.0722 * blue < 0.5
+    background = "#" + "".join(f"{round(255 * c):02x}" for c in (red, green, blue))
+    ink = "#ffffff" if dark else "#14181d"
+    style = f"background:{background};color:{ink}"
+    return HeatCell(formatting.percent(error, 1, sign=True), style)
+
+
+def _largest(*gaps: Gap) -> float:
+    """Largest error of several gaps: the common scale of their heat maps."""
+    return max(float(np.nanmax(np.abs(g.relative), initial=0.0)) for g in gaps)
+
+
+def _heat_pair(before: Gap, after: Gap, names: tuple[str, str]) -> list[dict]:
+    largest = _largest(before, after)
+    return [
+        {"name": name, "gap": gap, "cells": heat_map(gap, largest)}
+        for name, gap in zip(names, (before, after), strict=True)
+    ]
+
+
+def _svg(text: str) -> Markup:
+    """A picture that `pictures` made, which escapes what it is given."""
+    return Markup(text)
+
+
+# -- diagnosis -------------------------------------------------------------------------------------
+
+
+def diagnosis_html(d: Diagnosis, *, log_sd: np.ndarray | None = None) -> str:
+    """The diagnosis as a page.
+
+    Args:
+        d: The diagnosis; on rank 0, since the map over the cells is there only.
+        log_sd: Standard deviations of the measured ln f, shape (n, m), for error bars.
+
+    Returns:
+        HTML without any reference to other files.
+    """
+    lead = d.hypotheses[0] if d.hypotheses else None
+    return _render(
+        "diagnosis.html",
+        d=d,
+        heading=VERDICTS.get(d.verdict, d.verdict),
+        lead=lead,
+        bars=_svg(_gap_picture(d)),
+        map=None if d.cells is None else _svg(mesh_pictures.cell_map(d.cells)),
+        heat=_heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
+        classes=effect_classes(d.effects, d.hypotheses),
+        hypotheses=d.hypotheses[:_MOST_HYPOTHESES],
+        rest=d.hypotheses[_MOST_HYPOTHESES:],
+        best=max((h.log_evidence for h in d.hypotheses), default=0.0),
+        separations=[(s, confusion(s.distance)) for s in d.separations],
+        curves=_svg(
+            pictures.frequency_panels(
+                d.before, d.after, d.condition,
+                labels=("nominal model", "leading hypothesis"), log_sd=log_sd,
+                validation=d.validation,
+            )
+        ),
+        far=_FAR,
+        facts=[(_FACTS.get(k, k), _fact(k, v)) for k, v in d.model.items()],
+    )  # fmt: skip
+
+
+def _gap_picture(d: Diagnosis) -> str:
+    fitted = [("nominal model", d.before.rms, "nominal"), ("fitted", d.after.rms, "chosen")]
+    held_out = [
+        ("nominal model", d.heldout_before, "nominal"),
+        ("best wrong effect", d.placebo_after, "placebo"),
+        ("chosen effect", d.heldout_after, "chosen"),
+    ]
+    groups = [("All data, fitted", fitted), ("Held-out data, predicted", held_out)]
+    if d.validation is not None:
+        old, new = d.validation
+        at = ", ".join(formatting.condition_value(x, d.condition[1]) for x in new.conditions)
+        bars = [("nominal model", old.rms, "nominal"), ("chosen effect", new.rms, "chosen")]
+        groups.append((f"Validation at {at}, never fitted", bars))
+    return pictures.gap_bars(groups, d.noise)
+
+
+def effect_classes(
+    effects: Sequence[EffectResult], hypotheses: Sequence[HypothesisResult]
+) -> list[dict]:
+    """Effects by class, most probable class first.
+
+    The probability of a class is that of all hypotheses that hold one of its effects: since two of
+    them may be in one hypothesis, it is not the sum over the effects.
+
+    Returns:
+        Rows with name, probability, and effects.
+    """
+    classes: dict[str, list[EffectResult]] = {}
+    for effect in effects:
+        classes.setdefault(effect.class_name, []).append(effect)
+    rows = []
+    for name, members in classes.items():
+        keys = {f"{e.name} ({e.region})" if e.region else e.name for e in members}
+        p = sum(h.probability for h in hypotheses if keys & {*h.effects, h.label})
+        p = min(max([p, *(e.probability for e in members)]), 1.0)
+        rows.append({"name": name, "probability": p, "effects": members})
+    return sorted(rows, key=lambda row: -row["probability"])
+
+
+def confusion(distance: float) -> float:
+    """Probability of taking one of two causes for the other at a separation in s.d.: Phi(-D)."""
+    return 0.5 * math.erfc(distance / math.sqrt(2.0))
+
+
+#: Facts on the model, in words.
+_FACTS = {
+    "dofs": "degrees of freedom of the finite-element model",
+    "basis": "vectors of the reduced model's basis",
+    "samples": "parameter sets the basis was made from",
+    "seconds": "seconds that the diagnosis took",
+    "calls": "model evaluations",
+}
+
+
+def _fact(key: str, value) -> str:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        return str(value)
+    if key == "seconds":
+        return f"{value:.1f}"
+    whole = float(value).is_integer()
+    return f"{int(value):,}".replace(",", "\N{NO-BREAK SPACE}") if whole else f"{value:.4g}"
+
+
+# -- update ----------------------------------------------------------------------------------------
+
+
+def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
+    """The result of an update as a page.
+
+    Args:
+        u: The result.
+        log_sd: Standard deviations of the measured ln f over the torques, shape (n, m).
+
+    Returns:
+        HTML without any reference to other files.
+    """
+    curves = None
+    if u.curve_frequencies is not None:
+        curves = _svg(
+            pictures.frequency_panels(
+                None, u.curve_frequencies, u.condition, labels=("", "model on the curves"),
+                log_sd=log_sd, held_out=_held_out(u),
+                validation=None if u.validation is None else (None, u.validation),
+            )
+        )  # fmt: skip
+    panels = parameter_rows(u)
+    published = u.published or {}
+    identifiability = u.identifiability
+    return _render(
+        "update.html",
+        u=u,
+        published=published.get("values", published.get("parameters", {})),
+        published_errors=published.get("errors_percent"),
+        published_source=published.get("source", "published"),
+        heat=_heat_pair(u.gap_before, u.gap_after, ("before", "after")),
+        weakest=sorted(
+            zip(identifiability.names, np.asarray(identifiability.weakest), strict=True),
+            key=lambda pair: -abs(pair[1]),
+        ),
+        units={p["name"]: p["unit"] for p in u.parameters},
+        panels=_svg(pictures.parameter_panels(panels, u.condition)) if panels else None,
+        curves=curves,
+        curve_heat=None
+        if u.curve_frequencies is None
+        else heat_map(u.curve_frequencies, _largest(u.curve_frequencies)),
+    )
+
+
+def _held_out(u: UpdateReport) -> np.ndarray:
+    """Which rows of the curve's frequencies were left out of the curves, shape (n,)."""
+    left = {fit["condition"] for fit in u.torque_fits if fit["held_out"]}
+    return np.array([condition in left for condition in u.curve_frequencies.conditions])
+
+
+def parameter_rows(u: UpdateReport) -> list[dict]:
+    """What `pictures.parameter_panels` draws, a row for each parameter."""
+    if len(u.torque_fits) < 2:
+        return []
+    fits = sorted(u.torque_fits, key=lambda fit: fit["condition"])
+    x = np.array([fit["condition"] for fit in fits], dtype=float)
+    by_name = {curve["name"]: curve for curve in u.curves}
+    rows = []
+    for parameter in u.parameters:
+        name = parameter["name"]
+        curve, line = by_name.get(name), None
+        if curve is not None and "a" in curve and "b" in curve and np.all(x > 0):
+            fine = np.geomspace(x.min(), x.max(), 60)
+            line = (fine, curve["a"] * fine ** curve["b"])
+        rows.append(
+            {
+                "name": name,
+                "unit": parameter["unit"],
+                "x": x,
+                "value": np.array([fit["parameters"][name] for fit in fits]),
+                "sd": np.array([fit["sd"].get(name, np.nan) for fit in fits], dtype=float),
+                "held_out": np.array([bool(fit["held_out"]) for fit in fits]),
+                "curve": line,
+            }
+        )
+    return rows
+
+
+# -- modes -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ModePicture:
+    """A mode shape for the page.
+
+    Attributes:
+        number: Number of the mode, from 1, rigid-body modes counted.
+        frequency_hz: Its frequency.
+        svg: The picture, from `mesh_pictures.mode_shape`.
+    """
+
+    number: int
+    frequency_hz: float
+    svg: str
+
+
+def modes_html(
+    title: str,
+    frequencies_hz: Sequence[float],
+    n_rigid: int,
+    visible: Sequence[bool] | None,
+    *,
+    dofs: int,
+    shapes: Sequence[ModePicture] = (),
+) -> str:
+    """Modes as a page.
+
+    Args:
+        title: The case's title.
+        frequencies_hz: Natural frequencies, Hz, rigid-body modes first, shape (n,).
+        n_rigid: Number of rigid-body modes.
+        visible: Whether the test could see each mode, shape (n,); None if that is not known.
+        dofs: Degrees of freedom.
+        shapes: Pictures of mode shapes.
+    """
+    rows = [
+        {"number": i + 1, "hz": float(f), "kind": kind}
+        for i, (f, kind) in enumerate(
+            zip(frequencies_hz, mode_kinds(len(frequencies_hz), n_rigid, visible), strict=True)
+        )
+    ]
+    pictures_ = [(shape, _svg(shape.svg)) for shape in shapes]
+    return _render(
+        "modes.html", title=title, rows=rows, n_rigid=n_rigid, dofs=dofs, shapes=pictures_,
+        sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
+    )  # fmt: skip
+
+
+def mode_kinds(n: int, n_rigid: int, visible: Sequence[bool] | None) -> list[str]:
+    """What each mode is, in words."""
+    if visible is None:
+        elastic = ["elastic"] * (n - n_rigid)
+    else:
+        seen = list(visible)[n_rigid:]
+        elastic = ["seen by the test" if s else "not seen by the test" for s in seen]
+    return ["rigid body"] * n_rigid + elastic
+
+
+def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
+    """The page of the ``modes`` command. Collective; empty on all ranks but the first.
+
+    Args:
+        result: The modes of a case.
+        n_shapes: How many shapes to show: the lowest that the test could see, or the lowest
+            elastic ones if the case does not say what it saw.
+    """
+    from fenics_joints.mode_motion import corner_motion
+
+    modes, visible = result.modes, result.visible
+    elastic = np.arange(len(modes)) >= modes.n_rigid
+    wanted = np.flatnonzero(elastic if visible is None else visible)[:n_shapes]
+    structure = modes.model
+    vertices, motions = corner_motion(structure, [modes.shape(int(i)) for i in wanted])
+    if structure.comm.rank != 0:
+        return ""
+    sensors = result.case.sensors()
+    shapes = []
+    for i, motion in zip(wanted, motions, strict=True):
+        way = _mean_direction(sensors, motion)
+        hz = float(result.frequencies_hz[i])
+        alt = f"Mode shape {i + 1} at {hz:.2f} Hz, coloured by its motion along {way.tolist()}."
+        svg = mesh_pictures.mode_shape(vertices, motion, way, f"mode{i + 1}", alt)
+        shapes.append(ModePicture(int(i) + 1, hz, svg))
+    return modes_html(
+        result.case.title, result.frequencies_hz, modes.n_rigid, visible,
+        dofs=structure.n_dofs, shapes=shapes,
+    )  # fmt: skip
+
+
+def _mean_direction(sensors, motion: np.ndarray) -> np.ndarray:
+    """Direction along which the sensors measure; the axis of the largest motion without any."""
+    if sensors is not None:
+        way = np.zeros(3)
+        mean = np.mean(sensors.directions, axis=0)
+        way[: len(mean)] = mean
+        if np.linalg.norm(way) > 0.5:
+            return np.round(way / np.linalg.norm(way), 6)
+    return np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]
