@@ -232,13 +232,14 @@ class JointBounds(Section):
 
 
 class Joint(Section):
-    """``[joints.NAME]``: a thin layer of cells."""
+    """``[joints.NAME]``: a thin layer of cells; ``bolted`` says that it lies under bolts."""
 
     cells: Names
     law: Literal["isotropic", "uncoupled", "constrained"] = "uncoupled"
     E: Modulus
     G: Modulus
     rho: Density | None = None
+    bolted: bool = False
     normal: Direction = (0.0, 0.0, 1.0)
     tolerance: JointTolerance = JointTolerance()
     bounds: JointBounds = JointBounds()

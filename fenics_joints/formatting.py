@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["MISSING", "condition_value", "hertz", "number", "percent", "probability", "quantity"]
+__all__ = [
+    "MISSING", "condition_value", "hertz", "interval", "number", "percent", "prefixed",
+    "probability", "quantity",
+]  # fmt: skip
 
 #: Shown where there is no number.
 MISSING = "–"
@@ -44,25 +47,37 @@ def quantity(value: float | None, unit: str = "", digits: int = 3) -> str:
     """
     if _missing(value):
         return number(value, digits)
-    unit = _PLAIN.get(unit, unit)
+    factor, unit = prefixed(value, unit, digits)
+    return f"{number(value * factor, digits)} {unit}".rstrip()
+
+
+def prefixed(value: float, unit: str, digits: int = 3) -> tuple[float, str]:
+    """Factor and unit with the SI prefix that suits a value: 6.6e11, Pa gives 1e-9, GPa."""
+    unit, factor = _PLAIN.get(unit, unit), 1.0
     if unit == "kg":
-        value, unit = value * 1e3, "g"
-    head = unit.split("/")[0]
-    if not unit or (unit not in _PREFIXED and head not in _PREFIXED) or value == 0:
-        return f"{number(value, digits)} {unit}".rstrip()
-    rounded = float(f"{value:.{digits - 1}e}")
-    power = 3 * math.floor(math.log10(abs(rounded)) / 3)
-    power = min(max(power, -12), 12)
+        unit, factor = "g", 1e3
+    if value == 0 or (unit not in _PREFIXED and unit.split("/")[0] not in _PREFIXED):
+        return factor, unit
+    rounded = abs(float(f"{value * factor:.{digits - 1}e}"))
+    power = min(max(3 * math.floor(math.log10(rounded) / 3), -12), 12)
     if unit == "g":
         power = min(power, 3)
-    return f"{number(value / 10.0**power, digits)} {_PREFIXES[power]}{unit}"
+    return factor / 10.0**power, f"{_PREFIXES[power]}{unit}"
+
+
+def interval(low: float | None, high: float | None, unit: str = "") -> str:
+    """Two quantities, the unit once if it is the same: ``510 to 860 GPa/m``."""
+    first, last = quantity(low, unit), quantity(high, unit)
+    value, _, shared = first.partition(" ")
+    return f"{value if shared and last.endswith(' ' + shared) else first} to {last}"
 
 
 def percent(ratio: float | None, digits: int = 2, *, sign: bool = False) -> str:
     """A ratio in per cent with ``digits`` decimals."""
     if _missing(ratio):
         return MISSING
-    return f"{100 * ratio:{'+' if sign else ''}.{digits}f} %"
+    # Rounded first, then 0 added, so that no small negative number becomes a negative zero.
+    return f"{round(100 * ratio, digits) + 0.0:{'+' if sign else ''}.{digits}f} %"
 
 
 def probability(p: float | None) -> str:

@@ -234,7 +234,7 @@ def mode_shape(
         axes.autoscale_view()
         axes.set_aspect("equal")
         axes.set_axis_off()
-        return to_svg(figure, name, alt, dpi=200)
+        return to_svg(figure, name, alt, dpi=130)
 
 
 def _surface(vertices, motion) -> tuple[np.ndarray, np.ndarray]:

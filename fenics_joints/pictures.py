@@ -16,8 +16,9 @@ import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from fenics_joints.formatting import percent
+from fenics_joints.formatting import percent, prefixed
 
 if TYPE_CHECKING:
     from fenics_joints.gap import Gap
@@ -85,7 +86,7 @@ def to_svg(figure: Figure, name: str, alt: str, dpi: int = 150) -> str:
     for colour, variable in _PAGE.items():
         text = text.replace(colour, f"var({variable}, {colour})")
     # The page's own font; matplotlib's list would ask for what the reader may not have.
-    text = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1; font-family: inherit", text)
+    text = re.sub(r"font-family: [^;\"]*", "font-family: inherit", text)
     label = html.escape(alt, quote=True)
     return re.sub(r"^<svg ", f'<svg role="img" aria-label="{label}" ', text, count=1)
 
@@ -135,8 +136,9 @@ def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noi
                 labels.append(label)
                 largest = max(largest, 100 * value)
                 y -= 1
+            # Only across the bars, so as not to strike through the group's name.
+            axes.vlines(100 * noise, y + 0.5, y + len(bars) + 0.5, NOISE, (0, (4, 2)), lw=1.6)
             y -= 0.15
-        axes.axvline(100 * noise, color=NOISE, lw=1.6, ls=(0, (4, 2)))
         axes.annotate(
             f"measurement noise {percent(noise)}", (100 * noise, y + 0.35), (5, 0),
             textcoords="offset points", color=NOISE, va="center", weight="bold",
@@ -252,7 +254,8 @@ def _legend_of(panels) -> tuple[list, list[str]]:
     for panel in panels:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
-    return list(found.values()), list(found)
+    names = sorted(found, key=lambda label: not label.startswith("measured"))
+    return [found[label] for label in names], names
 
 
 def _with_unit(name: str, unit: str) -> str:
@@ -288,6 +291,8 @@ def parameter_panels(rows: Sequence[dict], condition: tuple[str, str]) -> str:
 
 def _parameter_panel(axes, row) -> None:
     x, value, held_out = (np.asarray(row[key]) for key in ("x", "value", "held_out"))
+    factor, unit = prefixed(float(np.nanmedian(value)), row["unit"])
+    value = factor * value
     sd = np.nan_to_num(np.clip(np.asarray(row["sd"], dtype=float), 0, 5))
     bars = np.array([value * (1 - np.exp(-2 * sd)), value * (np.exp(2 * sd) - 1)])
     shown = [(~held_out, CHOSEN, "fitted"), (held_out, "none", "identified, held out of the curve")]
@@ -298,10 +303,14 @@ def _parameter_panel(axes, row) -> None:
                 elinewidth=0.9, capsize=2, label=f"{label} (± 2 s.d.)",
             )  # fmt: skip
     if row.get("curve") is not None:
-        axes.plot(*row["curve"], color=_INK, lw=1.4, label="curve")
+        fine, curve = row["curve"]
+        axes.plot(fine, factor * np.asarray(curve), color=_INK, lw=1.4, label="curve")
     axes.set_yscale("log")
     # Limits by the values: the bars of what the data do not determine have no end.
     low, high = np.nanmin(value), np.nanmax(value)
     axes.set_ylim(low / 2.5, high * 2.5)
-    axes.set_title(_with_unit(row["name"], row["unit"]), loc="left")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_title(_with_unit(row["name"], unit), loc="left")
     axes.grid(axis="y")

@@ -22,7 +22,7 @@ from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.points import Sensors
 from fenics_joints.structure import Structure
 
-__all__ = ["ReducedStructure", "reduce"]
+__all__ = ["ReducedStructure", "enrich", "reduce"]
 
 _COMPLEX_STEP = 1e-30
 _TRAVEL_SAMPLES = 41
@@ -224,7 +224,8 @@ def reduce(
     n_modes: int,
     *,
     travel: Mapping[str, tuple[float, float]] | None = None,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-8,
+    keep: Callable[[Modes], np.ndarray] | None = None,
     progress: Callable[[], None] | None = None,
 ) -> ReducedStructure:
     """Reduced model on the modes of the structure at samples of its parameters.
@@ -235,6 +236,8 @@ def reduce(
         n_modes: Modes at each sample, rigid-body ones included.
         travel: Ranges of moving masses, see `ReducedStructure`.
         tolerance: Directions with less than this share of the largest energy are left out.
+        keep: Which modes of a sample enter the basis, as indices; all by default. Leaving out
+            those that a test cannot see makes the reduced model several times faster.
         progress: Called after each sample.
 
     Raises:
@@ -245,12 +248,32 @@ def reduce(
         modes = solve_modes(structure, given, n_modes=n_modes, solver=solver)
         solver = modes.solver
         first = given if first is None else first
-        snapshots.extend(modes.shapes)
+        chosen = range(len(modes)) if keep is None else keep(modes)
+        snapshots.extend(modes.shapes[int(i)] for i in chosen)
         if progress:
             progress()
     if not snapshots:
         raise InputError("samples: expected at least one set of parameter values.")
     return ReducedStructure(structure, _orthonormal(structure, snapshots, first, tolerance), travel)
+
+
+def enrich(
+    model: ReducedStructure,
+    shapes: list[PETSc.Vec],
+    travel: Mapping[str, tuple[float, float]] | None = None,
+    tolerance: float = 1e-8,
+) -> ReducedStructure:
+    """A reduced model with further shapes of the full one in its basis.
+
+    Args:
+        model: The reduced model.
+        shapes: Shapes to add.
+        travel: Ranges of moving masses, as the model was made with.
+        tolerance: As in `reduce`.
+    """
+    structure = model.full
+    basis = _orthonormal(structure, [*model.basis, *shapes], None, tolerance)
+    return ReducedStructure(structure, basis, travel)
 
 
 def _orthonormal(structure, snapshots, given, tolerance) -> list[PETSc.Vec]:

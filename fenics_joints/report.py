@@ -51,6 +51,7 @@ def _environment() -> jinja2.Environment:
         hertz=formatting.hertz,
         number=formatting.number,
         quantity=formatting.quantity,
+        interval=formatting.interval,
         at=formatting.condition_value,
     )
     return env
@@ -86,12 +87,18 @@ def _heat_cell(error: float, largest: float) -> HeatCell:
         return HeatCell(formatting.MISSING, "")
     # A square root, so that errors of a tenth of the largest still show.
     strength = math.copysign(math.sqrt(min(abs(error) / largest, 1.0)), error) if largest else 0.0
-    red, green, blue, _ = mesh_pictures.diverging(0.5 + 0.5 * 0.9 * strength)
-    dark = 0.2126 * red + 0.7152 * green + 0.0722 * blue < 0.5
-    background = "#" + "".join(f"{round(255 * c):02x}" for c in (red, green, blue))
-    ink = "#ffffff" if dark else "#14181d"
+    colour = mesh_pictures.diverging(0.5 + 0.5 * 0.9 * strength)[:3]
+    background = "#" + "".join(f"{round(255 * c):02x}" for c in colour)
+    # White on dark, at the luminance where both inks have the same contrast (WCAG 2.1).
+    ink = "#ffffff" if _luminance(colour) < 0.18 else "#14181d"
     style = f"background:{background};color:{ink}"
     return HeatCell(formatting.percent(error, 1, sign=True), style)
+
+
+def _luminance(colour: Sequence[float]) -> float:
+    """Relative luminance of an sRGB colour (WCAG 2.1)."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 def _largest(*gaps: Gap) -> float:
@@ -245,7 +252,6 @@ def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
         published=published.get("values", published.get("parameters", {})),
         published_errors=published.get("errors_percent"),
         published_source=published.get("source", "published"),
-        heat=_heat_pair(u.gap_before, u.gap_after, ("before", "after")),
         weakest=sorted(
             zip(identifiability.names, np.asarray(identifiability.weakest), strict=True),
             key=lambda pair: -abs(pair[1]),

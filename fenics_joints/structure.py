@@ -16,6 +16,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from fenics_joints._compat import geometry_dofmap
 from fenics_joints.components import Parameter, PointMass, Region, Spring, Support
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import TaggedMesh
@@ -429,6 +430,14 @@ class Structure:
         local = np.ascontiguousarray(x.min(axis=0) if op == MPI.MIN else x.max(axis=0))
         self.comm.Allreduce(MPI.IN_PLACE, local, op=op)
         return local
+
+    def extent(self, number: int) -> float:
+        """Largest extent, m, of a region's cells along its normal: a layer's thickness."""
+        region, cells = self.field.regions[number]
+        corners = self.mesh.geometry.x[geometry_dofmap(self.mesh)[cells]]
+        along = corners[..., : self.gdim] @ np.asarray(region.normal[: self.gdim])
+        local = float(np.ptp(along, axis=1).max()) if len(cells) else 0.0
+        return self.comm.allreduce(local, op=MPI.MAX)
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg, of parts, joints and point masses."""

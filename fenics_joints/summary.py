@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from fenics_joints.formatting import condition_value, hertz, percent, probability, quantity
+from fenics_joints.formatting import condition_value, hertz, interval, percent, probability, quantity
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
@@ -105,10 +105,8 @@ def _lead(console: Console, d: Diagnosis) -> None:
     if fitted:
         table = _table("fitted in the leading hypothesis", ">value", "68 % interval")
         for p in fitted[:_PARAMETERS]:
-            low, high = quantity(p["low"], p["unit"]), quantity(p["high"], p["unit"])
-            table.add_row(
-                _line(p["name"]), quantity(p["value"], p["unit"]), _line(f"{low} to {high}")
-            )
+            span = interval(p["low"], p["high"], p["unit"])
+            table.add_row(_line(p["name"]), quantity(p["value"], p["unit"]), _line(span))
         _more(table, len(fitted) - _PARAMETERS)
         console.print(table)
     if lead.at_bound:

@@ -1,17 +1,17 @@
 """Effects that a nominal model may lack, each with its parameters, prior and way into the model.
 
-To add one, write a function that returns an `Effect` and put it in the list of `standard_effects`,
-or pass it to `diagnose` beside those.
+To add one, make an `Effect` and pass it to `fenics_joints.diagnosis.diagnose` beside those of
+`fenics_joints.diagnosis.library`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Effect", "Prior", "compliance", "relative_error"]
+__all__ = ["Effect", "Prior", "attached", "compliance", "relative_error", "two_zones"]
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class Effect:
             into the model's parameter values, in place. Effects can be put in one after another.
         describe: One sentence for the report.
         depends_on_condition: Whether it changes with the torque.
+        family: Effects of one family stand for each other and are never put in together.
     """
 
     name: str
@@ -72,7 +73,7 @@ class Effect:
     apply: Callable[[dict[str, float], Mapping[str, float], float], None]
     describe: str = ""
     depends_on_condition: bool = False
-    starts: tuple[tuple[float, ...], ...] = field(default=())
+    family: str = ""
 
     @property
     def key(self) -> str:
@@ -129,7 +130,8 @@ def compliance(
                 key = f"{zone}.{'E' if kind == 'n' else 'G'}"
                 values[key] = 1 / (1 / values[key] + 1 / (k * thickness[zone]))
 
-    return Effect(name, region, tuple(priors), apply, describe, reference is not None)
+    torque = reference is not None
+    return Effect(name, region, tuple(priors), apply, describe, torque, "joint compliance")
 
 
 def two_zones(zones, thickness, reference, describe) -> Effect:
@@ -152,7 +154,8 @@ def two_zones(zones, thickness, reference, describe) -> Effect:
                 values[key] = 1 / (1 / values[key] + 1 / (k * thickness[zone]))
 
     name = "joint compliance graded from zone to zone"
-    return Effect(name, "joint", tuple(priors), apply, describe, reference is not None)
+    torque = reference is not None
+    return Effect(name, "joint", tuple(priors), apply, describe, torque, "joint compliance")
 
 
 def relative_error(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from fenics_joints.diagnosis.effects import Effect, Prior
 from fenics_joints.errors import InputError
@@ -23,6 +24,9 @@ __all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "fit"]
 
 _DIFFERENCE = 1e-5
 
+#: Stands for the scatter of the preload in tables of parameters.
+_TIGHTENING = Effect("preload scatter", "bolts", (), lambda values, theta, condition: None)
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -34,25 +38,54 @@ class Hypothesis:
         name: Name for people; by default the effects'.
         unknown: Whether this is the hypothesis that something else is at work: no effect of the
             library, and a wide discrepancy instead.
+        scatter: Standard deviation of ln(preload / torque) from one tightening to the next, for
+            effects that depend on the torque; about 0.2 with a torque wrench (VDI 2230).
+        conditions: The torques of the test, each with a tightening of its own.
     """
 
     effects: tuple[Effect, ...]
     nuisances: tuple[Effect, ...] = ()
     name: str = ""
     unknown: bool = False
+    scatter: float = 0.0
+    conditions: tuple[float, ...] = ()
 
     @property
     def label(self) -> str:
         return self.name or " + ".join(effect.name for effect in self.effects)
 
     @property
-    def priors(self) -> list[tuple[Effect, Prior]]:
-        """Every free parameter with its effect: nuisances first."""
-        return [(e, p) for e in (*self.nuisances, *self.effects) for p in e.priors]
+    def tightenings(self) -> tuple[Prior, ...]:
+        """A factor on each torque, where the effects depend on it."""
+        if self.scatter <= 0 or not any(e.depends_on_condition for e in self.effects):
+            return ()
+        return tuple(
+            Prior(f"preload at {c:g}", 1.0, self.scatter, "", True, (0.2, 5.0))
+            for c in self.conditions
+        )
 
-    def values(self, z: np.ndarray, condition: float, baseline: dict[str, float]) -> dict:
-        """The model's parameter values at ``z`` and a torque."""
+    @property
+    def priors(self) -> list[tuple[Effect, Prior]]:
+        """Every free parameter with its effect: nuisances, effects, then tightenings."""
+        own = [(e, p) for e in (*self.nuisances, *self.effects) for p in e.priors]
+        return own + [(_TIGHTENING, p) for p in self.tightenings]
+
+    def values(
+        self, z: np.ndarray, condition: float, baseline: dict[str, float], row: int | None = None
+    ) -> dict:
+        """The model's parameter values at ``z`` and a torque.
+
+        Args:
+            z: Parameters in prior standard deviations, in the order of `priors`.
+            condition: The torque.
+            baseline: Parameter values of the nominal model.
+            row: Which of ``conditions`` it is; None for a tightening that was not measured.
+        """
         values = dict(baseline)
+        tightenings = self.tightenings
+        if tightenings and row is not None:
+            first = len(z) - len(tightenings)
+            condition = condition * tightenings[row].value(z[first + row])
         at = 0
         for effect in (*self.nuisances, *self.effects):
             theta = {}
@@ -76,7 +109,7 @@ class Hypothesis:
                     "low": float(low),
                     "high": float(high),
                     "unit": prior.unit,
-                    "nuisance": effect in self.nuisances,
+                    "nuisance": effect in (*self.nuisances, _TIGHTENING),
                     "prior_sigmas": float(z[i]),
                 }
             )
@@ -132,7 +165,8 @@ class Evidence:
         log_f: ln of the measured frequencies, shape (n, m); nan where missing.
         log_sd: Their standard deviations from noise and resolution, shape (n, m).
         discrepancy: Standard deviation, of ln f, of the error that every model of this structure
-            has; equal at all torques, so that more torques do not average it out.
+            has. Half of its variance is the same at all torques and half changes slowly with the
+            torque, so that more torques do not average it out.
         used: Which entries are fitted, shape (n, m); the others are held out.
     """
 
@@ -156,7 +190,8 @@ class Evidence:
         n, m = self.log_f.shape
         mode = np.tile(np.arange(m), n)
         same_mode = mode[:, None] == mode[None, :]
-        total = np.diag(self.log_sd.ravel() ** 2) + self.discrepancy**2 * same_mode
+        total = np.diag(self.log_sd.ravel() ** 2)
+        total = total + self.discrepancy**2 * _slow(self.conditions, m) * same_mode
         if unknown:
             total = total + _wide(self.conditions, m) * same_mode
         used = self.used.ravel()
@@ -168,10 +203,26 @@ class Evidence:
 _UNKNOWN = (0.10, 0.05, 0.02)
 
 
+#: Change of the logarithm of the torque over which a model's error forgets itself.
+_MEMORY = 0.7
+
+
+def _log(conditions: np.ndarray) -> np.ndarray:
+    """Centred logarithm of the conditions; zero when they are not all positive."""
+    if len(conditions) < 2 or np.any(conditions <= 0):
+        return np.zeros(len(conditions))
+    return np.log(conditions) - np.mean(np.log(conditions))
+
+
+def _slow(conditions: np.ndarray, m: int) -> np.ndarray:
+    x = _log(conditions)
+    rows = 0.5 + 0.5 * np.exp(-0.5 * ((x[:, None] - x[None, :]) / _MEMORY) ** 2)
+    return np.kron(rows, np.ones((m, m)))
+
+
 def _wide(conditions: np.ndarray, m: int) -> np.ndarray:
     shift, trend, bend = _UNKNOWN
-    spread = len(conditions) > 1 and np.all(conditions > 0)
-    x = np.log(conditions) - np.mean(np.log(conditions)) if spread else 0 * conditions
+    x = _log(conditions)
     rows = shift**2 + trend**2 * np.outer(x, x) + bend**2 * np.outer(x**2, x**2)
     return np.kron(rows, np.ones((m, m)))
 
@@ -201,6 +252,15 @@ class Fit:
     misfit: float
     n_data: int
     at_bound: tuple[str, ...] = ()
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a misfit as large as this, if the hypothesis were right.
+
+        In the linear-Gaussian case misfit + |z|^2 is the data's distance from the prediction in
+        the metric of noise and prior together, and distributed as chi-square with n_data degrees.
+        """
+        return float(chi2.sf(self.misfit + self.z @ self.z, self.n_data))
 
     @property
     def frequencies_hz(self) -> np.ndarray:
@@ -242,7 +302,7 @@ def fit(
         inside = np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6)
         result = least_squares(
             problem.residual, inside, problem.slope, bounds=tuple(bounds.T), method="trf",
-            x_scale=1.0, ftol=1e-7, xtol=1e-6, gtol=1e-6, max_nfev=40,
+            x_scale=1.0, ftol=1e-5, xtol=1e-5, gtol=1e-5, max_nfev=30,
         )  # fmt: skip
         if best is None or result.cost < best[0]:
             best = (result.cost, result.x)
@@ -263,15 +323,15 @@ class _Problem:
         if self._last is not None and np.array_equal(self._last[0], z):
             return self._last[1:]
         rows, slopes = [], []
-        for condition in self.evidence.conditions:
-            values = self.hypothesis.values(z, condition, self.baseline)
+        for row, condition in enumerate(self.evidence.conditions):
+            values = self.hypothesis.values(z, condition, self.baseline, row)
             log_f, by_values = self.forward(values)
             rows.append(log_f)
-            slopes.append(by_values @ self._chain(z, condition))
+            slopes.append(by_values @ self._chain(z, condition, row))
         self._last = (z.copy(), np.array(rows), np.concatenate(slopes))
         return self._last[1:]
 
-    def _chain(self, z, condition) -> np.ndarray:
+    def _chain(self, z, condition, row) -> np.ndarray:
         """Derivative of the model's values by z, shape (n_parameters, d): central differences of
         formulas, no model solution."""
         names = list(self.forward.model.parameters)
@@ -279,8 +339,8 @@ class _Problem:
         for j in range(len(z)):
             step = np.zeros(len(z))
             step[j] = _DIFFERENCE
-            up = self.hypothesis.values(z + step, condition, self.baseline)
-            down = self.hypothesis.values(z - step, condition, self.baseline)
+            up = self.hypothesis.values(z + step, condition, self.baseline, row)
+            down = self.hypothesis.values(z - step, condition, self.baseline, row)
             chain[:, j] = [(up[n] - down[n]) / (2 * _DIFFERENCE) for n in names]
         return chain
 

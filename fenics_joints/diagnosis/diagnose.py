@@ -1,0 +1,452 @@
+"""The diagnosis from a case to its answer: where, which, how far."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from mpi4py import MPI
+from scipy.special import logsumexp
+from scipy.stats import qmc
+
+from fenics_joints.build import build_structure
+from fenics_joints.case import Case
+from fenics_joints.diagnosis.classes import classes, detectable
+from fenics_joints.diagnosis.effects import Effect
+from fenics_joints.diagnosis.inference import Evidence, Fit, Forward, Hypothesis, fit
+from fenics_joints.diagnosis.library import (
+    bonded_values,
+    case_effects,
+    case_nuisances,
+    layer_thickness,
+    sample_ranges,
+)
+from fenics_joints.diagnosis.localise import cell_map, zone_shares
+from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
+from fenics_joints.diagnosis.separation import best_measurement
+from fenics_joints.diagnosis.shrinkage import cross_validate, folds
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
+from fenics_joints.errors import InputError
+from fenics_joints.gap import Gap, pair_modes
+from fenics_joints.measurements import TestData
+from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.reduction import enrich, reduce
+
+__all__ = ["diagnose"]
+
+#: Prior odds of each further effect in a hypothesis, and of an unknown cause.
+_ODDS = 0.2
+#: Singles that further effects are put beside, by evidence; and how many of them must be of
+#: another family than the best, so that the placebo has a fair chance too.
+_LEADERS, _OTHERS = 3, 1
+#: A hypothesis this far (in ln) behind the best on all data is not refitted in the folds.
+_HOPELESS = 60.0
+#: Error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
+_REDUCED = 0.05
+_SEEN = 0.05
+
+
+def diagnose(
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress | None = None,
+    *,
+    extra: Sequence[Effect] = (),
+    data: TestData | None = None,
+) -> Diagnosis:
+    """Where the model of a case is wrong, which effect causes it, how far the gap shrinks.
+
+    Args:
+        case: The case.
+        comm: Communicator; the call is collective and gives the same answer on all ranks.
+        progress: Told what is being done.
+        extra: Effects of the user's own, beside the library's.
+        data: The test, if not the case's.
+
+    Raises:
+        InputError: If the case has no test, or its model too few modes.
+        ConvergenceError: If modes do not converge.
+    """
+    return _Run(case, comm, progress or Progress(silent=True), tuple(extra), data).answer()
+
+
+@dataclass
+class _Run:
+    """What the steps of a diagnosis hand to one another."""
+
+    case: Case
+    comm: MPI.Intracomm
+    progress: Progress
+    extra: tuple[Effect, ...]
+    data: TestData | None
+    started: float = field(default_factory=time.perf_counter)
+
+    def answer(self) -> Diagnosis:
+        self._prepare()
+        self._reduce()
+        fits = self._fit_all()
+        fits = self._verify(fits)
+        return self._report(fits)
+
+    # -- the model ---------------------------------------------------------------------------
+
+    def _prepare(self) -> None:
+        case = self.case
+        self.progress.step("building the model")
+        self.data = case.measurements() if self.data is None else self.data
+        self.sensors = self.data.sensors
+        self.full = build_structure(case, self.comm, law="uncoupled", attached=True)
+        self.baseline = bonded_values(case)
+        self.thickness = layer_thickness(self.full)
+        conditions = self.data.conditions
+        many = len(conditions) > 1 and np.all(conditions > 0)
+        reference = float(conditions[-1]) if many else None
+        self.effects = (*case_effects(case, self.thickness, reference), *self.extra)
+        self.nuisances = case_nuisances(case)
+        self.scatter = case.diagnose.preload_scatter if many else 0.0
+        self.n_test = len(self.data.mode_names)
+        log_f = np.log(self.data.frequencies_hz)
+        self.evidence = Evidence(
+            conditions, log_f, self.data.log_sd(), case.diagnose.discrepancy
+        )
+        if not self.evidence.used.any():
+            raise InputError(f"{case.path}: test.frequencies: all entries are missing.")
+
+    def _reduce(self) -> None:
+        samples = self._samples(self.case.diagnose.samples)
+        self.progress.step("reduced model: sampling the parameters", len(samples))
+        n = self.case.diagnose.n_modes
+        self.nominal = solve_modes(self.full, self.baseline, n_modes=n)
+        self.pairing = pair_modes(self.nominal, self.n_test, self.sensors)
+        self.model = reduce(
+            self.full, samples, n,
+            travel=self._travel(), keep=self._seen, progress=self.progress.advance,
+        )  # fmt: skip
+        self.forward = Forward(self.model, self.sensors, self.n_test, n, self.pairing.shapes)
+
+    def _travel(self) -> dict:
+        return {
+            name: section.shift()
+            for name, section in self.case.attached.items()
+            if getattr(section, "travel", None) is not None
+        }
+
+    def _seen(self, modes: Modes) -> np.ndarray:
+        """Rigid-body modes, and those that the test sees at all."""
+        index = np.arange(len(modes))
+        if self.sensors is None:
+            return index
+        return index[(index < modes.n_rigid) | (modes.visibility(self.sensors) > _SEEN)]
+
+    def _samples(self, count: int) -> list[dict[str, float]]:
+        """The baseline, and a Sobol sequence over the ranges of all effects."""
+        ranges = sample_ranges(self.case, self.thickness)
+        names = list(ranges)
+        unit = qmc.Sobol(len(names), seed=1).random_base2(int(np.ceil(np.log2(count))))[:count]
+        samples = [self.baseline]
+        for row in unit:
+            values = dict(self.baseline)
+            for name, u in zip(names, row, strict=True):
+                low, high, log = ranges[name]
+                values[name] = float(
+                    low ** (1 - u) * high**u if log else low + u * (high - low)
+                )
+            samples.append(values)
+        return samples
+
+    # -- the fits ----------------------------------------------------------------------------
+
+    def _hypothesis(self, effects: Sequence[Effect], **kwargs) -> Hypothesis:
+        conditions = tuple(float(c) for c in self.evidence.conditions)
+        return Hypothesis(
+            tuple(effects), self.nuisances, scatter=self.scatter, conditions=conditions, **kwargs
+        )
+
+    def _fit(self, hypothesis: Hypothesis, starts=()) -> Fit:
+        return fit(
+            hypothesis, self.forward, self.evidence, self.baseline,
+            starts=starts, progress=self.progress.advance,
+        )  # fmt: skip
+
+    def _fit_all(self) -> list[Fit]:
+        self.progress.step("fitting one effect at a time", len(self.effects) + 2)
+        none = self._fit(self._hypothesis((), name=NO_GAP))
+        unknown = self._fit(self._hypothesis((), name=UNKNOWN, unknown=True))
+        singles = [self._fit(self._hypothesis((effect,))) for effect in self.effects]
+        level, fits = singles, [none, unknown, *singles]
+        for size in range(2, self.case.diagnose.max_effects + 1):
+            level = self._extend(level, size)
+            fits += level
+        return fits
+
+    def _extend(self, level: list[Fit], size: int) -> list[Fit]:
+        """The best of a level with one more effect each."""
+        ordered = sorted(level, key=lambda f: -f.log_evidence)
+        if not ordered:
+            return []
+        best = {e.family or e.key for e in ordered[0].hypothesis.effects}
+        others = [
+            f for f in ordered[_LEADERS:]
+            if not best & {e.family or e.key for e in f.hypothesis.effects}
+        ]  # fmt: skip
+        todo, known = [], set()
+        for parent in (*ordered[:_LEADERS], *others[:_OTHERS]):
+            for effect in self.effects:
+                chosen = (*parent.hypothesis.effects, effect)
+                families = [e.family or e.key for e in chosen]
+                keys = frozenset(e.key for e in chosen)
+                if len(set(families)) == len(families) and keys not in known:
+                    known.add(keys)
+                    todo.append((chosen, parent))
+        self.progress.step(f"fitting {size} effects at a time", len(todo))
+        return [self._fit(self._hypothesis(chosen), [self._start(chosen, p)]) for chosen, p in todo]
+
+    def _start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
+        """The parent's parameters, with a zero for each of the effect that is added."""
+        tightenings = len(parent.hypothesis.tightenings)
+        own = len(parent.z) - tightenings
+        added = np.zeros(len(effects[-1].priors))
+        tail = parent.z[own:]
+        if not tightenings and self._hypothesis(effects).tightenings:
+            tail = np.zeros(len(self.evidence.conditions))
+        return np.concatenate([parent.z[:own], added, tail])
+
+    def _log_prior(self, fits: Sequence[Fit]) -> np.ndarray:
+        """Of each hypothesis: odds for each effect, evenly among hypotheses of as many."""
+        sizes = [1 if f.hypothesis.unknown else len(f.hypothesis.effects) for f in fits]
+        return np.array([n * np.log(_ODDS) for n in sizes])
+
+    def _probabilities(self, fits: Sequence[Fit]) -> np.ndarray:
+        score = np.array([f.log_evidence for f in fits]) + self._log_prior(fits)
+        return np.exp(score - logsumexp(score))
+
+    # -- the reduced model's error -------------------------------------------------------------
+
+    def _verify(self, fits: list[Fit]) -> list[Fit]:
+        """Check the leading fits on the full model; enrich the basis and fit again where needed."""
+        limit = max(_REDUCED * self.evidence.discrepancy, 1e-4)
+        for _ in range(2):
+            self.progress.step("checking the reduced model against the full one")
+            self.model_error, modes = self._errors(fits)
+            if self.model_error <= limit:
+                break
+            kept = [m.shape(int(i)) for m in modes for i in self._seen(m)]
+            self.model = enrich(self.model, kept, self._travel())
+            self.forward.model = self.model
+            self.forward.forget()
+            self.progress.step("fitting again with the better model", len(fits))
+            fits = [self._fit(f.hypothesis, [f.z]) for f in fits]
+        else:
+            self.model_error, _ = self._errors(fits)
+        return fits
+
+    def _errors(self, fits: Sequence[Fit]) -> tuple[float, list[Modes]]:
+        """Largest relative error at the leading fits' lowest, middle and highest condition."""
+        probability = self._probabilities(fits)
+        leading = [fits[i] for i in np.argsort(-probability)[:2]]
+        conditions = self.evidence.conditions
+        rows = sorted({0, len(conditions) // 2, len(conditions) - 1})
+        worst, found = 0.0, []
+        solver = self.nominal.solver
+        for f in leading:
+            for row in rows:
+                values = f.hypothesis.values(f.z, conditions[row], self.baseline, row)
+                modes = solve_modes(
+                    self.full, values, n_modes=self.case.diagnose.n_modes, solver=solver
+                )
+                pairing = pair_modes(
+                    modes, self.n_test, self.sensors, reference=self.pairing.shapes
+                )
+                exact = np.log(modes.frequencies_hz[pairing.index])
+                worst = max(worst, float(np.max(np.abs(f.log_f[row] - exact))))
+                found.append(modes)
+        return worst, found
+
+    # -- the answer --------------------------------------------------------------------------
+
+    def _report(self, fits: list[Fit]) -> Diagnosis:
+        probability = self._probabilities(fits)
+        order = np.argsort(-probability)
+        fits, probability = [fits[i] for i in order], probability[order]
+        grouped = classes(fits, probability, self.evidence)
+        effects = self._effects(fits, probability, grouped)
+        leader = self._leader(fits)
+        verdict, summary = decide(fits, probability, effects, leader, self._gap(leader.log_f))
+        shrink = self._shrink(fits, leader, grouped)
+        self.progress.step("localising the gap")
+        where = zone_shares(leader, self.forward, self.evidence, self.baseline)
+        cells = self._cells()
+        before = self._gap(np.array([self.forward(self.baseline)[0]] * len(self.data)))
+        return Diagnosis(
+            title=self.case.title,
+            verdict=verdict,
+            summary=summary,
+            condition=(self.data.condition_name, self.data.condition_unit),
+            before=before,
+            after=self._gap(leader.log_f),
+            noise=float(np.sqrt(np.nanmean(self.data.log_sd()[self.evidence.used] ** 2))),
+            heldout_before=shrink.before,
+            heldout_after=shrink.after,
+            placebo_after=shrink.placebo,
+            placebo=self._placebo_label(fits, leader, grouped),
+            folds=shrink.rows,
+            validation=self._validation(leader),
+            where=where,
+            effects=effects,
+            hypotheses=self._hypotheses(fits, probability),
+            separations=self._separations(fits, probability, grouped, leader),
+            cells=cells,
+            model_error=self.model_error,
+            model={
+                "dofs": self.full.n_dofs,
+                "basis": self.model.n_dofs,
+                "samples": self.case.diagnose.samples + 1,
+                "reduced_solutions": self.forward.calls,
+                "seconds": time.perf_counter() - self.started,
+            },
+        )
+
+    def _leader(self, fits: Sequence[Fit]) -> Fit:
+        """The best hypothesis that says what the gap is made of; "no gap" if that is the best."""
+        if fits[0].hypothesis.unknown:
+            return next(f for f in fits if not f.hypothesis.unknown)
+        return fits[0]
+
+    def _gap(self, log_f: np.ndarray) -> Gap:
+        data = self.data
+        return Gap(data.conditions, data.mode_names, data.frequencies_hz, np.exp(log_f))
+
+    def _hypotheses(self, fits, probability) -> list[HypothesisResult]:
+        return [
+            HypothesisResult(
+                f.hypothesis.label,
+                tuple(e.key for e in f.hypothesis.effects),
+                float(p),
+                f.log_evidence,
+                self._gap(f.log_f).rms,
+                f.p_value,
+                f.hypothesis.table(f.z, f.covariance),
+                f.at_bound,
+            )
+            for f, p in zip(fits, probability, strict=True)
+        ]
+
+    def _effects(self, fits, probability, grouped) -> list[EffectResult]:
+        found = []
+        for effect in self.effects:
+            inside = [effect in f.hypothesis.effects for f in fits]
+            seen = detectable(effect, self.forward, self.evidence, self.baseline, self.nuisances)
+            total = float(np.sum(probability[inside]))
+            found.append(
+                EffectResult(
+                    effect.name, effect.region, total, grouped[effect.key], seen, effect.describe
+                )
+            )
+        for label, words in (
+            (NO_GAP, "The nominal model, within tolerance, explains the test."),
+            (UNKNOWN, "Something that is not in the library."),
+        ):
+            p = sum(p for f, p in zip(fits, probability, strict=True) if f.hypothesis.name == label)
+            found.append(EffectResult(label, "", float(p), label, True, words))
+        return sorted(found, key=lambda e: -e.probability)
+
+    def _is_wrong(self, leader: Fit, grouped: dict[str, str]):
+        """A hypothesis is a placebo if it has nothing in common with the leader's classes."""
+        right = {grouped[e.key] for e in leader.hypothesis.effects}
+        families = {e.family for e in leader.hypothesis.effects if e.family}
+
+        def wrong(f: Fit) -> bool:
+            effects = f.hypothesis.effects
+            return bool(effects) and not any(
+                grouped[e.key] in right or e.family in families for e in effects
+            )
+
+        return wrong
+
+    def _placebo_label(self, fits, leader, grouped) -> str:
+        wrong = self._is_wrong(leader, grouped)
+        return next((f.hypothesis.label for f in fits if wrong(f)), "")
+
+    def _shrink(self, fits: Sequence[Fit], leader: Fit, grouped):
+        best = max(f.log_evidence for f in fits)
+        wrong = self._is_wrong(leader, grouped)
+        wrongs = [f for f in fits if wrong(f)]
+        fair = [
+            f for f in fits
+            if not f.hypothesis.unknown and not wrong(f) and best - f.log_evidence < _HOPELESS
+        ] + wrongs[:3]  # fmt: skip
+        masks = folds(
+            self.data.conditions, self.data.mode_names,
+            (self.data.condition_name, self.data.condition_unit),
+        )  # fmt: skip
+        self.progress.step("holding data out, choosing and fitting anew", len(masks))
+        return cross_validate(
+            fair or [leader], self._log_prior(fair or [leader]), wrong, self.forward,
+            self.evidence, self.baseline, masks, progress=self.progress.advance,
+        )  # fmt: skip
+
+    def _validation(self, leader: Fit) -> tuple[Gap, Gap] | None:
+        data = self.case.validation()
+        if data is None:
+            return None
+        gaps = []
+        before = np.array([self.forward(self.baseline)[0]] * len(data))
+        after = np.array(
+            [
+                self.forward(leader.hypothesis.values(leader.z, c, self.baseline))[0]
+                for c in data.conditions
+            ]
+        )
+        for log_f in (before, after):
+            gaps.append(Gap(data.conditions, data.mode_names, data.frequencies_hz, np.exp(log_f)))
+        return gaps[0], gaps[1]
+
+    def _cells(self):
+        names = list(self.model.parameters)
+        _, slope = self.forward(self.baseline)
+        columns = [
+            slope[:, names.index(f"{part}.{key}")] * self.baseline[f"{part}.{key}"]
+            for part in self.case.parts
+            for key in ("E", "rho", "thickness")
+        ]
+        return cell_map(
+            self.full, self.nominal, self.pairing, self.evidence, np.array(columns).T
+        )
+
+    def _separations(self, fits, probability, grouped, leader) -> list:
+        """For each class with several likely members: what would split the leading two."""
+        self.progress.step("looking for measurements that would split what this test cannot")
+        found = []
+        for name in dict.fromkeys(grouped[e.key] for e in leader.hypothesis.effects):
+            members = {e.key: e.name for e in self.effects if grouped[e.key] == name}
+            if len(members) < 2:
+                continue
+            mine = next(e.key for e in leader.hypothesis.effects if e.key in members)
+            rival = self._rival(fits, leader, mine, members)
+            if rival is None:
+                continue
+            conditions = self.data.conditions
+            found.append(
+                best_measurement(
+                    name, list(members.values()), leader, rival, self.full, self.baseline,
+                    (self.data.condition_name, self.data.condition_unit),
+                    float(conditions[len(conditions) // 2]), self.sensors, self.n_test,
+                    float(np.max(self.data.noise)) or 1e-3, self.evidence.discrepancy,
+                )
+            )  # fmt: skip
+        return found
+
+    @staticmethod
+    def _rival(fits, leader, mine, members) -> Fit | None:
+        """The best hypothesis that has another member in place of the leader's."""
+        rest = {e.key for e in leader.hypothesis.effects} - {mine}
+        for f in fits:
+            keys = {e.key for e in f.hypothesis.effects}
+            others = keys - rest
+            if rest <= keys and len(others) == 1 and others <= set(members) - {mine}:
+                return f
+        return None
+

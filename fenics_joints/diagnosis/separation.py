@@ -1,0 +1,137 @@
+"""Which further measurement would tell the members of a class apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.diagnosis.inference import Fit
+from fenics_joints.diagnosis.result import Separation
+from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.points import Sensors
+
+__all__ = ["best_measurement"]
+
+#: Added mass, as a share of the structure's.
+_ADDED = 0.05
+#: Further modes of each kind that a longer test would see.
+_MORE = 3
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    name: str
+    change: np.ndarray
+    sd: float
+
+
+def best_measurement(
+    class_name: str,
+    members: Sequence[str],
+    a: Fit,
+    b: Fit,
+    full,
+    baseline: dict[str, float],
+    condition: tuple[str, str],
+    at: float,
+    sensors: Sensors | None,
+    n_test: int,
+    noise: float,
+    discrepancy: float,
+) -> Separation:
+    """The measurement with the largest expected separation of two hypotheses fitted to the test.
+
+    Offered are: the modes that the test did not see, the next ones it would see, an added known
+    mass at the best sensor, and conditions outside the tested range. Both hypotheses are solved on
+    the full model.
+
+    Args:
+        class_name: Name of the class.
+        members: Its effects' names.
+        a: The leading hypothesis with one member.
+        b: The leading hypothesis with another.
+        full: The full structure.
+        baseline: Parameter values of the nominal model.
+        condition: Name and unit of the condition.
+        at: Condition at which the further test is done.
+        sensors: What the test saw.
+        n_test: Number of modes it saw.
+        noise: Relative standard deviation of a measured frequency.
+        discrepancy: That of any such model; it cancels in shifts of the same mode.
+    """
+    first, second = (_solve(full, f, baseline, at) for f in (a, b))
+    absolute = float(np.hypot(noise, discrepancy))
+    candidates = _modes(first, second, sensors, n_test, absolute)
+    candidates += _added_mass(first, second, sensors, n_test, noise * np.sqrt(2), full, baseline)
+    candidates += _conditions(a, b, full, baseline, condition, at, sensors, n_test, absolute)
+    scored = [(float(np.linalg.norm(c.change) / c.sd / 2), c.name) for c in candidates]
+    distance, name = max(scored)
+    return Separation(class_name, tuple(members), name, distance)
+
+
+def _solve(full, f: Fit, baseline, at: float) -> Modes:
+    values = f.hypothesis.values(f.z, at, baseline)
+    return solve_modes(full, values, n_modes=6 + 20)
+
+
+def _split(modes: Modes, sensors) -> tuple[np.ndarray, np.ndarray]:
+    elastic = np.arange(modes.n_rigid, len(modes))
+    if sensors is None:
+        return elastic, elastic[:0]
+    seen = modes.visibility(sensors)[elastic] > 0.3
+    return elastic[seen], elastic[~seen]
+
+
+def _log_ratio(a: Modes, b: Modes, i, j) -> np.ndarray:
+    n = min(len(i), len(j))
+    return np.log(a.frequencies_hz[i[:n]] / b.frequencies_hz[j[:n]])
+
+
+def _modes(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
+    (seen_a, unseen_a), (seen_b, unseen_b) = _split(a, sensors), _split(b, sensors)
+    found = []
+    more = slice(n_test, n_test + _MORE)
+    if len(seen_a[more]) and len(seen_b[more]):
+        change = _log_ratio(a, b, seen_a[more], seen_b[more])
+        found.append(_Candidate(f"the next {len(change)} modes of the same kind", change, sd))
+    if len(unseen_a) and len(unseen_b):
+        change = _log_ratio(a, b, unseen_a[:_MORE], unseen_b[:_MORE])
+        name = (
+            f"the {len(change)} lowest modes that these sensors miss (torsion, in-plane motion): "
+            "put sensors off the line and in the other directions"
+        )
+        found.append(_Candidate(name, change, sd))
+    return found
+
+
+def _added_mass(a, b, sensors, n_test, sd, full, baseline) -> list[_Candidate]:
+    """Frequency shifts by a small added mass: -m phi^2 / 2 of ln f for mass-normalised phi."""
+    if sensors is None:
+        return []
+    mass = _ADDED * full.total_mass(baseline)
+    shifts = []
+    for modes in (a, b):
+        seen, _ = _split(modes, sensors)
+        shifts.append(-0.5 * mass * modes.at(sensors)[:, seen[:n_test]] ** 2)
+    change = shifts[0] - shifts[1]
+    best = int(np.argmax(np.linalg.norm(change, axis=1)))
+    place = ", ".join(f"{1e3 * x:.0f}" for x in sensors.points[best])
+    name = f"the shifts by a known mass of {1e3 * mass:.0f} g added at ({place}) mm"
+    return [_Candidate(name, change[best], sd)]
+
+
+def _conditions(a, b, full, baseline, condition, at, sensors, n_test, sd) -> list[_Candidate]:
+    found = []
+    if not any(e.depends_on_condition for f in (a, b) for e in f.hypothesis.effects):
+        return found
+    conditions = np.array(a.hypothesis.conditions or (at,))
+    for value, word in ((conditions.min() / 2, "half the lowest"), (conditions.max() * 2, "twice the highest")):
+        if value <= 0:
+            continue
+        modes = [_solve(full, f, baseline, float(value)) for f in (a, b)]
+        i, j = (_split(m, sensors)[0][:n_test] for m in modes)
+        name = f"the same modes at {word} {condition[0]} ({value:g} {condition[1]})"
+        found.append(_Candidate(name, _log_ratio(*modes, i, j), sd))
+    return found

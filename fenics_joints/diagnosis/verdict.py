@@ -1,0 +1,81 @@
+"""The verdict in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fenics_joints.diagnosis.inference import Fit
+from fenics_joints.diagnosis.result import EffectResult
+from fenics_joints.gap import Gap
+
+__all__ = ["NO_GAP", "UNKNOWN", "decide"]
+
+NO_GAP, UNKNOWN = "no gap", "none of these"
+#: Probability that a class of effects must have to be called a cause.
+_SURE = 0.8
+#: A best hypothesis that fits the data worse than this is no explanation.
+_MISFIT = 0.01
+
+
+def decide(
+    fits: Sequence[Fit],
+    probability: np.ndarray,
+    effects: Sequence[EffectResult],
+    leader: Fit,
+    after: Gap,
+) -> tuple[str, str]:
+    """The verdict and a sentence or two that say it.
+
+    ``no gap`` and ``unknown`` if those hypotheses are the most probable, ``unknown`` also if the
+    best explanation does not fit the data within noise and discrepancy; ``cause`` if a class of
+    effects is probable enough; ``ambiguous`` otherwise.
+
+    Args:
+        fits: Hypotheses, most probable first.
+        probability: Their probabilities.
+        effects: Effects with their probability and class.
+        leader: The best hypothesis that is not the unknown.
+        after: Its gap.
+    """
+    by_label = {}
+    for f, p in zip(fits, probability, strict=True):
+        by_label[f.hypothesis.label] = by_label.get(f.hypothesis.label, 0.0) + float(p)
+    if by_label.get(NO_GAP, 0.0) > 0.5:
+        return "no gap", (
+            "The nominal model, with its parts within tolerance, explains the test to within "
+            "noise: there is no gap to explain."
+        )
+    if by_label.get(UNKNOWN, 0.0) > 0.5 or leader.p_value < _MISFIT:
+        return "unknown", (
+            "No effect of the library explains the test. The best of them, "
+            f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} % and would give such a "
+            f"misfit with probability {leader.p_value:.1g}."
+        )
+    classes = class_probabilities(effects)
+    sure = [name for name, p in classes.items() if p >= _SURE]
+    if sure:
+        said = "; and ".join(f"{_sentence(name)} ({_percent(classes[name])})" for name in sure)
+        maybe = [n for n, p in classes.items() if 0.2 <= p < _SURE]
+        tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
+        return "cause", f"The gap comes from {said}.{tail}"
+    named = [f"{name} ({_percent(p)})" for name, p in list(classes.items())[:3]]
+    return "ambiguous", f"This test does not decide between {', '.join(named)}."
+
+
+def class_probabilities(effects: Sequence[EffectResult]) -> dict[str, float]:
+    """Probability of each class, largest first; at most 1 where members occur together."""
+    total: dict[str, float] = {}
+    for e in effects:
+        if e.class_name not in (NO_GAP, UNKNOWN):
+            total[e.class_name] = total.get(e.class_name, 0.0) + e.probability
+    return dict(sorted(((n, min(p, 1.0)) for n, p in total.items()), key=lambda x: -x[1]))
+
+
+def _percent(p: float) -> str:
+    return "over 99 %" if p > 0.99 else f"{100 * p:.0f} %"
+
+
+def _sentence(name: str) -> str:
+    return f"one of: {name}" if " or " in name else name

@@ -1,0 +1,80 @@
+"""What the commands run: from a case to a result that knows its JSON, page and summary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mpi4py import MPI
+
+from fenics_joints.case import Case
+from fenics_joints.progress import Progress
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fenics_joints.diagnosis import Diagnosis
+    from fenics_joints.updating import UpdateReport
+
+__all__ = ["run_diagnose", "run_update"]
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisOutcome:
+    """A diagnosis for the command line."""
+
+    result: Diagnosis
+    log_sd: object
+
+    def json(self) -> dict[str, object]:
+        """See `Diagnosis.to_json`."""
+        return self.result.to_json()
+
+    def html(self) -> str:
+        """The page."""
+        from fenics_joints.report import diagnosis_html
+
+        return diagnosis_html(self.result, log_sd=self.log_sd)
+
+    def show(self, console: Console) -> None:
+        """The summary."""
+        from fenics_joints.summary import diagnosis
+
+        diagnosis(console, self.result)
+
+
+@dataclass(frozen=True, eq=False)
+class UpdateOutcome:
+    """An updated model for the command line."""
+
+    result: UpdateReport
+
+    def json(self) -> dict[str, object]:
+        """See `UpdateReport.to_json`."""
+        return self.result.to_json()
+
+    def html(self) -> str:
+        """The page."""
+        from fenics_joints.report import update_html
+
+        return update_html(self.result)
+
+    def show(self, console: Console) -> None:
+        """The summary."""
+        from fenics_joints.summary import update
+
+        update(console, self.result)
+
+
+def run_diagnose(case: Case, comm: MPI.Intracomm, progress: Progress) -> DiagnosisOutcome:
+    """The ``diagnose`` command. Collective."""
+    from fenics_joints.diagnosis import diagnose
+
+    return DiagnosisOutcome(diagnose(case, comm, progress), case.measurements().log_sd())
+
+
+def run_update(case: Case, comm: MPI.Intracomm, progress: Progress) -> UpdateOutcome:
+    """The ``update`` command. Collective."""
+    from fenics_joints.updating import run
+
+    return UpdateOutcome(run(case, comm, progress))
