@@ -183,7 +183,7 @@ def _level(panel, plane, cells, members, norm) -> None:
             flat, _ = _flat_polygons(plane[cells.region[members] == r], faces)
             flat, ids = _flat_ids(flat)
             lines = _outline(ids, flat)
-            panel.add_collection(LineCollection(lines, colors="#20252b", lw=0.8, rasterized=True))
+            panel.add_collection(LineCollection(lines, colors="#20252b", lw=0.8))
 
 
 def _cells_alt(cells: CellMap) -> str:
@@ -241,9 +241,7 @@ def _surface(vertices, motion) -> tuple[np.ndarray, np.ndarray]:
     """Outer faces and their motion: those that belong to one cell only."""
     faces = _faces(vertices)
     ids = _vertex_ids(vertices)[:, faces].reshape(-1, faces.shape[1])
-    _, first, count = np.unique(
-        np.sort(ids, axis=1), axis=0, return_index=True, return_counts=True
-    )
+    _, first, count = np.unique(np.sort(ids, axis=1), axis=0, return_index=True, return_counts=True)
     outer = first[count == 1]
     shape = (-1, faces.shape[1], 3)
     return vertices[:, faces].reshape(shape)[outer], motion[:, faces].reshape(shape)[outer]

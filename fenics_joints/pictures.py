@@ -23,7 +23,9 @@ from fenics_joints.formatting import percent, prefixed
 if TYPE_CHECKING:
     from fenics_joints.gap import Gap
 
-__all__ = ["NOISE", "frequency_panels", "gap_bars", "parameter_panels", "to_svg"]
+__all__ = [
+    "frequency_panels", "gap_bars", "new_figure", "parameter_panels", "style", "to_svg",
+]  # fmt: skip
 
 #: Colours that the page replaces by its own, and those that suit light and dark pages alike.
 _INK, _MUTED, _LINE, _PAPER = "#1b2027", "#5b6470", "#d3d8de", "#fdfdfc"
@@ -188,9 +190,7 @@ def frequency_panels(
         figure = new_figure(7.6, 2.35 * rows + 0.5)
         panels = np.atleast_1d(figure.subplots(rows, columns, sharex=True, squeeze=False)).ravel()
         for i in range(m):
-            _frequency_panel(
-                panels[i], i, before, after, labels, log_sd, validation, held_out
-            )
+            _frequency_panel(panels[i], i, before, after, labels, log_sd, validation, held_out)
             panels[i].set_title(f"{after.mode_names[i]}, Hz", loc="left")
         for panel in panels[m:]:
             panel.set_visible(False)

@@ -11,7 +11,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from fenics_joints.formatting import condition_value, hertz, interval, percent, probability, quantity
+from fenics_joints.formatting import (
+    condition_value,
+    hertz,
+    interval,
+    percent,
+    probability,
+    quantity,
+)
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
