@@ -52,7 +52,7 @@ class EigenResult:
             the norm of the inverse diagonal of ``A = K - shift M``. Unlike the 2-norm it is not
             swamped by the round-off of stiff thin layers.
         statistics: ``method``, ``seconds``, of which ``factor_seconds``, and ``basis``; from block
-            Lanczos also ``solves`` (right-hand sides) and ``block_solves``.
+            Lanczos also ``solve_seconds``, ``solves`` (right-hand sides) and ``block_solves``.
     """
 
     values: np.ndarray
@@ -166,6 +166,13 @@ class EigenSolver:
             for key, value in before.items():
                 options.setValue(key, value)
 
+    def destroy(self) -> None:
+        """Free the factorisation. Collective; on several ranks Python's collector cannot do it."""
+        for owned in (self._eps, self._shifted):
+            if owned is not None:
+                owned.destroy()
+        self._eps = self._shifted = self._pattern = None
+
     def _create(self, comm) -> None:
         self._eps = SLEPc.EPS().create(comm)
         self._eps.setOptionsPrefix(self.prefix)
@@ -179,6 +186,9 @@ class EigenSolver:
         same = K.comm.tompi4py().allreduce(pattern == self._pattern, op=MPI.LAND)
         structure = PETSc.Mat.Structure
         if not same:
+            if self._shifted is not None:
+                self._eps.getST().getKSP().reset()
+                self._shifted.destroy()
             self._shifted = K.duplicate(copy=True)
             self._shifted.axpy(-self.shift, M, structure.UNKNOWN_NONZERO_PATTERN)
         else:
@@ -208,6 +218,7 @@ class EigenSolver:
         stats = {
             "method": "block Lanczos",
             "factor_seconds": factor_seconds,
+            "solve_seconds": operator.seconds,
             "solves": operator.columns,
             "block_solves": operator.calls,
             "basis": basis,
@@ -264,7 +275,10 @@ def solve_pencil(
 ) -> EigenResult:
     """Solve one pencil: ``EigenSolver(n, ...).solve(K, M, initial)``; see there for the arguments."""
     solver = EigenSolver(n, shift=shift, petsc_options=petsc_options, **settings)
-    return solver.solve(K, M, initial)
+    try:
+        return solver.solve(K, M, initial)
+    finally:
+        solver.destroy()
 
 
 def count_below(K: PETSc.Mat, M: PETSc.Mat, value: float) -> int:
@@ -310,6 +324,7 @@ class _Operator:
         self._own_mass = self._mass is not M
         self.comm = M.comm.tompi4py()
         self.calls = self.columns = 0
+        self.seconds = 0.0
         self._work: dict[int, tuple[PETSc.Mat, PETSc.Mat, PETSc.Mat]] = {}
 
     def _buffers(self, columns: int):
@@ -321,7 +336,9 @@ class _Operator:
     def solve(self, block: np.ndarray) -> np.ndarray:
         right, left, _ = self._buffers(block.shape[1])
         right.getDenseArray()[:] = block
+        begin = time.perf_counter()
         self._ksp.matSolve(right, left)
+        self.seconds += time.perf_counter() - begin
         if self._ksp.getConvergedReason() < 0:
             reason = _name(PETSc.KSP.ConvergedReason, self._ksp.getConvergedReason())
             raise ConvergenceError("the linear solve with K - shift M failed", reason)
@@ -370,6 +387,8 @@ def _lanczos(op: _Operator, start, n: int, tol: float, largest: int, max_restart
     """
     W = op.solve(op.mass(start))
     W, MW, _ = _orthonormalise(op, W, op.mass(W), 0.0)
+    if W.shape[1] == 0:
+        raise ConvergenceError(f"0 of {n} modes exist: M is zero")
     rows, room = W.shape[0], largest + W.shape[1]
     V = np.empty((rows, room), dtype=W.dtype, order="F")
     MV = np.empty_like(V)
@@ -427,6 +446,8 @@ def _orthonormalise(op: _Operator, W, MW, scale: float, V=None, MV=None):
     R = np.eye(W.shape[1], dtype=W.dtype)
     for sweep in range(2):
         gram = op.dot(W, MW)
+        if not np.all(np.isfinite(gram)):
+            raise ConvergenceError("a solve with K - shift M was not finite: is a NaN in K or M?")
         norms = np.sqrt(np.maximum(np.real(np.diag(gram)), 0.0))
         floor = max(1e-14 * scale, np.finfo(float).tiny)
         live = norms > floor

@@ -150,6 +150,25 @@ def test_too_few_converged_is_an_error_that_counts_them():
         solve_pencil(A, to_petsc(light), 40, shift=-100.0)
     with pytest.raises(ConvergenceError, match="shift"):
         solve_pencil(A, B, 10, shift=0.0)
+    with pytest.raises(ConvergenceError, match="0 of 5 modes exist: M is zero"):
+        solve_pencil(A, to_petsc(0.0 * M), 5, shift=-100.0)
+    loose = K.tolil()
+    loose[0, :], loose[:, 0] = 0.0, 0.0
+    weightless = M.copy()
+    weightless.data[0] = 0.0
+    with pytest.raises(ConvergenceError, match="could not be factorised"):
+        solve_pencil(to_petsc(loose), to_petsc(weightless), 5, shift=-100.0)
+    with pytest.raises(ConvergenceError):
+        solve_pencil(to_petsc(K * np.nan), B, 5, shift=-100.0)
+
+
+def test_one_solver_takes_pencils_of_another_size():
+    solver = EigenSolver(10, shift=-100.0)
+    for nodes in (40, 60):
+        K, M = springs(nodes, seed=nodes)
+        exact = condensed(K, M)[:10]
+        values = solver.solve(to_petsc(K), to_petsc(M)).values
+        assert np.allclose(values, exact, rtol=1e-10, atol=1e-10 * exact[-1])
 
 
 def test_bad_input_is_named():
