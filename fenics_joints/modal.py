@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,12 +72,15 @@ class Modes:
         mass = self.model.total_mass(self.given)
         return np.sqrt(np.mean(self.at(sensors) ** 2, axis=0) * mass)
 
-    def gradient(self, i: int) -> np.ndarray:
-        """Derivative of eigenvalue ``i`` by every parameter of the model, shape (n_parameters,).
+    def gradients(self, index: Sequence[int]) -> np.ndarray:
+        """Derivatives of eigenvalues by every parameter, shape (len(index), n_parameters).
 
-        For a multiple eigenvalue it is the derivative of this shape's Rayleigh quotient only.
+        For a multiple eigenvalue they are the derivatives of these shapes' Rayleigh quotients only.
         """
-        return self.model.pencil_gradient(self.shape(i), self.eigenvalues[i], self.given)
+        index = [int(i) for i in index]
+        dense = isinstance(self.shapes, np.ndarray)
+        shapes = self.shapes[:, index] if dense else [self.shapes[i] for i in index]
+        return self.model.pencil_gradients(shapes, self.eigenvalues[index], self.given)
 
 
 def solve_modes(

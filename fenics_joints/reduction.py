@@ -57,6 +57,8 @@ class ReducedStructure:
         self._terms = [self._region_terms(i) for i in range(len(structure.regions))]
         self._masses = [self._mass_rows(m, (travel or {}).get(m.name)) for m in structure.masses]
         self._springs = [self._spring_row(s) for s in structure.springs]
+        self._volumes = structure.volumes()
+        self._last: tuple | None = None
         self._sensor_rows: dict[tuple, np.ndarray] = {}
 
     # -- projection --------------------------------------------------------------------------
@@ -139,6 +141,13 @@ class ReducedStructure:
         return self._pencil(self.values(given))[1]
 
     def _pencil(self, values):
+        """(K, M); kept for the next call, since both are asked for one after the other."""
+        key = tuple(values.values())
+        if self._last is None or self._last[0] != key:
+            self._last = (key, *self._assemble(values))
+        return self._last[1:]
+
+    def _assemble(self, values):
         K, M = (np.zeros((self.n_dofs, self.n_dofs)) for _ in range(2))
         for number, region in enumerate(self.full.regions):
             q = self.full.field.region_values(number, values)
@@ -165,27 +174,37 @@ class ReducedStructure:
         K, M = self.full.region_matrices(number, None)
         return self.project(K), self.project(M)
 
-    def pencil_gradient(self, shape: np.ndarray, eigenvalue: float, given=None) -> np.ndarray:
-        """Derivative of x^T (K - lambda M) x by every parameter, as `Structure.pencil_gradient`."""
+    def pencil_gradients(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
+        """Derivatives of x^T (K - lambda M) x by every parameter, shape (k, n_parameters).
+
+        Args:
+            shapes: Vectors x as columns, shape (n_dofs, k).
+            eigenvalues: lambda of each, shape (k,).
+            given: Values of parameters that differ from their nominal value.
+        """
         values = self.values(given)
+        eigenvalues = np.asarray(eigenvalues, dtype=float)
         position = {name: i for i, name in enumerate(self.parameters)}
-        gradient = np.zeros(len(position))
+        gradient = np.zeros((len(eigenvalues), len(position)))
         for number in range(len(self.full.regions)):
-            self._region_gradient(gradient, position, number, shape, eigenvalue, values)
+            self._region_gradient(gradient, position, number, shapes, eigenvalues, values)
         for spring, row in zip(self.full.springs, self._springs, strict=True):
             if isinstance(spring.stiffness, str):
-                gradient[position[spring.stiffness]] += spring.share * (row @ shape) ** 2
+                gradient[:, position[spring.stiffness]] += spring.share * (row @ shapes) ** 2
         for mass, rows in zip(self.full.masses, self._masses, strict=True):
+            if not isinstance(mass.mass, str) and not isinstance(mass.travel, str):
+                continue
             at, slope = rows(self.full._number(mass.travel, values))
-            u = at @ shape
+            u = at @ shapes
             if isinstance(mass.mass, str):
-                gradient[position[mass.mass]] -= eigenvalue * mass.share * (u @ u)
+                gradient[:, position[mass.mass]] -= eigenvalues * mass.share * np.sum(u**2, axis=0)
             if isinstance(mass.travel, str):
                 m = mass.share * self.full._number(mass.mass, values)
-                gradient[position[mass.travel]] -= 2 * eigenvalue * m * (u @ (slope @ shape))
+                moved = np.sum(u * (slope @ shapes), axis=0)
+                gradient[:, position[mass.travel]] -= 2 * eigenvalues * m * moved
         return gradient
 
-    def _region_gradient(self, gradient, position, number, shape, eigenvalue, values) -> None:
+    def _region_gradient(self, gradient, position, number, shapes, eigenvalues, values) -> None:
         region = self.full.regions[number]
         q = self.full.field.region_values(number, values)
         if q is None:
@@ -197,14 +216,15 @@ class ReducedStructure:
         if not named:
             return
         terms, inertia = self._terms[number]
-        stiff, heavy = terms @ shape @ shape, shape @ inertia @ shape
+        stiff = np.sum((terms @ shapes) * shapes, axis=1)
+        heavy = np.sum((inertia @ shapes) * shapes, axis=0)
         for key, name in named.items():
             # Complex step: exact to round-off, whatever the law's scalars are.
             step = {k: complex(value) for k, value in q.items()}
             step[key] += 1j * _COMPLEX_STEP
             d_stiff = np.imag(region.law.stiffness_terms(step)) / _COMPLEX_STEP
             d_heavy = np.imag(region.law.inertia_terms(step))[0] / _COMPLEX_STEP
-            gradient[position[name]] += d_stiff @ stiff - eigenvalue * d_heavy * heavy
+            gradient[:, position[name]] += d_stiff @ stiff - eigenvalues * d_heavy * heavy
 
     def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
         """Displacement shapes at sensors, shape (n_sensors, n_shapes)."""
@@ -215,7 +235,14 @@ class ReducedStructure:
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg, as the full structure's."""
-        return self.full.total_mass(given)
+        values = self.values(given)
+        total = self.full.attached_mass(values)
+        for number, region in enumerate(self.full.regions):
+            q = self.full.field.region_values(number, values)
+            if q is None:
+                return self.full.total_mass(given)
+            total += region.law.inertia_terms(q)[0] * self._volumes[number]
+        return float(total)
 
 
 def reduce(

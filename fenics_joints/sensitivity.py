@@ -26,8 +26,8 @@ def frequency_sensitivity(modes: Modes, index: Sequence[int]) -> np.ndarray:
     Returns:
         Shape (len(index), n_parameters), 1 / unit of the parameter.
     """
-    rows = [modes.gradient(int(i)) / (2 * modes.eigenvalues[int(i)]) for i in index]
-    return np.array(rows)
+    index = np.asarray(index, dtype=int)
+    return modes.gradients(index) / (2 * modes.eigenvalues[index])[:, None]
 
 
 @dataclass(frozen=True)

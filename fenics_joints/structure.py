@@ -376,6 +376,11 @@ class Structure:
             self._mass_gradient(gradient, position, mass, shape, eigenvalue, values)
         return gradient
 
+    def pencil_gradients(self, shapes, eigenvalues, given=None) -> np.ndarray:
+        """`pencil_gradient` of several shapes, shape (len(shapes), n_parameters). Collective."""
+        pairs = zip(shapes, eigenvalues, strict=True)
+        return np.array([self.pencil_gradient(x, float(lam), given) for x, lam in pairs])
+
     @property
     def gdim(self) -> int:
         """Geometric dimension of the mesh."""
@@ -445,5 +450,21 @@ class Structure:
         if self._weight is None:
             one = ufl.as_vector([1.0] + [0.0] * (self.gdim - 1))
             self._weight = fem.form(self.inertia_form(one, one))
-        points = sum(m.share * self._number(m.mass, values) for m in self.masses)
-        return self.comm.allreduce(fem.assemble_scalar(self._weight)) + points
+        return self.comm.allreduce(fem.assemble_scalar(self._weight)) + self.attached_mass(values)
+
+    def attached_mass(self, values: Mapping[str, float]) -> float:
+        """Mass, kg, of the point masses, at all parameters' values."""
+        return sum(m.share * self._number(m.mass, values) for m in self.masses)
+
+    def volumes(self) -> np.ndarray:
+        """Volume as meshed, m3, of every region, in the order of `regions`. Collective."""
+        local = self.cell_volumes()
+        sums = [local[cells[cells < len(local)]].sum() for _, cells in self.field.regions]
+        return self.comm.allreduce(np.array(sums))
+
+    def cell_volumes(self) -> np.ndarray:
+        """Volume as meshed, m3, of every cell that this rank owns."""
+        space = fem.functionspace(self.mesh, ("DG", 0))
+        vector = fem.assemble_vector(fem.form(ufl.TestFunction(space) * ufl.dx))
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        return vector.array[space.dofmap.list[:owned, 0]]

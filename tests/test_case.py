@@ -214,7 +214,7 @@ def test_gradient_of_shares():
     modes = solve_modes(structure, n_modes=9)
     for i in (6, 7, 8):
         slope = (ends[1].eigenvalues[i] - ends[0].eigenvalues[i]) / (2 * step)
-        assert modes.gradient(i)[0] == pytest.approx(slope, rel=1e-4)
+        assert modes.gradients([i])[0, 0] == pytest.approx(slope, rel=1e-4)
 
 
 SUPPORTED = """

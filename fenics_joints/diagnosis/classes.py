@@ -19,6 +19,8 @@ __all__ = ["APART", "classes", "detectable", "distance"]
 
 #: 1 % confusion.
 APART = 2.33
+#: ln of the Bayes factor up to which the data leave two hypotheses undecided.
+UNDECIDED = np.log(100.0)
 
 
 def distance(a: Fit, b: Fit, evidence: Evidence) -> float:
@@ -55,20 +57,23 @@ def detectable(
 ) -> bool:
     """Whether the test could see the effect at its expected size on the nominal model.
 
-    The change of the frequencies by the effect, less what the nuisances can mimic, is at least
-    twice `APART` standard deviations long.
+    The expected size is the prior's median or one standard deviation above it, whichever shows
+    more; its change of the frequencies is to be twice `APART` standard deviations long.
     """
     bare, with_it = Hypothesis((), tuple(nuisances)), Hypothesis((effect,), tuple(nuisances))
-    change = []
-    for condition in evidence.conditions:
-        z = np.zeros(len(with_it.priors))
-        after = forward(with_it.values(z, condition, baseline))[0]
-        before = forward(bare.values(z[: len(bare.priors)], condition, baseline))[0]
-        change.append(after - before)
+    start = np.zeros(len(bare.priors))
     used = evidence.used
     lower = np.linalg.cholesky(evidence.covariance())
-    seen = np.linalg.solve(lower, np.array(change)[used])
-    return bool(np.linalg.norm(seen) >= 2 * APART)
+    longest = 0.0
+    for size in (0.0, 1.0):
+        z = np.concatenate([start, np.full(len(effect.priors), size)])
+        change = [
+            forward(with_it.values(z, c, baseline))[0] - forward(bare.values(start, c, baseline))[0]
+            for c in evidence.conditions
+        ]
+        seen = np.linalg.solve(lower, np.array(change)[used])
+        longest = max(longest, float(np.linalg.norm(seen)))
+    return longest >= 2 * APART
 
 
 def classes(
@@ -77,7 +82,8 @@ def classes(
     """Class of every effect: effects that can stand for each other in some hypothesis.
 
     Two effects are of one class when hypotheses that differ by nothing but them are not apart
-    (D < `APART`), be it alone or beside what the leading hypothesis holds.
+    (D < `APART`), be it alone or beside what the leading hypothesis holds, and when this test does
+    not decide between them either (a Bayes factor below 100).
 
     Args:
         fits: Fitted hypotheses.
@@ -105,6 +111,8 @@ def classes(
                 continue
             rest = {e.key for e in a.hypothesis.effects} - {swap[0]}
             if rest - lead or (not rest and swap[0] in lead and len(lead) > 1):
+                continue
+            if abs(a.log_evidence - b.log_evidence) > UNDECIDED:
                 continue
             if distance(a, b, evidence) < APART:
                 parent[root(swap[0])] = root(swap[1])

@@ -43,7 +43,7 @@ _ODDS = 0.2
 #: another family than the best, so that the placebo has a fair chance too.
 _LEADERS, _OTHERS = 3, 1
 #: A hypothesis this far (in ln) behind the best on all data is not refitted in the folds.
-_HOPELESS = 60.0
+_HOPELESS = 40.0
 #: Error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
 _REDUCED = 0.05
 _SEEN = 0.05
@@ -125,7 +125,11 @@ class _Run:
             self.full, samples, n,
             travel=self._travel(), keep=self._seen, progress=self.progress.advance,
         )  # fmt: skip
-        self.forward = Forward(self.model, self.sensors, self.n_test, n, self.pairing.shapes)
+        # The basis holds what the test sees alone: a few modes more than it saw are enough.
+        enough = n if self.sensors is None else 6 + self.n_test + 3
+        self.forward = Forward(
+            self.model, self.sensors, self.n_test, enough, self.pairing.shapes
+        )
 
     def _travel(self) -> dict:
         return {
@@ -353,31 +357,40 @@ class _Run:
             found.append(EffectResult(label, "", float(p), label, True, words))
         return sorted(found, key=lambda e: -e.probability)
 
-    def _is_wrong(self, leader: Fit, grouped: dict[str, str]):
-        """A hypothesis is a placebo if it has nothing in common with the leader's classes."""
-        right = {grouped[e.key] for e in leader.hypothesis.effects}
-        families = {e.family for e in leader.hypothesis.effects if e.family}
+    def _is_wrong(self, fits: Sequence[Fit], leader: Fit, grouped: dict[str, str]):
+        """A hypothesis is a placebo if it has nothing of the leader's main cause.
 
-        def wrong(f: Fit) -> bool:
-            effects = f.hypothesis.effects
-            return bool(effects) and not any(
-                grouped[e.key] in right or e.family in families for e in effects
+        The main cause is the class of effects without which the evidence falls most.
+        """
+
+        def holds(f: Fit, effect: Effect) -> bool:
+            return any(
+                grouped[e.key] == grouped[effect.key] or (e.family and e.family == effect.family)
+                for e in f.hypothesis.effects
             )
 
-        return wrong
+        known = [f for f in fits if not f.hypothesis.unknown]
+        main = min(
+            leader.hypothesis.effects,
+            key=lambda e: max((f.log_evidence for f in known if not holds(f, e)), default=-np.inf),
+            default=None,
+        )
+        if main is None:
+            return lambda f: bool(f.hypothesis.effects)
+        return lambda f: bool(f.hypothesis.effects) and not holds(f, main)
 
     def _placebo_label(self, fits, leader, grouped) -> str:
-        wrong = self._is_wrong(leader, grouped)
+        wrong = self._is_wrong(fits, leader, grouped)
         return next((f.hypothesis.label for f in fits if wrong(f)), "")
 
     def _shrink(self, fits: Sequence[Fit], leader: Fit, grouped):
         best = max(f.log_evidence for f in fits)
-        wrong = self._is_wrong(leader, grouped)
+        wrong = self._is_wrong(fits, leader, grouped)
         wrongs = [f for f in fits if wrong(f)]
         fair = [
             f for f in fits
             if not f.hypothesis.unknown and not wrong(f) and best - f.log_evidence < _HOPELESS
-        ] + wrongs[:3]  # fmt: skip
+        ] + wrongs[:4]  # fmt: skip
         masks = folds(
             self.data.conditions, self.data.mode_names,
             (self.data.condition_name, self.data.condition_unit),

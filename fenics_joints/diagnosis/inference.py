@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -54,7 +55,7 @@ class Hypothesis:
     def label(self) -> str:
         return self.name or " + ".join(effect.name for effect in self.effects)
 
-    @property
+    @cached_property
     def tightenings(self) -> tuple[Prior, ...]:
         """A factor on each torque, where the effects depend on it."""
         if self.scatter <= 0 or not any(e.depends_on_condition for e in self.effects):
@@ -64,7 +65,7 @@ class Hypothesis:
             for c in self.conditions
         )
 
-    @property
+    @cached_property
     def priors(self) -> list[tuple[Effect, Prior]]:
         """Every free parameter with its effect: nuisances, effects, then tightenings."""
         own = [(e, p) for e in (*self.nuisances, *self.effects) for p in e.priors]
@@ -274,7 +275,7 @@ def fit(
     evidence: Evidence,
     baseline: dict[str, float],
     *,
-    starts: Sequence[np.ndarray] = (),
+    starts: Sequence[np.ndarray] | None = None,
     progress: Callable[[], None] | None = None,
 ) -> Fit:
     """Most probable parameters of a hypothesis and its Laplace evidence.
@@ -287,7 +288,7 @@ def fit(
         forward: Predicts frequencies.
         evidence: The test.
         baseline: Parameter values of the nominal model.
-        starts: Points z to start from besides the prior's median; the best end counts.
+        starts: Points z to start from; the best end counts. The prior's median by default.
         progress: Called when done.
     """
     covariance = evidence.covariance(hypothesis.unknown)
@@ -295,7 +296,7 @@ def fit(
     problem = _Problem(hypothesis, forward, evidence, baseline, lower)
     bounds = np.array([prior.limits() for _, prior in hypothesis.priors]).reshape(-1, 2)
     best = None
-    for start in (np.zeros(len(bounds)), *starts):
+    for start in starts or (np.zeros(len(bounds)),):
         if len(bounds) == 0:
             best = (0.0, start)
             break
@@ -336,7 +337,10 @@ class _Problem:
         formulas, no model solution."""
         names = list(self.forward.model.parameters)
         chain = np.zeros((len(names), len(z)))
+        first = len(z) - len(self.hypothesis.tightenings)
         for j in range(len(z)):
+            if j >= first and j != first + row:
+                continue  # another tightening's scatter
             step = np.zeros(len(z))
             step[j] = _DIFFERENCE
             up = self.hypothesis.values(z + step, condition, self.baseline, row)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import ufl
-from dolfinx import fem
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.diagnosis.inference import Evidence, Fit, Forward
@@ -104,7 +102,7 @@ def cell_map(
         lam = modes.eigenvalues[index]
         gradient = structure.cell_gradient(modes.shape(index), lam, modes.given)
         total -= weight * _log_stiffness(structure, gradient) / (2 * lam)
-    return _gather(structure, total / _volumes(structure))
+    return _gather(structure, total / structure.cell_volumes())
 
 
 def _log_stiffness(structure: Structure, gradient: np.ndarray) -> np.ndarray:
@@ -117,14 +115,6 @@ def _log_stiffness(structure: Structure, gradient: np.ndarray) -> np.ndarray:
             if key in ("E", "G"):
                 out[cells] += gradient[cells, slot] * q[cells, slot]
     return out
-
-
-def _volumes(structure: Structure) -> np.ndarray:
-    v = ufl.TestFunction(fem.functionspace(structure.mesh, ("DG", 0)))
-    vector = fem.assemble_vector(fem.form(v * ufl.dx))
-    dof = v.ufl_function_space().dofmap.list[:, 0]
-    owned = structure.mesh.topology.index_map(structure.mesh.topology.dim).size_local
-    return vector.array[dof[:owned]]
 
 
 def _gather(structure: Structure, density: np.ndarray) -> CellMap | None:
