@@ -4,7 +4,7 @@
 
 Needs nothing but Python itself where it is started: our side runs through ``./with-fenicsx`` when
 DOLFINx is not at hand, CalculiX where ``ccx`` is found. It also measures the floor under our solve,
-in the same process on the same matrix: one MUMPS factorisation and the solves of the Lanczos method.
+in the same process on the same matrix: one MUMPS factorisation and the solves of Lanczos.
 """
 
 from __future__ import annotations
@@ -128,7 +128,12 @@ def clock(function, repeats: int) -> float:
 
 # DOLFINx numbers the corners of a hexahedron along x, then y, then z; CalculiX goes around.
 CORNERS = (0, 1, 3, 2, 4, 5, 7, 6)
-EDGES = tuple(zip((0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3), (1, 2, 3, 0, 5, 6, 7, 4, 4, 5, 6, 7)))  # noqa: B905
+# The ends of its twelve edges, in the order of C3D20's nodes 9 to 20.
+EDGES = (
+    *((0, 1), (1, 2), (2, 3), (3, 0)),
+    *((4, 5), (5, 6), (6, 7), (7, 4)),
+    *((0, 4), (1, 5), (2, 6), (3, 7)),
+)
 
 
 def write_deck(counts, n_modes: int, path: Path) -> None:
@@ -188,7 +193,8 @@ def timed(command, cwd: Path, environment) -> dict[str, float]:
     )
     wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
-        sys.exit(f"{shlex.join(map(str, command))} failed:\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
+        said = done.stdout[-2000:] + done.stderr[-4000:]
+        sys.exit(f"{shlex.join(map(str, command))} failed:\n{said}")
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return {"wall": wall, "cpu": cpu}
 
@@ -284,12 +290,12 @@ def show(report) -> None:
     print(f"stages of ours, s: {stages}")
     floor = report["floor"]
     print(
-        f"MUMPS alone, s: factorisation {floor['factor']:.2f}; one solve {floor['single']:.3f}; one "
-        f"with {floor['width']:.0f} columns {floor['block']:.3f}"
+        f"MUMPS alone, s: factorisation {floor['factor']:.2f}; one solve {floor['single']:.3f}; "
+        f"one with {floor['width']:.0f} columns {floor['block']:.3f}"
     )
     print(
-        f"eigenproblem, ordering kept: {floor['ours']:.2f} s, {floor['ratio']:.2f} times MUMPS alone "
-        f"(factorisation + {floor['blocks']:.0f} block solves, {floor['mumps_blocks']:.2f} s), "
+        f"eigenproblem, ordering kept: {floor['ours']:.2f} s, {floor['ratio']:.2f} times MUMPS "
+        f"alone (factorisation + {floor['blocks']:.0f} block solves, {floor['mumps_blocks']:.2f} s), "
         f"{floor['ratio_to_singles']:.2f} times factorisation + {SINGLE_SOLVES} single solves "
         f"({floor['mumps_singles']:.2f} s)"
     )
@@ -308,13 +314,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=3, help="alternating pairs of runs")
     parser.add_argument("--ranks", type=int, default=2, help="MPI ranks of ours")
-    parser.add_argument("--threads", type=int, default=2, help="threads of ccx, and of ours at 1 rank")
+    threads = "threads of ccx, and of ours at 1 rank"
+    parser.add_argument("--threads", type=int, default=2, help=threads)
     parser.add_argument("--elements", type=int, nargs=3, default=(60, 24, 4), metavar="N")
     parser.add_argument("--modes", type=int, default=12)
     parser.add_argument("--ccx", help="path of CalculiX")
     parser.add_argument("--launcher", help="command that enters FEniCSx; '' for none")
     parser.add_argument("--json", type=Path, help="write all numbers here")
-    parser.add_argument("--as", dest="role", choices=("ours", "floor", "deck"), help=argparse.SUPPRESS)
+    roles = ("ours", "floor", "deck")  # what a child process does
+    parser.add_argument("--as", dest="role", choices=roles, help=argparse.SUPPRESS)
     parser.add_argument("--output", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.role == "deck":

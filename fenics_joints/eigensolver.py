@@ -29,7 +29,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 
 __all__ = ["DEFAULT_SHIFT", "EigenResult", "EigenSolver", "count_below", "solve_pencil"]
 
-#: Default shift in rad^2/s^2: 50 Hz below zero, right for metal parts with modes from 10 Hz to 20 kHz.
+#: Default shift in rad^2/s^2: 50 Hz below zero, for metal parts with modes from 10 Hz to 20 kHz.
 DEFAULT_SHIFT = -((2.0 * np.pi * 50.0) ** 2)
 
 _OPTIONS = {
@@ -48,9 +48,9 @@ class EigenResult:
     Attributes:
         values: Eigenvalues, ascending, shape (n,); rad^2/s^2 for SI matrices.
         shapes: The n eigenvectors, M-orthonormal, laid out like the rows of K.
-        residuals: Relative residuals, shape (n,): ``|K x - lambda M x|`` over ``|x|_A``, the first in
-            the norm of the inverse diagonal of ``A = K - shift M``. Unlike the 2-norm it is not
-            swamped by the round-off of stiff thin layers.
+        residuals: Relative residuals, shape (n,): ``|K x - lambda M x|`` over ``|x|_A``, the first
+            in the norm of the inverse diagonal of ``A = K - shift M``. Unlike the 2-norm it is
+            not swamped by the round-off of stiff thin layers.
         statistics: ``method``, ``seconds``, of which ``factor_seconds``, and ``basis``; from block
             Lanczos also ``solve_seconds``, ``solves`` (right-hand sides) and ``block_solves``.
     """
@@ -67,8 +67,8 @@ class EigenSolver:
     Args:
         n: Number of modes wanted, rigid-body modes included.
         shift: Shift in the unit of the eigenvalues, not above zero; below zero for a free body.
-        tol: Relative tolerance on ``|A^-1 M x - theta x|_M / theta`` with ``theta = 1 / (lambda - shift)``.
-            The eigenvalue's relative error is of the order of its square.
+        tol: Tolerance on ``|A^-1 M x - theta x|_M / theta`` with ``theta = 1 / (lambda - shift)``;
+            the eigenvalue's relative error is of the order of its square.
         block: Columns solved at once; default from n.
         max_basis: Largest Krylov basis before a restart; default from n and block.
         max_restarts: Restarts before ConvergenceError.
@@ -96,8 +96,8 @@ class EigenSolver:
             raise InputError(f"n is {n}: expected at least one mode")
         if not shift <= 0.0:
             raise InputError(
-                f"shift is {shift}: expected zero or less, since only a shift below every eigenvalue "
-                "gives the lowest modes (and below zero for a free body)"
+                f"shift is {shift}: expected zero or less, since only a shift below every "
+                "eigenvalue gives the lowest modes (and below zero for a free body)"
             )
         if not 0.0 < tol < 1e-2:
             raise InputError(f"tol is {tol}: expected a number between 0 and 0.01")
@@ -123,7 +123,7 @@ class EigenSolver:
         Args:
             K: Stiffness, symmetric positive semi-definite.
             M: Mass, symmetric positive semi-definite, same layout.
-            initial: Approximate eigenvectors to start from, such as the ``shapes`` of a near pencil.
+            initial: Approximate eigenvectors to start from, such as a near pencil's ``shapes``.
 
         Raises:
             InputError: The matrices are not a square pencil of one layout, or smaller than n.
@@ -140,8 +140,9 @@ class EigenSolver:
         # The recurrence's own estimate decides convergence; this catches a wrong factorisation.
         if not np.all(residuals <= max(1e3 * self.tol, 1e-6)):
             raise ConvergenceError(
-                f"the true residual of mode {int(np.argmax(residuals)) + 1} is {residuals.max():.1e}: "
-                "the factorisation is inaccurate; take a shift further below zero"
+                f"the true residual of mode {int(np.argmax(residuals)) + 1} is "
+                f"{residuals.max():.1e}: the factorisation is inaccurate; take a shift further "
+                "below zero"
             )
         stats["seconds"] = time.perf_counter() - begin
         return EigenResult(values, [_vector(K, x) for x in X.T], residuals, stats)
@@ -273,7 +274,7 @@ def solve_pencil(
     initial: Sequence[PETSc.Vec] | None = None,
     **settings,
 ) -> EigenResult:
-    """Solve one pencil: ``EigenSolver(n, ...).solve(K, M, initial)``; see there for the arguments."""
+    """Solve one pencil: ``EigenSolver(n, ...).solve(K, M, initial)``; the arguments are its."""
     solver = EigenSolver(n, shift=shift, petsc_options=petsc_options, **settings)
     try:
         return solver.solve(K, M, initial)
@@ -284,8 +285,8 @@ def solve_pencil(
 def count_below(K: PETSc.Mat, M: PETSc.Mat, value: float) -> int:
     """Number of eigenvalues below a value, by Sylvester's law of inertia.
 
-    An independent check that no mode was missed; it costs one indefinite factorisation, as much as a
-    whole solve, and so is not part of one.
+    An independent check that no mode was missed; it costs an indefinite factorisation, as much as
+    a whole solve, and so is not part of one.
 
     Args:
         K: Stiffness.
@@ -368,14 +369,15 @@ class _Operator:
 def _without_zeros(M: PETSc.Mat) -> PETSc.Mat:
     """M itself, or a copy without its stored zeros where they are many.
 
-    A consistent mass in DOLFINx's blocked pattern is two-thirds zeros, and each step multiplies by it.
+    A consistent mass in DOLFINx's blocked pattern is two-thirds zeros; each step multiplies by it.
     """
     start, columns, values = M.getValuesCSR()
     keep = values != 0.0
     if M.comm.tompi4py().allreduce(bool(keep.mean() > 0.6) if keep.size else False, op=MPI.LOR):
         return M
     start = np.concatenate([[0], np.cumsum(keep)])[start].astype(PETSc.IntType)
-    lean = PETSc.Mat().createAIJ(M.getSizes(), csr=(start, columns[keep], values[keep]), comm=M.comm)
+    csr = start, columns[keep], values[keep]
+    lean = PETSc.Mat().createAIJ(M.getSizes(), csr=csr, comm=M.comm)
     lean.assemble()
     return lean
 

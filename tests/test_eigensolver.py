@@ -34,7 +34,7 @@ def to_petsc(A) -> PETSc.Mat:
 
 
 def springs(nodes: int, seed: int, massless: int = 0, held: int = 0):
-    """A random free frame of springs in space, six rigid-body modes, as sparse K and dense-diagonal M.
+    """A random free frame of springs in space, six rigid-body modes, as sparse K and diagonal M.
 
     The last ``massless`` nodes weigh nothing; the first ``held`` nodes are constrained the way
     DOLFINx does it: decoupled, with one on the diagonal of K and zero in M.
