@@ -295,7 +295,8 @@ def show(report) -> None:
     )
     print(
         f"eigenproblem, ordering kept: {floor['ours']:.2f} s, {floor['ratio']:.2f} times MUMPS "
-        f"alone (factorisation + {floor['blocks']:.0f} block solves, {floor['mumps_blocks']:.2f} s), "
+        f"alone (factorisation + {floor['blocks']:.0f} block solves, "
+        f"{floor['mumps_blocks']:.2f} s), "
         f"{floor['ratio_to_singles']:.2f} times factorisation + {SINGLE_SOLVES} single solves "
         f"({floor['mumps_singles']:.2f} s)"
     )
