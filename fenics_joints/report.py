@@ -15,9 +15,10 @@ from markupsafe import Markup
 import fenics_joints
 from fenics_joints import formatting, mesh_pictures, pictures
 from fenics_joints.gap import Gap
+from fenics_joints.reading import by_effect, confusion, effect_classes, leading, plain
 
 if TYPE_CHECKING:
-    from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
+    from fenics_joints.diagnosis.result import Diagnosis
     from fenics_joints.mode_list import ModeList
     from fenics_joints.updating import UpdateReport
 
@@ -52,6 +53,8 @@ def _environment() -> jinja2.Environment:
         number=formatting.number,
         quantity=formatting.quantity,
         interval=formatting.interval,
+        plain=plain,
+        by_effect=by_effect,
         at=formatting.condition_value,
     )
     return env
@@ -132,16 +135,17 @@ def diagnosis_html(d: Diagnosis, *, log_sd: np.ndarray | None = None) -> str:
     Returns:
         HTML without any reference to other files.
     """
-    lead = d.hypotheses[0] if d.hypotheses else None
+    classes = effect_classes(d)
     return _render(
         "diagnosis.html",
         d=d,
         heading=VERDICTS.get(d.verdict, d.verdict),
-        lead=lead,
+        lead=leading(d),
         bars=_svg(_gap_picture(d)),
         map=None if d.cells is None else _svg(mesh_pictures.cell_map(d.cells)),
         heat=_heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
-        classes=effect_classes(d.effects, d.hypotheses),
+        classes=classes,
+        letters={c.name: c.letter for c in classes},
         hypotheses=d.hypotheses[:_MOST_HYPOTHESES],
         rest=d.hypotheses[_MOST_HYPOTHESES:],
         best=max((h.log_evidence for h in d.hypotheses), default=0.0),
@@ -174,41 +178,13 @@ def _gap_picture(d: Diagnosis) -> str:
     return pictures.gap_bars(groups, d.noise)
 
 
-def effect_classes(
-    effects: Sequence[EffectResult], hypotheses: Sequence[HypothesisResult]
-) -> list[dict]:
-    """Effects by class, most probable class first.
-
-    The probability of a class is that of all hypotheses that hold one of its effects: since two of
-    them may be in one hypothesis, it is not the sum over the effects.
-
-    Returns:
-        Rows with name, probability, and effects.
-    """
-    classes: dict[str, list[EffectResult]] = {}
-    for effect in effects:
-        classes.setdefault(effect.class_name, []).append(effect)
-    rows = []
-    for name, members in classes.items():
-        keys = {f"{e.name} ({e.region})" if e.region else e.name for e in members}
-        p = sum(h.probability for h in hypotheses if keys & {*h.effects, h.label})
-        p = min(max([p, *(e.probability for e in members)]), 1.0)
-        rows.append({"name": name, "probability": p, "effects": members})
-    return sorted(rows, key=lambda row: -row["probability"])
-
-
-def confusion(distance: float) -> float:
-    """Probability of taking one of two causes for the other at a separation in s.d.: Phi(-D)."""
-    return 0.5 * math.erfc(distance / math.sqrt(2.0))
-
-
 #: Facts on the model, in words.
 _FACTS = {
     "dofs": "degrees of freedom of the finite-element model",
     "basis": "vectors of the reduced model's basis",
     "samples": "parameter sets the basis was made from",
     "seconds": "seconds that the diagnosis took",
-    "calls": "model evaluations",
+    "reduced_solutions": "eigenproblems of the reduced model solved",
 }
 
 

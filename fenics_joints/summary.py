@@ -19,6 +19,7 @@ from fenics_joints.formatting import (
     probability,
     quantity,
 )
+from fenics_joints.reading import by_effect, effect_classes, leading, plain
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["diagnosis", "modes", "update"]
 
 #: Rows of each table, so that all of it fits on a screen.
-_REGIONS, _EFFECTS, _PARAMETERS, _MODES = 4, 5, 6, 26
+_REGIONS, _EFFECTS, _PARAMETERS, _MODES = 4, 4, 4, 26
 _STYLES = {"cause": "bold cyan", "no gap": "bold green", "ambiguous": "bold yellow"}
 _BAR = 20
 
@@ -49,13 +50,20 @@ def _bar(share: float) -> Text:
 
 
 def _line(text: str) -> Text:
-    """Text on one line, cut off where the terminal ends; no markup is read in it."""
+    """A table's cell on one line, cut off where the column ends; no markup is read in it."""
     return Text(text, no_wrap=True, overflow="ellipsis")
+
+
+def _say(console: Console, text: str, style: str | None = None) -> None:
+    """Print one line, cut off where the terminal ends; no markup is read in it."""
+    console.print(
+        text, style=style, no_wrap=True, overflow="ellipsis", markup=False, highlight=False
+    )
 
 
 def diagnosis(console: Console, d: Diagnosis) -> None:
     """Print the diagnosis: verdict, gap, where, which and the leading hypothesis' parameters."""
-    console.print(_line(d.title), style="bold")
+    _say(console, d.title, "bold")
     verdict = Text(d.verdict.upper(), style=_STYLES.get(d.verdict, "bold red"))
     console.print(Text.assemble(verdict, ": ", d.summary))
     console.print()
@@ -80,44 +88,55 @@ def diagnosis(console: Console, d: Diagnosis) -> None:
 def _where(console: Console, d: Diagnosis) -> None:
     table = _table("where", ">share", "")
     for zone in d.where[:_REGIONS]:
-        table.add_row(Text(zone.region), percent(zone.share, 1), _bar(zone.share))
-    _more(table, len(d.where) - _REGIONS)
+        table.add_row(Text(plain(zone.region)), percent(zone.share, 1), _bar(zone.share))
     console.print(table)
     console.print()
 
 
 def _which(console: Console, d: Diagnosis) -> None:
-    table = _table("which effect", "class", ">probability", "")
-    for effect in d.effects[:_EFFECTS]:
-        own = effect.class_name == effect.name
-        table.add_row(
-            _line(effect.name), _line("" if own else effect.class_name),
-            probability(effect.probability), _bar(effect.probability),
-        )  # fmt: skip
+    classes = effect_classes(d)
+    table = _table("which effect", "", ">probability", "")
+    left = _EFFECTS
+    for group in classes:
+        if left <= 0:
+            break
+        if group.letter:
+            _effect_row(table, f"one of {len(group.effects)} in", group.letter, group.probability)
+        for effect in group.effects[:left]:
+            name = f"  {effect.name}" if group.letter else effect.name
+            _effect_row(table, name, group.letter, effect.probability)
+        left -= len(group.effects)
     _more(table, len(d.effects) - _EFFECTS)
     console.print(table)
-    if d.separations and d.effects:
-        # The class that matters is the most probable effect's.
-        lead = [s for s in d.separations if s.class_name == d.effects[0].class_name]
-        best = max(lead or d.separations, key=lambda s: s.distance)
-        console.print(_line(f"to split {best.class_name}: {best.measurement}"))
+    letters = {group.name: group.letter for group in classes if group.letter}
+    for s in [s for s in d.separations if s.class_name in letters][:2]:
+        text = f"to split {letters[s.class_name]}, {s.distance:.1f} s.d.: {s.measurement}"
+        _say(console, text)
     console.print()
 
 
+def _effect_row(table: Table, name: str, letter: str, p: float) -> None:
+    table.add_row(_line(name), letter, probability(p), _bar(p))
+
+
 def _lead(console: Console, d: Diagnosis) -> None:
-    if not d.hypotheses:
+    lead = leading(d)
+    if lead is None:
         return
-    lead = d.hypotheses[0]
-    fitted = [p for p in lead.parameters if not p["nuisance"]]
-    if fitted:
-        table = _table("fitted in the leading hypothesis", ">value", "68 % interval")
-        for p in fitted[:_PARAMETERS]:
-            span = interval(p["low"], p["high"], p["unit"])
-            table.add_row(_line(p["name"]), quantity(p["value"], p["unit"]), _line(span))
-        _more(table, len(fitted) - _PARAMETERS)
+    table = _table("fitted", ">value", "68 % interval", "in the leading hypothesis")
+    left = _PARAMETERS
+    for effect, rows in by_effect(lead.parameters):
+        for i, p in enumerate(rows[: max(left, 0)]):
+            span = Text(interval(p["low"], p["high"], p["unit"]), no_wrap=True)
+            value = quantity(p["value"], p["unit"])
+            name = Text(p["name"], no_wrap=True)
+            table.add_row(name, value, span, _line("" if i else plain(effect)))
+        left -= len(rows)
+    _more(table, -left)
+    if table.rows:
         console.print(table)
     if lead.at_bound:
-        console.print(_line(f"at a limit: {', '.join(lead.at_bound)}"), style="yellow")
+        _say(console, f"at a limit: {', '.join(lead.at_bound)}", "yellow")
 
 
 def _more(table: Table, n: int) -> None:
@@ -128,9 +147,9 @@ def _more(table: Table, n: int) -> None:
 def update(console: Console, u: UpdateReport) -> None:
     """Print the update: parameters, frequencies before and after, and the curves' gaps."""
     at = condition_value(u.at, u.condition[1])
-    console.print(_line(f"{u.title}: update at {u.condition[0]} {at}"), style="bold")
+    _say(console, f"{u.title}: update at {u.condition[0]} {at}", "bold")
     gaps = f"gap {percent(u.gap_before.rms)} -> {percent(u.gap_after.rms)}"
-    console.print(_line(f"{gaps} in {u.iterations} iterations. {u.message}"))
+    _say(console, f"{gaps} in {u.iterations} iterations. {u.message}")
     console.print()
     table = _table("parameter", ">start", ">identified", ">relative s.d.")
     for p in u.parameters[: 2 * _PARAMETERS]:
@@ -151,13 +170,13 @@ def update(console: Console, u: UpdateReport) -> None:
     console.print(table)
     if u.identifiability.undetermined:
         words = ", ".join(u.identifiability.undetermined)
-        console.print(_line(f"not determined by these data: {words}"), style="yellow")
+        _say(console, f"not determined by these data: {words}", "yellow")
     if u.curves:
         console.print()
         gap = f"fitted {percent(u.curve_gap_fitted)}, held out {percent(u.curve_gap_heldout)}"
         if u.curve_gap_validation is not None:
             gap += f", validation {percent(u.curve_gap_validation)}"
-        console.print(_line(f"curves over the {u.condition[0]}: gap {gap}"))
+        _say(console, f"curves over the {u.condition[0]}: gap {gap}")
 
 
 def modes(
@@ -176,7 +195,7 @@ def modes(
         kinds: What each mode is, in words, length n; see `report.mode_kinds`.
         n_dofs: Degrees of freedom.
     """
-    console.print(_line(title), style="bold")
+    _say(console, title, "bold")
     table = _table(">mode", ">frequency, Hz", "what it is")
     for i, (f, kind) in enumerate(zip(frequencies_hz, kinds, strict=True)):
         if i == _MODES:
@@ -185,5 +204,5 @@ def modes(
         table.add_row(str(i + 1), hertz(float(np.real(f))), kind, style="dim" if dim else None)
     console.print(table)
     if len(frequencies_hz) > _MODES:
-        console.print(_line(f"and {len(frequencies_hz) - _MODES} more"), style="dim")
-    console.print(_line(f"{n_dofs} degrees of freedom"))
+        _say(console, f"and {len(frequencies_hz) - _MODES} more", "dim")
+    _say(console, f"{n_dofs} degrees of freedom")
