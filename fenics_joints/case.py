@@ -79,6 +79,7 @@ class Case(Section):
     _measured: TestData | None = PrivateAttr(None)
     _validation: TestData | None = PrivateAttr(None)
     _start: dict[str, float] = PrivateAttr(default_factory=dict)
+    _published: dict[str, float] = PrivateAttr(default_factory=dict)
 
     @property
     def path(self) -> Path:
@@ -115,6 +116,10 @@ class Case(Section):
     def start(self) -> dict[str, float]:
         """Values at which updating starts, SI, by parameter; those in ``update.start``."""
         return dict(self._start)
+
+    def published(self) -> dict[str, float]:
+        """Somebody's values of the parameters, SI; those in ``update.published.parameters``."""
+        return dict(self._published)
 
     def nominal(self, attached: bool = False) -> dict[str, float]:
         """Value of every parameter of the model, SI, by name (``near.E``), in order.
@@ -296,18 +301,28 @@ def _check_update(case: Case) -> list[str]:
         if name not in known:
             key = f"update.parameters[{i}]"
             errors.append(said(key, name, f"no such parameter{did_you_mean(name, list(known))}"))
-    for name, value in update.start.items():
-        key = f"update.start.{name}"
-        if name not in update.parameters:
-            hint = did_you_mean(name, update.parameters)
-            errors.append(said(key, value, f"is not in update.parameters{hint}"))
-            continue
-        try:
-            case._start[name] = to_si(value, units.get(name.rpartition(".")[2], ""))
-        except InputError as error:
-            errors.append(said(key, value, str(error)))
+    sources = [("update.start", update.start, case._start)]
+    if update.published is not None:
+        sources.append(
+            ("update.published.parameters", update.published.parameters, case._published)
+        )
+    for table, given, into in sources:
+        for name, value in given.items():
+            key = f"{table}.{name}"
+            if name not in update.parameters:
+                hint = did_you_mean(name, update.parameters)
+                errors.append(said(key, value, f"is not in update.parameters{hint}"))
+                continue
+            try:
+                into[name] = to_si(value, units.get(name.rpartition(".")[2], ""))
+            except InputError as error:
+                errors.append(said(key, value, str(error)))
     if measured is None:
         return errors
+    theirs = update.published.frequencies if update.published else []
+    if theirs and len(theirs) != len(measured.mode_names):
+        expected = f"expected {len(measured.mode_names)} frequencies, one for each mode of the test"
+        errors.append(said("update.published.frequencies", theirs, expected))
     given = [] if update.at is None else [("update.at", update.at)]
     given += [(f"update.hold_out[{i}]", c) for i, c in enumerate(update.hold_out)]
     for key, condition in given:

@@ -438,13 +438,27 @@ class Test(Section):
     validation: ValidationTest | None = None
 
 
+class Published(Section):
+    """``[update.published]``: somebody's values and frequencies, to show beside one's own."""
+
+    source: str = ""
+    parameters: dict[str, float | str] = {}
+    frequencies: list[_quantity("Hz", 0, above=True)] = []
+
+
 class Update(Section):
-    """``[update]``: what `fenics-joints update` fits."""
+    """``[update]``: what `fenics-joints update` fits.
+
+    ``regularisation`` is the standard deviation of the logarithm of every parameter about its
+    starting value: it holds what the data leave open, and is 2.3 (a factor of 10) by default.
+    """
 
     at: float | None = None
     parameters: Names
     start: dict[str, float | str] = {}
     hold_out: list[float] = []
+    regularisation: Positive = 2.3
+    published: Published | None = None
 
 
 class Diagnose(Section):

@@ -33,6 +33,7 @@ class Law:
             sum theta_i(q) K_i with K_i independent of q; works on numpy arrays, complex too.
         samples: As many property sets as there are scalars, for which these are independent.
         check: ``(name, q) -> None``; raises InputError when the properties make no sense.
+        ratio_limit: E / G must stay below this, if the law couples them.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Law:
     stiffness_terms: Callable[[Properties], np.ndarray]
     samples: tuple[Properties, ...]
     check: Callable[[str, Properties], None]
+    ratio_limit: float | None = None
 
     def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
         """Consistent mass form; linear in rho * stretch for every law."""
@@ -156,6 +158,7 @@ LAYER_LAWS = {
             ),
             _samples({"E": 2.0, "G": 1.0}, {"E": 2.6, "G": 1.0}),
             _check_isotropic,
+            3.0,
         ),
         Law(
             "uncoupled",
@@ -172,6 +175,7 @@ LAYER_LAWS = {
             _constrained_terms,
             ({"E": 2.0, "G": 1.0, "rho": 1.0, "stretch": 1.0},) + _samples({"E": 2.6, "G": 1.0}),
             _check_isotropic,
+            3.0,
         ),
     )
 }

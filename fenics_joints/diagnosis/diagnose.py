@@ -15,7 +15,7 @@ from fenics_joints.build import build_structure
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.classes import classes, detectable
 from fenics_joints.diagnosis.effects import Effect
-from fenics_joints.diagnosis.inference import Evidence, Fit, Forward, Hypothesis, fit
+from fenics_joints.diagnosis.inference import Evidence, Fit, Hypothesis, fit
 from fenics_joints.diagnosis.library import (
     bonded_values,
     case_effects,
@@ -29,11 +29,10 @@ from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import cross_validate, folds
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
 from fenics_joints.errors import InputError
-from fenics_joints.gap import Gap, pair_modes
+from fenics_joints.gap import Gap
 from fenics_joints.measurements import TestData
-from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction import enrich, reduce
+from fenics_joints.surrogate import Surrogate
 
 __all__ = ["diagnose"]
 
@@ -46,7 +45,6 @@ _LEADERS, _OTHERS = 3, 1
 _HOPELESS = 40.0
 #: Error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
 _REDUCED = 0.05
-_SEEN = 0.05
 
 
 def diagnose(
@@ -119,17 +117,11 @@ class _Run:
         samples = self._samples(self.case.diagnose.samples)
         self.progress.step("reduced model: sampling the parameters", len(samples))
         n = self.case.diagnose.n_modes
-        self.nominal = solve_modes(self.full, self.baseline, n_modes=n)
-        self.pairing = pair_modes(self.nominal, self.n_test, self.sensors)
-        self.model = reduce(
-            self.full, samples, n,
-            travel=self._travel(), keep=self._seen, progress=self.progress.advance,
+        self.surrogate = Surrogate(
+            self.full, samples, self.baseline, sensors=self.sensors, n_test=self.n_test,
+            n_modes=n, travel=self._travel(), progress=self.progress,
         )  # fmt: skip
-        # The basis holds what the test sees alone: a few modes more than it saw are enough.
-        enough = n if self.sensors is None else 6 + self.n_test + 3
-        self.forward = Forward(
-            self.model, self.sensors, self.n_test, enough, self.pairing.shapes
-        )
+        self.forward = self.surrogate.forward
 
     def _travel(self) -> dict:
         return {
@@ -137,13 +129,6 @@ class _Run:
             for name, section in self.case.attached.items()
             if getattr(section, "travel", None) is not None
         }
-
-    def _seen(self, modes: Modes) -> np.ndarray:
-        """Rigid-body modes, and those that the test sees at all."""
-        index = np.arange(len(modes))
-        if self.sensors is None:
-            return index
-        return index[(index < modes.n_rigid) | (modes.visibility(self.sensors) > _SEEN)]
 
     def _samples(self, count: int) -> list[dict[str, float]]:
         """The baseline, and a Sobol sequence over the ranges of all effects."""
@@ -234,40 +219,25 @@ class _Run:
         limit = max(_REDUCED * self.evidence.discrepancy, 1e-4)
         for _ in range(2):
             self.progress.step("checking the reduced model against the full one")
-            self.model_error, modes = self._errors(fits)
+            self.model_error, modes = self.surrogate.error(self._leading_values(fits))
             if self.model_error <= limit:
-                break
-            kept = [m.shape(int(i)) for m in modes for i in self._seen(m)]
-            self.model = enrich(self.model, kept, self._travel())
-            self.forward.model = self.model
-            self.forward.forget()
+                return fits
+            self.surrogate.refine(modes)
             self.progress.step("fitting again with the better model", len(fits))
             fits = [self._fit(f.hypothesis, [f.z]) for f in fits]
-        else:
-            self.model_error, _ = self._errors(fits)
+        self.model_error, _ = self.surrogate.error(self._leading_values(fits))
         return fits
 
-    def _errors(self, fits: Sequence[Fit]) -> tuple[float, list[Modes]]:
-        """Largest relative error at the leading fits' lowest, middle and highest condition."""
-        probability = self._probabilities(fits)
-        leading = [fits[i] for i in np.argsort(-probability)[:2]]
+    def _leading_values(self, fits: Sequence[Fit]) -> list[dict[str, float]]:
+        """Parameters of the two leading fits at the lowest, middle and highest condition."""
+        leading = [fits[i] for i in np.argsort(-self._probabilities(fits))[:2]]
         conditions = self.evidence.conditions
         rows = sorted({0, len(conditions) // 2, len(conditions) - 1})
-        worst, found = 0.0, []
-        solver = self.nominal.solver
-        for f in leading:
-            for row in rows:
-                values = f.hypothesis.values(f.z, conditions[row], self.baseline, row)
-                modes = solve_modes(
-                    self.full, values, n_modes=self.case.diagnose.n_modes, solver=solver
-                )
-                pairing = pair_modes(
-                    modes, self.n_test, self.sensors, reference=self.pairing.shapes
-                )
-                exact = np.log(modes.frequencies_hz[pairing.index])
-                worst = max(worst, float(np.max(np.abs(f.log_f[row] - exact))))
-                found.append(modes)
-        return worst, found
+        return [
+            f.hypothesis.values(f.z, conditions[row], self.baseline, row)
+            for f in leading
+            for row in rows
+        ]
 
     # -- the answer --------------------------------------------------------------------------
 
@@ -306,7 +276,7 @@ class _Run:
             model_error=self.model_error,
             model={
                 "dofs": self.full.n_dofs,
-                "basis": self.model.n_dofs,
+                "basis": self.surrogate.model.n_dofs,
                 "samples": self.case.diagnose.samples + 1,
                 "reduced_solutions": self.forward.calls,
                 "seconds": time.perf_counter() - self.started,
@@ -418,7 +388,7 @@ class _Run:
         return gaps[0], gaps[1]
 
     def _cells(self):
-        names = list(self.model.parameters)
+        names = list(self.full.parameters)
         _, slope = self.forward(self.baseline)
         columns = [
             slope[:, names.index(f"{part}.{key}")] * self.baseline[f"{part}.{key}"]
@@ -426,7 +396,7 @@ class _Run:
             for key in ("E", "rho", "thickness")
         ]
         return cell_map(
-            self.full, self.nominal, self.pairing, self.evidence, np.array(columns).T
+            self.full, self.surrogate.nominal, self.surrogate.pairing, self.evidence, np.array(columns).T
         )
 
     def _separations(self, fits, probability, grouped, leader) -> list:

@@ -16,10 +16,7 @@ from scipy.stats import chi2
 
 from fenics_joints.diagnosis.effects import Effect, Prior
 from fenics_joints.errors import InputError
-from fenics_joints.gap import pair_modes
-from fenics_joints.modal import solve_modes
-from fenics_joints.points import Sensors
-from fenics_joints.sensitivity import frequency_sensitivity
+from fenics_joints.surrogate import Forward
 
 __all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "fit"]
 
@@ -115,46 +112,6 @@ class Hypothesis:
                 }
             )
         return rows
-
-
-class Forward:
-    """Frequencies of the modes that the test saw, and their derivatives, at parameter values.
-
-    Args:
-        model: A reduced (or full) structure.
-        sensors: What the test saw; None takes elastic modes in order.
-        n_test: Number of test modes.
-        n_modes: Number of model modes to compute.
-        reference: Shapes of the test's modes at the sensors, measured or of the baseline.
-    """
-
-    def __init__(
-        self,
-        model,
-        sensors: Sensors | None,
-        n_test: int,
-        n_modes: int,
-        reference: np.ndarray | None = None,
-    ):
-        self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
-        self.reference = reference
-        self._cache: dict[tuple, tuple] = {}
-        self.calls = 0
-
-    def __call__(self, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """(ln f, d ln f / d values) of the test's modes, shapes (m,) and (m, n_parameters)."""
-        key = tuple(values[name] for name in self.model.parameters)
-        if key not in self._cache:
-            modes = solve_modes(self.model, values, n_modes=min(self.n_modes, self.model.n_dofs))
-            pairing = pair_modes(modes, self.n_test, self.sensors, reference=self.reference)
-            log_f = np.log(modes.frequencies_hz[pairing.index])
-            self._cache[key] = (log_f, frequency_sensitivity(modes, pairing.index))
-            self.calls += 1
-        return self._cache[key]
-
-    def forget(self) -> None:
-        """Drop what was computed, after the model has changed."""
-        self._cache.clear()
 
 
 @dataclass(frozen=True)

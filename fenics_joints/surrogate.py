@@ -1,0 +1,144 @@
+"""A reduced model in the service of a fit: built, asked for frequencies, checked and made better."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fenics_joints.gap import pair_modes
+from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.points import Sensors
+from fenics_joints.progress import Progress
+from fenics_joints.reduction import enrich, reduce
+from fenics_joints.sensitivity import frequency_sensitivity
+from fenics_joints.structure import Structure
+
+__all__ = ["Forward", "Surrogate"]
+
+#: Least visibility of a mode that enters the basis.
+_SEEN = 0.05
+#: Modes beyond those that the test saw, so that none is missed when modes change places.
+_SPARE = 3
+
+
+class Forward:
+    """Frequencies of the modes that the test saw, and their derivatives, at parameter values.
+
+    Args:
+        model: A reduced (or full) structure.
+        sensors: What the test saw; None takes elastic modes in order.
+        n_test: Number of test modes.
+        n_modes: Number of model modes to compute.
+        reference: Shapes of the test's modes at the sensors, measured or of a near model; modes
+            are matched to them by MAC.
+    """
+
+    def __init__(
+        self,
+        model,
+        sensors: Sensors | None,
+        n_test: int,
+        n_modes: int,
+        reference: np.ndarray | None = None,
+    ):
+        self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
+        self.reference = reference
+        self._cache: dict[tuple, tuple] = {}
+        self.calls = 0
+
+    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """(ln f, d ln f / d values) of the test's modes, shapes (m,) and (m, n_parameters)."""
+        key = tuple(values[name] for name in self.model.parameters)
+        if key not in self._cache:
+            modes, pairing = self._solve(values)
+            log_f = np.log(modes.frequencies_hz[pairing.index])
+            self._cache[key] = (log_f, frequency_sensitivity(modes, pairing.index))
+            self.calls += 1
+        return self._cache[key]
+
+    def _solve(self, values):
+        modes = solve_modes(self.model, values, n_modes=min(self.n_modes, self.model.n_dofs))
+        return modes, pair_modes(modes, self.n_test, self.sensors, reference=self.reference)
+
+    def track(self, values: Mapping[str, float]) -> None:
+        """Match modes to those at these values from now on."""
+        if self.sensors is not None:
+            self.reference = self._solve(values)[1].shapes
+            self.forget()
+
+    def forget(self) -> None:
+        """Drop what was computed, after the model has changed."""
+        self._cache.clear()
+
+
+class Surrogate:
+    """A parametric reduced model of what a test sees, with its error under control.
+
+    Args:
+        full: The full structure.
+        samples: Parameter values at which its modes make the basis.
+        start: Values whose modes say, by order and visibility, which the test's are.
+        sensors: What the test saw.
+        n_test: Number of modes that the test saw.
+        n_modes: Number of modes of the full model at a sample.
+        travel: Ranges of moving masses, see `ReducedStructure`.
+        progress: Told after each sample.
+
+    Attributes:
+        forward: Frequencies and derivatives from the reduced model.
+        nominal: Modes of the full model at ``start``.
+        pairing: Which of them the test saw.
+    """
+
+    def __init__(
+        self,
+        full: Structure,
+        samples: Sequence[Mapping[str, float]],
+        start: Mapping[str, float],
+        *,
+        sensors: Sensors | None,
+        n_test: int,
+        n_modes: int,
+        travel: Mapping[str, tuple[float, float]] | None = None,
+        progress: Progress | None = None,
+    ):
+        self.full, self.sensors, self.n_test = full, sensors, n_test
+        self.n_modes, self.travel = n_modes, travel
+        self.nominal = solve_modes(full, start, n_modes=n_modes)
+        self.pairing = pair_modes(self.nominal, n_test, sensors)
+        self.model = reduce(
+            full, samples, n_modes, travel=travel, keep=self._seen,
+            progress=progress.advance if progress else None,
+        )  # fmt: skip
+        # With sensors the basis holds what they see alone, besides six rigid-body modes.
+        enough = n_modes if sensors is None else 6 + n_test + _SPARE
+        self.forward = Forward(self.model, sensors, n_test, enough, self.pairing.shapes)
+
+    def _seen(self, modes: Modes) -> np.ndarray:
+        index = np.arange(len(modes))
+        if self.sensors is None:
+            return index
+        return index[(index < modes.n_rigid) | (modes.visibility(self.sensors) > _SEEN)]
+
+    def error(self, points: Sequence[Mapping[str, float]]) -> tuple[float, list[Modes]]:
+        """Largest relative frequency error against the full model, and its modes there."""
+        worst, found = 0.0, []
+        for values in points:
+            modes = solve_modes(
+                self.full, values, n_modes=self.n_modes, solver=self.nominal.solver
+            )
+            pairing = pair_modes(
+                modes, self.n_test, self.sensors, reference=self.forward.reference
+            )
+            exact = np.log(modes.frequencies_hz[pairing.index])
+            worst = max(worst, float(np.max(np.abs(self.forward(values)[0] - exact))))
+            found.append(modes)
+        return worst, found
+
+    def refine(self, modes: Sequence[Modes]) -> None:
+        """Take further modes of the full model into the basis."""
+        shapes = [m.shape(int(i)) for m in modes for i in self._seen(m)]
+        self.model = enrich(self.model, shapes, self.travel)
+        self.forward.model = self.model
+        self.forward.forget()

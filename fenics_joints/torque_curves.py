@@ -1,0 +1,189 @@
+"""Curves of identified parameters over the bolts' torque (seed 001, section 2.3 and Fig. 15).
+
+The paper prints no formula for its curves. Two are tried, with two numbers per parameter each, and
+the one that fits the fitted torques better is kept: a power law, which eqs. 22 to 25 imply for a
+pressure proportional to the torque, and one that saturates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from fenics_joints.errors import InputError
+from fenics_joints.surrogate import Forward
+
+__all__ = ["CurveFit", "fit_curves"]
+
+_FORBIDDEN = 1e3
+
+
+def _power(a, b, ratio):
+    """ln of p = e^a ratio^b, and its derivatives by a and b."""
+    log = np.log(ratio)
+    return a + b * log, np.ones_like(a), np.full_like(b, log)
+
+
+def _saturating(a, b, ratio):
+    """ln of p = e^a (1 - exp(-ratio e^b)), and its derivatives by a and b."""
+    y = np.minimum(ratio * np.exp(b), 500.0)
+    return a + np.log(-np.expm1(-y)), np.ones_like(a), y / np.expm1(y)
+
+
+_FORMS = {"a (T/T0)^b": (_power, 0.5), "a (1 - exp(-b T/T0))": (_saturating, 0.5)}
+
+
+@dataclass(frozen=True, eq=False)
+class CurveFit:
+    """Curves of several parameters over a condition T.
+
+    Attributes:
+        names: Names of the parameters.
+        form: Formula; in it ``a`` is in the parameter's unit.
+        reference: T0.
+        a: Logarithms of a, shape (p,).
+        b: Exponents, or logarithms of b in the saturating form, shape (p,).
+        cost: Weighted sum of squares over the fitted frequencies.
+    """
+
+    names: tuple[str, ...]
+    form: str
+    reference: float
+    a: np.ndarray
+    b: np.ndarray
+    cost: float
+
+    def values(self, condition: float) -> dict[str, float]:
+        """Parameter values at a condition."""
+        log, _, _ = _FORMS[self.form][0](self.a, self.b, condition / self.reference)
+        return dict(zip(self.names, np.exp(log).tolist(), strict=True))
+
+    def table(self) -> list[dict]:
+        """Name, form, T0, a and b of each parameter."""
+        power = self.form.startswith("a (T")
+        return [
+            {
+                "name": name,
+                "form": self.form,
+                "T0": self.reference,
+                "a": float(np.exp(a)),
+                "b": float(b if power else np.exp(b)),
+            }
+            for name, a, b in zip(self.names, self.a, self.b, strict=True)
+        ]
+
+
+def fit_curves(
+    forward: Forward,
+    names: Sequence[str],
+    start: Mapping[str, float],
+    conditions: np.ndarray,
+    measured_hz: np.ndarray,
+    log_sd: np.ndarray,
+    log_values: np.ndarray,
+    information: Sequence[np.ndarray],
+    regularisation: float = 2.3,
+) -> CurveFit:
+    """Curves fitted to the measured frequencies of all conditions at once.
+
+    They start from the parameters identified condition by condition, weighted by what each of these
+    identifications knew, so that combinations the data leave open do not steer the curve.
+
+    Args:
+        forward: Frequencies and sensitivities.
+        names: The p parameters.
+        start: Values of all the model's parameters.
+        conditions: Fitted conditions, shape (n,), positive.
+        measured_hz: Measured frequencies, Hz, shape (n, m); nan where missing.
+        log_sd: Standard deviations of their logarithms, shape (n, m).
+        log_values: Logarithms of the identified parameters, shape (n, p).
+        information: Inverse covariances of these, n of shape (p, p).
+        regularisation: Standard deviation of ln a about the starting value, as in `update`.
+
+    Raises:
+        InputError: If no form gives values that the model's laws allow.
+    """
+    problem = _Problem(forward, tuple(names), start, conditions, measured_hz, log_sd, regularisation)
+    found = []
+    for form in _FORMS:
+        guess = problem.guess(form, log_values, information)
+        result = least_squares(
+            problem.residual, guess, problem.slope, args=(form,), max_nfev=60,
+            ftol=1e-8, xtol=1e-7, gtol=1e-8,
+        )  # fmt: skip
+        a, b = np.split(result.x, 2)
+        found.append(CurveFit(problem.names, form, problem.reference, a, b, 2 * result.cost))
+    best = min(found, key=lambda c: c.cost)
+    if best.cost > _FORBIDDEN**2:
+        raise InputError("no curve over the torque stays within what the joint's law allows.")
+    return best
+
+
+class _Problem:
+    #: Weak pull of the shape numbers to their usual value: an open one must not run away.
+    _PULL = 1.0
+
+    def __init__(self, forward, names, start, conditions, measured_hz, log_sd, regularisation):
+        self.centre, self.regularisation = np.log([start[n] for n in names]), regularisation
+        self.forward, self.names, self.start = forward, names, dict(start)
+        self.conditions, self.reference = conditions, float(np.max(conditions))
+        self.log_f, self.log_sd = np.log(measured_hz), log_sd
+        position = list(forward.model.parameters)
+        self.columns = [position.index(n) for n in names]
+
+    def guess(self, form, log_values, information) -> np.ndarray:
+        """Generalised least squares of the curve through the identified parameters."""
+        curve, usual = _FORMS[form]
+        p = len(self.names)
+        roots = [np.linalg.cholesky(H).T for H in information]
+
+        def residual(theta):
+            a, b = np.split(theta, 2)
+            parts = [
+                root @ (curve(a, b, c / self.reference)[0] - x)
+                for root, c, x in zip(roots, self.conditions, log_values, strict=True)
+            ]
+            return np.concatenate([*parts, self._pull(theta, form)])
+
+        first = np.concatenate([log_values[np.argmax(self.conditions)], np.full(p, usual)])
+        return least_squares(residual, first).x
+
+    def _curve(self, theta, form, condition):
+        a, b = np.split(theta, 2)
+        log, by_a, by_b = _FORMS[form][0](a, b, condition / self.reference)
+        values = {**self.start, **dict(zip(self.names, np.exp(log).tolist(), strict=True))}
+        return values, np.exp(log), by_a, by_b
+
+    def _pull(self, theta, form):
+        """What holds what the data leave open: a to the start, b to its usual value."""
+        a, b = np.split(theta, 2)
+        pull_a = (a - self.centre) / self.regularisation
+        return np.concatenate([pull_a, (b - _FORMS[form][1]) / self._PULL])
+
+    def residual(self, theta, form):
+        parts = []
+        for condition, log_f, sd in zip(self.conditions, self.log_f, self.log_sd, strict=True):
+            used = np.isfinite(log_f)
+            values, *_ = self._curve(theta, form, condition)
+            try:
+                model, _ = self.forward(values)
+            except InputError:
+                parts.append(np.full(int(used.sum()), _FORBIDDEN))
+                continue
+            parts.append(((model - log_f) / sd)[used])
+        return np.concatenate([*parts, self._pull(theta, form)])
+
+    def slope(self, theta, form):
+        p = len(self.names)
+        parts = []
+        for condition, log_f, sd in zip(self.conditions, self.log_f, self.log_sd, strict=True):
+            used = np.isfinite(log_f)
+            values, at, by_a, by_b = self._curve(theta, form, condition)
+            _, by_values = self.forward(values)
+            by_log = by_values[:, self.columns] * at / sd[:, None]
+            parts.append(np.concatenate([by_log * by_a, by_log * by_b], axis=1)[used])
+        pull = np.diag([1 / self.regularisation] * p + [1 / self._PULL] * p)
+        return np.concatenate([*parts, pull])
