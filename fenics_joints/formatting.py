@@ -6,7 +6,7 @@ import math
 
 __all__ = [
     "MISSING", "condition_value", "hertz", "interval", "number", "percent", "prefixed",
-    "probability", "quantity",
+    "probability", "quantity", "spread",
 ]  # fmt: skip
 
 #: Shown where there is no number.
@@ -78,6 +78,13 @@ def percent(ratio: float | None, digits: int = 2, *, sign: bool = False) -> str:
         return MISSING
     # Rounded first, then 0 added, so that no small negative number becomes a negative zero.
     return f"{round(100 * ratio, digits) + 0.0:{'+' if sign else ''}.{digits}f} %"
+
+
+def spread(log_sd: float | None) -> str:
+    """A standard deviation of a logarithm: per cent while small, else as a factor either way."""
+    if _missing(log_sd):
+        return number(log_sd)
+    return percent(log_sd, 1) if log_sd < 0.3 else f"factor {number(math.exp(log_sd), 2)}"
 
 
 def probability(p: float | None) -> str:

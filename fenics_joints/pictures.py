@@ -289,6 +289,12 @@ def parameter_panels(rows: Sequence[dict], condition: tuple[str, str]) -> str:
         return to_svg(figure, "parameters", alt)
 
 
+def _log_steps(values: np.ndarray) -> tuple[float, ...]:
+    """Ticks within a decade: the fewer, the more decades there are."""
+    decades = np.log10(np.nanmax(values) / np.nanmin(values))
+    return (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
+
+
 def _parameter_panel(axes, row) -> None:
     x, value, held_out = (np.asarray(row[key]) for key in ("x", "value", "held_out"))
     factor, unit = prefixed(float(np.nanmedian(value)), row["unit"])
@@ -302,14 +308,15 @@ def _parameter_panel(axes, row) -> None:
                 x[mask], value[mask], bars[:, mask], fmt="o", ms=4.5, color=CHOSEN, mfc=face,
                 elinewidth=0.9, capsize=2, label=f"{label} (± 2 s.d.)",
             )  # fmt: skip
+    shown = value
     if row.get("curve") is not None:
         fine, curve = row["curve"]
         axes.plot(fine, factor * np.asarray(curve), color=_INK, lw=1.4, label="curve")
+        shown = np.concatenate([value, factor * np.asarray(curve)])
     axes.set_yscale("log")
-    # Limits by the values: the bars of what the data do not determine have no end.
-    low, high = np.nanmin(value), np.nanmax(value)
-    axes.set_ylim(low / 2.5, high * 2.5)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    # Limits by values and curve: the bars of what the data do not determine have no end.
+    axes.set_ylim(np.nanmin(shown) / 2.5, np.nanmax(shown) * 2.5)
+    axes.yaxis.set_major_locator(LogLocator(subs=_log_steps(shown)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.set_title(_with_unit(row["name"], unit), loc="left")

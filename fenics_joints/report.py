@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,6 +54,7 @@ def _environment() -> jinja2.Environment:
         quantity=formatting.quantity,
         interval=formatting.interval,
         plain=plain,
+        spread=formatting.spread,
         by_effect=by_effect,
         at=formatting.condition_value,
     )
@@ -158,7 +159,7 @@ def diagnosis_html(d: Diagnosis, *, log_sd: np.ndarray | None = None) -> str:
             )
         ),
         far=_FAR,
-        facts=[(_FACTS.get(k, k), _fact(k, v)) for k, v in d.model.items()],
+        facts=_facts({**d.model, "frequency_error": d.model_error}),
     )  # fmt: skip
 
 
@@ -183,12 +184,19 @@ _FACTS = {
     "dofs": "degrees of freedom of the finite-element model",
     "basis": "vectors of the reduced model's basis",
     "samples": "parameter sets the basis was made from",
+    "frequency_error": "largest frequency error of the reduced model against the full one",
     "seconds": "seconds that the diagnosis took",
     "reduced_solutions": "eigenproblems of the reduced model solved",
 }
 
 
+def _facts(model: Mapping[str, object]) -> list[tuple[str, str]]:
+    return [(_FACTS.get(key, plain(key)), _fact(key, value)) for key, value in model.items()]
+
+
 def _fact(key: str, value) -> str:
+    if key == "frequency_error":
+        return formatting.percent(float(value), 4)
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
         return str(value)
     if key == "seconds":
@@ -220,14 +228,12 @@ def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
             )
         )  # fmt: skip
     panels = parameter_rows(u)
-    published = u.published or {}
     identifiability = u.identifiability
     return _render(
         "update.html",
         u=u,
-        published=published.get("values", published.get("parameters", {})),
-        published_errors=published.get("errors_percent"),
-        published_source=published.get("source", "published"),
+        published=u.published,
+        facts=_facts(u.model),
         weakest=sorted(
             zip(identifiability.names, np.asarray(identifiability.weakest), strict=True),
             key=lambda pair: -abs(pair[1]),
@@ -260,7 +266,7 @@ def parameter_rows(u: UpdateReport) -> list[dict]:
         curve, line = by_name.get(name), None
         if curve is not None and "a" in curve and "b" in curve and np.all(x > 0):
             fine = np.geomspace(x.min(), x.max(), 60)
-            line = (fine, curve["a"] * fine ** curve["b"])
+            line = (fine, curve["a"] * (fine / curve.get("T0", 1.0)) ** curve["b"])
         rows.append(
             {
                 "name": name,

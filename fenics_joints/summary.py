@@ -18,6 +18,7 @@ from fenics_joints.formatting import (
     percent,
     probability,
     quantity,
+    spread,
 )
 from fenics_joints.reading import by_effect, effect_classes, leading, plain
 
@@ -149,12 +150,12 @@ def update(console: Console, u: UpdateReport) -> None:
     at = condition_value(u.at, u.condition[1])
     _say(console, f"{u.title}: update at {u.condition[0]} {at}", "bold")
     gaps = f"gap {percent(u.gap_before.rms)} -> {percent(u.gap_after.rms)}"
-    _say(console, f"{gaps} in {u.iterations} iterations. {u.message}")
+    _say(console, f"{gaps} in {u.iterations} model evaluations. {u.message}")
     console.print()
-    table = _table("parameter", ">start", ">identified", ">relative s.d.")
+    table = _table("parameter", ">start", ">identified", ">s.d.")
     for p in u.parameters[: 2 * _PARAMETERS]:
         start, value = (quantity(p[key], p["unit"]) for key in ("start", "value"))
-        table.add_row(Text(p["name"]), start, value, percent(p["sd"], 1))
+        table.add_row(Text(p["name"]), start, value, spread(p["sd"]))
     _more(table, len(u.parameters) - 2 * _PARAMETERS)
     console.print(table)
     console.print()
@@ -173,7 +174,9 @@ def update(console: Console, u: UpdateReport) -> None:
         _say(console, f"not determined by these data: {words}", "yellow")
     if u.curves:
         console.print()
-        gap = f"fitted {percent(u.curve_gap_fitted)}, held out {percent(u.curve_gap_heldout)}"
+        gap = f"fitted {percent(u.curve_gap_fitted)}"
+        if u.curve_gap_heldout is not None:
+            gap += f", held out {percent(u.curve_gap_heldout)}"
         if u.curve_gap_validation is not None:
             gap += f", validation {percent(u.curve_gap_validation)}"
         _say(console, f"curves over the {u.condition[0]}: gap {gap}")

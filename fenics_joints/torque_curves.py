@@ -2,7 +2,8 @@
 
 The paper prints no formula for its curves. Two are tried, with two numbers per parameter each, and
 the one that fits the fitted torques better is kept: a power law, which eqs. 22 to 25 imply for a
-pressure proportional to the torque, and one that saturates.
+pressure proportional to the torque, and one that saturates. Where a law bounds E by G, the curve of
+E is that of the odds s = E / (3 G - E), so that it stays allowed at any torque.
 """
 
 from __future__ import annotations
@@ -13,12 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from fenics_joints.errors import InputError
+from fenics_joints.log_scale import LogScale
 from fenics_joints.surrogate import Forward
 
 __all__ = ["CurveFit", "fit_curves"]
-
-_FORBIDDEN = 1e3
 
 
 def _power(a, b, ratio):
@@ -33,7 +32,8 @@ def _saturating(a, b, ratio):
     return a + np.log(-np.expm1(-y)), np.ones_like(a), y / np.expm1(y)
 
 
-_FORMS = {"a (T/T0)^b": (_power, 0.5), "a (1 - exp(-b T/T0))": (_saturating, 0.5)}
+_POWER, _SATURATING = "a (T/T0)^b", "a (1 - exp(-b T/T0))"
+_FORMS = {_POWER: (_power, 0.5), _SATURATING: (_saturating, 0.5)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +42,12 @@ class CurveFit:
 
     Attributes:
         names: Names of the parameters.
-        form: Formula; in it ``a`` is in the parameter's unit.
+        form: Formula; in it ``a`` is in the parameter's unit, or a pure number for odds.
         reference: T0.
         a: Logarithms of a, shape (p,).
         b: Exponents, or logarithms of b in the saturating form, shape (p,).
         cost: Weighted sum of squares over the fitted frequencies.
+        scale: Coordinates that the curves are of.
     """
 
     names: tuple[str, ...]
@@ -55,25 +56,28 @@ class CurveFit:
     a: np.ndarray
     b: np.ndarray
     cost: float
+    scale: LogScale
 
     def values(self, condition: float) -> dict[str, float]:
         """Parameter values at a condition."""
-        log, _, _ = _FORMS[self.form][0](self.a, self.b, condition / self.reference)
-        return dict(zip(self.names, np.exp(log).tolist(), strict=True))
+        x, _, _ = _FORMS[self.form][0](self.a, self.b, condition / self.reference)
+        return dict(zip(self.names, np.exp(self.scale.logs(x)).tolist(), strict=True))
 
     def table(self) -> list[dict]:
         """Name, form, T0, a and b of each parameter."""
-        power = self.form.startswith("a (T")
-        return [
+        rows = [
             {
                 "name": name,
                 "form": self.form,
                 "T0": self.reference,
                 "a": float(np.exp(a)),
-                "b": float(b if power else np.exp(b)),
+                "b": float(b if self.form == _POWER else np.exp(b)),
             }
             for name, a, b in zip(self.names, self.a, self.b, strict=True)
         ]
+        for E, G, limit in self.scale.pairs:
+            rows[E]["form"] = f"{limit:g} {self.names[G]} s/(1 + s), s = {self.form}"
+        return rows
 
 
 def fit_curves(
@@ -102,9 +106,6 @@ def fit_curves(
         log_values: Logarithms of the identified parameters, shape (n, p).
         information: Inverse covariances of these, n of shape (p, p).
         regularisation: Standard deviation of ln a about the starting value, as in `update`.
-
-    Raises:
-        InputError: If no form gives values that the model's laws allow.
     """
     problem = _Problem(forward, tuple(names), start, conditions, measured_hz, log_sd, regularisation)
     found = []
@@ -115,11 +116,10 @@ def fit_curves(
             ftol=1e-8, xtol=1e-7, gtol=1e-8,
         )  # fmt: skip
         a, b = np.split(result.x, 2)
-        found.append(CurveFit(problem.names, form, problem.reference, a, b, 2 * result.cost))
-    best = min(found, key=lambda c: c.cost)
-    if best.cost > _FORBIDDEN**2:
-        raise InputError("no curve over the torque stays within what the joint's law allows.")
-    return best
+        found.append(
+            CurveFit(problem.names, form, problem.reference, a, b, 2 * result.cost, problem.scale)
+        )
+    return min(found, key=lambda c: c.cost)
 
 
 class _Problem:
@@ -127,52 +127,61 @@ class _Problem:
     _PULL = 1.0
 
     def __init__(self, forward, names, start, conditions, measured_hz, log_sd, regularisation):
-        self.centre, self.regularisation = np.log([start[n] for n in names]), regularisation
         self.forward, self.names, self.start = forward, names, dict(start)
         self.conditions, self.reference = conditions, float(np.max(conditions))
         self.log_f, self.log_sd = np.log(measured_hz), log_sd
+        self.scale, self.regularisation = LogScale(names, forward.model), regularisation
+        self.centre = self.scale.inverse(np.log([start[n] for n in names]))
         position = list(forward.model.parameters)
         self.columns = [position.index(n) for n in names]
+        # Odds have no usual trend.
+        self.flat = np.isin(np.arange(len(names)), [E for E, _, _ in self.scale.pairs])
+
+    def _usual(self, form) -> np.ndarray:
+        trend = 0.0 if form == _POWER else 3.0
+        return np.where(self.flat, trend, _FORMS[form][1])
 
     def guess(self, form, log_values, information) -> np.ndarray:
         """Generalised least squares of the curve through the identified parameters."""
-        curve, usual = _FORMS[form]
-        p = len(self.names)
-        roots = [np.linalg.cholesky(H).T for H in information]
+        curve, _ = _FORMS[form]
+        points = [self.scale.inverse(log) for log in log_values]
+        turned = [self.scale.slope(x) for x in points]
+        roots = [
+            np.linalg.cholesky(T.T @ H @ T + 1e-9 * np.eye(len(T))).T
+            for T, H in zip(turned, information, strict=True)
+        ]
 
         def residual(theta):
             a, b = np.split(theta, 2)
             parts = [
                 root @ (curve(a, b, c / self.reference)[0] - x)
-                for root, c, x in zip(roots, self.conditions, log_values, strict=True)
+                for root, c, x in zip(roots, self.conditions, points, strict=True)
             ]
             return np.concatenate([*parts, self._pull(theta, form)])
 
-        first = np.concatenate([log_values[np.argmax(self.conditions)], np.full(p, usual)])
+        first = np.concatenate([points[int(np.argmax(self.conditions))], self._usual(form)])
         return least_squares(residual, first).x
 
     def _curve(self, theta, form, condition):
+        """Model values, logarithms' slope by the coordinates, and the curve's slopes."""
         a, b = np.split(theta, 2)
-        log, by_a, by_b = _FORMS[form][0](a, b, condition / self.reference)
-        values = {**self.start, **dict(zip(self.names, np.exp(log).tolist(), strict=True))}
-        return values, np.exp(log), by_a, by_b
+        x, by_a, by_b = _FORMS[form][0](a, b, condition / self.reference)
+        at = np.exp(self.scale.logs(x))
+        values = {**self.start, **dict(zip(self.names, at.tolist(), strict=True))}
+        return values, at[:, None] * self.scale.slope(x), by_a, by_b
 
     def _pull(self, theta, form):
         """What holds what the data leave open: a to the start, b to its usual value."""
         a, b = np.split(theta, 2)
         pull_a = (a - self.centre) / self.regularisation
-        return np.concatenate([pull_a, (b - _FORMS[form][1]) / self._PULL])
+        return np.concatenate([pull_a, (b - self._usual(form)) / self._PULL])
 
     def residual(self, theta, form):
         parts = []
         for condition, log_f, sd in zip(self.conditions, self.log_f, self.log_sd, strict=True):
             used = np.isfinite(log_f)
             values, *_ = self._curve(theta, form, condition)
-            try:
-                model, _ = self.forward(values)
-            except InputError:
-                parts.append(np.full(int(used.sum()), _FORBIDDEN))
-                continue
+            model, _ = self.forward(values)
             parts.append(((model - log_f) / sd)[used])
         return np.concatenate([*parts, self._pull(theta, form)])
 
@@ -183,7 +192,7 @@ class _Problem:
             used = np.isfinite(log_f)
             values, at, by_a, by_b = self._curve(theta, form, condition)
             _, by_values = self.forward(values)
-            by_log = by_values[:, self.columns] * at / sd[:, None]
+            by_log = by_values[:, self.columns] @ at / sd[:, None]
             parts.append(np.concatenate([by_log * by_a, by_log * by_b], axis=1)[used])
         pull = np.diag([1 / self.regularisation] * p + [1 / self._PULL] * p)
         return np.concatenate([*parts, pull])
