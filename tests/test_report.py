@@ -161,11 +161,13 @@ def update(**changes) -> SimpleNamespace:
         title="Plates", condition=("torque", "N·m"), at=2.0, message="Converged.", iterations=7,
         parameters=[{"name": "near.E", "value": 8.63e8, "unit": "Pa", "sd": 0.081, "start": 3e9}],
         gap_before=Gap(TORQUES[:1], MODES, TEST[:1], 1.1 * TEST[:1]), gap_after=one,
-        published={"values": {"near.E": 8.7e8}, "errors_percent": [0.49, 2.42]},
+        published={"source": "paper", "parameters": {"near.E": 8.7e8}, "model_hz": [380.0, 970.0],
+                   "frequencies_hz": [375.0, None], "errors_percent": [1.3333, None]},
         identifiability=Identifiability(("near.E",), 1.0, 1.0, np.array([0.1]), np.ones(1), ()),
-        torque_fits=fits, curves=[{"name": "near.E", "form": "a T^b", "a": 1e8, "b": 0.5}],
+        torque_fits=fits,
+        curves=[{"name": "near.E", "form": "a (T/T0)^b", "T0": 4.0, "a": 2e8, "b": 0.5}],
         curve_gap_fitted=0.0091, curve_gap_heldout=0.0113, curve_gap_validation=None,
-        curve_frequencies=gap(1.005), validation=None,
+        curve_frequencies=gap(1.005), validation=None, model={"dofs": 21345},
     )  # fmt: skip
     return SimpleNamespace(**{**values, **changes})
 
@@ -251,6 +253,11 @@ def test_update_page_shows_the_numbers_of_the_result():
     page = Page(report.update_html(update()))
     row = page.tables["values"][1]
     assert row == ["near.E", "3.00 GPa", "863 MPa", "8.1 %", "870 MPa"]
+    assert page.column("published", 3) == ["+1.33 %", formatting.MISSING]
+    # The curve goes through the points that were made on it: 2e8 (T / 4)^0.5 = 1e8 T^0.5.
+    (panel,) = report.parameter_rows(update())
+    x, line = panel["curve"]
+    np.testing.assert_allclose(np.interp(panel["x"], x, line), panel["value"], rtol=1e-3)
     assert page.column("fits", 0) == ["2 N·m", "10 N·m *", "22 N·m"]
     assert page.column("fits", 3) == ["-0.25 %", formatting.MISSING, "-0.25 %"]
     assert page.texts["gap-before"] == "10.00 %" and page.texts["gap-after"] == "2.00 %"
