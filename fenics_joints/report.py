@@ -263,10 +263,6 @@ def parameter_rows(u: UpdateReport) -> list[dict]:
     rows = []
     for parameter in u.parameters:
         name = parameter["name"]
-        curve, line = by_name.get(name), None
-        if curve is not None and "a" in curve and "b" in curve and np.all(x > 0):
-            fine = np.geomspace(x.min(), x.max(), 60)
-            line = (fine, curve["a"] * (fine / curve.get("T0", 1.0)) ** curve["b"])
         rows.append(
             {
                 "name": name,
@@ -275,10 +271,29 @@ def parameter_rows(u: UpdateReport) -> list[dict]:
                 "value": np.array([fit["parameters"][name] for fit in fits]),
                 "sd": np.array([fit["sd"].get(name, np.nan) for fit in fits], dtype=float),
                 "held_out": np.array([bool(fit["held_out"]) for fit in fits]),
-                "curve": line,
+                "curve": curve_line(by_name.get(name), x),
             }
         )
     return rows
+
+
+def curve_line(curve: Mapping | None, x: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Points on a parameter's curve, or None if it is not known how it runs.
+
+    Args:
+        curve: Row of ``UpdateReport.curves``. Its ``samples``, pairs (condition, value), are taken
+            if it has any; a pure power law is evaluated; other formulas are not guessed at.
+        x: Conditions to span, shape (n,), ascending.
+    """
+    if curve is None:
+        return None
+    if curve.get("samples"):
+        points = np.asarray(curve["samples"], dtype=float)
+        return points[:, 0], points[:, 1]
+    if curve["form"] != "a (T/T0)^b" or np.any(x <= 0):
+        return None
+    fine = np.geomspace(x[0], x[-1], 60)
+    return fine, curve["a"] * (fine / curve["T0"]) ** curve["b"]
 
 
 # -- modes -----------------------------------------------------------------------------------------

@@ -258,6 +258,10 @@ def test_update_page_shows_the_numbers_of_the_result():
     (panel,) = report.parameter_rows(update())
     x, line = panel["curve"]
     np.testing.assert_allclose(np.interp(panel["x"], x, line), panel["value"], rtol=1e-3)
+    formula = {"name": "near.E", "form": "3 near.G s/(1 + s)", "T0": 4.0, "a": 2e8, "b": 0.5}
+    assert report.curve_line(formula, TORQUES) is None
+    x, line = report.curve_line({**formula, "samples": [[2.0, 5.0], [22.0, 6.0]]}, TORQUES)
+    assert list(x) == [2.0, 22.0] and list(line) == [5.0, 6.0]
     assert page.column("fits", 0) == ["2 N·m", "10 N·m *", "22 N·m"]
     assert page.column("fits", 3) == ["-0.25 %", formatting.MISSING, "-0.25 %"]
     assert page.texts["gap-before"] == "10.00 %" and page.texts["gap-after"] == "2.00 %"
