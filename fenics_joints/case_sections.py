@@ -469,7 +469,7 @@ class Diagnose(Section):
     preload_scatter: Share = 0.2
     max_effects: Annotated[int, Field(ge=1, le=3, strict=True)] = 2
     effects: list[str] | None = None
-    samples: Annotated[int, Field(ge=4, strict=True)] = 24
+    samples: Annotated[int, Field(ge=4, strict=True)] = 16
 
 
 def _names(table: Any) -> Any:

@@ -92,6 +92,7 @@ def solve_modes(
     petsc_options: Mapping[str, object] | None = None,
     solver: EigenSolver | None = None,
     initial: Modes | None = None,
+    tolerance: float = 1e-7,
 ) -> Modes:
     """Lowest modes of K(p) x = omega^2 M(p) x.
 
@@ -104,6 +105,7 @@ def solve_modes(
         petsc_options: Options of SLEPc's and PETSc's solvers, without prefix.
         solver: One from an earlier solution, to keep its ordering.
         initial: Modes of a near model, to start from.
+        tolerance: Relative error of the shapes; an eigenvalue's is of the order of its square.
 
     Raises:
         InputError: If ``n_modes`` is out of range.
@@ -118,7 +120,7 @@ def solve_modes(
     if solver is None or solver.n != n_modes:
         scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / _SHIFT_SHARE
         shift = -((2 * np.pi * _SHIFT_SHARE * scale) ** 2)
-        solver = EigenSolver(n_modes, shift=shift, petsc_options=petsc_options)
+        solver = EigenSolver(n_modes, shift=shift, tol=tolerance, petsc_options=petsc_options)
     result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
     K.destroy(), M.destroy()
     n_rigid = _count_rigid(result.values, np.sqrt(-solver.shift) / (2 * np.pi))

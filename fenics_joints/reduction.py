@@ -26,6 +26,8 @@ __all__ = ["ReducedStructure", "enrich", "reduce"]
 
 _COMPLEX_STEP = 1e-30
 _TRAVEL_SAMPLES = 41
+#: Snapshots span a basis; their own error matters by its square.
+_SNAPSHOT = 1e-4
 
 
 class ReducedStructure:
@@ -272,7 +274,9 @@ def reduce(
     """
     snapshots, first, solver = [], None, None
     for given in samples:
-        modes = solve_modes(structure, given, n_modes=n_modes, solver=solver)
+        modes = solve_modes(
+            structure, given, n_modes=n_modes, solver=solver, tolerance=_SNAPSHOT
+        )
         solver = modes.solver
         first = given if first is None else first
         chosen = range(len(modes)) if keep is None else keep(modes)

@@ -13,6 +13,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.optimize import least_squares
 from scipy.stats import qmc
+from threadpoolctl import threadpool_limits
 
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
@@ -27,7 +28,7 @@ from fenics_joints.torque_curves import CurveFit, fit_curves
 
 __all__ = ["Update", "UpdateReport", "run", "update"]
 
-_SAMPLES = 24
+_SAMPLES = 16
 #: Range of the samples about the start, as factors down and up.
 _DOWN, _UP = 300.0, 10.0
 #: Largest accepted relative frequency error of the reduced model.
@@ -158,8 +159,17 @@ class _Problem:
             np.exp(log_f),
             identifiability(self.data_slope(result.x), self.names),
             int(result.nfev),
-            result.message,
+            _WORDS.get(result.status, result.message),
         )
+
+
+#: What scipy's status says, in words.
+_WORDS = {
+    1: "converged: the gradient vanishes",
+    2: "converged: the sum of squares no longer falls",
+    3: "converged: the parameters no longer change",
+    4: "converged: neither the sum of squares nor the parameters change any more",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +281,10 @@ def run(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> Up
         InputError: If the case has no test or no section [update].
         ConvergenceError: If an identification does not converge.
     """
-    return _Run(case, comm, progress or Progress(silent=True)).report()
+    # The reduced matrices are too small for a second thread to be worth waking.
+    task = _Run(case, comm, progress or Progress(silent=True))
+    with threadpool_limits(1):
+        return task.report()
 
 
 class _Run:

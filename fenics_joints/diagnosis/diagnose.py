@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.special import logsumexp
 from scipy.stats import qmc
+from threadpoolctl import threadpool_limits
 
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
@@ -85,9 +86,10 @@ class _Run:
     def answer(self) -> Diagnosis:
         self._prepare()
         self._reduce()
-        fits = self._fit_all()
-        fits = self._verify(fits)
-        return self._report(fits)
+        # The reduced matrices are too small for a second thread to be worth waking.
+        with threadpool_limits(1):
+            fits = self._verify(self._fit_all())
+            return self._report(fits)
 
     # -- the model ---------------------------------------------------------------------------
 
@@ -411,12 +413,10 @@ class _Run:
             rival = self._rival(fits, leader, mine, members)
             if rival is None:
                 continue
-            conditions = self.data.conditions
             found.append(
                 best_measurement(
-                    name, list(members.values()), leader, rival, self.full, self.baseline,
+                    name, list(members.values()), leader, rival, self.surrogate, self.baseline,
                     (self.data.condition_name, self.data.condition_unit),
-                    float(conditions[len(conditions) // 2]), self.sensors, self.n_test,
                     float(np.max(self.data.noise)) or 1e-3, self.evidence.discrepancy,
                 )
             )  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 from fenics_joints.diagnosis.inference import Fit
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.modal import Modes, solve_modes
-from fenics_joints.points import Sensors
+from fenics_joints.surrogate import Surrogate
 
 __all__ = ["best_measurement"]
 
@@ -32,48 +32,48 @@ def best_measurement(
     members: Sequence[str],
     a: Fit,
     b: Fit,
-    full,
+    surrogate: Surrogate,
     baseline: dict[str, float],
     condition: tuple[str, str],
-    at: float,
-    sensors: Sensors | None,
-    n_test: int,
     noise: float,
     discrepancy: float,
 ) -> Separation:
     """The measurement with the largest expected separation of two hypotheses fitted to the test.
 
     Offered are: the modes that the test did not see, the next ones it would see, an added known
-    mass at the best sensor, and conditions outside the tested range. Both hypotheses are solved on
-    the full model.
+    mass at the best sensor, and conditions outside the tested range. The first three come from the
+    full model at the middle condition.
 
     Args:
         class_name: Name of the class.
         members: Its effects' names.
         a: The leading hypothesis with one member.
         b: The leading hypothesis with another.
-        full: The full structure.
+        surrogate: The full structure and its reduced model.
         baseline: Parameter values of the nominal model.
         condition: Name and unit of the condition.
-        at: Condition at which the further test is done.
-        sensors: What the test saw.
-        n_test: Number of modes it saw.
         noise: Relative standard deviation of a measured frequency.
         discrepancy: That of any such model; it cancels in shifts of the same mode.
     """
-    first, second = (_solve(full, f, baseline, at) for f in (a, b))
+    conditions = np.array(a.hypothesis.conditions)
+    at, row = float(conditions[len(conditions) // 2]), len(conditions) // 2
+    first, second = (
+        solve_modes(
+            surrogate.full,
+            f.hypothesis.values(f.z, at, baseline, row),
+            n_modes=surrogate.n_modes,
+            solver=surrogate.nominal.solver,
+        )
+        for f in (a, b)
+    )
     absolute = float(np.hypot(noise, discrepancy))
+    sensors, n_test = surrogate.sensors, surrogate.n_test
     candidates = _modes(first, second, sensors, n_test, absolute)
-    candidates += _added_mass(first, second, sensors, n_test, noise * np.sqrt(2), full, baseline)
-    candidates += _conditions(a, b, full, baseline, condition, at, sensors, n_test, absolute)
+    candidates += _added_mass(first, second, sensors, n_test, noise * np.sqrt(2))
+    candidates += _conditions(a, b, surrogate.forward, baseline, condition, conditions, absolute)
     scored = [(float(np.linalg.norm(c.change) / c.sd / 2), c.name) for c in candidates]
     distance, name = max(scored)
     return Separation(class_name, tuple(members), name, distance)
-
-
-def _solve(full, f: Fit, baseline, at: float) -> Modes:
-    values = f.hypothesis.values(f.z, at, baseline)
-    return solve_modes(full, values, n_modes=6 + 20)
 
 
 def _split(modes: Modes, sensors) -> tuple[np.ndarray, np.ndarray]:
@@ -106,11 +106,11 @@ def _modes(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
     return found
 
 
-def _added_mass(a, b, sensors, n_test, sd, full, baseline) -> list[_Candidate]:
+def _added_mass(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
     """Frequency shifts by a small added mass: -m phi^2 / 2 of ln f for mass-normalised phi."""
     if sensors is None:
         return []
-    mass = _ADDED * full.total_mass(baseline)
+    mass = _ADDED * a.model.total_mass(a.given)
     shifts = []
     for modes in (a, b):
         seen, _ = _split(modes, sensors)
@@ -122,16 +122,14 @@ def _added_mass(a, b, sensors, n_test, sd, full, baseline) -> list[_Candidate]:
     return [_Candidate(name, change[best], sd)]
 
 
-def _conditions(a, b, full, baseline, condition, at, sensors, n_test, sd) -> list[_Candidate]:
-    found = []
+def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) -> list[_Candidate]:
+    """The same modes at half the lowest and twice the highest condition."""
     if not any(e.depends_on_condition for f in (a, b) for e in f.hypothesis.effects):
-        return found
-    conditions = np.array(a.hypothesis.conditions or (at,))
-    for value, word in ((conditions.min() / 2, "half the lowest"), (conditions.max() * 2, "twice the highest")):
-        if value <= 0:
-            continue
-        modes = [_solve(full, f, baseline, float(value)) for f in (a, b)]
-        i, j = (_split(m, sensors)[0][:n_test] for m in modes)
+        return []
+    found = []
+    ends = ((conditions.min() / 2, "half the lowest"), (conditions.max() * 2, "twice the highest"))
+    for value, word in ends:
+        log_f = [forward(f.hypothesis.values(f.z, float(value), baseline))[0] for f in (a, b)]
         name = f"the same modes at {word} {condition[0]} ({value:g} {condition[1]})"
-        found.append(_Candidate(name, _log_ratio(*modes, i, j), sd))
+        found.append(_Candidate(name, log_f[0] - log_f[1], sd))
     return found
