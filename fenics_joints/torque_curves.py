@@ -63,8 +63,10 @@ class CurveFit:
         x, _, _ = _FORMS[self.form][0](self.a, self.b, condition / self.reference)
         return dict(zip(self.names, np.exp(self.scale.logs(x)).tolist(), strict=True))
 
-    def table(self) -> list[dict]:
-        """Name, form, T0, a and b of each parameter."""
+    def table(self, conditions: np.ndarray | None = None) -> list[dict]:
+        """Name, form, T0, a and b of each parameter, and ``samples`` (T, value) to draw it by."""
+        drawn = [] if conditions is None else conditions
+        at = [(float(c), self.values(float(c))) for c in drawn]
         rows = [
             {
                 "name": name,
@@ -72,6 +74,7 @@ class CurveFit:
                 "T0": self.reference,
                 "a": float(np.exp(a)),
                 "b": float(b if self.form == _POWER else np.exp(b)),
+                "samples": [(c, values[name]) for c, values in at],
             }
             for name, a, b in zip(self.names, self.a, self.b, strict=True)
         ]

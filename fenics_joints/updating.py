@@ -475,13 +475,20 @@ class _Run:
         validation = self.case.validation()
         checked = None if validation is None else self._curve_gap(curves, validation)
         return {
-            "curves": curves.table(),
+            "curves": curves.table(np.linspace(*self._range(), 40)),
             "curve_gap_fitted": _part(whole, kept),
             "curve_gap_heldout": _part(whole, held) if held else None,
             "curve_gap_validation": None if checked is None else checked.rms,
             "curve_frequencies": whole,
             "validation": checked,
         }
+
+    def _range(self) -> tuple[float, float]:
+        """Lowest and highest condition of all data."""
+        validation = self.case.validation()
+        known = [self.data.conditions] + ([validation.conditions] if validation else [])
+        known = np.concatenate(known)
+        return float(known.min()), float(known.max())
 
     def _curve_gap(self, curves: CurveFit, data) -> Gap:
         model = [

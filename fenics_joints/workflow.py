@@ -48,6 +48,7 @@ class UpdateOutcome:
     """An updated model for the command line."""
 
     result: UpdateReport
+    log_sd: object
 
     def json(self) -> dict[str, object]:
         """See `UpdateReport.to_json`."""
@@ -57,7 +58,7 @@ class UpdateOutcome:
         """The page."""
         from fenics_joints.report import update_html
 
-        return update_html(self.result)
+        return update_html(self.result, log_sd=self.log_sd)
 
     def show(self, console: Console) -> None:
         """The summary."""
@@ -77,4 +78,4 @@ def run_update(case: Case, comm: MPI.Intracomm, progress: Progress) -> UpdateOut
     """The ``update`` command. Collective."""
     from fenics_joints.updating import run
 
-    return UpdateOutcome(run(case, comm, progress))
+    return UpdateOutcome(run(case, comm, progress), case.measurements().log_sd())

@@ -117,6 +117,7 @@ class _Run:
 
     def _reduce(self) -> None:
         samples = self._samples(self.case.diagnose.samples)
+        self.samples = len(samples)
         self.progress.step("reduced model: sampling the parameters", len(samples))
         n = self.case.diagnose.n_modes
         self.surrogate = Surrogate(
@@ -133,20 +134,26 @@ class _Run:
         }
 
     def _samples(self, count: int) -> list[dict[str, float]]:
-        """The baseline, and a Sobol sequence over the ranges of all effects."""
+        """The baseline, moving masses at the ends of their ranges, and a Sobol sequence."""
         ranges = sample_ranges(self.case, self.thickness)
-        names = list(ranges)
-        unit = qmc.Sobol(len(names), seed=1).random_base2(int(np.ceil(np.log2(count))))[:count]
         samples = [self.baseline]
-        for row in unit:
-            values = dict(self.baseline)
-            for name, u in zip(names, row, strict=True):
-                low, high, log = ranges[name]
-                values[name] = float(
-                    low ** (1 - u) * high**u if log else low + u * (high - low)
-                )
-            samples.append(values)
-        return samples
+        for name in ranges:
+            if name.endswith(".travel"):
+                # A mass at an edge bends it locally: a basis from inner places would miss that.
+                mass = name.replace(".travel", ".mass")
+                for end in (0.0, 1.0):
+                    samples.append(self._sample(ranges, {name: end, mass: 1.0}))
+        unit = qmc.Sobol(len(ranges), seed=1).random_base2(int(np.ceil(np.log2(count))))[:count]
+        places = [dict(zip(ranges, row, strict=True)) for row in unit]
+        return samples + [self._sample(ranges, place) for place in places]
+
+    def _sample(self, ranges: dict, place: dict[str, float]) -> dict[str, float]:
+        """Values at a place in the unit cube of the ranges; in their middle where not given."""
+        values = dict(self.baseline)
+        for name, (low, high, log) in ranges.items():
+            u = place.get(name, 0.5)
+            values[name] = float(low ** (1 - u) * high**u if log else low + u * (high - low))
+        return values
 
     # -- the fits ----------------------------------------------------------------------------
 
@@ -279,7 +286,7 @@ class _Run:
             model={
                 "dofs": self.full.n_dofs,
                 "basis": self.surrogate.model.n_dofs,
-                "samples": self.case.diagnose.samples + 1,
+                "samples": self.samples,
                 "reduced_solutions": self.forward.calls,
                 "seconds": time.perf_counter() - self.started,
             },

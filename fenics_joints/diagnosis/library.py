@@ -148,7 +148,7 @@ def _attached_effects(case: Case) -> list[Effect]:
             low, high = section.shift()
             priors.append(Prior("travel", 0.0, (high - low) / 4, "m", False, (low, high)))
         label = name.replace("_", " ")
-        words = f"The {label} {'weigh on' if is_mass else 'hold'} the structure; the model forgets it."
+        words = f"The {key} of the {label} acts on the structure; the nominal model leaves it out."
         effects.append(attached(f"{label} {key}", label, name, tuple(priors), words))
     return effects
 

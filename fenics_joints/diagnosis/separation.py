@@ -10,7 +10,7 @@ import numpy as np
 from fenics_joints.diagnosis.inference import Fit
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.modal import Modes, solve_modes
-from fenics_joints.surrogate import Surrogate
+from fenics_joints.surrogate import Forward, Surrogate
 
 __all__ = ["best_measurement"]
 
@@ -127,9 +127,18 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
     if not any(e.depends_on_condition for f in (a, b) for e in f.hypothesis.effects):
         return []
     found = []
-    ends = ((conditions.min() / 2, "half the lowest"), (conditions.max() * 2, "twice the highest"))
-    for value, word in ends:
-        log_f = [forward(f.hypothesis.values(f.z, float(value), baseline))[0] for f in (a, b)]
+    ends = (
+        (conditions.min() / 2, conditions.min(), "half the lowest"),
+        (conditions.max() * 2, conditions.max(), "twice the highest"),
+    )
+    for value, near, word in ends:
+        log_f = []
+        for f in (a, b):
+            # Followed from the nearest tested condition: modes change places beyond it.
+            follow = Forward(forward.model, forward.sensors, forward.n_test, forward.n_modes)
+            follow.reference = forward.reference
+            follow.track(f.hypothesis.values(f.z, float(near), baseline))
+            log_f.append(follow(f.hypothesis.values(f.z, float(value), baseline))[0])
         name = f"the same modes at {word} {condition[0]} ({value:g} {condition[1]})"
         found.append(_Candidate(name, log_f[0] - log_f[1], sd))
     return found
