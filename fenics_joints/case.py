@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError
 
 from fenics_joints.case_messages import case_error, describe, did_you_mean, said
@@ -32,7 +33,7 @@ from fenics_joints.case_sections import (
     named,
 )
 from fenics_joints.errors import InputError
-from fenics_joints.measurements import TestData, read_test_data
+from fenics_joints.measurements import TestData, read_table, read_test_data
 from fenics_joints.units import to_si
 
 if sys.version_info >= (3, 11):
@@ -263,8 +264,8 @@ def _read_tests(case: Case) -> list[str]:
 def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
     test = case.test
     files = {}
-    for name in ("frequencies", "damping"):
-        file = getattr(source, name)
+    for name in ("frequencies", "damping", "shapes"):
+        file = getattr(source, name, None)
         files[name] = None if file is None else case.folder / file
         if file is not None and not files[name].is_file():
             expected = f"no such file, expected CSV or TOML at {files[name]}"
@@ -277,12 +278,28 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
         )
     except InputError as error:
         raise InputError(f"{key}: {error}") from error
-    return replace(
-        data,
-        resolution_hz=_per_mode("resolution", test.resolution, len(data.mode_names)),
-        noise=_per_mode("noise", test.noise, len(data.mode_names)),
-        sensors=case.sensors(),
-    )
+    try:
+        return replace(
+            data,
+            resolution_hz=_per_mode("resolution", test.resolution, len(data.mode_names)),
+            noise=_per_mode("noise", test.noise, len(data.mode_names)),
+            sensors=case.sensors(),
+            shapes=_read_shapes(files["shapes"], data.mode_names),
+        )
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
+
+
+def _read_shapes(file: Path | None, modes) -> np.ndarray | None:
+    """Measured shapes: a row for each sensor, in their order, and a column for each mode."""
+    if file is None:
+        return None
+    table = read_table(file)
+    missing = [mode for mode in modes if mode not in table.names]
+    if missing:
+        hint = did_you_mean(missing[0], list(table.names))
+        raise InputError(f"shapes: {file}: no column for the mode {missing[0]!r}{hint}")
+    return table.values[:, [table.names.index(mode) for mode in modes]]
 
 
 def _per_mode(name: str, values: list[float], n: int) -> list[float] | float:

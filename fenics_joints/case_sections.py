@@ -430,6 +430,7 @@ class Test(Section):
 
     frequencies: str
     damping: str | None = None
+    shapes: str | None = None
     condition: str | None = None
     modes: Names | None = None
     resolution: Annotated[list[Spacing], BeforeValidator(_listed)] = [0.0]

@@ -44,6 +44,7 @@ class TestData:
         resolution_hz: Spacing of the analyser's lines, Hz, shape (m,); 0 where it does not matter.
         noise: Relative standard deviation of a frequency, shape (m,).
         sensors: Where and in which direction the test measured, or None if unknown.
+        shapes: Measured mode shapes at the sensors, in any scale, shape (n_sensors, m); or None.
     """
 
     #: Not a test, whatever pytest thinks of the name.
@@ -58,6 +59,7 @@ class TestData:
     resolution_hz: np.ndarray | float = 0.0
     noise: np.ndarray | float = 0.0
     sensors: Sensors | None = None
+    shapes: np.ndarray | None = None
 
     def __post_init__(self):
         conditions = np.atleast_1d(np.asarray(self.conditions, dtype=float))
@@ -81,8 +83,24 @@ class TestData:
                     "one for each."
                 )
             arrays[key] = np.broadcast_to(value, shape[1:]).copy()
+        if self.shapes is not None:
+            arrays["shapes"] = self._checked_shapes()
         for key, value in arrays.items():
             object.__setattr__(self, key, value)
+
+    def _checked_shapes(self) -> np.ndarray:
+        shapes = np.atleast_2d(np.asarray(self.shapes, dtype=float))
+        if self.sensors is None:
+            raise InputError("shapes: expected sensors too, to say where they were measured.")
+        expected = (len(self.sensors), len(self.mode_names))
+        if shapes.shape != expected:
+            raise InputError(
+                f"shapes have shape {shapes.shape}: expected {expected}, one row for each sensor "
+                "and one column for each mode."
+            )
+        if not np.all(np.isfinite(shapes)) or not np.all(np.any(shapes != 0, axis=0)):
+            raise InputError("shapes: expected a finite value in every row, and no mode of zeros.")
+        return shapes
 
     def __len__(self) -> int:
         return len(self.conditions)

@@ -187,6 +187,7 @@ _FACTS = {
     "frequency_error": "largest frequency error of the reduced model against the full one",
     "seconds": "seconds that the diagnosis took",
     "reduced_solutions": "eigenproblems of the reduced model solved",
+    "crossing_modes": "modes of the test that change places in the model (followed by MAC)",
 }
 
 
@@ -197,6 +198,8 @@ def _facts(model: Mapping[str, object]) -> list[tuple[str, str]]:
 def _fact(key: str, value) -> str:
     if key == "frequency_error":
         return formatting.percent(float(value), 4)
+    if isinstance(value, list):
+        return ", ".join(value) or "none"
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
         return str(value)
     if key == "seconds":

@@ -14,7 +14,7 @@ from fenics_joints.reduction import enrich, reduce
 from fenics_joints.sensitivity import frequency_sensitivity
 from fenics_joints.structure import Structure
 
-__all__ = ["Forward", "Surrogate"]
+__all__ = ["Forward", "Surrogate", "crossing_names"]
 
 #: Least visibility of a mode that enters the basis.
 _SEEN = 0.05
@@ -80,6 +80,8 @@ class Surrogate:
         samples: Parameter values at which its modes make the basis.
         start: Values whose modes say, by order and visibility, which the test's are.
         sensors: What the test saw.
+        shapes: Measured shapes at the sensors, (n_sensors, n_test), to match modes to by MAC; the
+            shapes at ``start`` take their place where there are none.
         n_test: Number of modes that the test saw.
         n_modes: Number of modes of the full model at a sample.
         travel: Ranges of moving masses, see `ReducedStructure`.
@@ -89,6 +91,7 @@ class Surrogate:
         forward: Frequencies and derivatives from the reduced model.
         nominal: Modes of the full model at ``start``.
         pairing: Which of them the test saw.
+        crossings: Pairs of test modes whose order the model changes, where it was checked.
     """
 
     def __init__(
@@ -100,20 +103,23 @@ class Surrogate:
         sensors: Sensors | None,
         n_test: int,
         n_modes: int,
+        shapes: np.ndarray | None = None,
         travel: Mapping[str, tuple[float, float]] | None = None,
         progress: Progress | None = None,
     ):
         self.full, self.sensors, self.n_test = full, sensors, n_test
         self.n_modes, self.travel = n_modes, travel
         self.nominal = solve_modes(full, start, n_modes=n_modes)
-        self.pairing = pair_modes(self.nominal, n_test, sensors)
+        self.pairing = pair_modes(self.nominal, n_test, sensors, reference=shapes)
+        self.crossings: set[tuple[int, int]] = set(self.pairing.crossing)
         self.model = reduce(
             full, samples, n_modes, travel=travel, keep=self._seen,
             progress=progress.advance if progress else None,
         )  # fmt: skip
         # With sensors the basis holds what they see alone, besides six rigid-body modes.
         enough = n_modes if sensors is None else 6 + n_test + _SPARE
-        self.forward = Forward(self.model, sensors, n_test, enough, self.pairing.shapes)
+        reference = self.pairing.shapes if shapes is None else shapes
+        self.forward = Forward(self.model, sensors, n_test, enough, reference)
 
     def _seen(self, modes: Modes) -> np.ndarray:
         index = np.arange(len(modes))
@@ -131,6 +137,7 @@ class Surrogate:
             pairing = pair_modes(
                 modes, self.n_test, self.sensors, reference=self.forward.reference
             )
+            self.crossings.update(pairing.crossing)
             exact = np.log(modes.frequencies_hz[pairing.index])
             worst = max(worst, float(np.max(np.abs(self.forward(values)[0] - exact))))
             found.append(modes)
@@ -142,3 +149,8 @@ class Surrogate:
         self.model = enrich(self.model, shapes, self.travel)
         self.forward.model = self.model
         self.forward.forget()
+
+
+def crossing_names(surrogate: Surrogate, mode_names: Sequence[str]) -> list[str]:
+    """Pairs of test modes that were seen to change places, in words; they were followed by MAC."""
+    return [f"{mode_names[i]} and {mode_names[j]}" for i, j in sorted(surrogate.crossings)]

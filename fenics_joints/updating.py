@@ -23,7 +23,7 @@ from fenics_joints.gap import Gap, rms
 from fenics_joints.log_scale import LogScale
 from fenics_joints.progress import Progress
 from fenics_joints.sensitivity import Identifiability, identifiability
-from fenics_joints.surrogate import Forward, Surrogate
+from fenics_joints.surrogate import Forward, Surrogate, crossing_names
 from fenics_joints.torque_curves import CurveFit, fit_curves
 
 __all__ = ["Update", "UpdateReport", "run", "update"]
@@ -308,6 +308,7 @@ class _Run:
         return Surrogate(
             self.full, samples, self.start, sensors=self.data.sensors,
             n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
+            shapes=self.data.shapes,
             progress=self.progress,
         )  # fmt: skip
 
@@ -365,11 +366,13 @@ class _Run:
         for rows in (range(self.at + 1, n), range(self.at - 1, -1, -1)):
             values = self._values(first)
             for row in rows:
-                self.forward.track(values)
+                if self.data.shapes is None:
+                    self.forward.track(values)
                 found[row] = self._fit(row, values)
                 values = self._values(found[row])
                 self.progress.advance()
-        self.forward.track(self._values(first))
+        if self.data.shapes is None:
+            self.forward.track(self._values(first))
         return [found[row] for row in range(n)]
 
     # -- report ------------------------------------------------------------------------------
@@ -406,6 +409,7 @@ class _Run:
                 "dofs": self.full.n_dofs,
                 "basis": self.surrogate.model.n_dofs,
                 "frequency_error": self.error,
+                "crossing_modes": crossing_names(self.surrogate, data.mode_names),
             },
         )
 

@@ -33,7 +33,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.gap import Gap
 from fenics_joints.measurements import TestData
 from fenics_joints.progress import Progress
-from fenics_joints.surrogate import Surrogate
+from fenics_joints.surrogate import Surrogate, crossing_names
 
 __all__ = ["diagnose"]
 
@@ -43,7 +43,7 @@ _ODDS = 0.2
 #: another family than the best, so that the placebo has a fair chance too.
 _LEADERS, _OTHERS = 3, 1
 #: A hypothesis this far (in ln) behind the best on all data is not refitted in the folds.
-_HOPELESS = 40.0
+_HOPELESS = 25.0
 #: Error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
 _REDUCED = 0.05
 
@@ -122,7 +122,7 @@ class _Run:
         n = self.case.diagnose.n_modes
         self.surrogate = Surrogate(
             self.full, samples, self.baseline, sensors=self.sensors, n_test=self.n_test,
-            n_modes=n, travel=self._travel(), progress=self.progress,
+            n_modes=n, shapes=self.data.shapes, travel=self._travel(), progress=self.progress,
         )  # fmt: skip
         self.forward = self.surrogate.forward
 
@@ -288,6 +288,7 @@ class _Run:
                 "basis": self.surrogate.model.n_dofs,
                 "samples": self.samples,
                 "reduced_solutions": self.forward.calls,
+                "crossing_modes": crossing_names(self.surrogate, self.data.mode_names),
                 "seconds": time.perf_counter() - self.started,
             },
         )
