@@ -161,8 +161,10 @@ def sample_ranges(case: Case, thickness: dict[str, float]) -> dict[str, tuple[fl
         for key in ("E", "G"):
             ranges[f"{name}.{key}"] = (3e8 * h, bonded[f"{name}.{key}"], True)
     for name, part in case.parts.items():
-        for key, width in (("E", 0.06), ("rho", 0.05), ("thickness", 0.05)):
-            nominal = part.nominal()[key]
+        for key, spread in _CAUSE.items():
+            # Two standard deviations: a basis from nearer samples is too stiff for a plate of
+            # another thickness, and the hypothesis would lose for that.
+            nominal, width = part.nominal()[key], 2 * spread
             ranges[f"{name}.{key}"] = (nominal * np.exp(-width), nominal * np.exp(width), True)
     for name, section in case.attached.items():
         key = "mass" if isinstance(section, AttachedMass) else "stiffness"
