@@ -83,7 +83,8 @@ def classes(
 
     Two effects are of one class when hypotheses that differ by nothing but them are not apart
     (D < `APART`), be it alone or beside what the leading hypothesis holds, and when this test does
-    not decide between them either (a Bayes factor below 100).
+    not decide between them either (a Bayes factor below 100). Each must be called for: more
+    probable than what it is put beside (nothing, or the rest of the leader) is without it.
 
     Args:
         fits: Fitted hypotheses.
@@ -104,14 +105,22 @@ def classes(
             key = parent[key]
         return key
 
-    for i, a in enumerate(fits):
-        for b in fits[:i]:
+    weighed = list(zip(fits, probability, strict=True))
+    alone = {
+        frozenset(e.key for e in f.hypothesis.effects): p
+        for f, p in weighed
+        if not f.hypothesis.unknown
+    }
+    for i, (a, p_a) in enumerate(weighed):
+        for b, p_b in weighed[:i]:
             swap = _swap(a, b)
             if swap is None or root(swap[0]) == root(swap[1]):
                 continue
             rest = {e.key for e in a.hypothesis.effects} - {swap[0]}
             if rest - lead or (not rest and swap[0] in lead and len(lead) > 1):
                 continue
+            if min(p_a, p_b) <= alone.get(frozenset(rest), 0.0):
+                continue  # one of them is idle: equal effects that explain nothing are no class
             if abs(a.log_evidence - b.log_evidence) > UNDECIDED:
                 continue
             if distance(a, b, evidence) < APART:
