@@ -2,8 +2,8 @@
 
 Two hypotheses are apart by D = |W (y_i - y_j)| / 2, half the whitened distance from the prediction
 of one to the nearest that the other can make: with Gaussian noise the data of one are then taken
-for the other's with probability Phi(-D). For one parameter each and equal size d of the effect it is
-d sin(alpha / 2) with alpha the angle between the signatures.
+for the other's with probability Phi(-D). For one parameter each, wide priors and a prediction d
+standard deviations from the nominal one it is d sin(alpha) / 2, alpha the angle of the signatures.
 """
 
 from __future__ import annotations
