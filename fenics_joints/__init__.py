@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-_MISSING = [name for name in ("mpi4py", "petsc4py", "slepc4py", "dolfinx") if find_spec(name) is None]
+_NEEDED = ("mpi4py", "petsc4py", "slepc4py", "dolfinx")
+_MISSING = [name for name in _NEEDED if find_spec(name) is None]
 if _MISSING:
     raise ImportError(
-        f"fenics_joints needs FEniCSx, which pip cannot provide; missing here: {', '.join(_MISSING)}. "
+        "fenics_joints needs FEniCSx, which pip cannot provide; missing here: "
+        f"{', '.join(_MISSING)}. "
         "Install it with 'conda install -c conda-forge fenics-dolfinx slepc4py python-gmsh', "
         "or 'apt install python3-dolfinx-real python3-slepc4py-real python3-gmsh' "
         "(Debian 13, Ubuntu 25.04 or newer), "

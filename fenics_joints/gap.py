@@ -61,7 +61,7 @@ def pair_modes(
 
     Without sensors all elastic modes count as seen and are taken in order. With sensors only the
     modes that move where and as they measure are candidates. With reference shapes (measured, or a
-    near model's paired shapes) candidates are matched by MAC, so that modes that cross are followed.
+    near model's paired shapes) candidates are matched by MAC: modes that cross are followed.
 
     Args:
         modes: The model's modes.
@@ -95,8 +95,8 @@ def _check_enough(candidates, n_test: int, modes: Modes) -> None:
     if len(candidates) < n_test:
         top = modes.frequencies_hz[-1]
         raise InputError(
-            f"n_modes = {len(modes)}: the model has {len(candidates)} modes below {top:.0f} Hz that "
-            f"the test could see; expected at least {n_test}. Compute more modes."
+            f"n_modes = {len(modes)}: the model has {len(candidates)} modes below {top:.0f} Hz "
+            f"that the test could see; expected at least {n_test}. Compute more modes."
         )
 
 

@@ -100,8 +100,8 @@ def solve_modes(
         model: A `Structure`, or a `ReducedStructure`, which is solved densely.
         given: Values of parameters that differ from their nominal value.
         n_modes: Number of modes, rigid-body modes included.
-        shift_hz: The factorised matrix is K + (2 pi shift_hz)^2 M; by default a five-hundredth of the
-            frequency at which the whole body would breathe, which suits free and held bodies.
+        shift_hz: The factorised matrix is K + (2 pi shift_hz)^2 M; by default a five-hundredth of
+            the frequency at which the whole body would breathe, which suits free and held bodies.
         petsc_options: Options of SLEPc's and PETSc's solvers, without prefix.
         solver: One from an earlier solution, to keep its ordering.
         initial: Modes of a near model, to start from.

@@ -1,4 +1,4 @@
-"""A reduced model in the service of a fit: built, asked for frequencies, checked and made better."""
+"""A reduced model in the service of a fit: built, asked for frequencies, checked, improved."""
 
 from __future__ import annotations
 

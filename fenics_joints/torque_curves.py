@@ -110,7 +110,9 @@ def fit_curves(
         information: Inverse covariances of these, n of shape (p, p).
         regularisation: Standard deviation of ln a about the starting value, as in `update`.
     """
-    problem = _Problem(forward, tuple(names), start, conditions, measured_hz, log_sd, regularisation)
+    problem = _Problem(
+        forward, tuple(names), start, conditions, measured_hz, log_sd, regularisation
+    )
     found = []
     for form in _FORMS:
         guess = problem.guess(form, log_values, information)

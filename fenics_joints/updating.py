@@ -281,10 +281,9 @@ def run(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> Up
         InputError: If the case has no test or no section [update].
         ConvergenceError: If an identification does not converge.
     """
-    # The reduced matrices are too small for a second thread to be worth waking.
-    task = _Run(case, comm, progress or Progress(silent=True))
+    # Matrices of this size are too small for a second BLAS thread to be worth waking.
     with threadpool_limits(1):
-        return task.report()
+        return _Run(case, comm, progress or Progress(silent=True)).report()
 
 
 class _Run:
@@ -320,7 +319,8 @@ class _Run:
         high = np.log(np.minimum(start * _UP, [p.upper for p in self.parameters]))
         samples = [self.start]
         for row in qmc.Sobol(len(names), seed=1).random(8 * _SAMPLES):
-            values = {**self.start, **dict(zip(names, np.exp(low + row * (high - low)), strict=True))}
+            point = np.exp(low + row * (high - low)).tolist()
+            values = {**self.start, **dict(zip(names, point, strict=True))}
             if self._allowed(values):
                 samples.append(values)
             if len(samples) > _SAMPLES:

@@ -84,12 +84,12 @@ class _Run:
     started: float = field(default_factory=time.perf_counter)
 
     def answer(self) -> Diagnosis:
-        self._prepare()
-        self._reduce()
-        # The reduced matrices are too small for a second thread to be worth waking.
+        # Matrices of this size are too small for a second BLAS thread to be worth waking; a second
+        # MPI rank is.
         with threadpool_limits(1):
-            fits = self._verify(self._fit_all())
-            return self._report(fits)
+            self._prepare()
+            self._reduce()
+            return self._report(self._verify(self._fit_all()))
 
     # -- the model ---------------------------------------------------------------------------
 
@@ -242,10 +242,10 @@ class _Run:
         return fits
 
     def _leading_values(self, fits: Sequence[Fit]) -> list[dict[str, float]]:
-        """Parameters of the two leading fits at the lowest, middle and highest condition."""
+        """Parameters of the two leading fits at the lowest and the highest condition."""
         leading = [fits[i] for i in np.argsort(-self._probabilities(fits))[:2]]
         conditions = self.evidence.conditions
-        rows = sorted({0, len(conditions) // 2, len(conditions) - 1})
+        rows = sorted({0, len(conditions) - 1})
         return [
             f.hypothesis.values(f.z, conditions[row], self.baseline, row)
             for f in leading
@@ -410,8 +410,9 @@ class _Run:
             for key in ("E", "rho", "thickness")
         ]
         return cell_map(
-            self.full, self.surrogate.nominal, self.surrogate.pairing, self.evidence, np.array(columns).T
-        )
+            self.full, self.surrogate.nominal, self.surrogate.pairing, self.evidence,
+            np.array(columns).T,
+        )  # fmt: skip
 
     def _separations(self, fits, probability, grouped, leader) -> list:
         """For each class with several likely members: what would split the leading two."""

@@ -337,8 +337,10 @@ class _Problem:
             if near
         )
         if not np.isfinite(log_evidence):
-            raise InputError(f"{self.hypothesis.label}: the evidence is not finite; check the data.")
+            label = self.hypothesis.label
+            raise InputError(f"{label}: the evidence is not finite; check the data.")
         covariance = np.linalg.inv(hessian) if len(z) else np.zeros((0, 0))
         return Fit(
-            self.hypothesis, z, covariance, log_f, jacobian, float(log_evidence), misfit, n, at_bound
-        )
+            self.hypothesis, z, covariance, log_f, jacobian,
+            float(log_evidence), misfit, n, at_bound,
+        )  # fmt: skip

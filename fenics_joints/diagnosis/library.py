@@ -101,7 +101,7 @@ def _joint_effects(case: Case, thickness, reference) -> list[Effect]:
     kinds = {
         "joint normal compliance": (True, False, "The interface gives way across its plane."),
         "joint tangential compliance": (False, True, "The interface gives way along its plane."),
-        "joint normal and tangential compliance": (True, True, "The interface gives way both ways."),
+        "joint normal and tangential compliance": (True, True, "It gives way both ways."),
     }
     effects = [
         compliance(
