@@ -55,6 +55,7 @@ class ReducedStructure:
         self.parameters, self.values = structure.parameters, structure.values
         self.basis = basis
         self.n_dofs = len(basis)
+        self._dense = _columns(basis)
         self.scale_hz = structure.dilation_frequency()
         self._terms = [self._region_terms(i) for i in range(len(structure.regions))]
         self._masses = [self._mass_rows(m, (travel or {}).get(m.name)) for m in structure.masses]
@@ -67,24 +68,7 @@ class ReducedStructure:
 
     def project(self, A: PETSc.Mat) -> np.ndarray:
         """Z^T A Z, shape (n_dofs, n_dofs), equal on all ranks. Collective."""
-        Z = self._dense()
-        AZ = A.matMult(Z)
-        local = Z.getDenseArray().T @ AZ.getDenseArray()
-        self.full.comm.Allreduce(MPI.IN_PLACE, local)
-        AZ.destroy()
-        return 0.5 * (local + local.T)
-
-    def _dense(self) -> PETSc.Mat:
-        if not hasattr(self, "_Z"):
-            rows = self.basis[0].getSizes()
-            Z = PETSc.Mat().createDense((rows, (None, self.n_dofs)), comm=self.full.comm)
-            Z.setUp()
-            array = Z.getDenseArray()
-            for column, vector in enumerate(self.basis):
-                array[:, column] = vector.array_r
-            Z.assemble()
-            self._Z = Z
-        return self._Z
+        return _project(A, self._dense)
 
     def _region_terms(self, number: int):
         """Projections of the law's stiffness terms and of the unit mass; None if q varies."""
@@ -163,11 +147,11 @@ class ReducedStructure:
             K += np.tensordot(region.law.stiffness_terms(q), terms, axes=1)
             M += region.law.inertia_terms(q)[0] * inertia
         for spring, row in zip(self.full.springs, self._springs, strict=True):
-            k = spring.share * self.full._number(spring.stiffness, values)
+            k = spring.share * self.full.number(spring.stiffness, values)
             K += k * np.outer(row, row)
         for mass, rows in zip(self.full.masses, self._masses, strict=True):
-            at, _ = rows(self.full._number(mass.travel, values))
-            M += mass.share * self.full._number(mass.mass, values) * (at.T @ at)
+            at, _ = rows(self.full.number(mass.travel, values))
+            M += mass.share * self.full.number(mass.mass, values) * (at.T @ at)
         return K, M
 
     def _varying(self, number: int, values):
@@ -196,12 +180,12 @@ class ReducedStructure:
         for mass, rows in zip(self.full.masses, self._masses, strict=True):
             if not isinstance(mass.mass, str) and not isinstance(mass.travel, str):
                 continue
-            at, slope = rows(self.full._number(mass.travel, values))
+            at, slope = rows(self.full.number(mass.travel, values))
             u = at @ shapes
             if isinstance(mass.mass, str):
                 gradient[:, position[mass.mass]] -= eigenvalues * mass.share * np.sum(u**2, axis=0)
             if isinstance(mass.travel, str):
-                m = mass.share * self.full._number(mass.mass, values)
+                m = mass.share * self.full.number(mass.mass, values)
                 moved = np.sum(u * (slope @ shapes), axis=0)
                 gradient[:, position[mass.travel]] -= 2 * eigenvalues * m * moved
         return gradient
@@ -310,19 +294,37 @@ def enrich(
 def _orthonormal(structure, snapshots, given, tolerance) -> list[PETSc.Vec]:
     """Snapshots made orthonormal in the energy of one sample, without the dependent ones."""
     K, M = structure.stiffness(given), structure.mass(given)
-    holder = ReducedStructure.__new__(ReducedStructure)
-    holder.full, holder.basis, holder.n_dofs = structure, snapshots, len(snapshots)
-    stiff, heavy = holder.project(K), holder.project(M)
+    Z = _columns(snapshots)
+    stiff, heavy = _project(K, Z), _project(M, Z)
     scale = np.trace(stiff) / np.trace(heavy)
     gram = stiff + scale * heavy
     norms = np.sqrt(np.diag(gram))
     values, vectors = np.linalg.eigh(gram / np.outer(norms, norms))
     keep = values > tolerance * values[-1]
     combine = (vectors[:, keep] / np.sqrt(values[keep])) / norms[:, None]
-    Z = np.column_stack([v.array_r for v in snapshots]) @ combine
     basis = []
-    for column in Z.T:
+    for column in (Z.getDenseArray() @ combine).T:
         vector = snapshots[0].duplicate()
         vector.array[:] = column
         basis.append(vector)
     return basis
+
+
+def _columns(vectors: list[PETSc.Vec]) -> PETSc.Mat:
+    """Dense matrix with these columns."""
+    Z = PETSc.Mat().createDense((vectors[0].getSizes(), (None, len(vectors))), comm=vectors[0].comm)
+    Z.setUp()
+    array = Z.getDenseArray()
+    for column, vector in enumerate(vectors):
+        array[:, column] = vector.array_r
+    Z.assemble()
+    return Z
+
+
+def _project(A: PETSc.Mat, Z: PETSc.Mat) -> np.ndarray:
+    """Z^T A Z, made symmetric, equal on all ranks. Collective."""
+    AZ = A.matMult(Z)
+    local = Z.getDenseArray().T @ AZ.getDenseArray()
+    A.comm.tompi4py().Allreduce(MPI.IN_PLACE, local)
+    AZ.destroy()
+    return 0.5 * (local + local.T)

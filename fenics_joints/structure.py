@@ -253,7 +253,7 @@ class Structure:
         values = self._update(given)
         K = self._assemble(self._stiffness, out, 1.0)
         for spring in self.springs:
-            k = spring.share * self._number(spring.stiffness, values)
+            k = spring.share * self.number(spring.stiffness, values)
             self._add_point(K, spring.point, k * np.outer(spring.direction, spring.direction))
         K.assemble()
         return K
@@ -263,7 +263,7 @@ class Structure:
         values = self._update(given)
         M = self._assemble(self._inertia, out, 0.0)
         for mass in self.masses:
-            m = mass.share * self._number(mass.mass, values)
+            m = mass.share * self.number(mass.mass, values)
             if m:
                 self._add_point(M, self._place(mass, values), m * np.eye(3))
         M.assemble()
@@ -290,11 +290,12 @@ class Structure:
         return out
 
     @staticmethod
-    def _number(value, values) -> float:
+    def number(value: float | str, values: Mapping[str, float]) -> float:
+        """A component's number: itself, or the value of the parameter that it names."""
         return values[value] if isinstance(value, str) else float(value)
 
     def _place(self, mass: PointMass, values) -> tuple:
-        travel = self._number(mass.travel, values)
+        travel = self.number(mass.travel, values)
         return tuple(np.asarray(mass.point) + travel * np.asarray(mass.direction))
 
     def rows(self, points, what: str = "point") -> PointRows:
@@ -395,7 +396,7 @@ class Structure:
             gradient[position[mass.mass]] -= eigenvalue * mass.share * (u @ u)
         if isinstance(mass.travel, str):
             slope = self._slope_at(shape, place) @ np.asarray(mass.direction)[: self.gdim]
-            m = mass.share * self._number(mass.mass, values)
+            m = mass.share * self.number(mass.mass, values)
             gradient[position[mass.travel]] -= 2 * eigenvalue * m * (u @ slope)
 
     def _at(self, vector, point) -> np.ndarray:
@@ -454,7 +455,7 @@ class Structure:
 
     def attached_mass(self, values: Mapping[str, float]) -> float:
         """Mass, kg, of the point masses, at all parameters' values."""
-        return sum(m.share * self._number(m.mass, values) for m in self.masses)
+        return sum(m.share * self.number(m.mass, values) for m in self.masses)
 
     def volumes(self) -> np.ndarray:
         """Volume as meshed, m3, of every region, in the order of `regions`. Collective."""
