@@ -1,0 +1,95 @@
+"""The demos, and what the README tells people to type."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+DEMOS = sorted(Path(__file__).parent.glob("*/demo_*.py"))
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+
+# They start ranks of their own.
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes itself")
+
+
+def blocks(language: str) -> list[str]:
+    """The README's blocks of code in a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.DOTALL | re.MULTILINE)
+
+
+def numbers(text: str) -> list[float]:
+    return [float(n) for n in re.findall(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?", text)]
+
+
+def edit(path: Path, *changes: tuple[str, str]) -> None:
+    """Replace texts in a file, each of which must stand there once."""
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert text.count(old) == 1, f"{old!r} is {text.count(old)} times in {path.name}"
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+
+
+def without_undetermined(text: str) -> str:
+    """Output but for the parameters that are said not to follow from the data."""
+    return "\n".join(line for line in text.splitlines() if "not determined" not in line)
+
+
+@pytest.mark.parametrize("demo", DEMOS, ids=lambda path: path.stem)
+def test_demo(demo, run_script, tmp_path):
+    """Each asserts a published number, draws its picture, and prints the same on two ranks."""
+    one = run_script(demo, str(tmp_path / "one.png"))
+    two = run_script(demo, str(tmp_path / "two.png"), ranks=2)
+    for name in ("one.png", "two.png"):
+        assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
+    one, two = without_undetermined(one), without_undetermined(two)
+    # To the printed digits, give or take one unit in the last.
+    assert re.sub(r"\d", "", one) == re.sub(r"\d", "", two)
+    assert numbers(two) == pytest.approx(numbers(one), rel=2e-2, abs=2e-2)
+
+
+@pytest.mark.smoke
+def test_readme_form(run_script, tmp_path):
+    """The README's form gives the stiffness that E A / h says, and prints what the README says."""
+    (script,) = [b for b in blocks("python") if "fenics_joints.forms" in b]
+    path = tmp_path / "readme_form.py"
+    path.write_text(script, encoding="utf-8")
+    found, by_hand = numbers(run_script(path).replace("E A / h", ""))
+    assert found == pytest.approx(863e6 * 0.08 * 0.08 / 0.5e-3, rel=1e-5)
+    assert by_hand == pytest.approx(found, rel=1e-5)
+
+
+def test_readme_effect(run_script, tmp_path):
+    """The README's own effect takes part in a diagnosis; on a coarse mesh, to be quick."""
+    (script,) = [b for b in blocks("python") if "Effect(" in b]
+    shutil.copytree(REPOSITORY / "demos" / "lap_plates", tmp_path / "case")
+    few = 'effects = ["joint normal compliance"]\nsamples = 4\nmax_effects = 1'
+    changes = ('element_size = "5 mm"', 'element_size = "20 mm"'), ("max_effects = 2", few)
+    edit(tmp_path / "case" / "case.toml", *changes)
+    path = tmp_path / "readme_effect.py"
+    path.write_text(script, encoding="utf-8")
+    edit(path, ('"demos/lap_plates"', repr(str(tmp_path / "case"))))
+    printed = dict(line.split(": ") for line in run_script(path).splitlines())
+    assert set(printed) == {
+        "sealant film", "joint normal compliance", "none of these", "no gap",
+    }  # fmt: skip
+    assert sum(numbers(text)[0] for text in printed.values()) == pytest.approx(100, abs=1)
+
+
+def test_readme_commands():
+    """What the README says to type first is what CI runs, and exists."""
+    commands = [line for block in blocks("sh") for line in block.splitlines()]
+    first = ["./with-fenicsx fenics-joints diagnose demos/lap_plates", "./with-fenicsx pytest"]
+    assert commands[:2] == first
+    assert first[1] in (REPOSITORY / ".ci" / "run").read_text(encoding="utf-8")
+    assert (REPOSITORY / "demos" / "lap_plates" / "case.toml").exists()
+    for link in re.findall(r"\]\((?!https?:)([^)#]+)", README):
+        assert (REPOSITORY / link).exists(), f"README links to {link}, which does not exist"
