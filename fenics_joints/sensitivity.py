@@ -66,6 +66,7 @@ def identifiability(
     p = whitened.shape[1]
     _, s, vt = np.linalg.svd(whitened, full_matrices=True)
     s = np.concatenate([s, np.zeros(p - len(s))])
+    s[s <= s[0] * max(whitened.shape) * np.finfo(float).eps] = 0.0  # round-off, as in matrix_rank
     with np.errstate(divide="ignore"):
         spread = np.where(s > 0, 1 / s, np.inf)
         condition = float(s[0] * spread[-1])
