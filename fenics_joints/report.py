@@ -187,6 +187,7 @@ _FACTS = {
     "frequency_error": "largest frequency error of the reduced model against the full one",
     "seconds": "seconds that the diagnosis took",
     "reduced_solutions": "eigenproblems of the reduced model solved",
+    "not_converged": "conditions at which the identification did not converge, left out",
     "crossing_modes": "modes of the test that change places in the model (followed by MAC)",
 }
 

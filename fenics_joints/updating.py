@@ -298,6 +298,7 @@ class _Run:
         self.start = {**case.nominal(), **case.start()}
         at = self.section.at
         self.at = self.data.row(at) if at is not None else len(self.data) - 1
+        self.failed: list[float] = []
         self.surrogate = self._surrogate()
         self.forward = self.surrogate.forward
 
@@ -359,8 +360,11 @@ class _Run:
             self.surrogate.refine(modes)
         return found
 
-    def _sweep(self, first: Update) -> list[Update]:
-        """All conditions, each started from its neighbour, from the first one outwards."""
+    def _sweep(self, first: Update) -> dict[int, Update]:
+        """All conditions, each started from its neighbour, from the first one outwards.
+
+        A condition at which the identification does not converge is left out and reported.
+        """
         n = len(self.data)
         found: dict[int, Update] = {self.at: first}
         for rows in (range(self.at + 1, n), range(self.at - 1, -1, -1)):
@@ -368,12 +372,15 @@ class _Run:
             for row in rows:
                 if self.data.shapes is None:
                     self.forward.track(values)
-                found[row] = self._fit(row, values)
-                values = self._values(found[row])
+                try:
+                    found[row] = self._fit(row, values)
+                    values = self._values(found[row])
+                except ConvergenceError:
+                    self.failed.append(float(self.data.conditions[row]))
                 self.progress.advance()
         if self.data.shapes is None:
             self.forward.track(self._values(first))
-        return [found[row] for row in range(n)]
+        return dict(sorted(found.items()))
 
     # -- report ------------------------------------------------------------------------------
 
@@ -410,6 +417,7 @@ class _Run:
                 "basis": self.surrogate.model.n_dofs,
                 "frequency_error": self.error,
                 "crossing_modes": crossing_names(self.surrogate, data.mode_names),
+                "not_converged": [f"{c:g} {data.condition_unit}".strip() for c in self.failed],
             },
         )
 
@@ -425,9 +433,9 @@ class _Run:
             for p, v, sd in zip(self.parameters, found.values, found.log_sd, strict=True)
         ]
 
-    def _fits_table(self, fits: Sequence[Update], held: Sequence[int]) -> list[dict]:
+    def _fits_table(self, fits: Mapping[int, Update], held: Sequence[int]) -> list[dict]:
         table = []
-        for row, found in enumerate(fits):
+        for row, found in fits.items():
             relative = found.frequencies_hz / self.data.frequencies_hz[row] - 1
             table.append(
                 {
@@ -458,9 +466,9 @@ class _Run:
 
     # -- curves ------------------------------------------------------------------------------
 
-    def _curves(self, fits: Sequence[Update], held: Sequence[int]) -> CurveFit | None:
+    def _curves(self, fits: Mapping[int, Update], held: Sequence[int]) -> CurveFit | None:
         conditions = self.data.conditions
-        kept = [row for row in range(len(fits)) if row not in held]
+        kept = [row for row in fits if row not in held]
         if len(kept) < 3 or np.any(conditions <= 0):
             return None
         return fit_curves(

@@ -43,7 +43,7 @@ _ODDS = 0.2
 #: another family than the best, so that the placebo has a fair chance too.
 _LEADERS, _OTHERS = 3, 1
 #: A hypothesis this far (in ln) behind the best on all data is not refitted in the folds.
-_HOPELESS = 25.0
+_HOPELESS = 15.0
 #: Error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
 _REDUCED = 0.05
 
