@@ -233,6 +233,7 @@ def fit(
     baseline: dict[str, float],
     *,
     starts: Sequence[np.ndarray] | None = None,
+    tolerance: float = 1e-5,
     progress: Callable[[], None] | None = None,
 ) -> Fit:
     """Most probable parameters of a hypothesis and its Laplace evidence.
@@ -246,6 +247,7 @@ def fit(
         evidence: The test.
         baseline: Parameter values of the nominal model.
         starts: Points z to start from; the best end counts. The prior's median by default.
+        tolerance: Relative change of the sum of squares, and of z, at which the search ends.
         progress: Called when done.
     """
     covariance = evidence.covariance(hypothesis.unknown)
@@ -260,7 +262,7 @@ def fit(
         inside = np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6)
         result = least_squares(
             problem.residual, inside, problem.slope, bounds=tuple(bounds.T), method="trf",
-            x_scale=1.0, ftol=1e-5, xtol=1e-5, gtol=1e-5, max_nfev=30,
+            x_scale=1.0, ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=30,
         )  # fmt: skip
         if best is None or result.cost < best[0]:
             best = (result.cost, result.x)
