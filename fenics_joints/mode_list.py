@@ -86,18 +86,10 @@ class ModeList:
 
     def show(self, console: Console) -> None:
         """Print the summary."""
-        from rich.markup import escape
-        from rich.table import Table
+        from fenics_joints import summary
 
         title = f"{self.case.title or self.case.path.parent.name}: nominal model"
-        table = Table(title=escape(title), title_justify="left")
-        table.add_column("mode", justify="right")
-        table.add_column("Hz", justify="right")
-        table.add_column("what it is")
-        for i, (f, kind) in enumerate(zip(self.frequencies_hz, self.kinds(), strict=True), 1):
-            table.add_row(str(i), f"{f:.2f}", kind, style="dim" if kind[0] in "rn" else None)
-        console.print(table)
-        console.print(f"{self.modes.model.n_dofs} degrees of freedom")
+        summary.modes(console, title, self.frequencies_hz, self.kinds(), self.modes.model.n_dofs)
 
 
 def run_modes(

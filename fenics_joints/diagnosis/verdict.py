@@ -53,7 +53,7 @@ def decide(
             f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} % and would give such a "
             f"misfit with probability {leader.p_value:.1g}."
         )
-    classes = class_probabilities(effects)
+    classes = class_probabilities(fits, probability, effects)
     sure = [name for name, p in classes.items() if p >= _SURE]
     if sure:
         said = "; and ".join(f"{_sentence(name)} ({_percent(classes[name])})" for name in sure)
@@ -64,13 +64,19 @@ def decide(
     return "ambiguous", f"This test does not decide between {', '.join(named)}."
 
 
-def class_probabilities(effects: Sequence[EffectResult]) -> dict[str, float]:
-    """Probability of each class, largest first; at most 1 where members occur together."""
-    total: dict[str, float] = {}
-    for e in effects:
-        if e.class_name not in (NO_GAP, UNKNOWN):
-            total[e.class_name] = total.get(e.class_name, 0.0) + e.probability
-    return dict(sorted(((n, min(p, 1.0)) for n, p in total.items()), key=lambda x: -x[1]))
+def class_probabilities(
+    fits: Sequence[Fit], probability: np.ndarray, effects: Sequence[EffectResult]
+) -> dict[str, float]:
+    """Probability that some member of each class is at work, largest first.
+
+    The sum over the hypotheses that hold a member; these exclude one another.
+    """
+    named = {(e.name, e.region): e.class_name for e in effects}
+    total = {name: 0.0 for name in named.values() if name not in (NO_GAP, UNKNOWN)}
+    for f, p in zip(fits, probability, strict=True):
+        for name in {named[e.name, e.region] for e in f.hypothesis.effects}:
+            total[name] += float(p)
+    return dict(sorted(total.items(), key=lambda item: -item[1]))
 
 
 def _percent(p: float) -> str:
