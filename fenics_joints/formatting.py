@@ -1,12 +1,13 @@
-"""Numbers as people read them: SI prefixes, per cent, a dash for what is missing."""
+"""Numbers and kinds of modes as people read them: SI prefixes, a dash for what is missing."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 __all__ = [
-    "MISSING", "condition_value", "hertz", "interval", "number", "percent", "prefixed",
-    "probability", "quantity", "spread",
+    "MISSING", "condition_value", "hertz", "interval", "mode_kinds", "number", "percent",
+    "prefixed", "probability", "quantity", "spread",
 ]  # fmt: skip
 
 #: Shown where there is no number.
@@ -106,3 +107,13 @@ def hertz(frequency: float | None) -> str:
 def condition_value(value: float, unit: str = "") -> str:
     """A torque or other condition, such as ``20 N·m``."""
     return f"{value:g} {_PLAIN.get(unit, unit)}".rstrip()
+
+
+def mode_kinds(n: int, n_rigid: int, visible: Sequence[bool] | None) -> list[str]:
+    """What each mode is, in words."""
+    if visible is None:
+        elastic = ["elastic"] * (n - n_rigid)
+    else:
+        seen = list(visible)[n_rigid:]
+        elastic = ["seen by the test" if s else "not seen by the test" for s in seen]
+    return ["rigid body"] * n_rigid + elastic

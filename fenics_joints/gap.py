@@ -12,7 +12,11 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal import Modes
 from fenics_joints.points import Sensors
 
-__all__ = ["Gap", "Pairing", "mac", "pair_modes", "rms"]
+__all__ = ["VISIBLE", "Gap", "Pairing", "mac", "pair_modes", "rms"]
+
+
+#: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen.
+VISIBLE = 0.3
 
 
 def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -55,7 +59,7 @@ def pair_modes(
     sensors: Sensors | None = None,
     *,
     reference: np.ndarray | None = None,
-    threshold: float = 0.3,
+    threshold: float = VISIBLE,
 ) -> Pairing:
     """Pair the test's modes with the model's.
 

@@ -11,6 +11,8 @@ from mpi4py import MPI
 import fenics_joints
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
+from fenics_joints.formatting import mode_kinds
+from fenics_joints.gap import VISIBLE
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.progress import Progress
 
@@ -18,10 +20,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 __all__ = ["ModeList", "run_modes"]
-
-#: As `fenics_joints.gap.pair_modes`: a share of what a rigid motion along the sensors would show.
-_VISIBLE = 0.3
-
 
 @dataclass(frozen=True, eq=False)
 class ModeList:
@@ -50,7 +48,7 @@ class ModeList:
         """Which modes the test could see, shape (n,); no rigid-body mode is one."""
         if self.visibility is None:
             return None
-        return (self.visibility >= _VISIBLE) & (np.arange(len(self.modes)) >= self.modes.n_rigid)
+        return (self.visibility >= VISIBLE) & (np.arange(len(self.modes)) >= self.modes.n_rigid)
 
     def json(self) -> dict[str, object]:
         """What ``--json`` writes.
@@ -77,12 +75,7 @@ class ModeList:
 
     def kinds(self) -> list[str]:
         """What each mode is, in words."""
-        visible = self.visible
-        n = self.modes.n_rigid
-        if visible is None:
-            return ["rigid body" if i < n else "elastic" for i in range(len(self.modes))]
-        words = ["seen by the test" if seen else "not seen by the test" for seen in visible]
-        return ["rigid body"] * n + words[n:]
+        return mode_kinds(len(self.modes), self.modes.n_rigid, self.visible)
 
     def show(self, console: Console) -> None:
         """Print the summary."""

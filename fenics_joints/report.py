@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 import fenics_joints
 from fenics_joints import formatting, mesh_pictures, pictures
+from fenics_joints.formatting import mode_kinds
 from fenics_joints.gap import Gap
 from fenics_joints.reading import by_effect, confusion, effect_classes, leading, plain
 
@@ -348,16 +349,6 @@ def modes_html(
         "modes.html", title=title, rows=rows, n_rigid=n_rigid, dofs=dofs, shapes=pictures_,
         sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
     )  # fmt: skip
-
-
-def mode_kinds(n: int, n_rigid: int, visible: Sequence[bool] | None) -> list[str]:
-    """What each mode is, in words."""
-    if visible is None:
-        elastic = ["elastic"] * (n - n_rigid)
-    else:
-        seen = list(visible)[n_rigid:]
-        elastic = ["seen by the test" if s else "not seen by the test" for s in seen]
-    return ["rigid body"] * n_rigid + elastic
 
 
 def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:

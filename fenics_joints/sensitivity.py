@@ -11,10 +11,6 @@ from fenics_joints.modal import Modes
 
 __all__ = ["Identifiability", "frequency_sensitivity", "identifiability"]
 
-#: A collinearity index above this means that data do not tell the parameters apart
-#: (Brun, Reichert and Kuensch, Water Resour. Res. 37, 2001: 10 to 20).
-COLLINEAR = 20.0
-
 
 def frequency_sensitivity(modes: Modes, index: Sequence[int]) -> np.ndarray:
     """Derivative of ln f by every parameter: d ln f / dp = (d lambda / dp) / (2 lambda).
@@ -37,7 +33,8 @@ class Identifiability:
     Attributes:
         names: Names of the parameters.
         condition: Condition number of the whitened sensitivity matrix.
-        collinearity: Collinearity index of all parameters together (1: independent).
+        collinearity: Collinearity index of all parameters together: 1 if independent; above 20 the
+            data do not tell them apart (Brun, Reichert and Kuensch, Water Resour. Res. 37, 2001).
         sd: Standard deviation of each parameter from the data alone, in its working unit.
         weakest: Direction in parameter space that the data determine least, unit vector.
         undetermined: Parameters that take a large part in directions the data leave open.

@@ -217,7 +217,7 @@ class _Run:
         return np.concatenate([parent.z[:own], added, tail])
 
     def _log_prior(self, fits: Sequence[Fit]) -> np.ndarray:
-        """Of each hypothesis: odds for each effect, evenly among hypotheses of as many."""
+        """Logarithm of each hypothesis' prior weight: the same odds for each of its effects."""
         sizes = [1 if f.hypothesis.unknown else len(f.hypothesis.effects) for f in fits]
         return np.array([n * np.log(_ODDS) for n in sizes])
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.inference import Fit
 from fenics_joints.diagnosis.result import Separation
+from fenics_joints.gap import VISIBLE
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.surrogate import Forward, Surrogate
 
@@ -80,7 +81,7 @@ def _split(modes: Modes, sensors) -> tuple[np.ndarray, np.ndarray]:
     elastic = np.arange(modes.n_rigid, len(modes))
     if sensors is None:
         return elastic, elastic[:0]
-    seen = modes.visibility(sensors)[elastic] > 0.3
+    seen = modes.visibility(sensors)[elastic] > VISIBLE
     return elastic[seen], elastic[~seen]
 
 
