@@ -1,0 +1,1 @@
+"""Joint parameters by bolt, force, thickness and roughness."""

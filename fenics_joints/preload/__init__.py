@@ -1,0 +1,1 @@
+"""Bolts, their preload and the contact that it makes."""
