@@ -1,9 +1,15 @@
 """Meshes with named parts and faces: builders for known geometries, and a reader of ``.msh``."""
 
+from fenics_joints.meshes.blocks import stacked_blocks
 from fenics_joints.meshes.box import box
 from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.lap_plates import lap_plates
 from fenics_joints.meshes.msh import read_msh
+from fenics_joints.meshes.plane import graded_lines, grid_lines
+from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh
 
-__all__ = ["MeshQuality", "TaggedMesh", "box", "check_mesh", "lap_plates", "read_msh"]
+__all__ = [
+    "MeshQuality", "TaggedMesh", "box", "check_mesh", "graded_lines", "grid_lines", "lap_plates",
+    "read_msh", "separate", "stacked_blocks",
+]  # fmt: skip

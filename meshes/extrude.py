@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["Extrusion"]
+from fenics_joints.meshes.plane import cut_quads
 
-# Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
-_CUTS = np.array([[[0, 1, 3], [0, 3, 2]], [[0, 1, 2], [1, 3, 2]]])
+__all__ = ["Extrusion"]
 
 
 @dataclass
@@ -40,8 +39,9 @@ class Extrusion:
 
     def tag_level(self, level: int, mask: np.ndarray, value: int) -> None:
         """Tag the facets at ``level`` of the plane cells in ``mask`` with ``value``."""
-        base = self.quads[mask] if self.cell == "hexahedron" else self._triangles()[mask]
-        base = base.reshape(-1, base.shape[-1])
+        base = self.quads[mask]
+        if self.cell == "tetrahedron":
+            base = cut_quads(self.points, base).reshape(-1, 3)
         self._tag(self._lift(base, np.full(len(base), level)), value)
 
     def tag_wall(self, edges: np.ndarray, layers: np.ndarray, value: int) -> None:
@@ -86,13 +86,6 @@ class Extrusion:
         x = np.column_stack([self.points[point], self.z[level]])
         return x, number[cells], values, number[facets]
 
-    def _triangles(self) -> np.ndarray:
-        """Both halves of each plane cell, shape (n_quads, 2, 3)."""
-        v00, v10, v01, v11 = self.points[self.quads].transpose(1, 0, 2)
-        rising, falling = np.linalg.norm(v11 - v00, axis=1), np.linalg.norm(v10 - v01, axis=1)
-        cut = _CUTS[(falling < rising * (1 - 1e-9)).astype(int)]
-        return np.take_along_axis(self.quads, cut.reshape(-1, 6), axis=1).reshape(-1, 2, 3)
-
     def _lift(self, base: np.ndarray, level: np.ndarray) -> np.ndarray:
         return base * len(self.z) + level[:, None]
 
@@ -101,7 +94,7 @@ class Extrusion:
         self._facet_values.append(np.full(len(facets), value, dtype=np.int32))
 
     def _tetrahedra(self, layer: np.ndarray, quad: np.ndarray) -> np.ndarray:
-        triangles = self._triangles()[quad].reshape(-1, 3)
+        triangles = cut_quads(self.points, self.quads[quad]).reshape(-1, 3)
         # Sorting may turn a triangle over, and each tetrahedron with it; remember which.
         turns = np.argsort(triangles, axis=1)
         odd = ((turns[:, 1] - turns[:, 0]) % 3) == 2

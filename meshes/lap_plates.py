@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.errors import MeshError
+from fenics_joints.meshes.arguments import is_count, is_positive, requirement
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import grid_lines, o_grid, tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
@@ -22,6 +22,8 @@ FACET_NAMES = {
     "joint_lower": 5, "joint_upper": 6, "interface": 7, "holes": 8, "washers": 9,
 }  # fmt: skip
 BOLTS = ((0.14, 0.02), (0.14, 0.06), (0.18, 0.02), (0.18, 0.06))
+
+_require = requirement("lap_plates")
 
 
 def lap_plates(
@@ -217,24 +219,24 @@ def _chain(points: np.ndarray) -> np.ndarray:
 def _check_dimensions(length, width, thickness, lap, layer, n_thickness, cell) -> None:
     sizes = {"length": length, "width": width, "thickness": thickness, "lap": lap}
     for name, value in sizes.items():
-        _require(_is_positive(value), name, value, "a length above 0 m")
+        _require(is_positive(value), name, value, "a length above 0 m")
     _require(lap < length, "lap", lap, f"less than length = {length:g} m")
-    _require(layer == 0 or _is_positive(layer), "layer", layer, "0 m or a thickness above it")
-    _require(_is_count(n_thickness), "n_thickness", n_thickness, "a whole number of at least 1")
+    _require(layer == 0 or is_positive(layer), "layer", layer, "0 m or a thickness above it")
+    _require(is_count(n_thickness), "n_thickness", n_thickness, "a whole number of at least 1")
     cells = "'hexahedron' or 'tetrahedron'"
     _require(cell in ("hexahedron", "tetrahedron"), "cell", cell, cells)
 
 
 def _size(name: str, count: int | None, span: float, element_size: float) -> float:
     if count is None:
-        _require(_is_positive(element_size), "element_size", element_size, "a size above 0 m")
+        _require(is_positive(element_size), "element_size", element_size, "a size above 0 m")
         return element_size
-    _require(_is_count(count), name, count, "a whole number of at least 1")
+    _require(is_count(count), name, count, "a whole number of at least 1")
     return span / count
 
 
 def _check_zones(bolts, zone, x_range, y_range) -> None:
-    _require(zone == 0 or _is_positive(zone), "zone", zone, "0 m or a side above it")
+    _require(zone == 0 or is_positive(zone), "zone", zone, "0 m or a side above it")
     for number, bolt in enumerate(bolts.tolist()):
         for axis, value, (low, high) in zip("xy", bolt, (x_range, y_range), strict=True):
             room = min(value - low, high - value)
@@ -253,7 +255,7 @@ def _check_holes(bolts, zone, hole, washer) -> tuple[float, ...]:
         return ()
     # The O-grid needs room between the outer circle and the square.
     room = f"at most 0.9 * zone = {0.9 * zone:g} m"
-    fits = _is_positive(hole) and hole <= 0.9 * zone
+    fits = is_positive(hole) and hole <= 0.9 * zone
     _require(fits, "hole_diameter", hole, "a diameter above 0 m and " + room)
     for number, bolt in enumerate(bolts):
         for other in range(number):
@@ -266,16 +268,3 @@ def _check_holes(bolts, zone, hole, washer) -> tuple[float, ...]:
     fits = math.isfinite(washer) and hole < washer <= 0.9 * zone
     _require(fits, "washer_diameter", washer, expected)
     return hole / 2, washer / 2
-
-
-def _is_positive(value: float) -> bool:
-    return math.isfinite(value) and value > 0
-
-
-def _is_count(value: int) -> bool:
-    return isinstance(value, int | np.integer) and value >= 1
-
-
-def _require(holds: bool, name: str, value: object, expected: str) -> None:
-    if not holds:
-        raise MeshError(f"lap_plates: {name} is {value!r}, expected {expected}")

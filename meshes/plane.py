@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-__all__ = ["grid_lines", "o_grid", "tensor_grid"]
+from fenics_joints.meshes.arguments import requirement
+from fenics_joints.meshes.tagged import MeshLists
+
+__all__ = ["cut_quads", "flat_lists", "graded_lines", "grid_lines", "o_grid", "tensor_grid"]
+
+# Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
+_CUTS = np.array([[[0, 1, 3], [0, 3, 2]], [[0, 1, 2], [1, 3, 2]]])
 
 
 def grid_lines(edges: Iterable[float], size: float) -> np.ndarray:
@@ -32,6 +38,78 @@ def grid_lines(edges: Iterable[float], size: float) -> np.ndarray:
         for a, b in zip(edges[:-1], edges[1:], strict=True)
     ]
     return np.concatenate([*parts, edges[-1:]])
+
+
+def graded_lines(edges: Sequence[float], sizes: Sequence[float]) -> np.ndarray:
+    """Grid lines through every edge exactly, whose distance grows from edge to edge.
+
+    Between two edges the distance of the lines is a linear function of the position, from the
+    size at the one to the size at the other, so neighbouring intervals have a fixed ratio, about
+    exp(difference of the sizes / distance of the edges). A growth by the factor g per interval is
+    had from a second size of ``first + log(g) * distance``.
+
+    Args:
+        edges: Ascending positions that must be lines, in metres, shape (n,).
+        sizes: Longest interval near each edge, in metres, shape (n,).
+
+    Returns:
+        Ascending positions, shape (n_lines,).
+
+    Raises:
+        MeshError: The edges do not ascend, a size is not above 0 m, or their numbers differ.
+    """
+    require = requirement("graded_lines")
+    edges, sizes = np.asarray(edges, dtype=float), np.asarray(sizes, dtype=float)
+    ascend = edges.ndim == 1 and len(edges) > 1 and bool(np.all(np.diff(edges) > 0))
+    require(ascend, "edges", edges.tolist(), "two or more ascending positions in metres")
+    fits = sizes.shape == edges.shape and bool(np.all(np.isfinite(sizes) & (sizes > 0)))
+    require(fits, "sizes", sizes.tolist(), f"{len(edges)} sizes above 0 m, one for each edge")
+    parts = []
+    for a, b, first, last in zip(edges[:-1], edges[1:], sizes[:-1], sizes[1:], strict=True):
+        rate = math.log(last / first)
+        even = abs(rate) < 1e-9
+        # The number of intervals is the integral of 1 / size over the distance.
+        count = (b - a) / first if even else (b - a) * rate / (last - first)
+        step = np.arange(math.ceil(count * (1 - 1e-9))) / math.ceil(count * (1 - 1e-9))
+        parts.append(a + (b - a) * (step if even else np.expm1(rate * step) / math.expm1(rate)))
+    return np.concatenate([*parts, edges[-1:]])
+
+
+def cut_quads(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """Both halves of each quadrilateral, cut along its shorter diagonal, anticlockwise.
+
+    Args:
+        points: Vertices, shape (n_points, 2).
+        quads: Cells (v00, v10, v01, v11), shape (n_quads, 4).
+
+    Returns:
+        Vertices of the halves, shape (n_quads, 2, 3).
+    """
+    v00, v10, v01, v11 = points[quads].transpose(1, 0, 2)
+    rising, falling = np.linalg.norm(v11 - v00, axis=1), np.linalg.norm(v10 - v01, axis=1)
+    cut = _CUTS[(falling < rising * (1 - 1e-9)).astype(int)]
+    return np.take_along_axis(quads, cut.reshape(-1, 6), axis=1).reshape(-1, 2, 3)
+
+
+def flat_lists(points, quads, values, cell: str, cell_names: dict[str, int]) -> MeshLists:
+    """A mesh in the plane of those quadrilaterals that have a tag, without named faces.
+
+    Args:
+        points: Vertices, shape (n_points, 2), in metres.
+        quads: Cells (v00, v10, v01, v11), shape (n_quads, 4).
+        values: Tag of each cell, 0 where there is none, shape (n_quads,).
+        cell: ``"quadrilateral"``, or ``"triangle"`` for two of those in each quadrilateral.
+        cell_names: Tag of each named part.
+
+    Returns:
+        The mesh, without unused vertices.
+    """
+    quads, values = quads[values > 0], values[values > 0]
+    if cell == "triangle":
+        quads, values = cut_quads(points, quads).reshape(-1, 3), np.repeat(values, 2)
+    used, cells = np.unique(quads, return_inverse=True)
+    none = np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int32)
+    return MeshLists(cell, points[used], cells.reshape(quads.shape), values, *none, cell_names, {})
 
 
 def tensor_grid(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
