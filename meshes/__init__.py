@@ -2,6 +2,7 @@
 
 from fenics_joints.meshes.blocks import stacked_blocks
 from fenics_joints.meshes.box import box
+from fenics_joints.meshes.c_beam import c_beams
 from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.lap_plates import lap_plates
 from fenics_joints.meshes.msh import read_msh
@@ -10,6 +11,6 @@ from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh
 
 __all__ = [
-    "MeshQuality", "TaggedMesh", "box", "check_mesh", "graded_lines", "grid_lines", "lap_plates",
-    "read_msh", "separate", "stacked_blocks",
+    "MeshQuality", "TaggedMesh", "box", "c_beams", "check_mesh", "graded_lines", "grid_lines",
+    "lap_plates", "read_msh", "separate", "stacked_blocks",
 ]  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["FACETS", "add_faces", "exterior_facets", "row_numbers"]
+__all__ = ["FACETS", "add_faces", "exterior_facets", "facets_between", "row_numbers"]
 
 # Corners of a cell's facets, each facet's in DOLFINx's order.
 FACETS = {
@@ -51,6 +51,22 @@ def exterior_facets(lists: MeshLists) -> tuple[np.ndarray, np.ndarray]:
     numbers = row_numbers(facets)
     alone = np.flatnonzero(np.bincount(numbers)[numbers] == 1)
     return facets[alone], alone // n_sides
+
+
+def facets_between(lists: MeshLists, part: str, other: str) -> np.ndarray:
+    """Vertices of the facets that a cell of one part shares with one of the other.
+
+    Returns:
+        Vertices of each facet in DOLFINx's order, shape (n, n_corners).
+    """
+    sides = []
+    for name in (part, other):
+        cells = lists.cells[lists.cell_values == lists.cell_names[name]]
+        corners = FACETS[lists.cell].shape[1]
+        sides.append(cells[:, FACETS[lists.cell]].reshape(-1, corners))
+    numbers = row_numbers(np.vstack(sides))
+    first = len(sides[0])
+    return sides[0][np.isin(numbers[:first], numbers[first:])]
 
 
 def add_faces(lists: MeshLists, faces: Mapping[str, np.ndarray]) -> MeshLists:

@@ -1,0 +1,266 @@
+"""Two C-shaped beams bolted together at their ends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.meshes.arguments import is_count, is_positive, requirement
+from fenics_joints.meshes.extrude import Extrusion
+from fenics_joints.meshes.plane import graded_lines, grid_lines, o_grid, tensor_grid
+from fenics_joints.meshes.separate import separate
+from fenics_joints.meshes.skin import add_faces, exterior_facets, facets_between
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+
+__all__ = ["c_beams"]
+
+CELL_NAMES = {"beam_1": 1, "beam_2": 2, "joint": 3}
+_GROWTH = math.log(1.3)  # of the elements from the pads to the slender middle, per element
+_TOLERANCE = 1e-9  # of a vertex on a plane or circle, relative to the length
+
+_require = requirement("c_beams")
+
+
+def c_beams(
+    comm: MPI.Intracomm,
+    *,
+    length: float = 0.508,
+    width: float = 0.0318,
+    thickness: float = 9.65e-3,
+    pad_thickness: float = 12.7e-3,
+    pad_length: float = 0.0497,
+    hole_diameter: float = 8.43e-3,
+    washer_diameter: float = 17.46e-3,
+    zone: float = 0.024,
+    element_size: float = 1.5e-3,
+    radial_size: float = 1.1e-3,
+    middle_size: float = 8e-3,
+    n_thickness: tuple[int, int] = (6, 2),
+    layer: float = 0.0,
+    bonded: bool = False,
+    cell: str = "hexahedron",
+) -> TaggedMesh:
+    """Mesh of two equal C-shaped beams, face to face, with a bolt's hole in each end.
+
+    The defaults are the benchmark of updating contact by a cut-off pressure: its length and
+    cross-sections are printed, the pads' length is a fit to the printed frequencies, and the place
+    and diameter of the holes and the washers are assumed. Fillets and bolts are left out.
+
+    Both beams span x from 0 to ``length`` and y from ``-width / 2`` to ``width / 2``. Beam 1 lies
+    below z = 0, beam 2 mirrored above; over the pads at both ends they touch at z = 0, and between
+    the pads there is a gap of ``2 * (pad_thickness - thickness)``. The outer faces are flat, at
+    z = -pad_thickness and pad_thickness. The holes are in the middle of the pads.
+
+    In the plan, the pads have elements of ``element_size`` and each hole lies in an O-grid within
+    a square of side ``zone``; a hole is a polygon whose corners lie on the circle, four times as
+    many as elements along the zone's side. Towards the middle the elements grow along x up to
+    ``middle_size``. The defaults have the published resolution: 47,704 hexahedra and 1,004 faces
+    on each pad, where the publication has about 47,500 and 1,000. A small one for tests, of 1,848
+    hexahedra: ``element_size=6e-3, radial_size=3e-3, middle_size=25e-3, n_thickness=(2, 1)``.
+
+    Parts: ``beam_1``, ``beam_2``. Faces: ``interface_lower`` and ``interface_upper`` (of both pads
+    of beam 1 and of beam 2, which share no vertex); ``washer_1_lower``, ``washer_2_lower`` (the
+    rings under the washers at the first and second bolt on the outer face of beam 1),
+    ``washer_1_upper``, ``washer_2_upper`` (of beam 2); ``holes``. Points: ``bolts``, the bolts'
+    axes at z = 0.
+
+    With ``bonded=True`` the beams share their vertices over the pads, the one face ``interface``.
+    With a ``layer`` above 0 a layer of that thickness, one element thick, lies between the pads
+    and shares vertices with them; the beams move apart by half of it each. Then there is a part
+    ``joint``, and the faces ``joint_lower``, ``joint_upper`` lie between it and the beams.
+
+    Args:
+        comm: Communicator; the call is collective, the lists are built on rank 0 alone.
+        length: Length of each beam, in metres.
+        width: Width of the beams, in metres.
+        thickness: Thickness of the slender middle, in metres.
+        pad_thickness: Thickness of the pads, in metres.
+        pad_length: Length of each pad, in metres.
+        hole_diameter: Diameter of the bolts' holes, in metres.
+        washer_diameter: Outer diameter of the washers, in metres.
+        zone: Side of the square of the O-grid around each hole, in metres.
+        element_size: Longest side of an element in the plan of the pads, in metres.
+        radial_size: Longest element of the O-grid along the radius, in metres.
+        middle_size: Longest element along the slender middle, in metres.
+        n_thickness: Elements through the slender middle, and through the rest of a pad.
+        layer: Thickness of the joint layer, in metres; 0 for none.
+        bonded: Whether the beams share vertices; a ``layer`` always does.
+        cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
+
+    Returns:
+        The tagged mesh.
+
+    Raises:
+        MeshError: A dimension or count is impossible; the message names the argument, its value
+            and what was expected.
+    """
+    sizes = {
+        "length": length, "width": width, "thickness": thickness, "pad_thickness": pad_thickness,
+        "pad_length": pad_length, "hole_diameter": hole_diameter,
+        "washer_diameter": washer_diameter, "zone": zone, "element_size": element_size,
+        "radial_size": radial_size, "middle_size": middle_size,
+    }  # fmt: skip
+    for name, value in sizes.items():
+        _require(is_positive(value), name, value, "a length above 0 m")
+    _check(sizes, n_thickness, layer, cell)
+    form = _CBeams(
+        length, width, thickness, pad_thickness, pad_length, hole_diameter / 2,
+        washer_diameter / 2, zone, element_size, radial_size, middle_size,
+        tuple(n_thickness), layer, bonded, cell,
+    )  # fmt: skip
+    return distribute(comm, on_root(comm, form.lists))
+
+
+@dataclass(frozen=True)
+class _CBeams:
+    """Checked dimensions of the beams; see ``c_beams``."""
+
+    length: float
+    width: float
+    thickness: float
+    pad_thickness: float
+    pad_length: float
+    hole: float
+    washer: float
+    zone: float
+    element_size: float
+    radial_size: float
+    middle_size: float
+    n_thickness: tuple[int, int]
+    layer: float
+    bonded: bool
+    cell: str
+
+    @property
+    def bolts(self) -> np.ndarray:
+        """Axes of the bolts in the plan, shape (2, 2)."""
+        return np.array([[self.pad_length / 2, 0.0], [self.length - self.pad_length / 2, 0.0]])
+
+    def lists(self) -> MeshLists:
+        """The whole mesh."""
+        points, quads = self.plan()
+        x = points[quads][:, :, 0].mean(axis=1)
+        pad = (x < self.pad_length) | (x > self.length - self.pad_length)
+        column = Extrusion(points, quads, self.levels(), self.values(pad), self.cell)
+        bolts = np.column_stack([self.bolts, np.zeros(2)])
+        lists = MeshLists(self.cell, *column.lists(), CELL_NAMES, {}, {"bolts": bolts})
+        return self.with_faces(self.with_interface(lists))
+
+    def plan(self) -> tuple[np.ndarray, np.ndarray]:
+        """Plane points and cells, with O-grids around the holes."""
+        x, y = self.x_lines(), self.y_lines()
+        points, quads = tensor_grid(x, y)
+        number = np.arange(len(points)).reshape(len(x), len(y))
+        for bolt in self.bolts:
+            i = _between(x, bolt[0], self.zone)
+            j = _between(y, bolt[1], self.zone)
+            square = number[i][:, j]
+            loop = np.concatenate(
+                [square[:-1, 0], square[-1, :-1], square[:0:-1, -1], square[0, :0:-1]]
+            )
+            outside = np.abs(points[quads].mean(axis=1) - bolt).max(axis=1) > self.zone / 2
+            radii = self.hole, self.washer
+            new = o_grid(loop, points[loop], bolt, radii, self.radial_size, len(points))
+            points, quads = np.vstack([points, new[0]]), np.vstack([quads[outside], new[1]])
+        return points, quads
+
+    def x_lines(self) -> np.ndarray:
+        """Lines of the plan along the beams; symmetric."""
+        half = self.zone / 2
+        bolt = self.pad_length / 2
+        pad = grid_lines([0.0, bolt - half, bolt + half, self.pad_length], self.element_size)
+        span = self.length - 2 * self.pad_length
+        largest = max(self.middle_size, self.element_size)
+        reach = (largest - self.element_size) / _GROWTH
+        if reach < 0.45 * span:
+            places = [0.0, reach, span - reach, span] if reach > 0 else [0.0, span]
+            sizes = [self.element_size, largest, largest, self.element_size]
+            sizes = sizes if reach > 0 else sizes[::3]
+        else:
+            middle = self.element_size + _GROWTH * span / 2
+            places = [0.0, span / 2, span]
+            sizes = [self.element_size, middle, self.element_size]
+        between = graded_lines(np.array(places) + self.pad_length, sizes)
+        return np.concatenate([pad[:-1], between, (self.length - pad)[-2::-1]])
+
+    def y_lines(self) -> np.ndarray:
+        edges = [-self.width / 2, -self.zone / 2, self.zone / 2, self.width / 2]
+        return grid_lines(edges, self.element_size)
+
+    def levels(self) -> np.ndarray:
+        outer, raised = self.n_thickness
+        rise = self.pad_thickness - self.thickness
+        up = np.concatenate(
+            [
+                np.linspace(0.0, rise, raised, endpoint=False),
+                np.linspace(rise, self.pad_thickness, outer + 1),
+            ]
+        )
+        up = up + self.layer / 2
+        return np.concatenate([-up[::-1], up if self.layer > 0 else up[1:]])
+
+    def values(self, pad: np.ndarray) -> np.ndarray:
+        """Cell tags per layer of cells and plane cell; ``pad`` says which are of the pads."""
+        outer, raised = self.n_thickness
+        everywhere = np.ones(len(pad), dtype=int)
+        rows = [everywhere * CELL_NAMES["beam_1"]] * outer
+        rows += [pad * CELL_NAMES["beam_1"]] * raised
+        if self.layer > 0:
+            rows.append(pad * CELL_NAMES["joint"])
+        rows += [pad * CELL_NAMES["beam_2"]] * raised
+        rows += [everywhere * CELL_NAMES["beam_2"]] * outer
+        return np.array(rows)
+
+    def with_interface(self, lists: MeshLists) -> MeshLists:
+        """Faces between the beams, which are made separate bodies if they are to be."""
+        if self.layer > 0:
+            faces = {
+                "joint_lower": facets_between(lists, "joint", "beam_1"),
+                "joint_upper": facets_between(lists, "joint", "beam_2"),
+            }
+            return add_faces(lists, faces)
+        if self.bonded:
+            return add_faces(lists, {"interface": facets_between(lists, "beam_1", "beam_2")})
+        names = "interface_lower", "interface_upper"
+        return separate(lists, ["beam_1", "beam_2", "joint"], {("beam_1", "beam_2"): names})
+
+    def with_faces(self, lists: MeshLists) -> MeshLists:
+        facets, cells = exterior_facets(lists)
+        x = lists.x[facets]
+        tolerance = _TOLERANCE * self.length
+        radius = np.linalg.norm(x[:, None, :, :2] - self.bolts[None, :, None], axis=3)
+        outer = self.pad_thickness + self.layer / 2
+        under = np.all(radius < self.washer + tolerance, axis=2)
+        faces = {"holes": np.all(np.abs(radius - self.hole) < tolerance, axis=2).any(axis=1)}
+        for side, height in (("lower", -outer), ("upper", outer)):
+            flat = np.all(np.abs(x[:, :, 2] - height) < tolerance, axis=1)
+            for bolt in range(2):
+                faces[f"washer_{bolt + 1}_{side}"] = flat & under[:, bolt]
+        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
+
+
+def _between(lines: np.ndarray, centre: float, side: float) -> slice:
+    first, last = (int(np.abs(lines - centre - end * side / 2).argmin()) for end in (-1, 1))
+    return slice(first, last + 1)
+
+
+def _check(sizes: dict[str, float], n_thickness, layer, cell) -> None:
+    """Whether the lengths fit each other, and the other arguments."""
+    rooms = [
+        ("thickness", "pad_thickness", 1.0), ("pad_length", "length", 0.5), ("zone", "width", 1.0),
+        ("zone", "pad_length", 1.0), ("hole_diameter", "washer_diameter", 1.0),
+        ("washer_diameter", "zone", 0.9),
+    ]  # fmt: skip
+    for name, other, share in rooms:
+        fits = sizes[name] < share * sizes[other]
+        factor = "" if share == 1 else f"{share:g} * "
+        expected = f"less than {factor}{other} = {share * sizes[other]:g} m"
+        _require(fits, name, sizes[name], expected)
+    counts = np.shape(n_thickness) == (2,) and all(is_count(n) for n in n_thickness)
+    _require(counts, "n_thickness", n_thickness, "two whole numbers of at least 1")
+    _require(layer == 0 or is_positive(layer), "layer", layer, "0 m or a thickness above it")
+    cells = "'hexahedron' or 'tetrahedron'"
+    _require(cell in ("hexahedron", "tetrahedron"), "cell", cell, cells)
