@@ -76,7 +76,7 @@ class Region:
 
     @property
     def is_joint(self) -> bool:
-        return self.law is not SOLID
+        return self.law.name in LAYER_LAWS
 
 
 def _unit(normal, name) -> tuple[float, ...]:

@@ -16,7 +16,7 @@ import ufl
 from fenics_joints import forms
 from fenics_joints.errors import InputError
 
-__all__ = ["LAYER_LAWS", "SOLID", "Law"]
+__all__ = ["AXISYMMETRIC_SOLID", "LAYER_LAWS", "SOLID", "Law"]
 
 Properties = Mapping[str, object]
 
@@ -51,6 +51,17 @@ class Law:
     def inertia_terms(self, q: Properties) -> np.ndarray:
         """The scalars in which the mass is linear, like ``stiffness_terms``."""
         return np.array([q["rho"] * q["stretch"]])
+
+
+class _RingLaw(Law):
+    """A law on the half section of a body of revolution, r = x[0]."""
+
+    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
+        return forms.axisymmetric_mass(u, v, q["rho"], dx, radius=_radius(dx), stretch=q["stretch"])
+
+
+def _radius(dx):
+    return ufl.SpatialCoordinate(dx.ufl_domain())[0]
 
 
 def _require(where: str, key: str, value, good, expected: str) -> None:
@@ -102,6 +113,11 @@ def _solid_stiffness(u, v, q, normal, dx):
     return forms.elasticity(u, v, q["E"], q["nu"], dx, normal=normal, stretch=q["stretch"])
 
 
+def _axisymmetric_stiffness(u, v, q, normal, dx):
+    more = {"radius": _radius(dx), "normal": normal, "stretch": q["stretch"]}
+    return forms.axisymmetric_elasticity(u, v, q["E"], q["nu"], dx, **more)
+
+
 def _isotropic_stiffness(u, v, q, normal, dx):
     return forms.isotropic_layer(u, v, q["E"], q["G"], dx, normal=normal, stretch=q["stretch"])
 
@@ -141,6 +157,16 @@ SOLID = Law(
     ),
     _samples({"E": 2.0, "nu": 0.0}, {"E": 2.0, "nu": 0.3}),
     _check_solid,
+)
+
+# Stretched along its axis a body of revolution has the same scalars as any solid.
+AXISYMMETRIC_SOLID = _RingLaw(
+    SOLID.name,
+    SOLID.properties,
+    _axisymmetric_stiffness,
+    SOLID.stiffness_terms,
+    SOLID.samples,
+    SOLID.check,
 )
 
 _LAYER_PROPERTIES = ("E", "G", "rho", "stretch")

@@ -7,6 +7,7 @@ the parameters, and one assembly gives the derivative with respect to all of the
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import basix.ufl
 import numpy as np
@@ -19,6 +20,8 @@ from petsc4py import PETSc
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.components import Parameter, PointMass, Region, Spring, Support
 from fenics_joints.errors import InputError, MeshError
+from fenics_joints.forms import circumference
+from fenics_joints.laws import AXISYMMETRIC_SOLID
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.points import PointRows, Sensors, locate, observe
 from fenics_joints.properties import PropertyField
@@ -31,6 +34,12 @@ _SERENDIPITY_CELLS = ("quadrilateral", "hexahedron")
 class Structure:
     """A finite-element model whose matrices are functions of named parameters.
 
+    A mesh in space is a solid. One in the plane is a section in plane strain, and all matrices,
+    masses and volumes are those of one metre of depth; or, with ``axisymmetric``, the half section
+    r = x[0] >= 0, z = x[1] of a body of revolution, and they are those of the whole body. Springs
+    and point masses are then spread over their circle. A body that reaches the axis needs u_r = 0
+    there: ``Support(facets, (0,))``.
+
     Args:
         tagged: Mesh with named groups of cells and facets.
         regions: Parts and joints; together they cover every cell once.
@@ -41,15 +50,18 @@ class Structure:
         degree: Degree of the displacement, 1 or 2; on quadrilaterals and hexahedra degree 2 is
             the serendipity element.
         quadrature_degree: Degree of the cell quadrature; 2 * degree by default, which is exact for
-            straight-sided boxes and simplices.
+            straight-sided boxes and simplices; one more for a body of revolution.
+        axisymmetric: Whether the mesh is the half section of a body of revolution, of parts only.
 
     Raises:
         InputError: For a name that does not exist or a value out of range.
-        MeshError: If a cell is in no region or in two.
+        MeshError: If a cell is in no region or in two, or the mesh is no half section.
 
     Attributes:
         V: Displacement space.
         parameters: The parameters by name, in order.
+        axisymmetric: Whether the mesh is the half section of a body of revolution.
+        weight: Factor of every integral: 2 pi r as UFL, m, in a body of revolution, else 1.
     """
 
     def __init__(
@@ -63,6 +75,7 @@ class Structure:
         supports: Iterable[Support] = (),
         degree: int = 2,
         quadrature_degree: int | None = None,
+        axisymmetric: bool = False,
     ):
         self.tagged = tagged
         self.mesh = tagged.mesh
@@ -75,7 +88,11 @@ class Structure:
         self.regions, self.masses = tuple(regions), tuple(masses)
         self.springs, self.supports = tuple(springs), tuple(supports)
         self._check_names()
-        self.quadrature_degree = 2 * degree if quadrature_degree is None else quadrature_degree
+        self.axisymmetric, self.weight = axisymmetric, 1.0
+        if axisymmetric:
+            self._make_axisymmetric()
+        exact = 2 * degree + axisymmetric
+        self.quadrature_degree = exact if quadrature_degree is None else quadrature_degree
         self._make_spaces(degree)
         self.field = PropertyField(self.mesh, self._region_cells(), self.parameters)
         self.bcs = self._dirichlet()
@@ -96,6 +113,27 @@ class Structure:
                     f"{owner}.{key} names the parameter {value!r}, which does not exist; "
                     f"expected a number or one of: {', '.join(self.parameters) or 'none'}."
                 )
+
+    def _make_axisymmetric(self) -> None:
+        """Give the parts their law in a body of revolution; refuse what has none."""
+        low, high = self._extreme(MPI.MIN), self._extreme(MPI.MAX)
+        if self.gdim != 2 or low[0] < -1e-9 * np.max(high - low):
+            raise MeshError(
+                "axisymmetric: expected a mesh in the plane with r = x[0] >= 0 everywhere."
+            )
+        for region in self.regions:
+            if region.is_joint:
+                raise InputError(
+                    f"{region.name}: a thin layer is not available in an axisymmetric structure; "
+                    "expected parts only."
+                )
+            if region.properties["stretch"] != 1.0 and abs(region.normal[1]) != 1.0:
+                raise InputError(
+                    f"{region.name}.normal = {list(region.normal)}: expected the axis, (0, 1), for "
+                    "the stretch of a part in an axisymmetric structure."
+                )
+        self.regions = tuple(replace(r, law=AXISYMMETRIC_SOLID) for r in self.regions)
+        self.weight = circumference(ufl.SpatialCoordinate(self.mesh)[0])
 
     def _values(self):
         for region in self.regions:
@@ -424,6 +462,8 @@ class Structure:
         """
         self._update(given)
         centre = 0.5 * (self._extreme(MPI.MIN) + self._extreme(MPI.MAX))
+        if self.axisymmetric:
+            centre[0] = 0.0
         u = ufl.SpatialCoordinate(self.mesh) - ufl.as_vector([float(c) for c in centre])
         forms = fem.form(self.stiffness_form(u, u)), fem.form(self.inertia_form(u, u))
         stiff, heavy = (self.comm.allreduce(fem.assemble_scalar(form)) for form in forms)
@@ -458,7 +498,10 @@ class Structure:
         return sum(m.share * self.number(m.mass, values) for m in self.masses)
 
     def volumes(self) -> np.ndarray:
-        """Volume as meshed, m3, of every region, in the order of `regions`. Collective."""
+        """Volume as meshed, m3, of every region, in the order of `regions`. Collective.
+
+        In the plane it is that of one metre of depth, or of the whole body of revolution.
+        """
         local = self.cell_volumes()
         sums = [local[cells[cells < len(local)]].sum() for _, cells in self.field.regions]
         return self.comm.allreduce(np.array(sums))
@@ -466,6 +509,6 @@ class Structure:
     def cell_volumes(self) -> np.ndarray:
         """Volume as meshed, m3, of every cell that this rank owns."""
         space = fem.functionspace(self.mesh, ("DG", 0))
-        vector = fem.assemble_vector(fem.form(ufl.TestFunction(space) * ufl.dx))
+        vector = fem.assemble_vector(fem.form(self.weight * ufl.TestFunction(space) * ufl.dx))
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         return vector.array[space.dofmap.list[:owned, 0]]

@@ -1,5 +1,11 @@
 """Materials and joint laws as small pure functions that return UFL; import one into any script."""
 
+from fenics_joints.forms.axisymmetric import (
+    axisymmetric_elasticity,
+    axisymmetric_mass,
+    axisymmetric_strain,
+    circumference,
+)
 from fenics_joints.forms.elasticity import (
     attached_mass,
     elasticity,
@@ -26,6 +32,10 @@ from fenics_joints.forms.thin_layer import (
 
 __all__ = [
     "attached_mass",
+    "axisymmetric_elasticity",
+    "axisymmetric_mass",
+    "axisymmetric_strain",
+    "circumference",
     "constrained_layer",
     "contact_radius",
     "elasticity",
