@@ -93,6 +93,7 @@ class Structure:
             self._make_axisymmetric()
         exact = 2 * degree + axisymmetric
         self.quadrature_degree = exact if quadrature_degree is None else quadrature_degree
+        self.degree = degree
         self._make_spaces(degree)
         self.field = PropertyField(self.mesh, self._region_cells(), self.parameters)
         self.bcs = self._dirichlet()

@@ -1,0 +1,76 @@
+"""The separate bodies of a mesh, and their rigid motions."""
+
+from __future__ import annotations
+
+import basix
+import numpy as np
+import scipy.sparse
+from dolfinx import fem
+from scipy.sparse.csgraph import connected_components
+
+from fenics_joints._compat import geometry_dofmap
+
+__all__ = ["body_numbers", "node_positions", "rigid_motions"]
+
+
+def body_numbers(V: fem.FunctionSpace) -> tuple[np.ndarray, int]:
+    """Number of the body of each local block of ``V``, ghosts included, and of bodies. Collective.
+
+    A body is a set of cells connected through shared vertices.
+    """
+    dofmap, imap, comm = V.dofmap.list, V.dofmap.index_map, V.mesh.comm
+    n = imap.size_local + imap.num_ghosts
+    first = np.repeat(dofmap[:, 0], dofmap.shape[1])
+    links = scipy.sparse.coo_matrix((np.ones(dofmap.size), (first, dofmap.ravel())), shape=(n, n))
+    _, label = connected_components(links, directed=False)
+    # Pieces of one body on several ranks hang together through blocks that are ghosts somewhere.
+    counts = comm.allgather(int(label.max(initial=-1)) + 1)
+    label = label + sum(counts[: comm.rank])
+    ghosts = np.arange(imap.size_local, n, dtype=np.int32)
+    shared = np.column_stack([imap.local_to_global(ghosts), label[ghosts]])
+    shared = np.concatenate(comm.allgather(shared))
+    low, high = imap.local_range
+    mine = shared[(shared[:, 0] >= low) & (shared[:, 0] < high)]
+    pairs = np.column_stack([label[mine[:, 0] - low], mine[:, 1]])
+    pairs = np.concatenate(comm.allgather(pairs))
+    total = sum(counts)
+    joined = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(total, total))
+    n_bodies, body = connected_components(joined, directed=False)
+    return body[label], n_bodies
+
+
+def node_positions(V: fem.FunctionSpace) -> np.ndarray:
+    """Positions of all local blocks, m, (n, gdim): vertices, and the middles of edges and so on.
+
+    For elements whose DOFs are moments the middle of an edge is where a linear function takes the
+    moment's value.
+    """
+    msh = V.mesh
+    gdim, layout = msh.geometry.dim, V.dofmap.dof_layout
+    topology = basix.topology(getattr(basix.CellType, msh.topology.cell_name()))
+    imap, cells = V.dofmap.index_map, V.dofmap.list
+    corners = msh.geometry.x[geometry_dofmap(msh)][:, :, :gdim]
+    x = np.zeros((imap.size_local + imap.num_ghosts, gdim))
+    for dim, entities in enumerate(topology):
+        for number, vertices in enumerate(entities):
+            for dof in layout.entity_dofs(dim, number):
+                x[cells[:, dof]] = corners[: len(cells), vertices].mean(axis=1)
+    return x
+
+
+def rigid_motions(points: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
+    """Rigid motions at points, (n_motions, n, gdim): translations, then rotations about 0.
+
+    Args:
+        points: Positions, (n, gdim); give them relative to a centre for a good condition.
+        axisymmetric: Whether x is a radius and y the axis, along which alone the body can move.
+    """
+    n, gdim = points.shape
+    if axisymmetric:
+        return np.broadcast_to([0.0, 1.0], (1, n, 2)).copy()
+    shifts = [np.broadcast_to(e, (n, gdim)) for e in np.eye(gdim)]
+    if gdim == 2:
+        turns = [np.column_stack([-points[:, 1], points[:, 0]])]
+    else:
+        turns = [np.cross(e, points) for e in np.eye(3)]
+    return np.array(shifts + turns)

@@ -1,0 +1,147 @@
+"""What presses parts together: contacts between their faces, bolts and loads.
+
+Plain data; `fenics_joints.preload.model` turns it into equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+
+__all__ = ["BeamBolt", "Contact", "PretensionSection", "Traction", "WasherForce"]
+
+Gap = float | Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two matching faces of different bodies that may touch.
+
+    Attributes:
+        name: Unique name.
+        lower: Facet group of one body; the normal points out of it.
+        upper: Facet group of the other body, vertex to vertex with the first.
+        friction: Coulomb's coefficient; 0 for none, infinity for faces that never slide while
+            they touch.
+        gap: Initial gap, m, beyond that of the mesh: a number or a function of positions, shape
+            (n, gdim), that returns shape (n,). Negative for an interference fit.
+        bonded: Whether the faces are glued: neither sliding nor opening.
+        tolerance: Farthest distance, m, between two vertices that are one pair; by default a
+            thousandth of the shortest edge. A larger one pairs faces across a meshed gap.
+    """
+
+    name: str
+    lower: str
+    upper: str
+    friction: float = 0.0
+    gap: Gap = 0.0
+    bonded: bool = False
+    tolerance: float | None = None
+
+    def __post_init__(self):
+        if not self.friction >= 0:
+            raise InputError(
+                f"{self.name}.friction = {self.friction}: expected Coulomb's coefficient, >= 0."
+            )
+        if not callable(self.gap) and not np.isfinite(self.gap):
+            raise InputError(f"{self.name}.gap = {self.gap}: expected a finite length, m.")
+        if self.lower == self.upper:
+            raise InputError(
+                f"{self.name}: lower and upper are both {self.lower!r}; expected two faces."
+            )
+
+
+@dataclass(frozen=True)
+class WasherForce:
+    """A bolt as two opposed forces, spread evenly over the faces under its washers.
+
+    Attributes:
+        name: Unique name; also that of its force, N.
+        lower: Facet group pressed along ``axis``.
+        upper: Facet group pressed against ``axis``.
+        force: Bolt force, N.
+        axis: Direction of the bolt's axis, from ``lower`` to ``upper``, shape (gdim,); by default
+            the last direction of space.
+    """
+
+    name: str
+    lower: str
+    upper: str
+    force: float
+    axis: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class PretensionSection:
+    """A solid bolt, cut through its shank: the force is given and the shortening solved for.
+
+    The two faces of the cut stay flat and parallel and move apart by the shortening along the
+    axis (the overlap of the shortened halves).
+
+    Attributes:
+        name: Unique name; also that of its force, N.
+        lower: Facet group on the lower half's side of the cut.
+        upper: Facet group on the upper half's side, vertex to vertex with ``lower``.
+        force: Bolt force, N.
+        axis: Direction of the bolt's axis, shape (gdim,); by default the last direction of space.
+    """
+
+    name: str
+    lower: str
+    upper: str
+    force: float
+    axis: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class BeamBolt:
+    """A bolt as a beam between two rigid spiders on the faces under its washers (seed 004, 3.2).
+
+    In the preload the force is given, so the beam resists bending, shear and twist alone; about
+    that state it is a whole beam with its mass.
+
+    Attributes:
+        name: Unique name; also that of its force, N.
+        lower: Facet group that the lower spider holds.
+        upper: Facet group that the upper spider holds.
+        force: Bolt force, N.
+        diameter: Diameter of the shank, m.
+        E: Young's modulus, Pa.
+        nu: Poisson's ratio.
+        rho: Density, kg/m3.
+        head_mass: Mass, kg, of what sits on each end (head or nut, washer), at the spider's centre.
+        n_elements: Elements along the beam.
+    """
+
+    name: str
+    lower: str
+    upper: str
+    force: float
+    diameter: float
+    E: float = 210e9
+    nu: float = 0.3
+    rho: float = 7850.0
+    head_mass: float = 0.0
+    n_elements: int = 25
+
+
+@dataclass(frozen=True)
+class Traction:
+    """A load spread evenly over a face.
+
+    Attributes:
+        name: Unique name.
+        facets: Facet group.
+        force: Total force, N (in plane strain N per metre of depth), shape (gdim,).
+        profile: Optional function of positions, shape (n, gdim) to (n,), that the load follows
+            instead of being even; its integral is scaled to the force.
+    """
+
+    name: str
+    facets: str
+    force: tuple[float, ...]
+    profile: Callable[[np.ndarray], np.ndarray] | None = None

@@ -1,0 +1,186 @@
+"""Contact and Coulomb friction as equations between jumps and nodal forces, and their tangent.
+
+At each pair, with opening g, slip s since the last step, normal force N (of the bodies on one
+another, positive when they press) and tangential force q, all nodal:
+
+    N - max(0, N - c g) = 0,        q - proj(q - c s, mu max(0, N - c g)) = 0
+
+where proj shortens a vector to a length. These hold exactly when g >= 0, N >= 0, g N = 0, and
+|q| <= mu N with slip against q only at the limit (Alart and Curnier, Comput. Methods Appl. Mech.
+Eng. 92, 1991; Hueeber, Stadler and Wohlmuth, SIAM J. Sci. Comput. 30, 2008); c > 0 only scales. N
+and q are what the elastic bodies need there: rows of K x - f.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["OPEN", "SLIP", "STICK", "Pairs", "Penalty", "status"]
+
+OPEN, SLIP, STICK = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """The pairs that this rank owns, all contacts together.
+
+    Attributes:
+        numbers: Local numbers in x of opening and slips, (n, gdim).
+        gap: Initial gap, m, (n,).
+        friction: Coulomb's coefficient, (n,); infinity for no sliding.
+        scale: Positive stiffness c, N/m, (n,).
+        areas: Area of each vertex, m2, (n,).
+        slip: Jump in the tangents at which the last step ended, m, (n, gdim - 1).
+    """
+
+    numbers: np.ndarray
+    gap: np.ndarray
+    friction: np.ndarray
+    scale: np.ndarray
+    areas: np.ndarray
+    slip: np.ndarray
+
+    def split(self, array: np.ndarray):
+        """Normal part, (n,), and tangential part, (n, gdim - 1), of an array over x."""
+        values = array[self.numbers]
+        return values[:, 0], values[:, 1:]
+
+    def trial(self, x: np.ndarray, r: np.ndarray):
+        """Normal and tangential trial forces, N: N - c g, and q - c s."""
+        w, v = self.split(x)
+        N, q = self.split(r)
+        return N - self.scale * (w + self.gap), q - self.scale[:, None] * (v - self.slip)
+
+    def equations(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """The left-hand sides, (n, gdim), N."""
+        normal, tangent = self.trial(x, r)
+        N, q = self.split(r)
+        limit = self._limit(normal)
+        return np.column_stack([N - np.maximum(normal, 0.0), q - _shorten(tangent, limit)])
+
+    def closed(self, x: np.ndarray) -> np.ndarray:
+        """Left-hand sides of the start: all closed, and stuck where there is friction."""
+        w, v = self.split(x)
+        rough = (self.friction > 0)[:, None]
+        return np.column_stack([self.scale * (w + self.gap),
+                                np.where(rough, self.scale[:, None] * (v - self.slip), 0.0)])  # fmt: skip
+
+    def _limit(self, normal: np.ndarray) -> np.ndarray:
+        pressed = np.maximum(normal, 0.0)
+        with np.errstate(invalid="ignore"):
+            return np.where(pressed > 0, self.friction * pressed, 0.0)
+
+    def tangent(self, x: np.ndarray, r: np.ndarray):
+        """Blocks A, B, each (n, gdim, gdim): the equations' derivative is A dr + B dx."""
+        normal, tangent = self.trial(x, r)
+        n, gdim = self.numbers.shape
+        limit = self._limit(normal)
+        A, B = np.zeros((n, gdim, gdim)), np.zeros((n, gdim, gdim))
+        on = normal > 0
+        A[~on, 0, 0] = 1.0
+        B[on, 0, 0] = self.scale[on]
+        eye = np.eye(gdim - 1)
+        size = np.linalg.norm(tangent, axis=1)
+        stick = (size <= limit) & (limit > 0)
+        B[stick, 1:, 1:] = self.scale[stick, None, None] * eye
+        A[~stick, 1:, 1:] = eye
+        slip = ~stick & (limit > 0)
+        unit = tangent[slip] / size[slip, None]
+        ratio = (limit[slip] / size[slip])[:, None, None]
+        across = ratio * (eye - unit[:, :, None] * unit[:, None, :])
+        A[slip, 1:, 1:] -= across
+        B[slip, 1:, 1:] += self.scale[slip, None, None] * across
+        # d limit = mu (dN - c dg); N itself is free in a closed pair.
+        pull = self.friction[slip, None] * unit
+        A[slip, 1:, 0] -= pull
+        B[slip, 1:, 0] += self.scale[slip, None] * pull
+        return A, B
+
+    def closed_tangent(self):
+        """`tangent` of `closed`."""
+        n, gdim = self.numbers.shape
+        A, B = np.zeros((n, gdim, gdim)), np.zeros((n, gdim, gdim))
+        B[:, 0, 0] = self.scale
+        rough = self.friction > 0
+        for k in range(1, gdim):
+            B[rough, k, k] = self.scale[rough]
+            A[~rough, k, k] = 1.0
+        return A, B
+
+    def friction_slope(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Derivative of the equations by each pair's own friction coefficient, (n, gdim)."""
+        normal, tangent = self.trial(x, r)
+        limit, size = self._limit(normal), np.linalg.norm(tangent, axis=1)
+        slip = (size > limit) & (limit > 0)
+        slope = np.zeros(self.numbers.shape)
+        slope[slip, 1:] = -normal[slip, None] * tangent[slip] / size[slip, None]
+        return slope
+
+    def status(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """OPEN, SLIP or STICK of each pair; without friction a closed pair slips."""
+        normal, tangent = self.trial(x, r)
+        return status(normal, tangent, self._limit(normal))
+
+    def forces(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Forces of normal and friction, (n, gdim), N: from the bodies' equilibrium."""
+        return np.column_stack([*np.split(r[self.numbers], [1], axis=1)])
+
+    def complementarity(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """|min(g c, N)| of each pair, N: zero in exact contact."""
+        w, _ = self.split(x)
+        N, _ = self.split(r)
+        return np.abs(np.minimum(self.scale * (w + self.gap), N))
+
+
+@dataclass(frozen=True)
+class Penalty(Pairs):
+    """Penalty contact with regularised Coulomb friction: an approximation, softer than steel.
+
+    N = k A max(0, -g), and q = -proj(k A s, mu N), with k the stiffness per area.
+
+    Attributes:
+        stiffness: k, Pa/m.
+    """
+
+    stiffness: float = 0.0
+
+    def trial(self, x: np.ndarray, r: np.ndarray):
+        """Normal and tangential spring forces, N."""
+        w, v = self.split(x)
+        k = self.stiffness * self.areas
+        return -k * (w + self.gap), -k[:, None] * (v - self.slip)
+
+    def tangent(self, x: np.ndarray, r: np.ndarray):
+        """Blocks A, B, each (n, gdim, gdim), as `Pairs.tangent`."""
+        normal, tangent = self.trial(x, r)
+        n, gdim = self.numbers.shape
+        k = self.stiffness * self.areas
+        A, B = np.tile(np.eye(gdim), (n, 1, 1)), np.zeros((n, gdim, gdim))
+        on = normal > 0
+        B[on, 0, 0] = k[on]
+        limit, size = self._limit(normal), np.linalg.norm(tangent, axis=1)
+        eye = np.eye(gdim - 1)
+        stick = (size <= limit) & (limit > 0)
+        B[stick, 1:, 1:] = k[stick, None, None] * eye
+        slip = ~stick & (limit > 0)
+        unit = tangent[slip] / size[slip, None]
+        across = (limit[slip] / size[slip])[:, None, None] * (eye - unit[:, :, None] * unit[:, None])
+        B[slip, 1:, 1:] += k[slip, None, None] * across
+        B[slip, 1:, 0] += (self.friction[slip] * k[slip])[:, None] * unit
+        return A, B
+
+
+def status(normal: np.ndarray, tangent: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """OPEN, SLIP or STICK from trial forces and friction limit."""
+    stick = (np.linalg.norm(tangent, axis=1) <= limit) & (limit > 0)
+    return np.where(normal > 0, np.where(stick, STICK, SLIP), OPEN)
+
+
+def _shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Vectors, (n, k), shortened to a length of at most ``limit``, (n,)."""
+    size = np.linalg.norm(vectors, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = np.where(size > limit, limit / np.where(size > 0, size, 1.0), 1.0)
+    return vectors * factor[:, None]

@@ -1,0 +1,253 @@
+"""Rigid motions that nothing resists, and how they are held without reactions (inertia relief)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse.csgraph import connected_components
+
+from fenics_joints.errors import InputError
+from fenics_joints.preload.bodies import body_numbers, node_positions, rigid_motions
+from fenics_joints.preload.model import PreloadModel
+
+__all__ = ["Hold", "find_hold"]
+
+#: A motion whose energy is below this share of its DOFs' own stiffness meets no resistance.
+_FREE = 1e-11
+#: A load whose resultant is below this share of its sum of magnitudes is balanced.
+_BALANCED = 1e-9
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Motions without resistance, and entries of x that hold them.
+
+    Attributes:
+        motions: Orthonormal vectors in x.
+        pins: As many global numbers of x; held at zero they stop exactly those motions.
+        n_whole: How many of the motions move the whole structure as one.
+    """
+
+    motions: list[PETSc.Vec]
+    pins: np.ndarray
+    n_whole: int
+
+    def balance(self, load: PETSc.Vec, mass) -> float:
+        """Make a load do no work on the motions: subtract the inertia of the free structure.
+
+        Args:
+            load: Load in x; changed.
+            mass: Function without arguments that returns the mass in x; called only if needed.
+
+        Returns:
+            The largest resultant that was taken off, relative to the load.
+
+        Raises:
+            InputError: If the load pushes parts against one another along a motion that nothing
+                resists.
+        """
+        if not self.motions:
+            return 0.0
+        scale = load.norm(PETSc.NormType.N1)
+        work = np.array([v.dot(load) for v in self.motions])
+        peak = np.array([v.norm(PETSc.NormType.NORM_INFINITY) for v in self.motions])
+        share = np.abs(work) / (peak * scale) if scale > 0 else np.zeros(len(work))
+        if share.max(initial=0.0) <= _BALANCED:
+            return 0.0
+        if share[self.n_whole :].max(initial=0.0) > _BALANCED:
+            raise InputError(
+                "the loads push a part along a motion that nothing resists (frictionless sliding, "
+                "or opening); expected friction, a bolt that resists it, a support or a balanced "
+                "load."
+            )
+        M = mass()
+        heavy = [M * v for v in self.motions[: self.n_whole]]
+        gram = np.array([[v.dot(h) for h in heavy] for v in self.motions[: self.n_whole]])
+        for a, h in zip(np.linalg.solve(gram, work[: self.n_whole]), heavy, strict=True):
+            load.axpy(-a, h)
+        M.destroy()
+        return float(share.max())
+
+
+def find_hold(model: PreloadModel, K: PETSc.Mat) -> Hold:
+    """Motions of bodies, in contact everywhere, that cost no energy. Collective.
+
+    Args:
+        model: The model.
+        K: Its stiffness in x.
+    """
+    motions, whole = _candidates(model)
+    diagonal = K.getDiagonal()
+    resisted = _contact_rows(model)
+    forces = [K * v for v in motions]
+    for v, f in zip(motions, forces, strict=True):
+        f.array[resisted] += diagonal.array_r[resisted] * v.array_r[resisted]
+    energy = np.array([[v.dot(f) for f in forces] for v in motions])
+    own = [diagonal * v for v in motions]
+    scale = np.array([[v.dot(o) for o in own] for v in motions])
+    values, vectors = scipy.linalg.eigh(0.5 * (energy + energy.T), scale)
+    free = vectors[:, values < _FREE]
+    free, n_whole = _whole_first(free, whole, scale)
+    found = [_combine(motions, c) for c in free.T]
+    _orthonormalise(found)
+    pins = _pins(model, found, _allowed(model, resisted))
+    return Hold(found, pins, n_whole)
+
+
+def _candidates(model: PreloadModel):
+    """Rigid motions in x of each group of glued bodies, and the combinations that move them all."""
+    V = model.V
+    body, n_bodies = body_numbers(V)
+    x = node_positions(V)
+    centre = model.comm.allreduce(x[: _own(V)].sum(axis=0)) / V.dofmap.index_map.size_global
+    group = _groups(model, body, n_bodies)
+    names, group_of = np.unique(group, return_inverse=True)
+    local_motions = rigid_motions(x[: _own(V)] - centre, model.axisymmetric)
+    motions = []
+    for number in range(len(names)):
+        inside = group_of[body[: _own(V)]] == number
+        for k in range(len(local_motions)):
+            motions.append(_in_x(model, local_motions[k] * inside[:, None], body, group_of,
+                                 number, k, centre))  # fmt: skip
+    whole = np.tile(np.eye(len(local_motions)), (len(names), 1))
+    return motions, whole
+
+
+def _own(V) -> int:
+    return V.dofmap.index_map.size_local
+
+
+def _body_at(model, nodes: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Bodies at global block numbers, on every rank."""
+    low, high = model.V.dofmap.index_map.local_range
+    mine = (nodes >= low) & (nodes < high)
+    found = np.full(len(nodes), -1, dtype=np.int64)
+    found[mine] = body[nodes[mine] - low]
+    model.comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
+    return found
+
+
+def _groups(model: PreloadModel, body, n_bodies) -> np.ndarray:
+    """Group of each body: those glued, or parted by a pretension section, are one."""
+    links = []
+    for glued in (*model.jumps.bonded, *model.jumps.sections):
+        ends = [_body_at(model, nodes[:1], body)[0] for nodes in (glued.lower, glued.upper)]
+        links.append(ends)
+    pairs = np.array(links, dtype=int).reshape(-1, 2)
+    graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n_bodies, n_bodies))
+    return connected_components(graph, directed=False)[1]
+
+
+def _in_x(model, u, body, group_of, number, k, centre) -> PETSc.Vec:
+    """x of the motion k of one group: u where it moves, jumps where it meets others."""
+    jumps = model.jumps
+    v = jumps.T.createVecRight()
+    array = np.zeros(jumps.n_local)
+    array[: u.size] = u.ravel()
+    for c in (*jumps.contacts, *jumps.bonded):
+        moves = [group_of[_body_at(model, n, body)] == number for n in (c.upper, c.lower)]
+        motion = rigid_motions(c.points - centre, model.axisymmetric)[k]
+        jump = (moves[0].astype(float) - moves[1])[:, None] * motion
+        if not any(c is b for b in jumps.contacts):
+            jump = 0 * jump
+        turned = np.einsum("nki,ni->nk", c.frames, jump)
+        _put(jumps, array, c.upper[:, None] * jumps.gdim + np.arange(jumps.gdim), turned)
+        _put(jumps, array, c.upper_midsides[:, None] * jumps.gdim + np.arange(jumps.gdim), 0.0)
+    for section in jumps.sections:
+        _put(jumps, array, section.upper[:, None] * jumps.gdim + np.arange(jumps.gdim), 0.0)
+    for i, spider in enumerate(jumps.spiders):
+        _put(jumps, array, spider.nodes[:, None] * 3 + np.arange(3), 0.0)
+        if group_of[_body_at(model, spider.nodes[:1], body)[0]] == number:
+            shift = rigid_motions(spider.centre[None] - centre)[k, 0]
+            turn = np.eye(3)[k - 3] if k >= 3 else np.zeros(3)
+            _put(jumps, array, jumps.reference(i), np.concatenate([shift, turn]))
+    v.array[:] = array
+    return v
+
+
+def _put(jumps, array: np.ndarray, numbers: np.ndarray, values) -> None:
+    flat = numbers.ravel()
+    values = np.broadcast_to(values, numbers.shape).ravel()
+    mine = jumps.owned(flat)
+    array[jumps.local(flat[mine])] = values[mine]
+
+
+def _contact_rows(model: PreloadModel) -> np.ndarray:
+    """Local entries of x that a closed contact resists: openings, and slips with friction."""
+    jumps, rows = model.jumps, [np.empty(0, dtype=np.int64)]
+    for contact, interface in zip(model.contacts, jumps.contacts, strict=True):
+        numbers = [jumps.opening(interface)]
+        if contact.friction > 0:
+            numbers.append(jumps.slips(interface).ravel())
+        for n in numbers:
+            rows.append(jumps.local(n[jumps.owned(n)]))
+    return np.concatenate(rows)
+
+
+def _whole_first(free: np.ndarray, whole: np.ndarray, scale: np.ndarray):
+    """Combinations that move all bodies as one, then the rest of the free ones."""
+    if not free.shape[1]:
+        return free, 0
+    # A combination of whole motions is free if it lies in the span of the free ones.
+    inside = free @ (free.T @ scale @ whole)
+    left = whole - inside
+    size = np.sqrt(np.einsum("ij,ik,kj->j", whole, scale, whole))
+    off = np.sqrt(np.maximum(np.einsum("ij,ik,kj->j", left, scale, left), 0)) / size
+    kept = whole[:, off < 1e-4]
+    rest = free - kept @ np.linalg.lstsq(
+        kept.T @ scale @ kept, kept.T @ scale @ free, rcond=None
+    )[0] if kept.size else free  # fmt: skip
+    gram = rest.T @ scale @ rest
+    values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
+    rest = rest @ vectors[:, np.argsort(-values)[: free.shape[1] - kept.shape[1]]]
+    return np.hstack([kept, rest]), kept.shape[1]
+
+
+def _combine(motions, coefficients) -> PETSc.Vec:
+    v = motions[0].duplicate()
+    v.set(0.0)
+    for c, m in zip(coefficients, motions, strict=True):
+        v.axpy(float(c), m)
+    return v
+
+
+def _orthonormalise(vectors: list[PETSc.Vec]) -> None:
+    for i, v in enumerate(vectors):
+        for _ in range(2):
+            for w in vectors[:i]:
+                v.axpy(-v.dot(w), w)
+        v.normalize()
+
+
+def _allowed(model, resisted) -> np.ndarray:
+    """Local entries of x that may be pinned: no jump of a contact that resists."""
+    allowed = np.ones(model.jumps.n_local, dtype=bool)
+    allowed[resisted] = False
+    return allowed
+
+
+def _pins(model, motions: list[PETSc.Vec], allowed: np.ndarray) -> np.ndarray:
+    """Entries of x, one for each motion, on which they are best told apart (pivoted rows)."""
+    jumps, comm = model.jumps, model.comm
+    if not motions:
+        return np.empty(0, dtype=np.int64)
+    rows = np.column_stack([v.array_r for v in motions])
+    rows[~allowed] = 0.0
+    own = jumps.range[1] - jumps.range[0]
+    rows[own:] = 0.0  # translations and rotations of references have other units
+    pins = []
+    for _ in motions:
+        size = np.einsum("ij,ij->i", rows, rows)
+        best = int(np.argmax(size)) if len(size) else 0
+        sizes = comm.allgather(float(size[best]) if len(size) else -1.0)
+        rank = int(np.argmax(sizes))
+        row = comm.bcast(rows[best].copy() if comm.rank == rank else None, root=rank)
+        pins.append(comm.bcast(best + jumps.range[0] if comm.rank == rank else None, root=rank))
+        direction = row / np.linalg.norm(row)
+        rows -= np.outer(rows @ direction, direction)
+    return np.array(pins, dtype=np.int64)

@@ -1,0 +1,332 @@
+"""Matching faces of two bodies as pairs of nodes, with normals and areas.
+
+An interface is small beside its bodies, so every rank holds all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+from dolfinx import fem
+from scipy.spatial import cKDTree
+
+from fenics_joints._compat import geometry_dofmap
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes import TaggedMesh
+
+__all__ = ["Face", "Interface", "pair_faces", "read_face"]
+
+#: Pairs of vertices may be apart by this share of the shortest edge.
+_TOLERANCE = 1e-3
+#: A face's vertex normals may be this far from opposed, as a cosine.
+_OPPOSED = -0.5
+
+
+@dataclass(frozen=True)
+class Face:
+    """A named face of a mesh, gathered on every rank.
+
+    Attributes:
+        nodes: Global numbers of the displacement's blocks at the vertices, ascending, (n,).
+        points: Positions of the vertices, m, (n, gdim).
+        facets: Vertices of the facets, as rows of ``nodes``, in DOLFINx's order, (n_facets, k).
+        normals: Outward unit normals of the facets, (n_facets, gdim).
+        edges: Vertices of the edges that carry a midside block, as rows of ``nodes``, (n_edges, 2).
+        midsides: Global numbers of those blocks, (n_edges,); empty at degree 1.
+        where: Rank and local number of each facet, (n_facets, 2).
+    """
+
+    nodes: np.ndarray
+    points: np.ndarray
+    facets: np.ndarray
+    normals: np.ndarray
+    edges: np.ndarray
+    midsides: np.ndarray
+    where: np.ndarray
+
+
+def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, name: str) -> Face:
+    """Gather a named exterior face with its blocks of ``V``. Collective.
+
+    Raises:
+        MeshError: If the mesh has no such face or a facet of it is inside a body.
+    """
+    local = _local_facets(V, tagged, name)
+    comm = V.mesh.comm
+    gathered = [np.concatenate(parts) for parts in zip(*comm.allgather(local), strict=True)]
+    vertex_ids, x, normals, edge_ids, ends, where = gathered
+    nodes, first, facets = np.unique(vertex_ids.ravel(), return_index=True, return_inverse=True)
+    points = x.reshape(-1, x.shape[-1])[first]
+    if edge_ids.size:
+        midsides, pick = np.unique(edge_ids.ravel(), return_index=True)
+        edges = np.searchsorted(nodes, ends.reshape(-1, 2)[pick])
+    else:
+        midsides, edges = np.empty(0, np.int64), np.empty((0, 2), np.int64)
+    return Face(nodes, points, facets.reshape(vertex_ids.shape), normals, edges, midsides, where)
+
+
+def _local_facets(V, tagged: TaggedMesh, name: str):
+    """This rank's facets: vertex blocks, positions, normals, edge blocks, edge ends, where."""
+    msh = V.mesh
+    tdim, gdim = msh.topology.dim, msh.geometry.dim
+    fdim = tdim - 1
+    msh.topology.create_connectivity(fdim, tdim)
+    msh.topology.create_connectivity(tdim, fdim)
+    to_cell, to_facet = msh.topology.connectivity(fdim, tdim), msh.topology.connectivity(tdim, fdim)
+    n_owned = msh.topology.index_map(tdim).size_local
+    corners, layout = _facet_layout(V)
+    geometry, imap = geometry_dofmap(msh), V.dofmap.index_map
+    rows, inside = [], False
+    for facet in tagged.facet_tags.find(tagged.facet_tag(name)):
+        cells = to_cell.links(facet)
+        inside |= len(cells) > 1
+        if cells[0] >= n_owned or len(cells) > 1:
+            continue
+        cell = cells[0]
+        local = int(np.flatnonzero(to_facet.links(cell) == facet)[0])
+        vertices, edges, ends = corners[local]
+        dofs = V.dofmap.cell_dofs(cell)
+        x = msh.geometry.x[geometry[cell]][:, :gdim]
+        normal = _outward(x[vertices], x.mean(axis=0))
+        at = dofs[[layout[0][v] for v in vertices]]
+        mid = dofs[[layout[1][e] for e in edges]] if edges else np.empty(0, np.int32)
+        end = dofs[[[layout[0][v] for v in pair] for pair in ends]] if ends else np.empty((0, 2))
+        rows.append((at, x[vertices], normal, mid, end, facet))
+    if msh.comm.allreduce(inside):
+        raise MeshError(
+            f"face {name}: some of its facets lie inside a body; expected the surface of one body. "
+            "Bodies in contact must not share vertices: see fenics_joints.meshes.separate."
+        )
+    k, m = len(corners[0][0]), len(corners[0][1])
+    return (
+        _global(imap, _column(rows, 0, (k,), np.int32)),
+        _column(rows, 1, (k, gdim), float),
+        _column(rows, 2, (gdim,), float),
+        _global(imap, _column(rows, 3, (m,), np.int32)),
+        _global(imap, _column(rows, 4, (m, 2), np.int32)),
+        np.column_stack([np.full(len(rows), msh.comm.rank), _column(rows, 5, (), np.int64)]),
+    )
+
+
+def _column(rows: list, i: int, shape: tuple, kind) -> np.ndarray:
+    return np.array([row[i] for row in rows], dtype=kind).reshape(len(rows), *shape)
+
+
+def _global(imap, blocks: np.ndarray) -> np.ndarray:
+    return imap.local_to_global(blocks.ravel()).reshape(blocks.shape)
+
+
+def _facet_layout(V):
+    """Of each facet of the reference cell: vertices, edges with a block, and their end vertices."""
+    msh = V.mesh
+    cell = getattr(basix.CellType, msh.topology.cell_name())
+    topology, tdim = basix.topology(cell), msh.topology.dim
+    layout = V.dofmap.dof_layout
+    at_vertex = [layout.entity_dofs(0, v)[0] for v in range(len(topology[0]))]
+    at_edge = [layout.entity_dofs(1, e) for e in range(len(topology[1]))]
+    at_edge = [d[0] if len(d) else None for d in at_edge]
+    facets = []
+    for vertices in topology[tdim - 1]:
+        edges = [
+            e for e, ends in enumerate(topology[1])
+            if set(ends) <= set(vertices) and at_edge[e] is not None
+        ]  # fmt: skip
+        facets.append((list(vertices), edges, [list(topology[1][e]) for e in edges]))
+    return facets, (at_vertex, at_edge)
+
+
+def _outward(x: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    if x.shape[1] == 2:
+        along = x[1] - x[0]
+        normal = np.array([along[1], -along[0]])
+    else:
+        normal = np.cross(x[1] - x[0], x[2] - x[0])
+    normal /= np.linalg.norm(normal)
+    return normal if (x.mean(axis=0) - inside) @ normal > 0 else -normal
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Pairs of vertices of two matching faces.
+
+    Attributes:
+        name: The contact's name.
+        lower: Global block numbers of the lower vertices, (n,).
+        upper: Those of their partners, (n,).
+        points: Positions, m, of the lower vertices, (n, gdim).
+        frames: Unit normal, from lower to upper, and tangents, as rows, (n, gdim, gdim).
+        areas: Area of the surface that belongs to each vertex, m2 (in plane strain m2 per metre of
+            depth), (n,): the integral of its hat function.
+        gap: Initial gap, m, along the normal, (n,); negative where the bodies overlap.
+        facets: Pairs at the facets' vertices, (n_facets, k).
+        shares: Integral of each vertex's hat function over each facet, m2, (n_facets, k).
+        edges: Pairs at the ends of edges with midsides, (n_edges, 2).
+        lower_midsides: Global block numbers there, (n_edges,).
+        upper_midsides: Those of their partners, (n_edges,).
+        where: Rank and local number of the upper body's facets, (n_facets, 2).
+    """
+
+    name: str
+    lower: np.ndarray
+    upper: np.ndarray
+    points: np.ndarray
+    frames: np.ndarray
+    areas: np.ndarray
+    gap: np.ndarray
+    facets: np.ndarray
+    shares: np.ndarray
+    edges: np.ndarray
+    lower_midsides: np.ndarray
+    upper_midsides: np.ndarray
+    where: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.lower)
+
+    @property
+    def normals(self) -> np.ndarray:
+        """Unit normals from lower to upper, (n, gdim)."""
+        return self.frames[:, 0]
+
+
+def pair_faces(
+    name: str,
+    lower: Face,
+    upper: Face,
+    *,
+    gap: float | Callable = 0.0,
+    tolerance: float | None = None,
+    weight: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> Interface:
+    """Pair the vertices of two faces.
+
+    One face may be larger than the other; every vertex of the smaller needs a partner.
+
+    Args:
+        name: Name in messages.
+        lower: The face whose outward normal is the interface's.
+        upper: The other.
+        gap: Initial gap beyond that of the mesh, see `Contact`.
+        tolerance: Farthest distance of a pair, m.
+        weight: Weight of the surface measure as a function of positions (2 pi r), or None.
+
+    Raises:
+        MeshError: The faces share vertices, do not match, or look the same way.
+    """
+    if np.intersect1d(lower.nodes, upper.nodes).size:
+        raise MeshError(
+            f"{name}: the two faces share vertices, so they are one body; expected two bodies that "
+            "coincide there without sharing (fenics_joints.meshes.separate parts them)."
+        )
+    pairs = _match(name, lower, upper, tolerance)
+    facets, rows = _common_facets(pairs[:, 1], upper)
+    n = len(pairs)
+    normals = -_vertex_normals(n, facets, upper.normals[rows])
+    opposed = _vertex_normals(len(lower.nodes), lower.facets, lower.normals)[pairs[:, 0]]
+    if np.any(np.einsum("ij,ij->i", opposed, -normals) > _OPPOSED):
+        raise MeshError(f"{name}: the two faces look the same way; expected opposed normals.")
+    points = lower.points[pairs[:, 0]]
+    shares = _hat_integrals(points, facets, weight)
+    areas = np.zeros(n)
+    np.add.at(areas, facets, shares)
+    meshed = np.einsum("ij,ij->i", upper.points[pairs[:, 1]] - points, normals)
+    given = np.asarray(gap(points) if callable(gap) else gap, dtype=float)
+    edges, low_mid, up_mid = _pair_edges(name, pairs, lower, upper)
+    return Interface(
+        name, lower.nodes[pairs[:, 0]], upper.nodes[pairs[:, 1]], points, _frames(normals), areas,
+        meshed + np.broadcast_to(given, n), facets, shares, edges, low_mid, up_mid,
+        upper.where[rows],
+    )  # fmt: skip
+
+
+def _match(name: str, lower: Face, upper: Face, tolerance: float | None) -> np.ndarray:
+    """Rows of partners in both faces, (n, 2)."""
+    ends = lower.points[lower.facets]
+    if tolerance is None:
+        tolerance = _TOLERANCE * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).min()
+    small, large = (upper, lower) if len(upper.nodes) <= len(lower.nodes) else (lower, upper)
+    distance, partner = cKDTree(large.points).query(small.points)
+    far = distance > tolerance
+    if np.any(far):
+        worst = int(np.argmax(distance))
+        raise MeshError(
+            f"{name}: {int(far.sum())} of {len(far)} vertices of the smaller face have no partner "
+            f"within {tolerance:.3g} m; the worst, at {small.points[worst].tolist()} m, is "
+            f"{distance[worst]:.3g} m from the nearest. Expected matching meshes: the same vertices "
+            "on both faces; give the contact a tolerance if they match across a gap."
+        )
+    if len(np.unique(partner)) < len(partner):
+        raise MeshError(f"{name}: two vertices have the same partner; expected a smaller tolerance.")
+    pairs = np.column_stack([np.arange(len(partner)), partner])
+    return pairs[:, ::-1] if small is upper else pairs
+
+
+def _common_facets(upper_rows: np.ndarray, upper: Face):
+    """Facets all of whose vertices have partners, by pair; and which facets those are."""
+    number = np.full(len(upper.nodes), -1)
+    number[upper_rows] = np.arange(len(upper_rows))
+    facets = number[upper.facets]
+    rows = np.flatnonzero((facets >= 0).all(axis=1))
+    return facets[rows], rows
+
+
+def _vertex_normals(n: int, facets: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    total = np.zeros((n, normals.shape[1]))
+    np.add.at(total, facets, normals[:, None, :])
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0, length, 1.0)
+
+
+def _frames(normals: np.ndarray) -> np.ndarray:
+    """Orthonormal frames: the normal, then tangents as near the axes as can be."""
+    n, gdim = normals.shape
+    if gdim == 2:
+        return np.stack([normals, np.column_stack([normals[:, 1], -normals[:, 0]])], axis=1)
+    axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    first = axis - np.einsum("ij,ij->i", axis, normals)[:, None] * normals
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([normals, first, np.cross(normals, first)], axis=1)
+
+
+def _hat_integrals(points, facets, weight) -> np.ndarray:
+    """Integrals of the vertices' hat functions over each facet, (n_facets, k), in closed rules."""
+    k = facets.shape[1]
+    kind = {2: basix.CellType.interval, 3: basix.CellType.triangle, 4: basix.CellType.quadrilateral}
+    x, w = basix.make_quadrature(kind[k], 4)
+    element = basix.create_element(basix.ElementFamily.P, kind[k], 1)
+    table = element.tabulate(1, x)[:, :, :, 0]
+    corner = points[facets]
+    at = np.einsum("qk,fki->fqi", table[0], corner)
+    slopes = [np.einsum("qk,fki->fqi", table[1 + d], corner) for d in range(x.shape[1])]
+    if len(slopes) == 1:
+        scale = np.linalg.norm(slopes[0], axis=2)
+    else:
+        scale = np.linalg.norm(np.cross(*slopes), axis=2)
+    if weight is not None:
+        scale = scale * weight(at.reshape(-1, at.shape[2])).reshape(scale.shape)
+    return np.einsum("q,fq,qk->fk", w, scale, table[0])
+
+
+def _pair_edges(name: str, pairs: np.ndarray, lower: Face, upper: Face):
+    """Edges of both faces between the same pairs: ends by pair, and the midsides' blocks."""
+    found = []
+    for face, column in ((lower, 0), (upper, 1)):
+        number = np.full(len(face.nodes), -1)
+        number[pairs[:, column]] = np.arange(len(pairs))
+        ends = np.sort(number[face.edges], axis=1)
+        kept = (ends >= 0).all(axis=1) if len(ends) else np.zeros(0, bool)
+        order = np.lexsort(ends[kept].T[::-1]) if kept.any() else np.empty(0, int)
+        found.append((ends[kept][order], face.midsides[kept][order]))
+    (low_ends, low), (up_ends, up) = found
+    low_keys = {tuple(e): m for e, m in zip(low_ends.tolist(), low.tolist(), strict=True)}
+    keys = [tuple(e) for e in up_ends.tolist()]
+    if any(key not in low_keys for key in keys):
+        raise MeshError(
+            f"{name}: the faces have the same vertices but other edges between them; expected "
+            "matching facets (on tetrahedra, the same diagonals)."
+        )
+    low = np.array([low_keys[key] for key in keys], dtype=np.int64)
+    return up_ends.reshape(-1, 2), low, up

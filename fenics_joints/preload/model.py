@@ -1,0 +1,289 @@
+"""Bodies, contacts, bolts and loads as K x = f with conditions on single entries of x."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_joints.errors import InputError
+from fenics_joints.preload.beam import beam_matrices, condense
+from fenics_joints.preload.components import (
+    BeamBolt,
+    Contact,
+    PretensionSection,
+    Traction,
+    WasherForce,
+)
+from fenics_joints.preload.interface import Interface, pair_faces, read_face
+from fenics_joints.preload.jumps import Jumps, Section, Spider
+from fenics_joints.structure import Structure
+
+__all__ = ["PreloadModel"]
+
+Bolt = WasherForce | PretensionSection | BeamBolt
+
+
+class PreloadModel:
+    """A structure of several bodies with contacts, bolts and loads.
+
+    Args:
+        structure: Bodies that share no vertices; its supports hold, its springs act.
+        contacts: Contacts between faces; those with ``bonded`` are glued.
+        bolts: Bolts, in any of their three forms.
+        loads: Further loads.
+
+    Raises:
+        InputError: For a name given twice or a value out of range.
+        MeshError: If faces do not exist or do not match.
+
+    Attributes:
+        contacts: The contacts that can open, in order.
+        interfaces: Their pairs of vertices, in the same order.
+        jumps: The map u = T x and its numbering.
+        forces: Nominal force of every bolt, N, and 1 for every load, by name.
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        contacts: Iterable[Contact],
+        bolts: Iterable[Bolt] = (),
+        loads: Iterable[Traction] = (),
+    ):
+        contacts, self.bolts, self.loads = list(contacts), list(bolts), list(loads)
+        self.structure, self.comm = structure, structure.comm
+        self.V, self.tagged = structure.V, structure.tagged
+        self.axisymmetric = bool(getattr(structure, "axisymmetric", False))
+        self._check_names([c.name for c in (*contacts, *self.bolts, *self.loads)])
+        self._faces: dict[str, object] = {}
+        self.contacts = [c for c in contacts if not c.bonded]
+        self.interfaces = [self._pair(c) for c in self.contacts]
+        bonded = [self._pair(c) for c in contacts if c.bonded]
+        self.beams = [b for b in self.bolts if isinstance(b, BeamBolt)]
+        self.cuts = [b for b in self.bolts if isinstance(b, PretensionSection)]
+        spiders = [self._spider(b, side) for b in self.beams for side in ("lower", "upper")]
+        sections = [self._section(b) for b in self.cuts]
+        self.jumps = Jumps(self.V, self.interfaces, bonded, sections, spiders)
+        self.forces = {b.name: float(b.force) for b in self.bolts} | {s.name: 1.0 for s in loads}
+        self._units = self._unit_loads()
+
+    @staticmethod
+    def _check_names(names: list[str]) -> None:
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"{name} is the name of two contacts, bolts or loads; expected one.")
+
+    # -- set-up ------------------------------------------------------------------------------
+
+    def face(self, name: str):
+        """The gathered face, cached. Collective."""
+        if name not in self._faces:
+            self._faces[name] = read_face(self.V, self.tagged, name)
+        return self._faces[name]
+
+    def weight(self, x) -> np.ndarray:
+        """Weight of the surface measure at positions x, (n, gdim): 2 pi r or 1."""
+        return 2 * np.pi * x[:, 0] if self.axisymmetric else np.ones(len(x))
+
+    def _pair(self, contact: Contact) -> Interface:
+        lower, upper = self.face(contact.lower), self.face(contact.upper)
+        return pair_faces(
+            contact.name, lower, upper, gap=contact.gap, tolerance=contact.tolerance,
+            weight=self.weight,
+        )  # fmt: skip
+
+    def _axis(self, bolt) -> np.ndarray:
+        gdim = self.structure.gdim
+        axis = np.eye(gdim)[-1] if bolt.axis is None else np.asarray(bolt.axis, dtype=float)
+        length = np.linalg.norm(axis)
+        if axis.shape != (gdim,) or not length > 0:
+            raise InputError(f"{bolt.name}.axis = {bolt.axis}: expected a vector of {gdim} numbers.")
+        return axis / length
+
+    def _spider(self, bolt: BeamBolt, side: str) -> Spider:
+        face = self.face(getattr(bolt, side))
+        nodes = np.concatenate([face.nodes, face.midsides])
+        points = np.vstack([face.points, face.points[face.edges].mean(axis=1)])
+        tag = self._ds(getattr(bolt, side))
+        x = ufl.SpatialCoordinate(self.V.mesh)
+        area = self._integral(1.0 * tag)
+        centre = np.array([self._integral(x[i] * tag) / area for i in range(self.structure.gdim)])
+        return Spider(f"{bolt.name}.{side}", nodes, points, centre)
+
+    def _section(self, bolt: PretensionSection) -> Section:
+        pairs = pair_faces(bolt.name, self.face(bolt.lower), self.face(bolt.upper))
+        lower = np.concatenate([pairs.lower, pairs.lower_midsides])
+        upper = np.concatenate([pairs.upper, pairs.upper_midsides])
+        return Section(bolt.name, lower, upper, self._axis(bolt))
+
+    # -- loads -------------------------------------------------------------------------------
+
+    def _ds(self, name: str):
+        return ufl.Measure(
+            "ds", domain=self.V.mesh, subdomain_data=self.tagged.facet_tags,
+            metadata={"quadrature_degree": 4},
+        )(self.tagged.facet_tag(name))  # fmt: skip
+
+    def _surface(self):
+        """Weight of the surface measure, as UFL."""
+        x = ufl.SpatialCoordinate(self.V.mesh)
+        return 2 * ufl.pi * x[0] if self.axisymmetric else ufl.as_ufl(1.0)
+
+    def _integral(self, form) -> float:
+        return self.comm.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM)
+
+    def _unit_loads(self) -> dict[str, PETSc.Vec]:
+        """Load in x of each bolt at 1 N and of each load as given."""
+        units = {}
+        for bolt in self.bolts:
+            if isinstance(bolt, WasherForce):
+                axis = self._axis(bolt)
+                units[bolt.name] = self._pressed([(bolt.lower, axis), (bolt.upper, -axis)])
+            else:
+                units[bolt.name] = self._extra_load(bolt)
+        for load in self.loads:
+            units[load.name] = self._pressed([(load.facets, np.asarray(load.force))], load.profile)
+        return units
+
+    def _pressed(self, pairs, profile=None) -> PETSc.Vec:
+        v, weight = ufl.TestFunction(self.V), self._surface()
+        total = None
+        for name, force in pairs:
+            if profile is not None:
+                Q = fem.functionspace(self.V.mesh, ("Lagrange", self.structure.degree))
+                q = fem.Function(Q)
+                q.interpolate(lambda x: profile(x[: self.structure.gdim].T))
+            else:
+                q = ufl.as_ufl(1.0)
+            ds = self._ds(name)
+            area = self._integral(weight * q * ds)
+            if not abs(area) > 0:
+                raise InputError(f"{name}: the load's profile has no resultant there.")
+            form = weight * q / area * ufl.dot(ufl.as_vector(force.tolist()), v) * ds
+            total = form if total is None else total + form
+        b = fem_petsc.assemble_vector(fem.form(total))
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        own = self.jumps.range[1] - self.jumps.range[0]
+        for bc in self.structure.bcs:
+            dofs = bc.dof_indices()[0]
+            b.array[dofs[dofs < own]] = 0.0
+        load = self.jumps.T.createVecRight()
+        self.jumps.T.multTranspose(b, load)
+        b.destroy()
+        return load
+
+    def _extra_load(self, bolt) -> PETSc.Vec:
+        load = self.jumps.T.createVecRight()
+        load.set(0.0)
+        if isinstance(bolt, PretensionSection):
+            entries = {self.jumps.shortening(self.cuts.index(bolt)): 1.0}
+        else:
+            i = 2 * self.beams.index(bolt)
+            axis = self.beam_axis(bolt)
+            low, high = (self.jumps.reference(i + k)[:3] for k in (0, 1))
+            entries = dict(zip([*low, *high], [*axis, *-axis], strict=True))
+        for number, value in entries.items():
+            if self.jumps.owned(np.array([number]))[0]:
+                load.setValue(int(number), value)
+        load.assemble()
+        return load
+
+    def beam_axis(self, bolt: BeamBolt) -> np.ndarray:
+        """Unit vector from the lower spider's centre to the upper's."""
+        i = 2 * self.beams.index(bolt)
+        axis = self.jumps.spiders[i + 1].centre - self.jumps.spiders[i].centre
+        length = np.linalg.norm(axis)
+        if not length > 0:
+            raise InputError(f"{bolt.name}: its two spiders have one centre; expected a length.")
+        return axis / length
+
+    def force_values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+        """All bolts' forces, N, and factors of the loads; nominal with ``given`` put in.
+
+        Raises:
+            InputError: If ``given`` names none of them or is not finite.
+        """
+        values = dict(self.forces)
+        for name, value in (given or {}).items():
+            if name not in values:
+                raise InputError(
+                    f"{name!r} is neither a bolt nor a load; expected one of: {', '.join(values)}."
+                )
+            if not np.isfinite(value):
+                raise InputError(f"{name} = {value}: expected a finite force.")
+            values[name] = float(value)
+        return values
+
+    def load(self, forces: Mapping[str, float] | None = None) -> PETSc.Vec:
+        """The load f in x at these forces. Collective."""
+        f = self.jumps.T.createVecRight()
+        f.set(0.0)
+        for name, value in self.force_values(forces).items():
+            f.axpy(value, self._units[name])
+        return f
+
+    def unit_load(self, name: str) -> PETSc.Vec:
+        """Derivative of the load by the force of this name."""
+        return self._units[name]
+
+    # -- matrices ----------------------------------------------------------------------------
+
+    def stiffness(self, given: Mapping[str, float] | None = None, *, axial: bool = False):
+        """T^T K T with the bolts' beams; entries that nothing depends on have a one.
+
+        Args:
+            given: Values of the structure's parameters that differ from their nominal value.
+            axial: Whether the beams resist stretching: yes about a preload state, not during it.
+        """
+        K = self.structure.stiffness(given)
+        A = K.PtAP(self.jumps.T)
+        K.destroy()
+        return self._with_extras(A, 0, axial, 1.0)
+
+    def mass(self, given: Mapping[str, float] | None = None) -> PETSc.Mat:
+        """T^T M T with the bolts' beams and their head masses."""
+        M = self.structure.mass(given)
+        A = M.PtAP(self.jumps.T)
+        M.destroy()
+        return self._with_extras(A, 1, True, 0.0)
+
+    def _with_extras(self, A: PETSc.Mat, which: int, axial: bool, diagonal: float) -> PETSc.Mat:
+        jumps = self.jumps
+        B = PETSc.Mat().createAIJ(A.getSizes(), nnz=(12, 12), comm=self.comm)
+        B.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        if jumps.owned(np.array([jumps.n - 1]))[0] and self.beams:
+            for i, bolt in enumerate(self.beams):
+                numbers = np.concatenate([jumps.reference(2 * i), jumps.reference(2 * i + 1)])
+                block = self._beam(bolt, i, axial)[which]
+                B.setValues(numbers.astype(np.int32), numbers.astype(np.int32), block)
+        for number in jumps.unused:
+            B.setValue(int(number), int(number), diagonal)
+        B.assemble()
+        A.axpy(1.0, B, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        B.destroy()
+        A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        A.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+        return A
+
+    def _beam(self, bolt: BeamBolt, i: int, axial: bool):
+        """Stiffness and mass, (12, 12), of a bolt condensed to its two reference points."""
+        ends = [self.jumps.spiders[2 * i + k].centre for k in (0, 1)]
+        K, M = beam_matrices(
+            *ends, diameter=bolt.diameter, E=bolt.E, nu=bolt.nu, rho=bolt.rho,
+            n_elements=bolt.n_elements, axial=True,
+        )  # fmt: skip
+        keep = np.concatenate([np.arange(6), len(K) - 6 + np.arange(6)])
+        K, M = condense(K, M, keep)
+        if not axial:
+            axis = self.beam_axis(bolt)
+            stretch = np.concatenate([-axis, np.zeros(3), axis, np.zeros(3)])
+            K = K - (stretch @ K @ stretch) / 4 * np.outer(stretch, stretch)
+        heads = np.zeros(12)
+        heads[[0, 1, 2, 6, 7, 8]] = bolt.head_mass
+        return K, M + np.diag(heads)

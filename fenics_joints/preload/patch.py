@@ -1,0 +1,146 @@
+"""Size of a contact patch from a pressure that is linear between the vertices of its facets."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenics_joints.preload.interface import Interface
+
+__all__ = ["contour_area", "largest_radius", "mean_within"]
+
+
+def _edges(interface: Interface) -> np.ndarray:
+    """Pairs at the ends of the facets' edges, (n, 2)."""
+    f = interface.facets
+    k = f.shape[1]
+    around = {2: [(0, 1)], 3: [(0, 1), (1, 2), (2, 0)], 4: [(0, 1), (1, 3), (3, 2), (2, 0)]}[k]
+    return np.unique(np.sort(np.vstack([f[:, list(e)] for e in around]), axis=1), axis=0)
+
+
+def _radii(points: np.ndarray, normals: np.ndarray, centre) -> np.ndarray:
+    """Distances of points from an axis through ``centre`` along the mean normal."""
+    arm = points - (0.0 if centre is None else np.asarray(centre, dtype=float))
+    axis = normals.mean(axis=0)
+    axis /= np.linalg.norm(axis)
+    return np.linalg.norm(arm - (arm @ axis)[:, None] * axis, axis=1)
+
+
+def largest_radius(interface: Interface, pressure: np.ndarray, limit: float, centre=None) -> float:
+    """Largest distance, m, from the centre at which the pressure reaches the limit; 0 if nowhere.
+
+    Args:
+        interface: The pairs.
+        pressure: Pressure at the pairs, Pa, (n,).
+        limit: Limit, Pa.
+        centre: Centre, m, (gdim,); the origin by default.
+    """
+    radius = _radii(interface.points, interface.normals, centre)
+    above = pressure >= limit
+    best = float(radius[above].max(initial=0.0))
+    a, b = _edges(interface).T
+    cross = above[a] != above[b]
+    a, b = a[cross], b[cross]
+    t = ((limit - pressure[a]) / (pressure[b] - pressure[a]))[:, None]
+    points = (1 - t) * interface.points[a] + t * interface.points[b]
+    return max(best, float(_radii(points, interface.normals, centre).max(initial=0.0)))
+
+
+def contour_area(interface: Interface, pressure: np.ndarray, limit: float):
+    """Area in which the pressure is at least the limit, and its derivative.
+
+    Quadrilaterals are cut into two triangles, and facets' areas scaled to their measure.
+
+    Returns:
+        Area, m2, and its derivative by the pressure at each pair, m2/Pa, (n,).
+    """
+    slope = np.zeros(len(interface))
+    total = 0.0
+    for simplex, measure in _simplices(interface):
+        p = pressure[simplex] - limit
+        share, d_share = _share_above(p)
+        total += float(np.sum(measure * share))
+        np.add.at(slope, simplex, measure[:, None] * d_share)
+    return total, slope
+
+
+def _simplices(interface: Interface):
+    """Segments or triangles with their measure, the facets' own where they are simplices."""
+    facets = interface.facets
+    measure = interface.shares.sum(axis=1)
+    if facets.shape[1] < 4:
+        yield facets, measure
+        return
+    halves = [facets[:, [0, 1, 3]], facets[:, [0, 3, 2]]]
+    areas = [_triangle(interface.points[h]) for h in halves]
+    scale = measure / np.where(areas[0] + areas[1] > 0, areas[0] + areas[1], 1.0)
+    for half, area in zip(halves, areas, strict=True):
+        yield half, area * scale
+
+
+def _triangle(x: np.ndarray) -> np.ndarray:
+    return 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+
+
+def _share_above(p: np.ndarray):
+    """Share of simplices where a linear function with vertex values p is >= 0, and slope by p."""
+    n, k = p.shape
+    share, slope = (p >= 0).all(axis=1).astype(float), np.zeros((n, k))
+    above = p >= 0
+    count = above.sum(axis=1)
+    _lone(p, above, count == 1, share, slope, complement=False)
+    if k > 2:
+        _lone(p, ~above, count == 2, share, slope, complement=True)
+    return share, slope
+
+
+def _lone(p, mark, rows, share, slope, complement: bool) -> None:
+    """Simplices with one marked vertex: the corner cut off there is prod p0 / (p0 - pj)."""
+    rows = np.flatnonzero(rows)
+    if not len(rows):
+        return
+    k = p.shape[1]
+    lone = np.argmax(mark[rows], axis=1)
+    others = np.array([[j for j in range(k) if j != i] for i in range(k)])[lone]
+    p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
+    t = p0 / (p0 - pj)
+    corner = t.prod(axis=1)
+    # d ln t / d p0 = -pj / (p0 (p0 - pj)), d ln t / d pj = 1 / (p0 - pj)
+    d0 = (corner[:, None] * -pj / (p0 * (p0 - pj))).sum(axis=1)
+    dj = corner[:, None] / (p0 - pj)
+    sign = -1.0 if complement else 1.0
+    share[rows] = 1 - corner if complement else corner
+    slope[rows, lone] = sign * d0
+    slope[rows[:, None], others] = sign * dj
+
+
+def mean_within(interface: Interface, pressure: np.ndarray, radius: float, centre=None) -> float:
+    """Mean pressure, Pa, of the facets within a radius; those cut count by their share inside."""
+    distance = radius - _radii(interface.points, interface.normals, centre)
+    force = area = 0.0
+    for simplex, measure in _simplices(interface):
+        share, _ = _share_above(distance[simplex])
+        d, p = distance[simplex], pressure[simplex]
+        force += float(np.sum(measure * _moment_above(d, p)))
+        area += float(np.sum(measure * share))
+    return force / area if area > 0 else 0.0
+
+
+def _moment_above(d: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Integral of a linear p over the part of each simplex where linear d >= 0, per measure."""
+    above = d >= 0
+    count, k = above.sum(axis=1), d.shape[1]
+    whole = p.mean(axis=1)
+    result = np.where(count == k, whole, 0.0)
+    for mark, chosen, rest in ((above, count == 1, 0.0), (~above, (count == k - 1) & (k > 2), 1.0)):
+        rows = np.flatnonzero(chosen)
+        if not len(rows):
+            continue
+        lone = np.argmax(mark[rows], axis=1)
+        others = np.array([[j for j in range(k) if j != i] for i in range(k)])[lone]
+        d0, dj = d[rows, lone][:, None], d[rows[:, None], others]
+        p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
+        t = d0 / (d0 - dj)
+        cut = p0 + t * (pj - p0)
+        corner = t.prod(axis=1) * (p0[:, 0] + cut.sum(axis=1)) / k
+        result[rows] = rest * whole[rows] + (1 - 2 * rest) * corner
+    return result

@@ -1,0 +1,194 @@
+"""What a preload leaves: pressures, gaps, slips and status of every contact, and the bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from dolfinx import fem
+from petsc4py import PETSc
+
+from fenics_joints.errors import InputError
+from fenics_joints.preload.conditions import OPEN, SLIP, STICK, Pairs
+from fenics_joints.preload.interface import Interface
+from fenics_joints.preload.patch import contour_area, largest_radius, mean_within
+
+if TYPE_CHECKING:
+    from fenics_joints.preload.solve import PreloadSolver
+
+__all__ = ["ContactState", "PreloadResult"]
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """One contact in a preload state; arrays are equal on all ranks.
+
+    Attributes:
+        name: The contact's name.
+        interface: Its pairs: positions, frames, areas, facets.
+        force: Nodal forces between the bodies, N, (n, gdim): pressing, then along the tangents.
+        gap: Opening, m, (n,); zero where closed.
+        slip: Jump along the tangents, m, (n, gdim - 1).
+        status: OPEN (0), SLIP (1) or STICK (2) at each pair, (n,).
+    """
+
+    name: str
+    interface: Interface
+    force: np.ndarray
+    gap: np.ndarray
+    slip: np.ndarray
+    status: np.ndarray
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """Contact pressure at the pairs, Pa, (n,): the nodal force over the vertex's area."""
+        return self.force[:, 0] / self.interface.areas
+
+    @property
+    def traction(self) -> np.ndarray:
+        """Tangential traction at the pairs, Pa, (n, gdim - 1)."""
+        return self.force[:, 1:] / self.interface.areas[:, None]
+
+    @property
+    def facet_pressure(self) -> np.ndarray:
+        """Mean pressure of each facet, Pa, (n_facets,); times `facet_area` it sums to the force."""
+        shares, facets = self.interface.shares, self.interface.facets
+        return np.sum(shares * self.pressure[facets], axis=1) / self.facet_area
+
+    @property
+    def facet_area(self) -> np.ndarray:
+        """Area of each facet, m2, (n_facets,)."""
+        return self.interface.shares.sum(axis=1)
+
+    @property
+    def normal_force(self) -> float:
+        """Force with which the bodies press on one another, N."""
+        return float(self.force[:, 0].sum())
+
+    @property
+    def resultant(self) -> np.ndarray:
+        """Force of the lower body on the upper one, N, (gdim,)."""
+        return np.einsum("nk,nki->i", self.force, self.interface.frames)
+
+    @property
+    def closed(self) -> np.ndarray:
+        """Whether each pair is closed, (n,)."""
+        return self.status != OPEN
+
+    @property
+    def area(self) -> float:
+        """Area of the closed pairs, m2."""
+        return float(self.interface.areas[self.closed].sum())
+
+    def area_above(self, limit: float) -> float:
+        """Area, m2, in which the pressure, linear between vertices, is at least ``limit``, Pa."""
+        return contour_area(self.interface, self.pressure, limit)[0]
+
+    def radius(self, limit: float = 1e6, centre=None) -> float:
+        """Contact radius max {r : P(r) >= limit}, m, within the elements (seed 000, eq. 10).
+
+        Args:
+            limit: Least pressure P_lim, Pa.
+            centre: The bolt's axis on the interface, m, (gdim,); the origin by default.
+        """
+        return largest_radius(self.interface, self.pressure, limit, centre)
+
+    def mean_pressure(self, limit: float = 1e6, centre=None) -> float:
+        """Mean pressure inside the contact radius, Pa."""
+        return mean_within(self.interface, self.pressure, self.radius(limit, centre), centre)
+
+
+class PreloadResult:
+    """A converged preload state.
+
+    Attributes:
+        model: The model.
+        solver: The solver, with its matrices.
+        forces: Forces of the bolts, N, and factors of the loads.
+        x: Displacements and jumps, see `fenics_joints.preload.jumps`.
+        load: The load f in x.
+        iterations: Newton iterations.
+        balance: Resultant of the loads that the inertia of the free structure took, relative.
+    """
+
+    def __init__(
+        self,
+        solver: PreloadSolver,
+        pairs: Pairs,
+        forces: Mapping[str, float],
+        x: PETSc.Vec,
+        load: PETSc.Vec,
+        iterations: int,
+        balance: float,
+    ):
+        self.solver, self.model, self.pairs = solver, solver.model, pairs
+        self.forces, self.x, self.load = dict(forces), x, load
+        self.iterations, self.balance = iterations, balance
+        self.reactions = self._reactions()
+        self.contacts = self._contacts()
+
+    def _reactions(self) -> PETSc.Vec:
+        """K x - f: contact forces at the jumps, what the supports hold elsewhere."""
+        r = self.solver.K * self.x
+        r.axpy(-1.0, self.load)
+        return r
+
+    def _contacts(self) -> dict[str, ContactState]:
+        jumps, states = self.model.jumps, {}
+        status = self.x.duplicate()
+        status.set(0.0)
+        at, r = self.x.array_r, self.reactions.array_r
+        status.array[self.pairs.numbers[:, 0]] = self.pairs.status(at, r)
+        for c in jumps.contacts:
+            opening, slips = jumps.opening(c), jumps.slips(c)
+            numbers = np.column_stack([opening, slips])
+            states[c.name] = ContactState(
+                c.name,
+                c,
+                jumps.gather(self.reactions, numbers),
+                jumps.gather(self.x, opening) + c.gap,
+                jumps.gather(self.x, slips),
+                jumps.gather(status, opening).astype(int),
+            )
+        status.destroy()
+        return states
+
+    def __getitem__(self, name: str) -> ContactState:
+        if name not in self.contacts:
+            names = ", ".join(self.contacts)
+            raise InputError(f"there is no contact {name!r} that can open; expected: {names}.")
+        return self.contacts[name]
+
+    @cached_property
+    def displacement(self) -> fem.Function:
+        """Displacement of all bodies, m."""
+        return self.model.jumps.displacement(self.x)
+
+    def shortening(self, bolt: str) -> float:
+        """Shortening, m, that a pretension section needs for its force."""
+        names = [b.name for b in self.model.cuts]
+        if bolt not in names:
+            raise InputError(
+                f"{bolt!r} has no pretension section; expected: {', '.join(names) or 'none'}."
+            )
+        number = self.model.jumps.shortening(names.index(bolt))
+        return float(self.model.jumps.gather(self.x, np.array([number]))[0])
+
+    @property
+    def complementarity(self) -> float:
+        """Largest violation of g >= 0, N >= 0, g N = 0, relative to the largest nodal force."""
+        worst = self.pairs.complementarity(self.x.array_r, self.reactions.array_r)
+        worst = self.model.comm.allreduce(float(worst.max(initial=0.0)), op=max)
+        largest = max((np.abs(c.force).max(initial=0.0) for c in self.contacts.values()), default=0)
+        return worst / largest if largest else worst
+
+    def counts(self) -> dict[str, dict[str, int]]:
+        """Number of open, slipping and sticking pairs of each contact."""
+        kinds = {"open": OPEN, "slip": SLIP, "stick": STICK}
+        return {
+            name: {word: int(np.sum(c.status == kind)) for word, kind in kinds.items()}
+            for name, c in self.contacts.items()
+        }
