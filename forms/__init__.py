@@ -6,6 +6,14 @@ from fenics_joints.forms.axisymmetric import (
     axisymmetric_strain,
     circumference,
 )
+from fenics_joints.forms.contact import (
+    augmented_pressure,
+    contact_gap,
+    contact_interface,
+    contact_slip,
+    coulomb_traction,
+    penalty_pressure,
+)
 from fenics_joints.forms.elasticity import (
     attached_mass,
     elasticity,
@@ -32,12 +40,17 @@ from fenics_joints.forms.thin_layer import (
 
 __all__ = [
     "attached_mass",
+    "augmented_pressure",
     "axisymmetric_elasticity",
     "axisymmetric_mass",
     "axisymmetric_strain",
     "circumference",
     "constrained_layer",
+    "contact_gap",
+    "contact_interface",
     "contact_radius",
+    "contact_slip",
+    "coulomb_traction",
     "elasticity",
     "graded_modulus",
     "isotropic_layer",
@@ -47,6 +60,7 @@ __all__ = [
     "layer_strain",
     "mass",
     "peak_pressure",
+    "penalty_pressure",
     "pressure_cone",
     "radius",
     "spring_interface",
