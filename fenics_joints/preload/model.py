@@ -12,7 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.preload.beam import beam_matrices, condense
+from fenics_joints.preload.beam import beam_matrices, condense, end_dofs
 from fenics_joints.preload.components import (
     BeamBolt,
     Contact,
@@ -276,14 +276,9 @@ class PreloadModel:
         ends = [self.jumps.spiders[2 * i + k].centre for k in (0, 1)]
         K, M = beam_matrices(
             *ends, diameter=bolt.diameter, E=bolt.E, nu=bolt.nu, rho=bolt.rho,
-            n_elements=bolt.n_elements, axial=True,
+            n_elements=bolt.n_elements, axial=axial,
         )  # fmt: skip
-        keep = np.concatenate([np.arange(6), len(K) - 6 + np.arange(6)])
-        K, M = condense(K, M, keep)
-        if not axial:
-            axis = self.beam_axis(bolt)
-            stretch = np.concatenate([-axis, np.zeros(3), axis, np.zeros(3)])
-            K = K - (stretch @ K @ stretch) / 4 * np.outer(stretch, stretch)
+        K, M = condense(K, M, end_dofs(bolt.n_elements))
         heads = np.zeros(12)
         heads[[0, 1, 2, 6, 7, 8]] = bolt.head_mass
         return K, M + np.diag(heads)

@@ -35,7 +35,7 @@ def largest_radius(interface: Interface, pressure: np.ndarray, limit: float, cen
         centre: Centre, m, (gdim,); the origin by default.
     """
     radius = _radii(interface.points, interface.normals, centre)
-    above = pressure >= limit
+    above = pressure >= limit if limit > 0 else pressure > 0
     best = float(radius[above].max(initial=0.0))
     a, b = _edges(interface).T
     cross = above[a] != above[b]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
@@ -45,7 +46,7 @@ class ContactState:
     @property
     def pressure(self) -> np.ndarray:
         """Contact pressure at the pairs, Pa, (n,): the nodal force over the vertex's area."""
-        return self.force[:, 0] / self.interface.areas
+        return np.where(self.closed, self.force[:, 0], 0.0) / self.interface.areas
 
     @property
     def traction(self) -> np.ndarray:
@@ -112,6 +113,10 @@ class PreloadResult:
         load: The load f in x.
         iterations: Newton iterations.
         balance: Resultant of the loads that the inertia of the free structure took, relative.
+        reactions: K x - f: contact forces at the jumps, what the supports hold elsewhere, N.
+        contacts: State of every contact that can open, by name.
+        complementarity: Largest violation of g >= 0, N >= 0, g N = 0, relative to the largest
+            nodal force.
     """
 
     def __init__(
@@ -129,6 +134,7 @@ class PreloadResult:
         self.iterations, self.balance = iterations, balance
         self.reactions = self._reactions()
         self.contacts = self._contacts()
+        self.complementarity = self._complementarity()
 
     def _reactions(self) -> PETSc.Vec:
         """K x - f: contact forces at the jumps, what the supports hold elsewhere."""
@@ -156,6 +162,12 @@ class PreloadResult:
         status.destroy()
         return states
 
+    def _complementarity(self) -> float:
+        worst = self.pairs.complementarity(self.x.array_r, self.reactions.array_r)
+        worst = self.model.comm.allreduce(float(worst.max(initial=0.0)), op=MPI.MAX)
+        largest = max((np.abs(c.force).max(initial=0.0) for c in self.contacts.values()), default=0)
+        return worst / largest if largest else worst
+
     def __getitem__(self, name: str) -> ContactState:
         if name not in self.contacts:
             names = ", ".join(self.contacts)
@@ -176,14 +188,6 @@ class PreloadResult:
             )
         number = self.model.jumps.shortening(names.index(bolt))
         return float(self.model.jumps.gather(self.x, np.array([number]))[0])
-
-    @property
-    def complementarity(self) -> float:
-        """Largest violation of g >= 0, N >= 0, g N = 0, relative to the largest nodal force."""
-        worst = self.pairs.complementarity(self.x.array_r, self.reactions.array_r)
-        worst = self.model.comm.allreduce(float(worst.max(initial=0.0)), op=max)
-        largest = max((np.abs(c.force).max(initial=0.0) for c in self.contacts.values()), default=0)
-        return worst / largest if largest else worst
 
     def counts(self) -> dict[str, dict[str, int]]:
         """Number of open, slipping and sticking pairs of each contact."""
