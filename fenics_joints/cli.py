@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 import typer
 
 from fenics_joints import __version__
+from fenics_joints.database.commands import app as database_app
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,6 +29,7 @@ app = typer.Typer(
     help="Where a model of a bolted structure and its vibration test disagree, why, and how far "
     "the gap shrinks.",
 )
+app.add_typer(database_app, name="database")
 
 CaseArgument = Annotated[
     Path, typer.Argument(metavar="CASE", help="A folder with a case.toml, or the file.")
