@@ -137,7 +137,10 @@ class Jumps:
         return contact.upper[:, None] * self.gdim + np.arange(1, self.gdim)
 
     def bubbles(self, contact: Interface) -> np.ndarray:
-        """Global numbers in x of its midsides' bubbles, (n_edges, gdim)."""
+        """Global numbers in x of its midsides' bubbles, in the frame of the edge's first end.
+
+        Shape (n_edges, gdim).
+        """
         return contact.upper_midsides[:, None] * self.gdim + np.arange(self.gdim)
 
     def shortening(self, section: int) -> int:
@@ -179,7 +182,8 @@ class Jumps:
         # u_upper = u_lower + frame^T w: component i gets frame[k, i] of jump k.
         turned = c.frames.transpose(0, 2, 1)
         rows.add(slave[:, :, None], slave[:, None, :], turned)
-        rows.add(middle, middle, 1.0)
+        first = c.edges[:, 0]
+        rows.add(middle[:, :, None], middle[:, None, :], turned[first])
         for end in c.edges.T:
             rows.add(middle[:, :, None], slave[end][:, None, :], 0.5 * turned[end])
         return rows
