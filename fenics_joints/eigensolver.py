@@ -147,6 +147,29 @@ class EigenSolver:
         stats["seconds"] = time.perf_counter() - begin
         return EigenResult(values, [_vector(K, x) for x in X.T], residuals, stats)
 
+    def inverse(self, block: np.ndarray) -> np.ndarray:
+        """``(K - shift M)^-1 block`` with the last solution's factorisation. Collective.
+
+        Args:
+            block: This rank's rows of the right-hand sides, shape (n_local, n_columns).
+
+        Raises:
+            InputError: Before the first solution.
+            ConvergenceError: The linear solve failed.
+        """
+        if self._shifted is None:
+            raise InputError("the solver has no factorisation yet: expected a solution first")
+        right, left = (_dense(self._shifted, block.shape[1]) for _ in range(2))
+        right.getDenseArray()[:] = block
+        ksp = self._eps.getST().getKSP()
+        ksp.matSolve(right, left)
+        if ksp.getConvergedReason() < 0:
+            reason = _name(PETSc.KSP.ConvergedReason, ksp.getConvergedReason())
+            raise ConvergenceError("the linear solve with K - shift M failed", reason)
+        found = left.getDenseArray().copy(order="F")
+        right.destroy(), left.destroy()
+        return found
+
     @contextmanager
     def _options(self) -> Iterator[PETSc.Options]:
         """Our options in PETSc's database, and out of it again for the next solver.
