@@ -227,6 +227,29 @@ def test_what_is_no_such_database_is_a_clear_error(tmp_path):
             store.add(_awkward())
 
 
+_HALF = """
+import os, signal, sqlite3, sys
+connection = sqlite3.connect(sys.argv[1], isolation_level=None)
+connection.execute("PRAGMA cache_size = 1")  # spills to the file before the commit
+connection.execute("BEGIN IMMEDIATE")
+for i in range(2000):
+    connection.execute("INSERT INTO joints (diameter, author) VALUES (1, hex(randomblob(400)))")
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@serial
+def test_what_a_killed_writer_left_half_written_is_undone_even_by_a_reader(tmp_path):
+    path = tmp_path / "a.db"
+    with Store(path, create=True) as store:
+        store.add(seed_database().joints())
+    size = path.stat().st_size
+    subprocess.run([sys.executable, "-c", _HALF, str(path)], check=False)
+    assert path.stat().st_size > 2 * size  # the file itself was written to
+    with Store(path, readonly=True) as store:
+        assert store.joints() == seed_database().joints()
+
+
 # -- sweep -----------------------------------------------------------------------------------------
 
 

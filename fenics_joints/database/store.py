@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -53,10 +54,9 @@ class Store:
         memory = self.path == ":memory:"
         if not memory and not create and not Path(path).is_file():
             raise InputError(f"{path}: no such file, expected a database of joint parameters")
-        mode = "rw" if not create else "rwc"
-        uri = self.path if memory else f"{Path(path).absolute().as_uri()}?mode={mode}"
-        if readonly and not memory:
-            uri = f"{Path(path).absolute().as_uri()}?mode=ro"
+        uri = (
+            self.path if memory else f"{Path(path).absolute().as_uri()}?mode={_mode(path, create)}"
+        )
         try:
             self._connection = sqlite3.connect(
                 uri, uri=not memory, timeout=_PATIENCE, isolation_level=None,
@@ -174,6 +174,8 @@ class Store:
 
     def _prepare(self, create: bool) -> None:
         self._connection.execute("PRAGMA synchronous = FULL")
+        if self.readonly:
+            self._connection.execute("PRAGMA query_only = ON")
         if create and not self.readonly:
             with self._writing() as connection:
                 empty = not connection.execute("SELECT 1 FROM sqlite_master").fetchone()
@@ -232,6 +234,17 @@ def seed_database() -> Store:
     text = resources.files(__package__).joinpath("seed000.csv").read_text(encoding="utf-8")
     store.add(_from_csv("seed000.csv", text))
     return store
+
+
+def _mode(path: str | Path, create: bool) -> str:
+    """How to open a file. SQLite's own read-only mode is for those that cannot be written to.
+
+    It could not roll back what a killed process left half-written.
+    """
+    if create:
+        return "rwc"
+    writable = os.access(path, os.W_OK) and os.access(Path(path).absolute().parent, os.W_OK)
+    return "rw" if writable else "ro"
 
 
 def _insert(extra: str | None = None, or_what: str = "") -> str:
