@@ -1,0 +1,265 @@
+"""Files of a preload state for ParaView: fields over the bodies, and the contacts by themselves.
+
+Over the bodies, all fields are linear between vertices and of the same names in either format:
+``displacement``, m, ``traction`` of the contact on the body there, Pa, ``slip``, m, of the upper
+body over the lower, ``pressure``, Pa, ``gap``, m, and ``status`` (0 open, 1 slip, 2 stick). Away
+from the contacts they are zero, and ``status`` is -1: a threshold on it leaves the interfaces
+(``nan`` would leave holes in cells beside them and spoil contours and statistics). Where two
+contacts share a vertex, the one that presses more is shown.
+
+The contacts are a mesh of their own facets, with the same fields at the vertices and, on the
+facets, ``facet_pressure``, Pa, the mean, which times the area sums to the force, and
+``facet_status``: open where all vertices are, else slip where a closed one slips.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from dolfinx import fem, io
+
+from fenics_joints.errors import InputError
+from fenics_joints.files import check_writable, write_text
+from fenics_joints.meshes.tagged import on_root
+from fenics_joints.preload.conditions import OPEN, SLIP, STICK
+from fenics_joints.preload.result import ContactState, PreloadResult
+
+__all__ = ["facet_status", "nodal_fields", "write"]
+
+#: Status away from the contacts.
+NO_CONTACT = -1.0
+#: Name in XDMF, and corners in VTK's order, of facets by their number of vertices.
+_FACETS = {2: ("Polyline", (0, 1)), 3: ("Triangle", (0, 1, 2)), 4: ("Quadrilateral", (0, 1, 3, 2))}
+#: What ADIOS2 puts into a folder that is one of its files.
+_BP_INDEX = "md.idx"
+
+
+def write(result: PreloadResult, path: str | Path) -> list[Path]:
+    """Write a state: VTX for ``.bp``, XDMF with HDF5 for ``.xdmf``. Collective.
+
+    Beside the file of the bodies there is one of the contacts, ``<name>_contacts.xdmf``, and for
+    XDMF ``<name>.h5``. Files are written under another name and moved into place when they are
+    whole; those of a failed attempt are removed.
+
+    Args:
+        result: The state.
+        path: Name of the bodies' file; one that is there is replaced.
+
+    Returns:
+        The files, that of the bodies first.
+
+    Raises:
+        InputError: For another ending, a DOLFINx without ADIOS2, or if a file cannot be written.
+    """
+    path, comm = Path(path), result.model.comm
+    writers = {".bp": _write_vtx, ".xdmf": _write_xdmf}
+    if path.suffix not in writers:
+        raise InputError(f"{path}: expected a name that ends in {' or '.join(writers)}.")
+    on_root(comm, lambda: _check(path))
+    fields = nodal_fields(result)
+    part = comm.bcast(on_root(comm, lambda: _part(path)))
+    try:
+        writers[path.suffix](fields, part / path.name)
+        comm.barrier()
+        names = on_root(comm, lambda: _finish(result, part, path))
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"{path}: cannot be written ({error}).") from error
+    finally:
+        if comm.rank == 0:
+            shutil.rmtree(part, ignore_errors=True)
+    return comm.bcast(names)
+
+
+def _check(path: Path) -> None:
+    """Refuse what cannot be written or must not be replaced."""
+    if path.suffix == ".bp":
+        if not hasattr(io, "VTXWriter"):
+            raise InputError(f"{path}: DOLFINx was built without ADIOS2; expected .xdmf.")
+        if path.is_dir() and any(path.iterdir()) and not (path / _BP_INDEX).exists():
+            raise InputError(f"{path}: is a folder, but none of ADIOS2; expected another name.")
+    for file in _files(path):
+        check_writable(path.parent / "file" if file.suffix == ".bp" else file, "fields")
+
+
+def _files(path: Path) -> list[Path]:
+    """All files that a state is written to."""
+    heavy = [path.with_suffix(".h5")] if path.suffix == ".xdmf" else []
+    return [path, *heavy, path.with_name(f"{path.stem}_contacts.xdmf")]
+
+
+def _part(path: Path) -> Path:
+    try:
+        return Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}).") from error
+
+
+def _finish(result: PreloadResult, part: Path, path: Path) -> list[Path]:
+    """Complete the files in ``part`` and move them into place; on rank 0."""
+    files = _files(path)
+    if path.suffix == ".xdmf":
+        _one_grid(part / path.name)
+    write_text(part / files[-1].name, _contacts_xdmf(list(result.contacts.values())))
+    for file in reversed(files):  # that of the bodies last: it refers to the heavy one
+        if file.is_dir():
+            file.rename(part / "old")
+        (part / file.name).replace(file)
+    return files
+
+
+# -- bodies ----------------------------------------------------------------------------------------
+
+
+def nodal_fields(result: PreloadResult) -> list[fem.Function]:
+    """The fields over the bodies as functions of degree 1, vectors first. Collective."""
+    mesh, gdim = result.model.V.mesh, result.model.jumps.gdim
+    vectors = fem.functionspace(mesh, ("Lagrange", 1, (gdim,)))
+    scalars = fem.functionspace(mesh, ("Lagrange", 1))
+    displacement = fem.Function(vectors, name="displacement")
+    displacement.interpolate(result.displacement)
+    place = _places(result.model.V, scalars)
+    fields = {
+        name: fem.Function(vectors if name in ("traction", "slip") else scalars, name=name)
+        for name in ("traction", "slip", "pressure", "gap", "status")
+    }
+    fields["status"].x.array[:] = NO_CONTACT
+    for state in result.contacts.values():
+        values = _contact_values(state)
+        for nodes, side in ((state.interface.lower, -1.0), (state.interface.upper, 1.0)):
+            at, rows = place(nodes)
+            keep = _presses_more(fields, at, values["pressure"][rows])
+            at, rows = at[keep], rows[keep]
+            for name, field in fields.items():
+                factor = side if name == "traction" else 1.0
+                view = field.x.array.reshape(-1, gdim if name in ("traction", "slip") else 1)
+                view[at] = factor * values[name][rows].reshape(view[at].shape)
+    return [displacement, *fields.values()]
+
+
+def _presses_more(fields: dict[str, fem.Function], at: np.ndarray, pressure: np.ndarray):
+    """Where no contact has written yet, or one that presses less."""
+    empty = fields["status"].x.array[at] == NO_CONTACT
+    return empty | (pressure > fields["pressure"].x.array[at])
+
+
+def _contact_values(state: ContactState) -> dict[str, np.ndarray]:
+    """Fields of one contact at its pairs; vectors in space, the traction on the upper body."""
+    frames = state.interface.frames
+    traction = np.einsum("nk,nki->ni", state.force, frames) / state.interface.areas[:, None]
+    return {
+        "traction": traction,
+        "slip": np.einsum("nk,nki->ni", state.slip, frames[:, 1:]),
+        "pressure": state.pressure,
+        "gap": state.gap,
+        "status": state.status.astype(float),
+    }
+
+
+def _places(V: fem.FunctionSpace, Q: fem.FunctionSpace) -> Callable:
+    """A function from global blocks of V at vertices to local DOFs of Q, and which were found."""
+    n = Q.dofmap.dof_layout.num_dofs
+    corners = [[space.dofmap.dof_layout.entity_dofs(0, v)[0] for v in range(n)] for space in (V, Q)]
+    blocks = V.dofmap.list[:, corners[0]].ravel()
+    blocks = V.dofmap.index_map.local_to_global(blocks)
+    blocks, first = np.unique(blocks, return_index=True)
+    dofs = Q.dofmap.list[:, corners[1]].ravel()[first]
+
+    def place(nodes: np.ndarray):
+        if not len(blocks):
+            return np.empty(0, int), np.empty(0, int)
+        i = np.minimum(np.searchsorted(blocks, nodes), len(blocks) - 1)
+        rows = np.flatnonzero(blocks[i] == nodes)
+        return dofs[i[rows]], rows
+
+    return place
+
+
+def _write_vtx(fields: list[fem.Function], path: Path) -> None:
+    with io.VTXWriter(fields[0].function_space.mesh.comm, path, fields) as writer:
+        writer.write(0.0)
+
+
+def _write_xdmf(fields: list[fem.Function], path: Path) -> None:
+    mesh = fields[0].function_space.mesh
+    with io.XDMFFile(mesh.comm, path, "w") as writer:
+        writer.write_mesh(mesh)
+        for field in fields:
+            writer.write_function(field)
+
+
+def _one_grid(path: Path) -> None:
+    """Put all fields on the one grid: DOLFINx gives each a copy, which ParaView shows apart."""
+    tree = ElementTree.parse(path)
+    domain = tree.getroot().find("Domain")
+    grid, *others = domain.findall("Grid")
+    for other in others:
+        grid.extend(other.iter("Attribute"))
+        domain.remove(other)
+    ElementTree.indent(tree)
+    write_text(path, ElementTree.tostring(tree.getroot(), encoding="unicode") + "\n")
+
+
+# -- contacts --------------------------------------------------------------------------------------
+
+
+def facet_status(state: ContactState) -> np.ndarray:
+    """Status of the facets, (n,): OPEN if all its vertices are, SLIP if one slips, or STICK."""
+    status = state.status[state.interface.facets]
+    closed = np.where((status == SLIP).any(axis=1), SLIP, STICK)
+    return np.where((status == OPEN).all(axis=1), OPEN, closed)
+
+
+def _contacts_xdmf(states: list[ContactState]) -> str:
+    """Text of an XDMF file with one grid for each contact, its numbers within."""
+    root = ElementTree.Element("Xdmf", Version="3.0")
+    domain = ElementTree.SubElement(root, "Domain")
+    all_of_them = ElementTree.SubElement(
+        domain, "Grid", Name="contacts", GridType="Collection", CollectionType="Spatial"
+    )
+    for state in states:
+        all_of_them.append(_contact_grid(state))
+    ElementTree.indent(root)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _contact_grid(state: ContactState) -> ElementTree.Element:
+    c = state.interface
+    kind, order = _FACETS[c.facets.shape[1]]
+    grid = ElementTree.Element("Grid", Name=state.name, GridType="Uniform")
+    topology = ElementTree.SubElement(
+        grid, "Topology", TopologyType=kind, NumberOfElements=str(len(c.facets)),
+        NodesPerElement=str(len(order)),
+    )  # fmt: skip
+    _item(topology, c.facets[:, list(order)], "Int")
+    _item(ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ"), _in_space(c.points))
+    for name, values in _contact_values(state).items():
+        _attribute(grid, name, values, "Node")
+    _attribute(grid, "facet_pressure", state.facet_pressure, "Cell")
+    _attribute(grid, "facet_status", facet_status(state).astype(float), "Cell")
+    return grid
+
+
+def _attribute(grid: ElementTree.Element, name: str, values: np.ndarray, centre: str) -> None:
+    kind = "Scalar" if values.ndim == 1 else "Vector"
+    attribute = ElementTree.SubElement(
+        grid, "Attribute", Name=name, AttributeType=kind, Center=centre
+    )
+    _item(attribute, values if values.ndim == 1 else _in_space(values))
+
+
+def _in_space(vectors: np.ndarray) -> np.ndarray:
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+
+
+def _item(parent: ElementTree.Element, values: np.ndarray, kind: str = "Float") -> None:
+    item = ElementTree.SubElement(
+        parent, "DataItem", Dimensions=" ".join(map(str, values.shape)), NumberType=kind,
+        Precision="8", Format="XML",
+    )  # fmt: skip
+    rows = np.atleast_2d(values) if values.ndim == 1 else values
+    item.text = "\n" + "\n".join(" ".join(map(repr, row)) for row in rows.tolist()) + "\n"
