@@ -171,6 +171,9 @@ class LinearJoint:
             at = conditions[c.name]
             numbers.append(self.jumps.opening(c)[at >= SLIP])
             numbers.append(self.jumps.slips(c)[at == STICK].ravel())
+            if c.name in self.springs:
+                # Springs act on vertices; between two of them the jump is linear.
+                at = np.where((self.springs[c.name] > 0).any(axis=1), STICK, OPEN)
             ends = at[c.edges].min(axis=1) if len(c.edges) else np.empty(0, int)
             bubbles = self.jumps.bubbles(c)
             numbers.append(bubbles[ends >= SLIP, 0])
