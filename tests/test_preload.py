@@ -1,0 +1,243 @@
+"""Preload contact against closed forms: patch test, Hertz, receding contact, Lamé, friction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.components import Spring, Support, part
+from fenics_joints.errors import ConvergenceError, InputError, MeshError
+from fenics_joints.meshes import graded_lines, stacked_blocks
+from fenics_joints.preload import (
+    OPEN,
+    SLIP,
+    STICK,
+    Contact,
+    PreloadModel,
+    PreloadSolver,
+    Traction,
+    WasherForce,
+    solve_preload,
+)
+from fenics_joints.structure import Structure
+
+pytestmark = pytest.mark.parallel
+
+COMM = MPI.COMM_WORLD
+STEEL = {"E": 200e9, "nu": 0.3, "rho": 7800.0}
+
+
+def faces(**options) -> Contact:
+    """The contact of stacked blocks."""
+    return Contact("c", "interface_lower", "interface_upper", **options)
+
+
+def both(**properties):
+    return [part("both", ("lower", "upper"), **STEEL | properties)]
+
+
+# -- patch test ------------------------------------------------------------------------------------
+
+
+def distorted_blocks(cell: str):
+    """Two unequal stacks whose plan, the same for both, has no two equal cells."""
+    x = np.array([0.0, 0.2, 0.55, 0.7, 1.0])
+    y = np.array([0.0, 0.4, 0.65, 1.0])
+    z = np.array([-1.3, -0.5, 0.0])
+    flat = cell in ("quadrilateral", "triangle")
+    tagged = stacked_blocks(
+        COMM, lower=(x + 0.5, z) if flat else (x, y, z), upper=(0.0, 0.3, 0.9), cell=cell
+    )
+    if not flat:
+        p = tagged.mesh.geometry.x
+        bump = p[:, 0] * (1 - p[:, 0]) * p[:, 1] * (1 - p[:, 1])
+        p[:, :2] += np.column_stack([1.1 * bump, -0.9 * bump])
+    return tagged
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    "cell", [
+        "quadrilateral", "triangle", "hexahedron", "tetrahedron", "round quadrilateral",
+        "round triangle",
+    ],
+)  # fmt: skip
+def test_patch(cell, degree):
+    """Evenly pressed faces carry the same pressure at every vertex, whatever the mesh."""
+    axisymmetric = cell.startswith("round")
+    tagged = distorted_blocks(cell.removeprefix("round "))
+    structure = Structure(tagged, both(), degree=degree, axisymmetric=axisymmetric)
+    area = np.pi * (1.5**2 - 0.5**2) if axisymmetric else 1.0
+    for method, friction in (("semismooth", 0.0), ("vi", 0.0), ("semismooth", 0.3)):
+        bolt = WasherForce("bolt", "bottom", "top", 1e5)
+        solver = PreloadSolver(PreloadModel(structure, [faces(friction=friction)], [bolt]),
+                               method=method)  # fmt: skip
+        state = solver.solve()["c"]
+        assert np.allclose(state.pressure, 1e5 / area, rtol=1e-8)
+        assert np.allclose(state.facet_pressure, 1e5 / area, rtol=1e-8)
+        assert abs(state.facet_area.sum() - area) < 1e-12 * area
+        assert abs(state.normal_force - 1e5) < 1e-3
+        assert np.all(state.status == (STICK if friction else SLIP))
+        solver.destroy()
+
+
+# -- Hertz -----------------------------------------------------------------------------------------
+
+
+def hertz(kind: str, per_a: float, method: str | None = None, size: float = 25.0):
+    """Peak pressure and half-width of a cylinder or sphere on a block, over Hertz's.
+
+    Half or quarter of two equal blocks, one of which is round by its gap r^2 / 2R; ``per_a``
+    elements along the half-width a.
+    """
+    R, a = 0.1, 1e-3
+    E_star = 0.5 * STEEL["E"] / (1 - STEEL["nu"] ** 2)
+    if kind == "line":
+        force, peak = np.pi * E_star * a**2 / (4 * R), E_star * a / (2 * R)
+        force /= 2  # half of it
+    else:
+        force, peak = 4 * E_star * a**3 / (3 * R), 2 * E_star * a / (np.pi * R)
+        force /= 4 if kind == "space" else 1
+    h = a / per_a
+    x = graded_lines([0.0, 1.4 * a, size * a], [h, h, size * a / 4])
+    z = graded_lines([0.0, a, size * a], [h, 2 * h, size * a / 4])
+    plan = (x, x) if kind == "space" else (x,)
+    tagged = stacked_blocks(COMM, lower=(*plan, -z[::-1]), upper=z)
+    held = [Support("left", (0,)), Support("bottom", (len(plan),))]
+    held += [Support("front", (1,))] if kind == "space" else []
+    structure = Structure(tagged, both(), supports=held, degree=1, axisymmetric=kind == "round")
+
+    def gap(x):
+        return (x[:, : len(plan)] ** 2).sum(axis=1) / (2 * R)
+
+    load = Traction("load", "top", (0.0,) * len(plan) + (-force,))
+    result = solve_preload(PreloadModel(structure, [faces(gap=gap)], (), [load]), method=method)
+    state = result["c"]
+    # Hertz's p^2 is linear in r^2: the half-width is where a fit through the inner part vanishes.
+    r2 = (state.interface.points[:, : len(plan)] ** 2).sum(axis=1)
+    inner = state.pressure > 0.3 * state.pressure.max()
+    slope, top = np.polyfit(r2[inner], state.pressure[inner] ** 2, 1)
+    assert result.complementarity < 1e-8
+    assert abs(state.normal_force / force - 1) < 1e-8
+    return state.pressure.max() / peak, np.sqrt(-top / slope) / a, result
+
+
+def slope_of(errors, sizes) -> float:
+    return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+
+
+def test_hertz_line():
+    """Peak and half-width of a cylinder: within 2 %, errors falling at least linearly."""
+    sizes = [4, 8, 16, 32]
+    found = np.array([hertz("line", n)[:2] for n in sizes])
+    errors = np.abs(found - 1)
+    assert np.all(errors[1:] < 0.02)
+    assert np.all(errors[-1] < 2e-3)
+    assert slope_of(errors[:, 1], sizes) < -1
+
+
+def test_hertz_sphere():
+    """The same of a sphere as a body of revolution, and coarse in space."""
+    sizes = [4, 8, 16, 32]
+    found = np.array([hertz("round", n)[:2] for n in sizes])
+    errors = np.abs(found - 1)
+    assert np.all(errors[2:] < 0.02)
+    assert slope_of(errors[:, 0], sizes) < -1
+    assert np.all(errors[-1] < 5e-3)
+    peak, width, _ = hertz("space", 5, size=8.0)
+    assert abs(peak - 1) < 0.02
+    assert abs(width - 1) < 0.02
+
+
+# -- receding contact ------------------------------------------------------------------------------
+
+
+def discs(n: int, friction: float = 0.0, lower=STEEL):
+    """Half sections of two free discs, pressed together by rings near their hole."""
+    inner, ring, outer, thickness = 0.00675, 0.012, 0.08, 0.02
+    r = np.concatenate([np.linspace(inner, ring, n + 1), np.linspace(ring, 0.04, 4 * n + 1)[1:],
+                        np.geomspace(0.04, outer, 2 * n + 1)[1:]])  # fmt: skip
+    z = np.linspace(0, thickness, 3 * n + 1)
+    tagged = stacked_blocks(COMM, lower=(r, -z[::-1]), upper=z)
+    parts = [part("low", "lower", **lower), part("up", "upper", **STEEL)]
+    structure = Structure(tagged, parts, degree=1, axisymmetric=True)
+
+    def under(x):
+        return 1.0 * (x[:, 0] <= ring + 1e-9)
+
+    loads = [Traction("low", "bottom", (0.0, 1.0), under),
+             Traction("up", "top", (0.0, -1.0), under)]  # fmt: skip
+    return PreloadModel(structure, [faces(friction=friction)], (), loads)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.05])
+def test_receding_contact(friction):
+    """The patch is the same at all forces and its pressure in proportion; it ends within."""
+    model = discs(4, friction, STEEL | {"E": 70e9})
+    small, large = (
+        solve_preload(model, {"low": force, "up": force})["c"] for force in (1e2, 2.5e4)
+    )
+    assert 0 < np.sum(small.status == OPEN) < len(small.status)
+    assert np.array_equal(small.status, large.status)
+    assert np.allclose(250 * small.force, large.force, rtol=0, atol=1e-8 * large.force.max())
+    assert abs(small.radius(1e4) / large.radius(2.5e6) - 1) < 1e-9
+    if friction:
+        assert {SLIP, STICK} <= set(small.status.tolist())
+
+
+@pytest.mark.parametrize("method", ["semismooth", "vi"])
+def test_iterations(method):
+    """From coarse to fine the iterations stay below 25, and both methods stop at exact contact."""
+    for n in (2, 4, 8, 16):
+        solver = PreloadSolver(discs(n), method=method)
+        result = solver.solve({"low": 2.5e4, "up": 2.5e4})
+        assert 1 < result.iterations < 25
+        assert result.complementarity < 1e-8
+        assert hertz("round", 2 * n, method)[2].iterations < 25
+
+
+def test_methods_agree():
+    """The variational inequality is the semismooth result; penalty nears it with its stiffness."""
+    model = discs(3)
+    exact = solve_preload(model)["c"]
+    bounded = solve_preload(model, method="vi")["c"]
+    top = exact.pressure.max()
+    assert np.array_equal(exact.status, bounded.status)
+    assert np.allclose(exact.force, bounded.force, rtol=0, atol=1e-9 * exact.force.max())
+    stiffness = np.array([1e15, 4e15, 16e15])
+    errors = [
+        np.abs(solve_preload(model, method="penalty", penalty=k)["c"].pressure - exact.pressure)
+        for k in stiffness
+    ]
+    errors = np.array([e.max() for e in errors]) / top
+    assert errors[-1] < 0.02
+    assert abs(slope_of(errors, stiffness) + 1) < 0.1
+
+
+# -- interference fit ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_interference_fit(degree):
+    """A ring shrunk on another: the pressure is Lamé's, p = delta / (b (1/E ...)), plane stress."""
+    a, b, c, length, delta = 0.02, 0.03, 0.045, 0.01, 20e-6
+    errors = []
+    for n in (4, 8):
+        s = np.linspace(0, length, 3)
+        tagged = stacked_blocks(
+            COMM, lower=(s, np.linspace(a - b, 0, n + 1)), upper=np.linspace(0, c - b, n + 1)
+        )
+        # Blocks on one another turned by a quarter: rings around one another.
+        x = tagged.mesh.geometry.x
+        x[:, :2] = np.column_stack([b + x[:, 1], -x[:, 0]])
+        parts = [part("in", "lower", E=100e9, nu=0.3, rho=1.0),
+                 part("out", "upper", E=200e9, nu=0.25, rho=1.0)]  # fmt: skip
+        structure = Structure(tagged, parts, degree=degree, axisymmetric=True)
+        result = solve_preload(PreloadModel(structure, [faces(gap=-delta)]))
+        out = ((c**2 + b**2) / (c**2 - b**2) + 0.25) / 200e9
+        inside = ((b**2 + a**2) / (b**2 - a**2) - 0.3) / 100e9
+        errors.append(np.abs(result["c"].pressure * b * (out + inside) / delta - 1).max())
+        assert result.complementarity < 1e-8
+    assert errors[1] < (2e-3 if degree == 1 else 2e-5)
+    assert errors[1] < errors[0] / 3.5
