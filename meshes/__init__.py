@@ -1,6 +1,7 @@
 """Meshes with named parts and faces: builders for known geometries, and a reader of ``.msh``."""
 
 from fenics_joints.meshes.blocks import stacked_blocks
+from fenics_joints.meshes.bolted_plates import bolted_plates, bolted_plates_section
 from fenics_joints.meshes.box import box
 from fenics_joints.meshes.c_beam import c_beams
 from fenics_joints.meshes.check import MeshQuality, check_mesh
@@ -11,6 +12,7 @@ from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh
 
 __all__ = [
-    "MeshQuality", "TaggedMesh", "box", "c_beams", "check_mesh", "graded_lines", "grid_lines",
-    "lap_plates", "read_msh", "separate", "stacked_blocks",
+    "MeshQuality", "TaggedMesh", "bolted_plates", "bolted_plates_section", "box", "c_beams",
+    "check_mesh", "graded_lines", "grid_lines", "lap_plates", "read_msh", "separate",
+    "stacked_blocks",
 ]  # fmt: skip

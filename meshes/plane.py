@@ -10,7 +10,9 @@ import numpy as np
 from fenics_joints.meshes.arguments import requirement
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["cut_quads", "flat_lists", "graded_lines", "grid_lines", "o_grid", "tensor_grid"]
+__all__ = [
+    "cut_quads", "disc_grid", "flat_lists", "graded_lines", "grid_lines", "o_grid", "tensor_grid",
+]  # fmt: skip
 
 # Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
 _CUTS = np.array([[[0, 1, 3], [0, 3, 2]], [[0, 1, 2], [1, 3, 2]]])
@@ -172,6 +174,46 @@ def o_grid(
     turned = np.roll(number, -1, axis=1)
     cells = np.stack([number[:-1], number[1:], turned[:-1], turned[1:]], axis=-1).reshape(-1, 4)
     return np.vstack(points), cells, np.repeat(bands, n)
+
+
+def disc_grid(
+    circle: np.ndarray, circle_points: np.ndarray, size: float, first_new: int, quarter: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Quadrilaterals inside a circle around the origin: a square, and rings around it.
+
+    Args:
+        circle: Numbers of the circle's points, anticlockwise from the x-axis, shape (n,), n a
+            multiple of 8; for a quarter from the x-axis to the y-axis, n odd.
+        circle_points: Their positions, equal angles apart, shape (n, 2), in metres.
+        size: Longest element of the rings along the radius, on the axes, in metres.
+        first_new: Number of the first new point.
+        quarter: Whether to fill only the quarter of x and y above 0.
+
+    Returns:
+        New points, shape (n_new, 2); cells (v00, v10, v01, v11), shape (n_cells, 4).
+    """
+    outer = float(np.linalg.norm(circle_points[0]))
+    side = 0.55 * outer  # half the square's; makes its cells and the rings' about as wide
+    half = len(circle) // 2 if quarter else len(circle) // 8
+    lines = np.linspace(0.0 if quarter else -side, side, half + 1 if quarter else 2 * half + 1)
+    points, quads = tensor_grid(lines, lines)
+    number = np.arange(len(points)).reshape(len(lines), -1)
+    if quarter:
+        loop = np.concatenate([number[-1], number[-2::-1, -1]])
+    else:
+        sides = number[:-1, 0], number[-1, :-1], number[:0:-1, -1], number[0, :0:-1]
+        loop = np.roll(np.concatenate(sides), -3 * half)
+    parts = math.ceil((outer - side) / size * (1 - 1e-9))
+    rings, numbers = [points], [first_new + loop]
+    for step in range(1, parts):
+        rings.append(points[loop] + (circle_points - points[loop]) * (step / parts))
+        numbers.append(first_new + len(points) + (step - 1) * len(loop) + np.arange(len(loop)))
+    number = np.vstack([*numbers, circle])
+    if not quarter:
+        number = np.hstack([number, number[:, :1]])
+    corners = number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]
+    around = np.stack(corners, axis=-1).reshape(-1, 4)
+    return np.vstack(rings), np.vstack([first_new + quads, around])
 
 
 def _square_angle(p: np.ndarray) -> np.ndarray:
