@@ -60,12 +60,13 @@ class Pairs:
         limit = self._limit(normal)
         return np.column_stack([N - np.maximum(normal, 0.0), q - _shorten(tangent, limit)])
 
-    def closed(self, x: np.ndarray) -> np.ndarray:
+    def closed(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Left-hand sides of the start: all closed, and stuck where there is friction."""
         w, v = self.split(x)
+        _, q = self.split(r)
         rough = (self.friction > 0)[:, None]
         return np.column_stack([self.scale * (w + self.gap),
-                                np.where(rough, self.scale[:, None] * (v - self.slip), 0.0)])  # fmt: skip
+                                np.where(rough, self.scale[:, None] * (v - self.slip), q)])  # fmt: skip
 
     def _limit(self, normal: np.ndarray) -> np.ndarray:
         pressed = np.maximum(normal, 0.0)
@@ -151,6 +152,23 @@ class Penalty(Pairs):
         w, v = self.split(x)
         k = self.stiffness * self.areas
         return -k * (w + self.gap), -k[:, None] * (v - self.slip)
+
+    def closed(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Left-hand sides of the start: every spring acts, on both sides and without limit."""
+        normal, tangent = self.trial(x, r)
+        N, q = self.split(r)
+        rough = (self.friction > 0)[:, None]
+        return np.column_stack([N - normal, q - np.where(rough, tangent, 0.0)])
+
+    def closed_tangent(self):
+        """`tangent` of `closed`."""
+        n, gdim = self.numbers.shape
+        A, B = np.tile(np.eye(gdim), (n, 1, 1)), np.zeros((n, gdim, gdim))
+        k = self.stiffness * self.areas
+        B[:, 0, 0] = k
+        for i in range(1, gdim):
+            B[:, i, i] = np.where(self.friction > 0, k, 0.0)
+        return A, B
 
     def tangent(self, x: np.ndarray, r: np.ndarray):
         """Blocks A, B, each (n, gdim, gdim), as `Pairs.tangent`."""

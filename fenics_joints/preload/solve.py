@@ -258,9 +258,7 @@ class _Equations:
             return
         values, at = F.array_r.copy(), x.array_r
         if self.start:
-            left = self.pairs.closed(at)
-            rough = self.pairs.friction > 0
-            left[~rough, 1:] = values[self.pairs.numbers][~rough, 1:]
+            left = self.pairs.closed(at, values)
         else:
             left = self.pairs.equations(at, values)
         F.array[self.pairs.numbers] = left
@@ -299,10 +297,7 @@ class _Equations:
         A, B = self.pairs.closed_tangent()
         J, F = self._assemble(A, B), x.duplicate()
         self.residual(x, F)
-        left = self.pairs.closed(x.array_r)
-        values = F.array_r[self.pairs.numbers]
-        left[:, 1:] = values[:, 1:]
-        F.array[self.pairs.numbers] = left
+        F.array[self.pairs.numbers] = self.pairs.closed(x.array_r, F.array_r)
         ksp = PETSc.KSP().create(self.solver.model.comm)
         ksp.setOptionsPrefix(self.solver.prefix + "close_")
         with _options(self.solver.prefix + "close_", {**_OPTIONS, "pc_type": "lu"}):
