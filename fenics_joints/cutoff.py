@@ -360,6 +360,8 @@ class CutoffMinimum:
         objective: Sum of relative frequency errors there.
         frequencies_hz: Elastic frequencies there, (n_elastic,).
         visited: Steps that were solved, in order.
+        bound: No step has an objective below this; equal to ``objective`` when that is proved to
+            be the least.
     """
 
     step: int
@@ -367,6 +369,7 @@ class CutoffMinimum:
     objective: float
     frequencies_hz: np.ndarray
     visited: list[int]
+    bound: float
 
 
 def minimise(
@@ -378,9 +381,10 @@ def minimise(
 ) -> CutoffMinimum:
     """Find the cut-off of least objective with few full solutions. Collective.
 
-    The frequencies fall monotonically with the cut-off, so between the steps that are solved each
-    is interpolated monotonically; the next step solved is where their objective is least, until
-    that and its neighbours are.
+    The frequencies fall monotonically with the cut-off. So between two solved steps each lies
+    between its values there, which bounds the objective from below, and each is interpolated
+    monotonically; the next step solved is the one of least interpolated objective among those that
+    the bounds leave, until none is left or ``max_solves`` are done.
 
     Args:
         model: The model.
@@ -404,29 +408,41 @@ def minimise(
         if progress is not None:
             progress(len(visited), model.cutoffs[step], _sum(solved[step], measured))
 
-    for step in dict.fromkeys([0, n // 3, 2 * n // 3, n - 1]):
+    if n < 2:
+        raise InputError(f"the contact has {n} distinct pressure; expected at least 2.")
+    for step in dict.fromkeys([0, (n - 1) // 3, 2 * (n - 1) // 3, n - 1]):
         solve(step)
-    while len(visited) < min(max_solves, n):
-        predicted = _predict(model.cutoffs, solved, measured)
-        best = int(np.argmin(predicted))
-        around = [k for k in (best, best - 1, best + 1) if 0 <= k < n and k not in solved]
-        if not around:
+    bound = -np.inf
+    while True:
+        least = min(_sum(f, measured) for f in solved.values())
+        predicted, below = _predict(model.cutoffs, solved, measured)
+        predicted[[*solved, *np.flatnonzero(below >= least)]] = np.inf
+        step = int(np.argmin(predicted))
+        bound = least if np.isinf(predicted[step]) else min(least, below.min())
+        if np.isinf(predicted[step]) or len(visited) >= max_solves:
             break
-        solve(around[0])
+        solve(step)
     best = min(solved, key=lambda k: _sum(solved[k], measured))
     return CutoffMinimum(
-        best, float(model.cutoffs[best]), _sum(solved[best], measured), solved[best], visited
-    )
+        best, float(model.cutoffs[best]), _sum(solved[best], measured), solved[best], visited,
+        float(bound),
+    )  # fmt: skip
 
 
 def _sum(frequencies: np.ndarray, measured: np.ndarray) -> float:
     return float(np.sum(np.abs(frequencies / measured - 1)))
 
 
-def _predict(cutoffs, solved, measured) -> np.ndarray:
+def _predict(cutoffs, solved, measured) -> tuple[np.ndarray, np.ndarray]:
+    """Interpolated objective at every step, and a bound from below by monotonicity."""
     steps = sorted(solved)
-    curves = PchipInterpolator(cutoffs[steps], np.array([solved[k] for k in steps]))
-    return np.sum(np.abs(curves(cutoffs) / measured - 1), axis=1)
+    known = np.array([solved[k] for k in steps])
+    curves = PchipInterpolator(cutoffs[steps], known)
+    left = np.clip(np.searchsorted(steps, np.arange(len(cutoffs)), "right") - 1, 0, len(steps) - 2)
+    high = np.maximum(known[left], known[left + 1]) / measured - 1
+    low = np.minimum(known[left], known[left + 1]) / measured - 1
+    off = np.maximum(0.0, np.maximum(low, -high))
+    return np.sum(np.abs(curves(cutoffs) / measured - 1), axis=1), off.sum(axis=1)
 
 
 def _followed(model: CutoffModel, step: int, solved: Mapping[int, np.ndarray]) -> np.ndarray:
