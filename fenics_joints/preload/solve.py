@@ -12,6 +12,8 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.preload.conditions import Pairs, Penalty
 from fenics_joints.preload.hold import Hold, find_hold
+from fenics_joints.preload.interface import Interface
+from fenics_joints.preload.jumps import Jumps
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.result import PreloadResult
 
@@ -339,7 +341,7 @@ def _options(prefix: str, ours: Mapping[str, object]):
 def _pairs(model: PreloadModel, K: PETSc.Mat, penalty: float | None) -> Pairs:
     """The pairs that this rank owns."""
     jumps = model.jumps
-    diagonal = K.getDiagonal().array_r
+    diagonal = K.getDiagonal()
     columns = {key: [] for key in ("numbers", "gap", "friction", "scale", "areas")}
     for contact, c in zip(model.contacts, jumps.contacts, strict=True):
         mine = jumps.owned(jumps.opening(c))
@@ -348,11 +350,25 @@ def _pairs(model: PreloadModel, K: PETSc.Mat, penalty: float | None) -> Pairs:
         columns["numbers"].append(local)
         columns["gap"].append(c.gap[mine])
         columns["friction"].append(np.full(mine.sum(), contact.friction))
-        columns["scale"].append(diagonal[local[:, 0]])
+        columns["scale"].append(_stiffness_at(jumps, diagonal, c)[mine])
         columns["areas"].append(c.areas[mine])
     arrays = {key: np.concatenate(parts) for key, parts in columns.items()}
     arrays["slip"] = np.zeros((len(arrays["gap"]), jumps.gdim - 1))
     return Pairs(**arrays) if penalty is None else Penalty(**arrays, stiffness=penalty)
+
+
+def _stiffness_at(jumps: Jumps, diagonal: PETSc.Vec, c: Interface) -> np.ndarray:
+    """Stiffness, N/m, (n,), of the two bodies at each pair in series, from K's diagonal in x.
+
+    An entry of the lower body moves both bodies, a jump the upper one alone.
+    """
+    axes = np.arange(jumps.gdim)
+    both, upper = (
+        jumps.gather(diagonal, nodes[:, None] * jumps.gdim + axes).mean(axis=1)
+        for nodes in (c.lower, c.upper)
+    )
+    lower = both - upper
+    return np.where(lower > 0, upper * lower / np.where(lower > 0, both, 1.0), upper)
 
 
 def _mean_diagonal(K: PETSc.Mat) -> float:
