@@ -1,0 +1,401 @@
+"""Pictures of a contact in a preload state: pressure in plan, over the radius, and status.
+
+Every connected patch of a contact's facets has a panel of its own. The pictures are matplotlib's
+figures and need no display: ``figure.savefig("pressure.svg")``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch
+from scipy.sparse.csgraph import connected_components
+
+from fenics_joints.errors import InputError
+from fenics_joints.pictures import CHOSEN, NOMINAL, PLACEBO, new_figure, style
+from fenics_joints.preload.conditions import OPEN, SLIP, STICK
+from fenics_joints.preload.patch import contour_area, largest_radius
+from fenics_joints.preload.result import ContactState
+
+__all__ = ["pressure_map", "pressure_profile", "status_map"]
+
+_INK, _MUTED, _APART = "#1b2027", "#8d949e", "#eceef1"
+_PRESSURE = colormaps["YlGnBu"]
+_STATUS = {OPEN: ("open", "#d3d8de"), SLIP: ("slip", PLACEBO), STICK: ("stick", CHOSEN)}
+_DASHES = (0, (4, 3))
+#: Corners of a facet one after the other, by their number.
+_AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+_MM = 1e3
+#: Inches: width of a figure, most height of a row of panels.
+_WIDTH, _MOST = 7.6, 3.6
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """One connected patch of a contact."""
+
+    state: ContactState
+    facets: np.ndarray  # its rows of the interface's facets
+    pairs: np.ndarray  # its pairs
+    centre: np.ndarray
+    title: str
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """Pressure at all pairs of the contact, zero at those of other patches."""
+        pressure = np.zeros(len(self.state.interface))
+        pressure[self.pairs] = self.state.pressure[self.pairs]
+        return pressure
+
+    def radius(self, limit: float) -> float:
+        return largest_radius(self.state.interface, self.pressure, limit, self.centre)
+
+    def area(self, limit: float) -> float:
+        return contour_area(self.state.interface, self.pressure, limit)[0]
+
+    def force(self) -> float:
+        return float(self.state.force[self.pairs, 0].sum())
+
+
+def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Figure:
+    """Contact pressure over the interface in plan, with the contour and radius of a limit.
+
+    Facets have the colour of their mean pressure, grey where they are open. The line is where the
+    pressure, linear between the vertices, is at the limit; the dashed circle is the contact radius
+    about the bolt's axis. Above each patch stand its force, the area within the line, and that
+    radius.
+
+    Args:
+        state: A contact of a three-dimensional model, flat or nearly so.
+        limit: Least pressure P_lim, Pa.
+        centres: Bolts' axes on the interface, m, (n, 3); a patch takes the nearest. By default
+            each patch's centroid.
+
+    Raises:
+        InputError: For a contact in the plane, or centres of another shape.
+    """
+    _check_space(state, "pressure_map")
+    _check_limit(limit)
+    plane = _Plane(state)
+    facet_pressure = state.facet_pressure / 1e6
+    norm = Normalize(0.0, max(facet_pressure.max(), 1e-12))
+    with style():
+        figure, panels = _plan_panels(state, plane, patches := _patches(state, centres))
+        for panel, patch in zip(panels, patches, strict=True):
+            value = facet_pressure[patch.facets]
+            colours = np.where((value > 0)[:, None], _PRESSURE(norm(value)), _rgba(_APART))
+            _facets(panel, plane, state.interface.facets[patch.facets], colours)
+            lines = _contour(plane.points, state, patch, limit)
+            panel.add_collection(LineCollection(lines, colors=_INK, lw=1.5, capstyle="round"))
+            radius = patch.radius(limit)
+            if radius > 0:
+                _circle(panel, plane, patch, radius)
+            reach = f", r = {_MM * radius:.1f} mm" if radius > 0 else ""
+            panel.set_title(f"{patch.title}\n{_summary(patch, limit)}{reach}", loc="left")
+        bar = figure.colorbar(
+            ScalarMappable(norm, _PRESSURE), ax=list(panels), aspect=30, pad=0.02, shrink=0.9
+        )
+        bar.set_label("pressure, MPa")
+        bar.outline.set_visible(False)
+        handles = [
+            _line_handle(_limit_name(limit), "-", 1.5),
+            _line_handle("contact radius", _DASHES, 1.1),
+            Patch(fc=_APART, label="open"),
+        ]
+        figure.legend(handles=handles, loc="outside upper left", ncols=3)
+    return figure
+
+
+def status_map(state: ContactState, *, centres=None) -> Figure:
+    """Which part of the interface is open, slips and sticks, in plan.
+
+    The part of each facet that is nearest a vertex, and belongs to it, has that pair's colour.
+
+    Args:
+        state: A contact of a three-dimensional model, flat or nearly so.
+        centres: As in `pressure_map`.
+
+    Raises:
+        InputError: For a contact in the plane, or centres of another shape.
+    """
+    _check_space(state, "status_map")
+    plane = _Plane(state)
+    with style():
+        figure, panels = _plan_panels(state, plane, patches := _patches(state, centres))
+        for panel, patch in zip(panels, patches, strict=True):
+            facets = state.interface.facets[patch.facets]
+            corners, owner = _corners(plane.points, facets)
+            colours = [_STATUS[kind][1] for kind in state.status[owner]]
+            panel.add_collection(
+                PolyCollection(corners, facecolors=colours, edgecolors=colours, lw=0.3)
+            )
+            _facets(panel, plane, facets, "none")
+            panel.set_title(patch.title, loc="left")
+        figure.legend(handles=_status_handles(state), loc="outside upper left", ncols=3)
+    return figure
+
+
+def _status_handles(state: ContactState) -> list[Patch]:
+    """Entries of the legend: each status with its share of the area."""
+    areas, handles = state.interface.areas, []
+    for kind, (name, colour) in _STATUS.items():
+        share = 100 * areas[state.status == kind].sum() / areas.sum()
+        handles.append(Patch(fc=colour, label=f"{name}, {share:.0f} %"))
+    return handles
+
+
+def pressure_profile(
+    state: ContactState, *, limit: float = 1e6, centres=None, direction=None
+) -> Figure:
+    """Pressure of all pairs over the distance from the bolt's axis, or along a direction.
+
+    Args:
+        state: A contact.
+        limit: Least pressure P_lim, Pa, drawn with the contact radius that it gives.
+        centres: As in `pressure_map`. In the plane the axis is the origin by default: r = 0.
+        direction: Vector, (gdim,), along which positions are shown instead of the radius.
+
+    Raises:
+        InputError: For centres or a direction of another shape.
+    """
+    _check_limit(limit)
+    along = _direction(state, direction)
+    with style():
+        patches = _patches(state, centres)
+        figure = new_figure(_WIDTH, 2.4 * len(patches) + 0.5)
+        figure.set_facecolor("white")
+        panels = figure.subplots(len(patches), 1, sharex=along is None, squeeze=False).ravel()
+        for panel, patch in zip(panels, patches, strict=True):
+            _profile(panel, patch, limit, along)
+        panels[-1].set_xlabel("distance from the axis, mm" if along is None else "position, mm")
+        handles, names = panels[0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside upper left", ncols=4)
+    return figure
+
+
+def _profile(panel, patch: _Patch, limit: float, along) -> None:
+    state, p = patch.state, patch.state.pressure[patch.pairs] / 1e6
+    points = state.interface.points[patch.pairs]
+    if along is None:
+        at = _MM * _distance(state, points, patch.centre)
+    else:
+        at = _MM * (points @ along)
+    if points.shape[1] == 2:
+        order = np.argsort(at)
+        panel.plot(at[order], p[order], color=NOMINAL, lw=1.2, zorder=2)
+    for kind, (name, colour) in _STATUS.items():
+        # All names are in the legend of the first panel, whatever it has.
+        mask = state.status[patch.pairs] == kind
+        panel.plot(
+            at[mask], p[mask], "o", ms=3.4, mec=_MUTED if kind == OPEN else colour, mew=0.5,
+            color=colour, label=name, zorder=3,
+        )  # fmt: skip
+    panel.axhline(limit / 1e6, color=_INK, lw=1.0, zorder=1, label=_limit_name(limit))
+    radius = patch.radius(limit)
+    if along is None and radius > 0:
+        panel.axvline(_MM * radius, color=_INK, lw=1.1, ls=_DASHES, zorder=1)
+        left = _MM * radius < at.min() + 0.7 * np.ptp(at)
+        panel.annotate(
+            f"contact radius {_MM * radius:.1f} mm", (_MM * radius, 0.97), (5 if left else -5, 0),
+            xycoords=("data", "axes fraction"), textcoords="offset points", va="top",
+            ha="left" if left else "right",
+        )  # fmt: skip
+    panel.set_title(f"{patch.title}: {_summary(patch, limit)}", loc="left")
+    panel.set_ylabel("pressure, MPa")
+    top = max(p.max(), limit / 1e6)
+    panel.set_ylim(-0.03 * top, 1.1 * top)
+    panel.margins(x=0.03)
+    panel.grid(axis="y")
+
+
+# -- patches ---------------------------------------------------------------------------------------
+
+
+def _patches(state: ContactState, centres) -> list[_Patch]:
+    """The connected patches of a contact, in the order of their least coordinates."""
+    c = state.interface
+    gdim = c.points.shape[1]
+    if centres is not None:
+        centres = np.atleast_2d(np.asarray(centres, dtype=float))
+        if centres.shape[1:] != (gdim,) or not np.isfinite(centres).all():
+            raise InputError(f"centres of shape {centres.shape}: expected (n, {gdim}), m.")
+    n = len(c)
+    ends = np.repeat(c.facets[:, :1], c.facets.shape[1], axis=1)
+    links = scipy.sparse.coo_matrix(
+        (np.ones(c.facets.size), (ends.ravel(), c.facets.ravel())), shape=(n, n)
+    )
+    number = connected_components(links, directed=False)[1]
+    groups = [np.flatnonzero(number == k) for k in np.unique(number)]
+    groups.sort(key=lambda pairs: tuple(c.points[pairs].min(axis=0).round(9)))
+    found = []
+    for i, pairs in enumerate(groups):
+        facets = np.flatnonzero(number[c.facets[:, 0]] == number[pairs[0]])
+        weight = c.areas[pairs] / c.areas[pairs].sum()
+        centre = weight @ c.points[pairs] if gdim == 3 else np.zeros(gdim)
+        if centres is not None:
+            middle = weight @ c.points[pairs]
+            centre = centres[np.argmin(np.linalg.norm(centres - middle, axis=1))]
+        title = state.name if len(groups) == 1 else f"{state.name}, patch {i + 1}"
+        found.append(_Patch(state, facets, pairs, centre, title))
+    return found
+
+
+def _summary(patch: _Patch, limit: float) -> str:
+    """What presses, and on what area of at least the limit."""
+    force, area = patch.force(), patch.area(limit)
+    if _per_depth(patch.state):
+        return f"{force / 1e3:.3g} kN/m, {area * _MM:.3g} mm"
+    return f"{force / 1e3:.3g} kN, {area * _MM**2:.0f} mm²"
+
+
+def _per_depth(state: ContactState) -> bool:
+    """Whether forces and areas are per metre of depth: a section in plane strain."""
+    c = state.interface
+    if c.points.shape[1] == 3:
+        return False
+    ends = c.points[c.facets]
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return bool(np.allclose(state.facet_area, lengths, rtol=1e-6))
+
+
+def _limit_name(limit: float) -> str:
+    return f"P_lim = {limit / 1e6:g} MPa"
+
+
+def _distance(state: ContactState, points: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Distance of points from the axis through a centre along the mean normal."""
+    normal = state.interface.normals.mean(axis=0)
+    normal /= np.linalg.norm(normal)
+    arm = points - centre
+    return np.linalg.norm(arm - (arm @ normal)[:, None] * normal, axis=1)
+
+
+def _check_space(state: ContactState, name: str) -> None:
+    if state.interface.points.shape[1] != 3:
+        raise InputError(
+            f"{name}: {state.name} is the contact of a model in the plane, which has no plan; "
+            "expected one in space. pressure_profile shows pressure and status along it."
+        )
+
+
+def _check_limit(limit: float) -> None:
+    if not (np.isfinite(limit) and limit > 0):
+        raise InputError(f"limit = {limit}: expected a pressure > 0, Pa.")
+
+
+def _direction(state: ContactState, direction) -> np.ndarray | None:
+    if direction is None:
+        return None
+    vector, gdim = np.asarray(direction, dtype=float), state.interface.points.shape[1]
+    if vector.shape != (gdim,) or not np.linalg.norm(vector) > 0:
+        raise InputError(f"direction = {direction}: expected a vector of {gdim} numbers.")
+    return vector / np.linalg.norm(vector)
+
+
+# -- plan ------------------------------------------------------------------------------------------
+
+
+class _Plane:
+    """The plan of an interface: its points in two axes across the mean normal, mm."""
+
+    def __init__(self, state: ContactState):
+        c = state.interface
+        normal = c.normals.mean(axis=0)
+        self.normal = normal / np.linalg.norm(normal)
+        up = int(np.argmax(np.abs(self.normal)))
+        first, second = [i for i in range(3) if i != up]
+        a = np.eye(3)[first]
+        a -= (a @ self.normal) * self.normal
+        a /= np.linalg.norm(a)
+        b = np.cross(self.normal, a)
+        b *= np.sign(b[second])  # the picture has the model's axes, whichever way it is seen
+        self.axes = np.array([a, b])
+        straight = np.abs(self.normal[up]) > 1 - 1e-6
+        self.names = [f"{'xyz'[i]}, mm" for i in (first, second)] if straight else ["mm", "mm"]
+        self.points = self.at(c.points)
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Positions in the plan, mm."""
+        return _MM * points @ self.axes.T
+
+
+def _plan_panels(state: ContactState, plane: _Plane, patches: list[_Patch]):
+    """A figure with a panel of equal axes for each patch."""
+    boxes = [plane.points[p.pairs] for p in patches]
+    size = np.max([np.ptp(x, axis=0) for x in boxes], axis=0)
+    columns = min(len(patches), 1 if size[0] > 3.5 * size[1] else 2)
+    rows = -(-len(patches) // columns)
+    height = (_WIDTH - 1.2) / columns * size[1] / max(size[0], 1e-12)
+    figure = new_figure(_WIDTH, rows * (min(height, _MOST) + 0.55) + 0.65)
+    figure.set_facecolor("white")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for panel in panels[len(patches) :]:
+        panel.set_visible(False)
+    for panel, x in zip(panels, boxes, strict=False):
+        low, high = x.min(axis=0), x.max(axis=0)
+        margin = 0.03 * size.max()
+        panel.set_xlim(low[0] - margin, high[0] + margin)
+        panel.set_ylim(low[1] - margin, high[1] + margin)
+        panel.set_aspect("equal")
+        panel.spines[:].set_visible(False)
+        panel.tick_params(length=2)
+        panel.set_xlabel(plane.names[0])
+    for panel in panels[::columns]:
+        panel.set_ylabel(plane.names[1])
+    return figure, panels[: len(patches)]
+
+
+def _facets(panel, plane: _Plane, facets: np.ndarray, colours) -> None:
+    shapes = plane.points[facets[:, _AROUND[facets.shape[1]]]]
+    panel.add_collection(PolyCollection(shapes, facecolors=colours, edgecolors=_MUTED, lw=0.3))
+
+
+def _corners(points: np.ndarray, facets: np.ndarray):
+    """Each facet cut into one quadrilateral for each vertex, and the vertices: what is nearest."""
+    around = facets[:, _AROUND[facets.shape[1]]]
+    x = points[around]
+    after, before = np.roll(x, -1, axis=1), np.roll(x, 1, axis=1)
+    middle = np.broadcast_to(x.mean(axis=1, keepdims=True), x.shape)
+    cut = np.stack([x, (x + after) / 2, middle, (x + before) / 2], axis=2)
+    return cut.reshape(-1, 4, 2), around.ravel()
+
+
+def _contour(points: np.ndarray, state: ContactState, patch: _Patch, limit: float) -> np.ndarray:
+    """Segments where the pressure is at the limit, (n, 2, 2), as `ContactState.area_above` cuts."""
+    facets = state.interface.facets[patch.facets]
+    if facets.shape[1] == 4:
+        facets = np.vstack([facets[:, [0, 1, 3]], facets[:, [0, 3, 2]]])
+    p = state.pressure[facets] - limit
+    above = p >= 0
+    cut = above.any(axis=1) & ~above.all(axis=1)
+    facets, p, above = facets[cut], p[cut], above[cut]
+    # One vertex is alone on its side; the line crosses both edges from it.
+    lone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
+    rows, ends = np.arange(len(facets)), []
+    for turn in (1, 2):
+        other = (lone + turn) % 3
+        t = (p[rows, lone] / (p[rows, lone] - p[rows, other]))[:, None]
+        ends.append((1 - t) * points[facets[rows, lone]] + t * points[facets[rows, other]])
+    return np.stack(ends, axis=1)
+
+
+def _circle(panel, plane: _Plane, patch: _Patch, radius: float) -> None:
+    centre = plane.at(patch.centre[None])[0]
+    panel.add_patch(Circle(centre, _MM * radius, fill=False, ec=_INK, lw=1.1, ls=_DASHES))
+    panel.plot(*centre, "+", color=_INK, ms=6, mew=0.8)
+
+
+def _line_handle(label: str, dashes, width: float):
+    return Line2D([], [], color=_INK, ls=dashes, lw=width, label=label)
+
+
+def _rgba(colour: str) -> np.ndarray:
+    return np.array(to_rgba(colour))
