@@ -28,6 +28,12 @@ from fenics_joints.preload.result import PreloadResult
 
 __all__ = ["Gradient", "PreloadAdjoint", "area_gradient", "force_gradient", "pressure_gradient"]
 
+_OPTIONS = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": "40",
+}
 #: Residual, relative to the right-hand side, above which the tangent counts as singular.
 _ACCURACY = 1e-8
 
@@ -54,7 +60,8 @@ class PreloadAdjoint:
     """The adjoint of one preload state: a factorisation for any number of quantities. Collective.
 
     Args:
-        result: The state; its solver must not have been destroyed.
+        result: The state; its solver must not have been destroyed. PETSc options for the
+            factorisation are the solver's, or stand under its prefix followed by ``adjoint_``.
 
     Raises:
         InputError: If the solver's matrices are gone.
@@ -70,14 +77,26 @@ class PreloadAdjoint:
         self._x, self._r = result.x.array_r.copy(), result.reactions.array_r.copy()
         self._A, B = self.pairs.tangent(self._x, self._r)
         self._J = self.solver.combine(self.pairs, self._A, B)
-        self._ksp = PETSc.KSP().create(self.model.comm)
-        self._ksp.setType("preonly")
-        pc = self._ksp.getPC()
-        pc.setType("lu")
-        pc.setFactorSolverType("mumps")
-        self._ksp.setOptionsPrefix(self.solver.prefix + "adjoint_")
-        self._ksp.setFromOptions()
-        self._ksp.setOperators(self._J)
+        self._ksp = self._factorised()
+
+    def _factorised(self) -> PETSc.KSP:
+        """J's factorisation, with the options that the solver has for its own."""
+        ksp = PETSc.KSP().create(self.model.comm)
+        prefix = self.solver.prefix + "adjoint_"
+        ksp.setOptionsPrefix(prefix)
+        ksp.setOperators(self._J)
+        given = {k: v for k, v in self.solver.petsc_options.items() if not k.startswith("snes")}
+        options = PETSc.Options(prefix)
+        ours = {k: v for k, v in (_OPTIONS | given).items() if not options.hasName(k)}
+        try:
+            for key, value in ours.items():
+                options.setValue(key, value)
+            ksp.setFromOptions()
+            ksp.setUp()
+        finally:
+            for key in ours:
+                options.delValue(key)
+        return ksp
 
     def destroy(self) -> None:
         """Free the matrix and its factorisation. Collective."""
