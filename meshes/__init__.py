@@ -5,6 +5,7 @@ from fenics_joints.meshes.bolted_plates import bolted_plates, bolted_plates_sect
 from fenics_joints.meshes.box import box
 from fenics_joints.meshes.c_beam import c_beams
 from fenics_joints.meshes.check import MeshQuality, check_mesh
+from fenics_joints.meshes.contact import ContactMatch, check_contact
 from fenics_joints.meshes.lap_plates import lap_plates
 from fenics_joints.meshes.msh import read_msh
 from fenics_joints.meshes.plane import graded_lines, grid_lines
@@ -12,7 +13,7 @@ from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh
 
 __all__ = [
-    "MeshQuality", "TaggedMesh", "bolted_plates", "bolted_plates_section", "box", "c_beams",
-    "check_mesh", "graded_lines", "grid_lines", "lap_plates", "read_msh", "separate",
-    "stacked_blocks",
+    "ContactMatch", "MeshQuality", "TaggedMesh", "bolted_plates", "bolted_plates_section", "box",
+    "c_beams", "check_contact", "check_mesh", "graded_lines", "grid_lines", "lap_plates",
+    "read_msh", "separate", "stacked_blocks",
 ]  # fmt: skip
