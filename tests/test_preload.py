@@ -171,7 +171,7 @@ def discs(n: int, friction: float = 0.0, lower=STEEL):
     return PreloadModel(structure, [faces(friction=friction)], (), loads)
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.05])
+@pytest.mark.parametrize("friction", [0.0, 0.1])
 def test_receding_contact(friction):
     """The patch is the same at all forces and its pressure in proportion; it ends within."""
     model = discs(4, friction, STEEL | {"E": 70e9})
@@ -205,13 +205,13 @@ def test_methods_agree():
     top = exact.pressure.max()
     assert np.array_equal(exact.status, bounded.status)
     assert np.allclose(exact.force, bounded.force, rtol=0, atol=1e-9 * exact.force.max())
-    stiffness = np.array([1e15, 4e15, 16e15])
+    stiffness = np.array([4e14, 16e14, 64e14])
     errors = [
         np.abs(solve_preload(model, method="penalty", penalty=k)["c"].pressure - exact.pressure)
         for k in stiffness
     ]
     errors = np.array([e.max() for e in errors]) / top
-    assert errors[-1] < 0.02
+    assert errors[-1] < 1e-3
     assert abs(slope_of(errors, stiffness) + 1) < 0.1
 
 
@@ -241,3 +241,207 @@ def test_interference_fit(degree):
         assert result.complementarity < 1e-8
     assert errors[1] < (2e-3 if degree == 1 else 2e-5)
     assert errors[1] < errors[0] / 3.5
+
+
+# -- friction --------------------------------------------------------------------------------------
+
+
+def test_block_on_springs():
+    """Stick, slip, unloading and a turn of the push of a pressed block, held by weak springs.
+
+    Once it slips the springs carry what Coulomb's limit does not: Jenkins' element.
+    """
+    N, mu, k = 1e4, 0.4, 1e6
+    x = np.array([0.0, 0.04, 0.06, 0.1])
+    tagged = stacked_blocks(COMM, lower=(x, x, (-0.02, 0.0)), upper=(0.0, 0.005))
+    at = (0.05, 0.05, 0.005)
+    springs = [Spring("x", k, at, (1.0, 0.0, 0.0)), Spring("y", k, at, (0.0, 1.0, 0.0))]
+    structure = Structure(tagged, both(), springs=springs, supports=[Support("bottom")], degree=1)
+    loads = [Traction("down", "top", (0.0, 0.0, -N))]
+    loads += [Traction(n, "top", d) for n, d in (("x", (1.0, 0, 0)), ("y", (0, 1.0, 0)))]
+    solver = PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
+    limit = mu * N
+    steps = [  # push along x and y, and the motion that the springs allow
+        (0.8 * limit, 0.0, 0.0, 0.0),
+        (1.5 * limit, 0.0, 0.5 * limit / k, 0.0),
+        (0.0, 0.0, 0.5 * limit / k, 0.0),  # stuck where it is
+        (-1.5 * limit, 0.0, -0.5 * limit / k, 0.0),
+        (-1.5 * limit, 0.6 * limit, None, None),
+    ]
+    result = None
+    for push_x, push_y, move_x, move_y in steps:
+        result = solver.solve({"x": push_x, "y": push_y}, initial=result)
+        state = result["c"]
+        friction = -state.resultant[:2]
+        sides = np.abs(state.force[:, 1:])
+        assert abs(state.normal_force / N - 1) < 1e-9
+        assert np.all(np.linalg.norm(sides, axis=1) <= mu * state.force[:, 0] + 1e-9 * limit)
+        if move_x is not None:
+            found = (np.array([push_x, push_y]) - friction) / k
+            assert np.allclose(found, (move_x, move_y), atol=2e-2 * limit / k)
+            slipping = abs(push_x) > limit
+            assert np.all(state.status == (SLIP if slipping else STICK))
+            if slipping:
+                assert abs(np.linalg.norm(friction) / limit - 1) < 1e-7
+    # The last: slip along the change of the springs' load.
+    slip = np.einsum("nk,nki->ni", state.slip - solver.pairs.slip, state.interface.frames[:, 1:])
+    assert slip[:, 1].min() > 0
+
+
+def bar(n: int, t: float):
+    """A bar of thickness t, pressed on a rigid base and pulled at its end."""
+    length, p, mu = 0.2, 1e5, 0.3
+    tagged = stacked_blocks(
+        COMM, lower=(np.append(np.linspace(0, length, n + 1), 0.3), (-0.05, 0.0)),
+        upper=(0.0, t), upper_span=(0.0, length),
+    )  # fmt: skip
+    parts = [part("base", "lower", E=1e15, nu=0.0, rho=1.0),
+             part("bar", "upper", E=70e9, nu=0.0, rho=1.0)]  # fmt: skip
+    structure = Structure(tagged, parts, supports=[Support("bottom")], degree=1)
+
+    def end(x):
+        return 1.0 * (x[:, 0] < length + 1e-9)
+
+    loads = [Traction("press", "top", (0.0, -p * length)),
+             Traction("pull", "right", (1.0, 0.0), end)]  # fmt: skip
+    solver = PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
+    return solver, mu * p, 70e9 * t, length
+
+
+def pulled(solver, force, before=None):
+    """Result of a pull, and how far the bar's end went."""
+    result = solver.solve({"pull": force}, initial=before)
+    state = result["c"]
+    end = np.argmax(state.interface.points[:, 0])
+    return result, state.slip[end, 0] * state.interface.frames[end, 1, 0]
+
+
+def test_slip_of_a_bar():
+    """Slip length F/(mu p), elongation F^2/(2 E A mu p), and Masing's unloading and reloading.
+
+    Those are of a bar without thickness: the error is in proportion to it. Slip ends at a vertex.
+    """
+    errors, thickness = [], np.array([2e-3, 1e-3, 5e-4])
+    for t in thickness:
+        solver, tau, stiffness, length = bar(40, t)
+        F = 0.6 * tau * length
+        full = F**2 / (2 * stiffness * tau)
+        result, moved = pulled(solver, F)
+        errors.append(abs(moved / full - 1))
+        state = result["c"]
+        slipping = state.interface.areas[state.status == SLIP].sum()
+        assert abs(slipping - F / tau) < length / 40
+    assert errors[-1] < 2e-3
+    assert abs(slope_of(errors, thickness) - 1) < 0.05
+    result, moved = pulled(solver, 0.2 * F, result)
+    assert abs(moved / (full - 2 * full * (0.8 / 2) ** 2) - 1) < 5e-3
+    result, moved = pulled(solver, F, result)
+    assert abs(moved / full - 1) < 5e-3
+
+
+def test_hard_friction():
+    """Strong and weak friction in space, near the limit of sliding, obeys Coulomb exactly."""
+    x, z = np.linspace(0, 0.1, 7), np.linspace(0, 0.05, 4)
+    tagged = stacked_blocks(COMM, lower=(x, x, -z[::-1]), upper=z)
+    parts = [part("low", "lower", **STEEL | {"E": 70e9}), part("up", "upper", **STEEL)]
+    structure = Structure(tagged, parts, supports=[Support("bottom")], degree=1)
+
+    def uneven(x):
+        return 1 + 20 * x[:, 0]
+
+    for mu, share in ((0.1, 0.9), (0.3, 0.9), (1.0, 0.5)):
+        side = share * mu * 1e4
+        loads = [Traction("down", "top", (0.0, 0.0, -1e4)),
+                 Traction("side", "top", (0.6 * side, 0.8 * side, 0.0), uneven)]  # fmt: skip
+        solver = PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
+        result = solver.solve()
+        state = result["c"]
+        assert result.iterations < 25
+        assert np.allclose(state.resultant, (-0.6 * side, -0.8 * side, 1e4), atol=1e-5)
+        size, limit = np.linalg.norm(state.force[:, 1:], axis=1), mu * state.force[:, 0]
+        slips, sticks = state.status == SLIP, state.status == STICK
+        assert slips.any() and sticks.any()
+        assert np.all(size[sticks] < limit[sticks])
+        assert np.allclose(size[slips], limit[slips], atol=1e-6)
+        # Against the slip, and no slip where it sticks.
+        work = np.einsum("nk,nk->n", state.force[:, 1:], state.slip)
+        assert np.allclose(work[slips], -(size * np.linalg.norm(state.slip, axis=1))[slips],
+                           rtol=1e-6, atol=1e-12)  # fmt: skip
+        assert np.abs(state.slip[sticks]).max() < 1e-9 * np.abs(state.slip[slips]).max()
+        solver.destroy()
+
+
+# -- free bodies and bad input ---------------------------------------------------------------------
+
+
+def free_blocks(friction: float, loads, **mesh):
+    x, z = np.linspace(0, 1, 3), np.linspace(0, 0.5, 3)
+    tagged = stacked_blocks(COMM, **{"lower": (x, x, -z[::-1]), "upper": z} | mesh)
+    bolt = WasherForce("bolt", "bottom", "top", 1e5)
+    structure = Structure(tagged, both(), degree=1)
+    return PreloadModel(structure, [faces(friction=friction)], [bolt], loads)
+
+
+def test_free_bodies():
+    """Nothing holds a free structure: its pins carry no force, and its inertia a lone load."""
+    push = [Traction("push", "top", (0.0, 0.0, -1e3))]
+    solver = PreloadSolver(free_blocks(0.3, push))
+    still, pushed = solver.solve({"push": 0.0}), solver.solve()
+    assert solver.hold.n_whole == 6 and len(solver.hold.pins) == 6
+    for result in (still, pushed):
+        held = solver.model.jumps.gather(result.reactions, solver.hold.pins)
+        assert np.abs(held).max() < 1e-9 * 1e5
+    assert still.balance == 0 and pushed.balance > 1e-3
+    # Half of the mass is below: half of the push goes through the interface.
+    assert abs(pushed["c"].normal_force - (1e5 + 0.5e3)) < 1e-3
+    with pytest.raises(InputError, match="nothing resists"):
+        solve_preload(free_blocks(0.0, [Traction("push", "top", (1e3, 0.0, 0.0))]))
+
+
+def test_bad_input():
+    """What is wrong is said: names, methods, values and faces."""
+    model = free_blocks(0.3, [])
+    with pytest.raises(InputError, match="'nut' is neither a bolt nor a load.*bolt"):
+        solve_preload(model, {"nut": 1.0})
+    with pytest.raises(InputError, match="bolt = nan"):
+        solve_preload(model, {"bolt": np.nan})
+    with pytest.raises(InputError, match="no friction, but c has"):
+        PreloadSolver(model, method="vi")
+    with pytest.raises(InputError, match="method = 'newton'"):
+        PreloadSolver(model, method="newton")
+    for options in ({"method": "penalty"}, {"penalty": 1e12}, {"method": "penalty", "penalty": -1}):
+        with pytest.raises(InputError, match="penalty"):
+            PreloadSolver(model, **options)
+    with pytest.raises(InputError, match="friction = -0.1"):
+        faces(friction=-0.1)
+    with pytest.raises(InputError, match="there is no contact 'd'"):
+        solve_preload(model)["d"]
+
+
+def test_bad_faces():
+    """Faces that do not match, lie in a body or are one body are refused."""
+    model = free_blocks(0.0, [])
+    structure = model.structure
+    with pytest.raises(MeshError, match="have no partner"):
+        PreloadModel(structure, [Contact("c", "interface_lower", "top")])
+    with pytest.raises(MeshError, match="share vertices"):
+        PreloadModel(structure, [Contact("c", "bottom", "left")])
+    with pytest.raises(MeshError, match="no face named 'lid'"):
+        PreloadModel(structure, [Contact("c", "lid", "top")])
+    tagged = structure.tagged
+    upper = tagged.cell_tags.find(tagged.cell_tag("upper"))
+    points, nodes = tagged.mesh.geometry.x, np.unique(tagged.mesh.geometry.dofmap[upper])
+    points[nodes, 0] += 0.01 * np.sin(np.pi * points[nodes, 0])
+    with pytest.raises(MeshError, match="3 of 9 vertices.*Expected matching meshes"):
+        PreloadModel(structure, [faces()])
+    assert len(PreloadModel(structure, [faces(tolerance=0.02)]).interfaces[0]) == 9
+
+
+def test_divergence():
+    """A solve that stops says why and what to try, whether Newton or the factorisation fails."""
+    model = discs(3)
+    with pytest.raises(ConvergenceError, match="Try.*initial=.*DIVERGED_MAX_IT"):
+        solve_preload(model, petsc_options={"snes_max_it": 1})
+    # Pulled apart, the bodies have no state of rest.
+    with pytest.raises(ConvergenceError, match="Try"):
+        solve_preload(model, {"low": -1.0, "up": -1.0})
