@@ -8,10 +8,10 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import Case, unknown_groups
+from fenics_joints.case_mesh import FileMesh
+from fenics_joints.case_preload import BeamBoltSection, PretensionBoltSection
 from fenics_joints.case_sections import (
     AXES,
-    AttachedMass,
-    FileMesh,
     Joint,
     MassSection,
     Part,
@@ -19,10 +19,17 @@ from fenics_joints.case_sections import (
 )
 from fenics_joints.components import Parameter, PointMass, Region, Spring, Support, joint, part
 from fenics_joints.errors import InputError, MeshError
-from fenics_joints.meshes import TaggedMesh, lap_plates, read_msh
+from fenics_joints.meshes import TaggedMesh, read_msh
+from fenics_joints.preload import (
+    BeamBolt,
+    Contact,
+    PreloadModel,
+    PretensionSection,
+    WasherForce,
+)
 from fenics_joints.structure import Structure
 
-__all__ = ["build_mesh", "build_structure", "parameters"]
+__all__ = ["build_mesh", "build_preload", "build_structure", "parameters"]
 
 _UNITS = {
     "E": "Pa",
@@ -54,7 +61,7 @@ def build_mesh(case: Case, comm: MPI.Intracomm) -> TaggedMesh:
             file = case.folder / mesh.file
             tagged = read_msh(file, comm, gdim=mesh.gdim, scale=mesh.scale)
         else:
-            tagged = lap_plates(comm, **case.mesh.arguments())
+            tagged = case.mesh.build(comm)
     except MeshError as error:
         raise MeshError(f"{case.path}: mesh: {error}") from error
     missing = unknown_groups(case, tagged.cell_names, tagged.facet_names)
@@ -113,6 +120,44 @@ def build_structure(
         raise InputError(f"{case.path}: {error}") from error
 
 
+def build_preload(
+    case: Case, comm: MPI.Intracomm, *, tagged: TaggedMesh | None = None
+) -> PreloadModel:
+    """The bodies of a case with its contacts and its bolts at their nominal forces. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        tagged: The case's mesh, if it exists already.
+
+    Raises:
+        InputError: If the case has no contacts or no bolts, or a value is out of range.
+        MeshError: As `build_structure`; if faces do not match, or bodies share vertices.
+    """
+    for table in ("contacts", "bolts"):
+        if not getattr(case, table):
+            raise InputError(f"{case.path}: {table} is missing, expected sections [{table}.NAME]")
+    structure = build_structure(case, comm, tagged=tagged)
+    contacts = [Contact(name, **section.model_dump()) for name, section in case.contacts.items()]
+    try:
+        return PreloadModel(structure, contacts, [_bolt(*item) for item in case.bolts.items()])
+    except MeshError as error:
+        raise MeshError(f"{case.path}: {error}") from error
+    except InputError as error:
+        raise InputError(f"{case.path}: {error}") from error
+
+
+def _bolt(name: str, section) -> BeamBolt | PretensionSection | WasherForce:
+    ends = name, section.lower, section.upper, section.preload()
+    if isinstance(section, BeamBoltSection):
+        return BeamBolt(
+            *ends, section.shank(), section.E, section.nu, section.rho, section.head_mass
+        )
+    if isinstance(section, PretensionBoltSection):
+        return PretensionSection(*ends, section.axis)
+    return WasherForce(*ends, section.axis)
+
+
 def parameters(case: Case, *, attached: bool = False) -> list[Parameter]:
     """The parameters of a case's structure, with units and bounds, in order."""
     bounds = _bounds(case)
@@ -138,11 +183,13 @@ def _bounds(case: Case) -> dict[str, tuple[float, float]]:
             bounds[f"{name}.{key}"] = given.get(key) or _usual(section, key, value)
     for name, section in {**case.masses, **case.springs}.items():
         for key, value in section.nominal().items():
-            bounds[f"{name}.{key}"] = value / _ATTACHED[key], value * _ATTACHED[key]
+            if key != "travel":
+                bounds[f"{name}.{key}"] = value / _ATTACHED[key], value * _ATTACHED[key]
     for name, section in case.attached.items():
         for key, value in section.nominal().items():
             bounds[f"{name}.{key}"] = 0.0, value * _ATTACHED[key]
-        if isinstance(section, AttachedMass) and section.travel is not None:
+    for name, section in {**case.masses, **case.attached}.items():
+        if isinstance(section, MassSection) and section.travel is not None:
             bounds[f"{name}.travel"] = section.shift()
     return bounds
 
@@ -194,7 +241,7 @@ def _joints(case: Case, law: str | None) -> list[Region]:
 def _masses(name: str, section) -> list[PointMass]:
     if not isinstance(section, MassSection):
         return []
-    moves = isinstance(section, AttachedMass) and section.travel is not None
+    moves = section.travel is not None
     axis = np.eye(3)[AXES.index(section.along) if moves else 0]
     return [
         PointMass(

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError
 
+from fenics_joints.case_mesh import FileMesh, Mesh
 from fenics_joints.case_messages import case_error, describe, did_you_mean, said
+from fenics_joints.case_preload import Bolt, ContactSection
 from fenics_joints.case_sections import (
     Attached,
     Diagnose,
-    FileMesh,
     Joint,
     MassSection,
-    Mesh,
     Part,
     Section,
     SpringSection,
@@ -55,6 +55,8 @@ class Case(Section):
         mesh: Where the mesh comes from.
         parts: Solid parts by name.
         joints: Thin layers by name.
+        contacts: Contacts between bodies, by name.
+        bolts: Bolts that press them, by name.
         masses: Known masses, by name.
         springs: Known springs to the ground, by name.
         supports: Held facets, by name.
@@ -68,6 +70,8 @@ class Case(Section):
     mesh: Mesh
     parts: Annotated[named(Part), Field(min_length=1)]
     joints: named(Joint) = {}
+    contacts: named(ContactSection) = {}
+    bolts: named(Bolt) = {}
     masses: named(MassSection) = {}
     springs: named(SpringSection) = {}
     supports: named(SupportSection) = {}
@@ -189,7 +193,7 @@ def load_case(path: str | Path) -> Case:
 def _check_names(case: Case) -> list[str]:
     seen: dict[str, str] = {}
     errors = []
-    for table in ("parts", "joints", "masses", "springs", "attached"):
+    for table in ("parts", "joints", "contacts", "bolts", "masses", "springs", "attached"):
         for name in getattr(case, table):
             if name in seen:
                 errors.append(f"{table}.{name}: the name is used by {seen[name]}; expected another")
@@ -215,9 +219,7 @@ def _check_mesh(case: Case) -> list[str]:
         file = case.folder / case.mesh.file
         missing = said("mesh.file", case.mesh.file, f"no such file, expected a mesh at {file}")
         return [] if file.is_file() else [missing]
-    from fenics_joints.meshes.lap_plates import CELL_NAMES, FACET_NAMES
-
-    return unknown_groups(case, CELL_NAMES, FACET_NAMES)
+    return unknown_groups(case, *case.mesh.groups())
 
 
 def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
@@ -235,6 +237,12 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
         for name, section in getattr(case, table).items()
         for cell in section.cells
     ] + [(f"supports.{name}.facets", s.facets, facets) for name, s in case.supports.items()]
+    named += [
+        (f"{table}.{name}.{side}", getattr(section, side), facets)
+        for table in ("contacts", "bolts")
+        for name, section in getattr(case, table).items()
+        for side in ("lower", "upper")
+    ]
     return [
         said(key, name, f"is not in the mesh{did_you_mean(name, there)}")
         for key, name, there in named
@@ -309,9 +317,33 @@ def _per_mode(name: str, values: list[float], n: int) -> list[float] | float:
     return values if len(values) == n else values[0]
 
 
+def _check_cutoff(case: Case) -> list[str]:
+    cutoff, errors = case.update.cutoff, []
+    contacts = [name for name, section in case.contacts.items() if not section.bonded]
+    if not contacts or not case.bolts:
+        return ["update.cutoff: expected [contacts] that can open, and [bolts] that press them"]
+    for i, name in enumerate(cutoff.contacts or []):
+        if name not in contacts:
+            expected = f"no such contact{did_you_mean(name, contacts)}"
+            errors.append(said(f"update.cutoff.contacts[{i}]", name, expected))
+    if case._measured is None:
+        errors.append("update.cutoff: expected a section [test] with frequencies")
+    if cutoff.calibrate is not None:
+        names = {
+            "parameter": list(case.nominal()),
+            "mode": list(case._measured.mode_names) if case._measured else [],
+        }
+        for key, known in names.items():
+            value = getattr(cutoff.calibrate, key)
+            if known and value not in known:
+                expected = f"no such {key}{did_you_mean(value, known)}"
+                errors.append(said(f"update.cutoff.calibrate.{key}", value, expected))
+    return errors
+
+
 def _check_update(case: Case) -> list[str]:
     update, measured = case.update, case._measured
-    errors = []
+    errors = [] if update.cutoff is None else _check_cutoff(case)
     units = {"E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m"}
     known = case.nominal()
     for i, name in enumerate(update.parameters):

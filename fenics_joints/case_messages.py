@@ -8,6 +8,7 @@ import typing
 from pathlib import Path
 from typing import Annotated, Any
 
+from fenics_joints.case_mesh import BUILDERS
 from fenics_joints.errors import InputError
 
 __all__ = ["case_error", "describe", "did_you_mean", "said"]
@@ -36,10 +37,7 @@ def describe(error: dict[str, Any], root: type) -> str:
     if kind == "extra_forbidden":
         return said(key, value, f"unknown key{did_you_mean(str(loc[-1]), _fields(loc[:-1], root))}")
     if kind == "union_tag_not_found":
-        expected = "kind = 'mass' or 'spring'"
-        if loc[0] == "mesh":
-            expected = "either builder = 'lap_plates' or file = 'NAME.msh'"
-        return said(key, value, f"expected {expected}")
+        return _no_kind(loc[0], key, value)
     if kind == "value_error":
         text = str(ctx["error"])
         # Of a section as a whole the message itself names the values.
@@ -49,6 +47,26 @@ def describe(error: dict[str, Any], root: type) -> str:
         mean = f"; did you mean {hint[0].rstrip(',')!r}?" if hint else ""
         return said(key, value, f"expected {ctx['expected']}{mean}")
     return said(key, value, f"expected {_plain(error['msg'])}")
+
+
+#: What the sections of a table can be.
+_KINDS = {"attached": ["mass", "spring"], "bolts": ["beam", "section", "washers"]}
+
+
+def _no_kind(table: str, key: str, value: Any) -> str:
+    """A section whose key that says what it is, is missing or unknown."""
+    word, known = "kind", _KINDS.get(table, [])
+    if table == "mesh":
+        word, known = "builder", list(BUILDERS)
+    given = value.get(word) if isinstance(value, dict) else None
+    names = ", ".join(repr(k) for k in known[:-1]) + f" or {known[-1]!r}"
+    if given is not None and not (table == "mesh" and "file" in value):
+        near = difflib.get_close_matches(str(given), known, 1)
+        mean = f"; did you mean {near[0]!r}?" if near else ""
+        return said(f"{key}.{word}", given, f"expected {names}{mean}")
+    if table == "mesh":
+        return said(key, value, f"expected either builder = {names}, or file = 'NAME.msh'")
+    return said(key, value, f"expected {word} = {names}")
 
 
 def _plain(message: str) -> str:

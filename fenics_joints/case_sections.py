@@ -28,12 +28,10 @@ __all__ = [
     "Attached",
     "AttachedMass",
     "AttachedSpring",
+    "CutoffUpdate",
     "Diagnose",
-    "FileMesh",
     "Joint",
-    "LapPlatesMesh",
     "MassSection",
-    "Mesh",
     "Part",
     "Section",
     "SpringSection",
@@ -42,6 +40,7 @@ __all__ = [
     "Update",
     "ValidationTest",
     "named",
+    "quantity",
 ]
 
 _NAME = r"[A-Za-z][A-Za-z0-9_-]*"
@@ -51,8 +50,8 @@ AXES = ("x", "y", "z")
 # -- values ----------------------------------------------------------------------------------------
 
 
-def _quantity(unit: str, least: float = -math.inf, most: float = math.inf, above: bool = False):
-    """A float in SI ``unit`` from text with a unit; within limits, or above the lower one."""
+def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above: bool = False):
+    """The type of a float in SI ``unit`` from text; within limits, or above the lower one."""
 
     def read(value: Any) -> float:
         number = to_si(value, unit)
@@ -85,17 +84,17 @@ def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
-Length = _quantity("m")
-Size = _quantity("m", 0, above=True)
-Gap = _quantity("m", 0)
-Modulus = _quantity("Pa", 0, above=True)
-Density = _quantity("kg/m3", 0, above=True)
-Mass = _quantity("kg", 0, above=True)
-Stiffness = _quantity("N/m", 0, above=True)
-Spacing = _quantity("Hz", 0)
-Positive = _quantity("", 0, above=True)
-Share = _quantity("", 0)
-Poisson = _quantity("", -0.999, 0.4999)
+Length = quantity("m")
+Size = quantity("m", 0, above=True)
+Gap = quantity("m", 0)
+Modulus = quantity("Pa", 0, above=True)
+Density = quantity("kg/m3", 0, above=True)
+Mass = quantity("kg", 0, above=True)
+Stiffness = quantity("N/m", 0, above=True)
+Spacing = quantity("Hz", 0)
+Positive = quantity("", 0, above=True)
+Share = quantity("", 0)
+Poisson = quantity("", -0.999, 0.4999)
 Point = Annotated[list[Length], Field(min_length=2, max_length=3), AfterValidator(_padded)]
 Direction = Annotated[
     list[float],
@@ -118,52 +117,6 @@ class Section(BaseModel):
     """A table of the file; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
-
-
-class LapPlatesMesh(Section):
-    """``[mesh]`` with a builder; the arguments are those of `fenics_joints.meshes.lap_plates`."""
-
-    builder: Literal["lap_plates"]
-    length: Size | None = None
-    width: Size | None = None
-    thickness: Size | None = None
-    lap: Size | None = None
-    layer: Gap | None = None
-    element_size: Size | None = None
-    n_length: Count | None = None
-    n_width: Count | None = None
-    n_thickness: Count | None = None
-    bolts: list[tuple[Length, Length]] | None = None
-    zone: Gap | None = None
-    hole_diameter: Size | None = None
-    washer_diameter: Size | None = None
-    cell: Literal["hexahedron", "tetrahedron"] | None = None
-    degree: Literal[1, 2] = 2
-
-    def arguments(self) -> dict[str, Any]:
-        """The builder's arguments that the file gives."""
-        return self.model_dump(exclude={"builder", "degree"}, exclude_none=True)
-
-
-class FileMesh(Section):
-    """``[mesh]`` from a gmsh file with named physical groups."""
-
-    file: str
-    scale: Size = 1.0
-    gdim: Literal[2, 3] = 3
-    degree: Literal[1, 2] = 2
-
-
-def _mesh_kind(data: Any) -> str | None:
-    if isinstance(data, dict) and ("file" in data) != ("builder" in data):
-        return "<FileMesh>" if "file" in data else "<LapPlatesMesh>"
-    return None
-
-
-Mesh = Annotated[
-    Annotated[LapPlatesMesh, Tag("<LapPlatesMesh>")] | Annotated[FileMesh, Tag("<FileMesh>")],
-    Discriminator(_mesh_kind),
-]
 
 
 class PartTolerance(Section):
@@ -267,13 +220,36 @@ class PointsSection(Section):
 
 
 class MassSection(PointsSection):
-    """``[masses.NAME]``: a total mass in equal shares at points."""
+    """``[masses.NAME]``: a total mass in equal shares at points.
+
+    ``travel`` is where the first point may sit along ``along``; the others move with it.
+    """
 
     mass: Mass
+    travel: _range(Length) | None = None
+    along: Literal["x", "y", "z"] = "x"
+
+    @model_validator(mode="after")
+    def _starts_inside(self) -> MassSection:
+        if self.travel is not None:
+            start = self.points[0][AXES.index(self.along)]
+            if not self.travel[0] <= start <= self.travel[1]:
+                raise ValueError(
+                    f"travel = {list(self.travel)} m: expected a range that holds the first "
+                    f"point's {self.along} = {start:g} m"
+                )
+        return self
 
     def nominal(self) -> dict[str, float]:
-        """Value of each parameter."""
-        return {"mass": self.mass}
+        """Value of each parameter; the travel is the distance from the points in the case."""
+        return {"mass": self.mass} | ({} if self.travel is None else {"travel": 0.0})
+
+    def shift(self) -> tuple[float, float] | None:
+        """Range of the distance from the first point, m."""
+        if self.travel is None:
+            return None
+        start = self.points[0][AXES.index(self.along)]
+        return self.travel[0] - start, self.travel[1] - start
 
 
 class SpringSection(PointsSection):
@@ -288,32 +264,13 @@ class SpringSection(PointsSection):
 
 
 class AttachedMass(MassSection):
-    """``[attached.NAME]`` with ``kind = "mass"``: there, but not in the nominal model.
-
-    ``travel`` is where the first point may sit along ``along``; the others move with it.
-    """
+    """``[attached.NAME]`` with ``kind = "mass"``: there, but not in the nominal model."""
 
     kind: Literal["mass"]
-    travel: _range(Length) | None = None
-    along: Literal["x", "y", "z"] = "x"
 
-    @model_validator(mode="after")
-    def _starts_inside(self) -> AttachedMass:
-        if self.travel is not None:
-            start = self.points[0][AXES.index(self.along)]
-            if not self.travel[0] <= start <= self.travel[1]:
-                raise ValueError(
-                    f"travel = {list(self.travel)} m: expected a range that holds the first "
-                    f"point's {self.along} = {start:g} m"
-                )
-        return self
-
-    def shift(self) -> tuple[float, float] | None:
-        """Range of the distance from the first point, m."""
-        if self.travel is None:
-            return None
-        start = self.points[0][AXES.index(self.along)]
-        return self.travel[0] - start, self.travel[1] - start
+    def nominal(self) -> dict[str, float]:
+        """Value of each parameter in the case; where it sits is not one of them."""
+        return {"mass": self.mass}
 
     def absent(self) -> dict[str, float]:
         """Value of each parameter when the mass is not there."""
@@ -444,22 +401,48 @@ class Published(Section):
 
     source: str = ""
     parameters: dict[str, float | str] = {}
-    frequencies: list[_quantity("Hz", 0, above=True)] = []
+    frequencies: list[quantity("Hz", 0, above=True)] = []
+
+
+class CutoffUpdate(Section):
+    """``[update.cutoff]``: the pressure below which a contact is lost (seed 004).
+
+    ``calibrate`` first fits one parameter to one mode of the stuck model, which the contact hardly
+    moves: ``calibrate = { parameter = "beams.E", mode = "mode 10" }``.
+    """
+
+    class Calibrate(Section):
+        """``[update.cutoff.calibrate]``."""
+
+        parameter: str
+        mode: str
+
+    scheme: Literal["two", "three", "both"] = "both"
+    contacts: Names | None = None
+    calibrate: Calibrate | None = None
+    max_solves: Annotated[int, Field(ge=5, strict=True)] = 15
 
 
 class Update(Section):
-    """``[update]``: what `fenics-joints update` fits.
+    """``[update]``: what `fenics-joints update` fits: ``parameters``, or the ``cutoff``.
 
     ``regularisation`` is the standard deviation of the logarithm of every parameter about its
     starting value: it holds what the data leave open, and is 2.3 (a factor of 10) by default.
     """
 
     at: float | None = None
-    parameters: Names
+    parameters: Names = []
     start: dict[str, float | str] = {}
     hold_out: list[float] = []
     regularisation: Positive = 2.3
     published: Published | None = None
+    cutoff: CutoffUpdate | None = None
+
+    @model_validator(mode="after")
+    def _one_of_parameters_and_cutoff(self) -> Update:
+        if bool(self.parameters) == (self.cutoff is not None):
+            raise ValueError("expected either parameters or a section [update.cutoff]")
+        return self
 
 
 class Diagnose(Section):

@@ -63,6 +63,11 @@ def modes(
         int | None,
         typer.Option("-n", min=1, help="Number of modes, rigid-body modes included."),
     ] = None,
+    contacts: Annotated[
+        str,
+        typer.Option(help="What contacts are: stuck, or as the preload leaves them.",
+                     metavar="stuck|preload"),
+    ] = "stuck",
     json: JsonOption = None,
     report: ReportOption = None,
     debug: DebugOption = False,
@@ -76,7 +81,33 @@ def modes(
     def run(case, comm, progress):
         from fenics_joints.mode_list import run_modes
 
-        return run_modes(case, comm, progress, n_modes=n)
+        return run_modes(case, comm, progress, n_modes=n, state=contacts)
+
+    _command(run, case, json, report, debug)
+
+
+@app.command()
+def preload(
+    case: CaseArgument,
+    json: JsonOption = None,
+    report: ReportOption = None,
+    vtx: Annotated[
+        Path | None,
+        typer.Option("--vtx", metavar="FILE", help="Write fields for ParaView: .bp, or .xdmf."),
+    ] = None,
+    debug: DebugOption = False,
+) -> None:
+    """Contact at the case's bolt forces, and what it does to the frequencies.
+
+    JSON: bolt_forces_n, iterations, contacts (force_n, peak_pressure_pa, mean_pressure_pa,
+    area_m2, area_above_1_mpa_m2, radius_m by bolt, open, slip, stick), frequencies_hz (stuck,
+    preloaded).
+    """
+
+    def run(case, comm, progress):
+        from fenics_joints.preload_run import run_preload
+
+        return run_preload(case, comm, progress, fields=vtx)
 
     _command(run, case, json, report, debug)
 
@@ -88,10 +119,11 @@ def update(
     report: ReportOption = None,
     debug: DebugOption = False,
 ) -> None:
-    """Fit the parameters that the case names to the measured frequencies.
+    """Fit the parameters, or the cut-off pressure, that the case names to the frequencies.
 
     JSON: parameters (name, value, unit, standard deviation), frequencies_hz before and after,
-    errors_percent.
+    errors_percent. With [update.cutoff]: schemes (cutoff_pa, objective, frequencies_hz,
+    crossings_pa, stuck_area_m2, minimum, sweep), test and stuck frequencies.
     """
 
     def run(case, comm, progress):

@@ -9,8 +9,9 @@ import numpy as np
 from mpi4py import MPI
 
 import fenics_joints
-from fenics_joints.build import build_structure
+from fenics_joints.build import build_preload, build_structure
 from fenics_joints.case import Case
+from fenics_joints.errors import InputError
 from fenics_joints.formatting import mode_kinds
 from fenics_joints.gap import VISIBLE
 from fenics_joints.modal import Modes, solve_modes
@@ -19,7 +20,10 @@ from fenics_joints.progress import Progress
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fenics_joints.preload.linear_joint import LinearJoint
+
 __all__ = ["ModeList", "run_modes"]
+
 
 @dataclass(frozen=True, eq=False)
 class ModeList:
@@ -86,7 +90,12 @@ class ModeList:
 
 
 def run_modes(
-    case: Case, comm: MPI.Intracomm, progress: Progress, *, n_modes: int | None = None
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress,
+    *,
+    n_modes: int | None = None,
+    state: str = "stuck",
 ) -> ModeList:
     """Modes of a case's nominal model. Collective.
 
@@ -96,14 +105,32 @@ def run_modes(
         progress: Told what is being done.
         n_modes: Number of modes, rigid-body modes included; the case's ``diagnose.n_modes`` by
             default.
+        state: What contacts are: ``"stuck"``, or as the ``"preload"`` leaves them.
 
     Raises:
         JointsError: If the case, the mesh or the solution fails.
     """
     n_modes = case.diagnose.n_modes if n_modes is None else n_modes
     progress.step("building the model")
-    structure = build_structure(case, comm)
-    progress.step(f"solving {n_modes} modes of {structure.n_dofs} degrees of freedom")
-    modes = solve_modes(structure, n_modes=n_modes)
+    if case.contacts:
+        model = _preloaded(case, comm, progress, state)
+    else:
+        model = build_structure(case, comm)
+    progress.step(f"solving {n_modes} modes of {model.n_dofs} degrees of freedom")
+    modes = solve_modes(model, n_modes=n_modes)
     sensors = case.sensors()
     return ModeList(case, modes, None if sensors is None else modes.visibility(sensors))
+
+
+def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) -> LinearJoint:
+    """The bodies of a case with linear contacts and its bolts."""
+    from fenics_joints.preload import solve_preload
+    from fenics_joints.preload.linear_joint import LinearJoint, status_conditions
+
+    if state not in ("stuck", "preload"):
+        raise InputError(f"contacts = {state!r}: expected 'stuck' or 'preload'.")
+    model = build_preload(case, comm)
+    if state == "stuck":
+        return LinearJoint(model)
+    progress.step("contact under preload")
+    return LinearJoint(model, status_conditions(solve_preload(model)))

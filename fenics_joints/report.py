@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from fenics_joints.mode_list import ModeList
     from fenics_joints.updating import UpdateReport
 
-__all__ = ["ModePicture", "diagnosis_html", "modes_html", "modes_page", "update_html"]
+__all__ = [
+    "ModePicture", "diagnosis_html", "modes_html", "modes_page", "render", "svg", "update_html",
+]  # fmt: skip
 
 #: Verdicts as headings.
 VERDICTS = {
@@ -62,7 +64,8 @@ def _environment() -> jinja2.Environment:
     return env
 
 
-def _render(template: str, **values) -> str:
+def render(template: str, **values) -> str:
+    """A page from one of the templates."""
     return _environment().get_template(template).render(**values)
 
 
@@ -119,7 +122,7 @@ def _heat_pair(before: Gap, after: Gap, names: tuple[str, str]) -> list[dict]:
     ]
 
 
-def _svg(text: str) -> Markup:
+def svg(text: str) -> Markup:
     """A picture that `pictures` made, which escapes what it is given."""
     return Markup(text)
 
@@ -138,13 +141,13 @@ def diagnosis_html(d: Diagnosis, *, log_sd: np.ndarray | None = None) -> str:
         HTML without any reference to other files.
     """
     classes = effect_classes(d)
-    return _render(
+    return render(
         "diagnosis.html",
         d=d,
         heading=VERDICTS.get(d.verdict, d.verdict),
         lead=leading(d),
-        bars=_svg(_gap_picture(d)),
-        map=None if d.cells is None else _svg(mesh_pictures.cell_map(d.cells)),
+        bars=svg(_gap_picture(d)),
+        map=None if d.cells is None else svg(mesh_pictures.cell_map(d.cells)),
         heat=_heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
         classes=classes,
         letters={c.name: c.letter for c in classes},
@@ -152,7 +155,7 @@ def diagnosis_html(d: Diagnosis, *, log_sd: np.ndarray | None = None) -> str:
         rest=d.hypotheses[_MOST_HYPOTHESES:],
         best=max((h.log_evidence for h in d.hypotheses), default=0.0),
         separations=[(s, confusion(s.distance)) for s in d.separations],
-        curves=_svg(
+        curves=svg(
             pictures.frequency_panels(
                 d.before, d.after, d.condition,
                 labels=("nominal model", "leading hypothesis"), log_sd=log_sd,
@@ -225,7 +228,7 @@ def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
     """
     curves = None
     if u.curve_frequencies is not None:
-        curves = _svg(
+        curves = svg(
             pictures.frequency_panels(
                 None, u.curve_frequencies, u.condition, labels=("", "model on the curves"),
                 log_sd=log_sd, held_out=_held_out(u),
@@ -234,7 +237,7 @@ def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
         )  # fmt: skip
     panels = parameter_rows(u)
     identifiability = u.identifiability
-    return _render(
+    return render(
         "update.html",
         u=u,
         published=u.published,
@@ -244,7 +247,7 @@ def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
             key=lambda pair: -abs(pair[1]),
         ),
         units={p["name"]: p["unit"] for p in u.parameters},
-        panels=_svg(pictures.parameter_panels(panels, u.condition)) if panels else None,
+        panels=svg(pictures.parameter_panels(panels, u.condition)) if panels else None,
         curves=curves,
         curve_heat=None
         if u.curve_frequencies is None
@@ -344,8 +347,8 @@ def modes_html(
             zip(frequencies_hz, mode_kinds(len(frequencies_hz), n_rigid, visible), strict=True)
         )
     ]
-    pictures_ = [(shape, _svg(shape.svg)) for shape in shapes]
-    return _render(
+    pictures_ = [(shape, svg(shape.svg)) for shape in shapes]
+    return render(
         "modes.html", title=title, rows=rows, n_rigid=n_rigid, dofs=dofs, shapes=pictures_,
         sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
     )  # fmt: skip
@@ -364,8 +367,11 @@ def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
     modes, visible = result.modes, result.visible
     elastic = np.arange(len(modes)) >= modes.n_rigid
     wanted = np.flatnonzero(elastic if visible is None else visible)[:n_shapes]
-    structure = modes.model
-    vertices, motions = corner_motion(structure, [modes.shape(int(i)) for i in wanted])
+    structure, vectors = modes.model, [modes.shape(int(i)) for i in wanted]
+    dofs = structure.n_dofs
+    if hasattr(structure, "displacements"):
+        structure, vectors = structure.structure, structure.displacements(vectors)
+    vertices, motions = corner_motion(structure, vectors)
     if structure.comm.rank != 0:
         return ""
     sensors = result.case.sensors()
@@ -378,7 +384,7 @@ def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
         shapes.append(ModePicture(int(i) + 1, hz, svg))
     return modes_html(
         result.case.title, result.frequencies_hz, modes.n_rigid, visible,
-        dofs=structure.n_dofs, shapes=shapes,
+        dofs=dofs, shapes=shapes,
     )  # fmt: skip
 
 

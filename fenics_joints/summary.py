@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
     from fenics_joints.updating import UpdateReport
 
-__all__ = ["diagnosis", "modes", "update"]
+__all__ = ["diagnosis", "modes", "new_table", "say", "update"]
 
 #: Rows of each table, so that all of it fits on a screen.
 _REGIONS, _EFFECTS, _PARAMETERS, _MODES = 4, 4, 4, 26
@@ -34,7 +34,7 @@ _STYLES = {"cause": "bold cyan", "no gap": "bold green", "ambiguous": "bold yell
 _BAR = 20
 
 
-def _table(*headings: str) -> Table:
+def new_table(*headings: str) -> Table:
     """A plain table; headings that start with > are right-aligned."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for heading in headings:
@@ -55,7 +55,7 @@ def _line(text: str) -> Text:
     return Text(text, no_wrap=True, overflow="ellipsis")
 
 
-def _say(console: Console, text: str, style: str | None = None) -> None:
+def say(console: Console, text: str, style: str | None = None) -> None:
     """Print one line, cut off where the terminal ends; no markup is read in it."""
     console.print(
         text, style=style, no_wrap=True, overflow="ellipsis", markup=False, highlight=False
@@ -64,11 +64,11 @@ def _say(console: Console, text: str, style: str | None = None) -> None:
 
 def diagnosis(console: Console, d: Diagnosis) -> None:
     """Print the diagnosis: verdict, gap, where, which and the leading hypothesis' parameters."""
-    _say(console, d.title, "bold")
+    say(console, d.title, "bold")
     verdict = Text(d.verdict.upper(), style=_STYLES.get(d.verdict, "bold red"))
     console.print(Text.assemble(verdict, ": ", d.summary))
     console.print()
-    gaps = _table("gap (RMS relative error)", ">nominal", ">placebo", ">chosen")
+    gaps = new_table("gap (RMS relative error)", ">nominal", ">placebo", ">chosen")
     gaps.add_row("all data, fitted", percent(d.before.rms), "", percent(d.after.rms))
     gaps.add_row(
         "held out, predicted", percent(d.heldout_before), percent(d.placebo_after),
@@ -87,7 +87,7 @@ def diagnosis(console: Console, d: Diagnosis) -> None:
 
 
 def _where(console: Console, d: Diagnosis) -> None:
-    table = _table("where", ">share", "")
+    table = new_table("where", ">share", "")
     for zone in d.where[:_REGIONS]:
         table.add_row(Text(plain(zone.region)), percent(zone.share, 1), _bar(zone.share))
     console.print(table)
@@ -96,7 +96,7 @@ def _where(console: Console, d: Diagnosis) -> None:
 
 def _which(console: Console, d: Diagnosis) -> None:
     classes = effect_classes(d)
-    table = _table("which effect", "", ">probability", "")
+    table = new_table("which effect", "", ">probability", "")
     left = _EFFECTS
     for group in classes:
         if left <= 0:
@@ -112,7 +112,7 @@ def _which(console: Console, d: Diagnosis) -> None:
     letters = {group.name: group.letter for group in classes if group.letter}
     for s in [s for s in d.separations if s.class_name in letters][:2]:
         text = f"to split {letters[s.class_name]}, {s.distance:.1f} s.d.: {s.measurement}"
-        _say(console, text)
+        say(console, text)
     console.print()
 
 
@@ -124,7 +124,7 @@ def _lead(console: Console, d: Diagnosis) -> None:
     lead = leading(d)
     if lead is None:
         return
-    table = _table("fitted", ">value", "68 % interval", "in the leading hypothesis")
+    table = new_table("fitted", ">value", "68 % interval", "in the leading hypothesis")
     left = _PARAMETERS
     for effect, rows in by_effect(lead.parameters):
         for i, p in enumerate(rows[: max(left, 0)]):
@@ -137,7 +137,7 @@ def _lead(console: Console, d: Diagnosis) -> None:
     if table.rows:
         console.print(table)
     if lead.at_bound:
-        _say(console, f"at a limit: {', '.join(lead.at_bound)}", "yellow")
+        say(console, f"at a limit: {', '.join(lead.at_bound)}", "yellow")
 
 
 def _more(table: Table, n: int) -> None:
@@ -148,18 +148,18 @@ def _more(table: Table, n: int) -> None:
 def update(console: Console, u: UpdateReport) -> None:
     """Print the update: parameters, frequencies before and after, and the curves' gaps."""
     at = condition_value(u.at, u.condition[1])
-    _say(console, f"{u.title}: update at {u.condition[0]} {at}", "bold")
+    say(console, f"{u.title}: update at {u.condition[0]} {at}", "bold")
     gaps = f"gap {percent(u.gap_before.rms)} -> {percent(u.gap_after.rms)}"
-    _say(console, f"{gaps} in {u.iterations} model evaluations. {u.message}")
+    say(console, f"{gaps} in {u.iterations} model evaluations. {u.message}")
     console.print()
-    table = _table("parameter", ">start", ">identified", ">s.d.")
+    table = new_table("parameter", ">start", ">identified", ">s.d.")
     for p in u.parameters[: 2 * _PARAMETERS]:
         start, value = (quantity(p[key], p["unit"]) for key in ("start", "value"))
         table.add_row(Text(p["name"]), start, value, spread(p["sd"]))
     _more(table, len(u.parameters) - 2 * _PARAMETERS)
     console.print(table)
     console.print()
-    table = _table("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after")
+    table = new_table("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after")
     old, new = u.gap_before, u.gap_after
     for j, mode in enumerate(new.mode_names[:10]):
         table.add_row(
@@ -171,7 +171,7 @@ def update(console: Console, u: UpdateReport) -> None:
     console.print(table)
     if u.identifiability.undetermined:
         words = ", ".join(u.identifiability.undetermined)
-        _say(console, f"not determined by these data: {words}", "yellow")
+        say(console, f"not determined by these data: {words}", "yellow")
     if u.curves:
         console.print()
         gap = f"fitted {percent(u.curve_gap_fitted)}"
@@ -179,7 +179,7 @@ def update(console: Console, u: UpdateReport) -> None:
             gap += f", held out {percent(u.curve_gap_heldout)}"
         if u.curve_gap_validation is not None:
             gap += f", validation {percent(u.curve_gap_validation)}"
-        _say(console, f"curves over the {u.condition[0]}: gap {gap}")
+        say(console, f"curves over the {u.condition[0]}: gap {gap}")
 
 
 def modes(
@@ -198,8 +198,8 @@ def modes(
         kinds: What each mode is, in words, length n; see `report.mode_kinds`.
         n_dofs: Degrees of freedom.
     """
-    _say(console, title, "bold")
-    table = _table(">mode", ">frequency, Hz", "what it is")
+    say(console, title, "bold")
+    table = new_table(">mode", ">frequency, Hz", "what it is")
     for i, (f, kind) in enumerate(zip(frequencies_hz, kinds, strict=True)):
         if i == _MODES:
             break
@@ -207,5 +207,5 @@ def modes(
         table.add_row(str(i + 1), hertz(float(np.real(f))), kind, style="dim" if dim else None)
     console.print(table)
     if len(frequencies_hz) > _MODES:
-        _say(console, f"and {len(frequencies_hz) - _MODES} more", "dim")
-    _say(console, f"{n_dofs} degrees of freedom")
+        say(console, f"and {len(frequencies_hz) - _MODES} more", "dim")
+    say(console, f"{n_dofs} degrees of freedom")

@@ -19,6 +19,8 @@ _KINDS = {
     "kg/m3": ("a density", "2750 kg/m3"),
     "N/m": ("a stiffness", "1 kN/m"),
     "Hz": ("a frequency", "12.5 Hz"),
+    "N": ("a force", "28 kN"),
+    "N*m": ("a torque", "25 N m"),
 }
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 #: Angles are no dimension, so that rad/s and rpm would pass for Hz and be wrong by 2 pi or 60.

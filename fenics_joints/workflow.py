@@ -13,6 +13,7 @@ from fenics_joints.progress import Progress
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fenics_joints.cutoff_run import CutoffReport
     from fenics_joints.diagnosis import Diagnosis
     from fenics_joints.updating import UpdateReport
 
@@ -74,8 +75,14 @@ def run_diagnose(case: Case, comm: MPI.Intracomm, progress: Progress) -> Diagnos
     return DiagnosisOutcome(diagnose(case, comm, progress), case.measurements().log_sd())
 
 
-def run_update(case: Case, comm: MPI.Intracomm, progress: Progress) -> UpdateOutcome:
+def run_update(
+    case: Case, comm: MPI.Intracomm, progress: Progress
+) -> UpdateOutcome | CutoffReport:
     """The ``update`` command. Collective."""
+    if case.update is not None and case.update.cutoff is not None:
+        from fenics_joints.cutoff_run import run_cutoff
+
+        return run_cutoff(case, comm, progress)
     from fenics_joints.updating import run
 
     return UpdateOutcome(run(case, comm, progress), case.measurements().log_sd())

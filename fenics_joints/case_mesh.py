@@ -1,0 +1,136 @@
+"""The ``[mesh]`` section of a case file: one class for each builder, and one for a file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Discriminator, Tag
+
+from fenics_joints.case_sections import Count, Gap, Length, Section, Size
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from fenics_joints.meshes import TaggedMesh
+
+__all__ = ["BUILDERS", "BuilderMesh", "CBeamsMesh", "FileMesh", "LapPlatesMesh", "Mesh"]
+
+
+class BuilderMesh(Section):
+    """``[mesh]`` with a builder. A further builder is one more class, named in `BUILDERS`.
+
+    The fields of such a class are the builder's arguments, optional, beside ``builder``.
+    """
+
+    degree: Literal[1, 2] = 2
+
+    def arguments(self) -> dict[str, Any]:
+        """The builder's arguments that the file gives."""
+        return self.model_dump(exclude={"builder", "degree"}, exclude_none=True)
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the cells' and of the facets' groups."""
+        raise NotImplementedError
+
+    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh. Collective."""
+        raise NotImplementedError
+
+
+class LapPlatesMesh(BuilderMesh):
+    """``builder = "lap_plates"``: arguments of `fenics_joints.meshes.lap_plates`."""
+
+    builder: Literal["lap_plates"]
+    length: Size | None = None
+    width: Size | None = None
+    thickness: Size | None = None
+    lap: Size | None = None
+    layer: Gap | None = None
+    element_size: Size | None = None
+    n_length: Count | None = None
+    n_width: Count | None = None
+    n_thickness: Count | None = None
+    bolts: list[tuple[Length, Length]] | None = None
+    zone: Gap | None = None
+    hole_diameter: Size | None = None
+    washer_diameter: Size | None = None
+    cell: Literal["hexahedron", "tetrahedron"] | None = None
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the cells' and of the facets' groups."""
+        from fenics_joints.meshes.lap_plates import CELL_NAMES, FACET_NAMES
+
+        return list(CELL_NAMES), list(FACET_NAMES)
+
+    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh. Collective."""
+        from fenics_joints.meshes import lap_plates
+
+        return lap_plates(comm, **self.arguments())
+
+
+class CBeamsMesh(BuilderMesh):
+    """``builder = "c_beams"``: arguments of `fenics_joints.meshes.c_beams`."""
+
+    builder: Literal["c_beams"]
+    length: Size | None = None
+    width: Size | None = None
+    thickness: Size | None = None
+    pad_thickness: Size | None = None
+    pad_length: Size | None = None
+    hole_diameter: Size | None = None
+    washer_diameter: Size | None = None
+    zone: Size | None = None
+    element_size: Size | None = None
+    radial_size: Size | None = None
+    middle_size: Size | None = None
+    n_thickness: tuple[Count, Count] | None = None
+    layer: Gap | None = None
+    bonded: bool | None = None
+    cell: Literal["hexahedron", "tetrahedron"] | None = None
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the cells' and of the facets' groups."""
+        cells, faces = ["beam_1", "beam_2"], ["holes"]
+        faces += [f"washer_{i}_{side}" for i in (1, 2) for side in ("lower", "upper")]
+        if self.layer:
+            return [*cells, "joint"], [*faces, "joint_lower", "joint_upper"]
+        if self.bonded:
+            return cells, [*faces, "interface"]
+        return cells, [*faces, "interface_lower", "interface_upper"]
+
+    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh. Collective."""
+        from fenics_joints.meshes import c_beams
+
+        return c_beams(comm, **self.arguments())
+
+
+class FileMesh(Section):
+    """``[mesh]`` from a gmsh file with named physical groups."""
+
+    file: str
+    scale: Size = 1.0
+    gdim: Literal[2, 3] = 3
+    degree: Literal[1, 2] = 2
+
+
+#: Classes of the builders, by name.
+BUILDERS = {"lap_plates": LapPlatesMesh, "c_beams": CBeamsMesh}
+
+
+def _mesh_kind(data: Any) -> str | None:
+    if not isinstance(data, dict) or ("file" in data) == ("builder" in data):
+        return None
+    if "file" in data:
+        return "<FileMesh>"
+    name = data["builder"]
+    return f"<{BUILDERS[name].__name__}>" if isinstance(name, str) and name in BUILDERS else None
+
+
+Mesh = Annotated[
+    Annotated[LapPlatesMesh, Tag("<LapPlatesMesh>")]
+    | Annotated[CBeamsMesh, Tag("<CBeamsMesh>")]
+    | Annotated[FileMesh, Tag("<FileMesh>")],
+    Discriminator(_mesh_kind),
+]
