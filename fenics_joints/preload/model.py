@@ -28,6 +28,9 @@ __all__ = ["PreloadModel"]
 
 Bolt = WasherForce | PretensionSection | BeamBolt
 
+#: Stiffness of supports of vertices that follow others, relative to the mean of K's diagonal.
+_STIFF = 1e6
+
 
 class PreloadModel:
     """A structure of several bodies with contacts, bolts and loads.
@@ -47,6 +50,7 @@ class PreloadModel:
         interfaces: Their pairs of vertices, in the same order.
         jumps: The map u = T x and its numbering.
         forces: Nominal force of every bolt, N, and 1 for every load, by name.
+        supported: Global numbers of the entries of x that supports hold at zero, owned ones.
     """
 
     def __init__(
@@ -70,6 +74,7 @@ class PreloadModel:
         spiders = [self._spider(b, side) for b in self.beams for side in ("lower", "upper")]
         sections = [self._section(b) for b in self.cuts]
         self.jumps = Jumps(self.V, self.interfaces, bonded, sections, spiders)
+        self.supported, self._following = self._supports()
         self.forces = {b.name: float(b.force) for b in self.bolts} | {s.name: 1.0 for s in loads}
         self._units = self._unit_loads()
 
@@ -122,6 +127,22 @@ class PreloadModel:
         upper = np.concatenate([pairs.upper, pairs.upper_midsides])
         return Section(bolt.name, lower, upper, self._axis(bolt))
 
+    def _supports(self) -> tuple[np.ndarray, np.ndarray]:
+        """Supported displacements: those that are entries of x, and those that follow others.
+
+        Both as global numbers, owned ones.
+        """
+        low, high = self.jumps.range
+        found = [bc.dof_indices()[0] for bc in self.structure.bcs] or [np.empty(0, np.int32)]
+        numbers = np.unique(np.concatenate(found))
+        numbers = numbers[numbers < high - low].astype(np.int64) + low
+        indptr, indices, _ = self.jumps.T.getValuesCSR()
+        lone = np.diff(indptr) == 1
+        same = np.zeros(high - low, dtype=bool)
+        same[lone] = indices[indptr[:-1][lone]] == np.flatnonzero(lone) + low
+        free = same[numbers - low]
+        return numbers[free], numbers[~free]
+
     # -- loads -------------------------------------------------------------------------------
 
     def _ds(self, name: str):
@@ -169,10 +190,8 @@ class PreloadModel:
             total = form if total is None else total + form
         b = fem_petsc.assemble_vector(fem.form(total))
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        own = self.jumps.range[1] - self.jumps.range[0]
-        for bc in self.structure.bcs:
-            dofs = bc.dof_indices()[0]
-            b.array[dofs[dofs < own]] = 0.0
+        for numbers in (self.supported, self._following):
+            b.array[numbers - self.jumps.range[0]] = 0.0
         load = self.jumps.T.createVecRight()
         self.jumps.T.multTranspose(b, load)
         b.destroy()
@@ -242,9 +261,19 @@ class PreloadModel:
             axial: Whether the beams resist stretching: yes about a preload state, not during it.
         """
         K = self.structure.stiffness(given)
+        self._stiffen(K)
         A = K.PtAP(self.jumps.T)
         K.destroy()
         return self._with_extras(A, 0, axial, 1.0)
+
+    def _stiffen(self, K: PETSc.Mat) -> None:
+        """Hold supported displacements that follow others: their row of K has but its diagonal."""
+        diagonal = K.getDiagonal()
+        mean = diagonal.sum() / diagonal.getSize()
+        if self.comm.allreduce(len(self._following)):
+            diagonal.array[self._following - self.jumps.range[0]] = _STIFF * mean
+            K.setDiagonal(diagonal)
+        diagonal.destroy()
 
     def mass(self, given: Mapping[str, float] | None = None) -> PETSc.Mat:
         """T^T M T with the bolts' beams and their head masses."""

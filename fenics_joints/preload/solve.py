@@ -23,6 +23,8 @@ METHODS = ("semismooth", "vi", "penalty")
 
 #: Relative to the loads; the last Newton step is exact, so it lands at round-off.
 _TOLERANCE = 1e-10
+#: Round-off of a residual, relative to the products of which it is the sum.
+_ROUND_OFF = 10 * np.finfo(float).eps
 _OPTIONS = {
     "snes_linesearch_type": "basic",
     "ksp_type": "preonly",
@@ -99,11 +101,11 @@ class PreloadSolver:
             raise InputError("the model has no contact that can open; expected at least one.")
 
     def _fixed(self) -> np.ndarray:
-        """Global numbers of owned entries held at zero: pins, bubbles."""
+        """Global numbers of owned entries held at zero: pins, supports, bubbles."""
         jumps = self.model.jumps
-        numbers = [self.hold.pins]
+        numbers = [self.hold.pins, self.model.supported]
         numbers += [jumps.bubbles(c).ravel() for c in jumps.contacts]
-        numbers = np.concatenate(numbers)
+        numbers = np.unique(np.concatenate(numbers))
         return numbers[jumps.owned(numbers)]
 
     def solve(
@@ -166,6 +168,7 @@ class PreloadSolver:
             snes.setMonitor(lambda _, i, norm: monitor(i, norm))
         with _options(self.prefix, options | self.petsc_options):
             snes.setFromOptions()
+            snes.setUpdate(work.allow_round_off)
             try:
                 snes.solve(None, x)
             except PETSc.Error as error:
@@ -237,7 +240,7 @@ class _Equations:
         self.rows = load.duplicate()
         own = solver.model.jumps
         self.pins = own.local(solver.fixed)
-        self._norm = None
+        self._norm = self._atol = None
         # A slip front in a thin strip walks one vertex in an iteration.
         self.patience = 100 if any(c.friction > 0 for c in solver.model.contacts) else 40
 
@@ -250,6 +253,15 @@ class _Equations:
             force = self.solver.K * closing
             self._norm = max(self.load.norm(), force.norm(), np.finfo(float).tiny)
         return self._norm
+
+    def allow_round_off(self, snes: PETSc.SNES, _: int) -> None:
+        """Ask for no residual below round-off, which nearly rigid parts make large."""
+        if self._atol is None:
+            self._atol = snes.getTolerances()[1]
+        products = self.solver.held.getDiagonal()
+        products.pointwiseMult(products, snes.getSolution())
+        snes.setTolerances(atol=max(self._atol, _ROUND_OFF * products.norm()))
+        products.destroy()
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
         """Rows of K x - f; of held entries x itself, times a stiffness."""
