@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from dolfinx import fem
 from mpi4py import MPI
 
 from fenics_joints.components import Spring, Support, part
@@ -138,13 +139,12 @@ def test_hertz_line():
 
 def test_hertz_sphere():
     """The same of a sphere as a body of revolution, and coarse in space."""
-    sizes = [4, 8, 16, 32]
+    sizes = [4, 8, 16]
     found = np.array([hertz("round", n)[:2] for n in sizes])
     errors = np.abs(found - 1)
-    assert np.all(errors[2:] < 0.02)
+    assert np.all(errors[-1] < 0.01)
     assert slope_of(errors[:, 0], sizes) < -1
-    assert np.all(errors[-1] < 5e-3)
-    peak, width, _ = hertz("space", 5, size=8.0)
+    peak, width, _ = hertz("space", 5, size=6.0)
     assert abs(peak - 1) < 0.02
     assert abs(width - 1) < 0.02
 
@@ -416,6 +416,32 @@ def test_free_bodies():
     assert abs(pushed["c"].normal_force - (1e5 + 0.5e3)) < 1e-3
     with pytest.raises(InputError, match="nothing resists"):
         solve_preload(free_blocks(0.0, [Traction("push", "top", (1e3, 0.0, 0.0))]))
+
+
+@pytest.mark.parametrize("directions", [(0,), (0, 1)])
+def test_supported_interface(directions):
+    """A support of one face of a contact holds, whichever face is called the lower one."""
+    x, z = np.linspace(0, 0.1, 9), np.linspace(0, 0.03, 4)
+    tagged = stacked_blocks(COMM, lower=(x, -z[::-1]), upper=z)
+    held = [Support("bottom"), Support("interface_lower", directions)]
+    structure = Structure(tagged, both(), supports=held, degree=2)
+    loads = [Traction("down", "top", (0.0, -1e6), lambda x: 1 + x[:, 0] / 0.1),
+             Traction("side", "top", (1.5e5, 0.0))]  # fmt: skip
+    found = []
+    for names in (("interface_lower", "interface_upper"), ("interface_upper", "interface_lower")):
+        contact = Contact("c", *names, friction=0.2)
+        result = solve_preload(PreloadModel(structure, [contact], (), loads))
+        state = result["c"]
+        assert abs(state.normal_force / 1e6 - 1) < 1e-8
+        assert {SLIP, STICK} <= set(state.status.tolist())
+        order = np.argsort(state.interface.points[:, 0])
+        found.append(np.column_stack([state.force, 1e12 * state.slip])[order])
+        u = result.displacement.x.array.reshape(-1, 2)
+        V = structure.V
+        facets = tagged.facet_tags.find(tagged.facet_tag("interface_lower"))
+        blocks = fem.locate_dofs_topological(V, 1, facets)
+        assert np.abs(u[blocks][:, list(directions)]).max() < 1e-5 * np.abs(u).max()
+    assert np.allclose(np.abs(found[0]), np.abs(found[1]), rtol=1e-4, atol=1.0)
 
 
 def test_bad_input():

@@ -25,6 +25,8 @@ METHODS = ("semismooth", "vi", "penalty")
 _TOLERANCE = 1e-10
 #: Round-off of a residual, relative to the products of which it is the sum.
 _ROUND_OFF = 10 * np.finfo(float).eps
+#: Relative to the loads; never is a larger residual taken for round-off.
+_LEAST_ACCURATE = 1e-6
 _OPTIONS = {
     "snes_linesearch_type": "basic",
     "ksp_type": "preonly",
@@ -255,12 +257,16 @@ class _Equations:
         return self._norm
 
     def allow_round_off(self, snes: PETSc.SNES, _: int) -> None:
-        """Ask for no residual below round-off, which nearly rigid parts make large."""
+        """Ask for no residual below round-off, which nearly rigid parts make large.
+
+        Up to a limit, lest bodies that fly apart, whose round-off is boundless, seem to rest.
+        """
         if self._atol is None:
             self._atol = snes.getTolerances()[1]
         products = self.solver.held.getDiagonal()
         products.pointwiseMult(products, snes.getSolution())
-        snes.setTolerances(atol=max(self._atol, _ROUND_OFF * products.norm()))
+        least = min(_ROUND_OFF * products.norm(), _LEAST_ACCURATE * self.scale())
+        snes.setTolerances(atol=max(self._atol, least))
         products.destroy()
 
     def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
