@@ -100,8 +100,9 @@ def hertz(kind: str, per_a: float, method: str | None = None, size: float = 25.0
         force, peak = 4 * E_star * a**3 / (3 * R), 2 * E_star * a / (np.pi * R)
         force /= 4 if kind == "space" else 1
     h = a / per_a
-    x = graded_lines([0.0, 1.4 * a, size * a], [h, h, size * a / 4])
-    z = graded_lines([0.0, a, size * a], [h, 2 * h, size * a / 4])
+    coarse = 2 if kind == "space" else 1
+    x = graded_lines([0.0, 1.2 * a, size * a], [h, h, coarse * size * a / 4])
+    z = graded_lines([0.0, a, size * a], [h, 2 * coarse * h, coarse * size * a / 4])
     plan = (x, x) if kind == "space" else (x,)
     tagged = stacked_blocks(COMM, lower=(*plan, -z[::-1]), upper=z)
     held = [Support("left", (0,)), Support("bottom", (len(plan),))]
@@ -388,6 +389,45 @@ def test_ranks_agree():
         order = np.lexsort(np.round(state.interface.points.T, 9))
         sorted_forces.append(state.force[order])
     assert np.allclose(*sorted_forces, rtol=0, atol=1e-10 * 1e4)
+
+
+def test_cattaneo_mindlin():
+    """A pressed cylinder, then pushed: stick within c = a sqrt(1 - Q / mu P), q by Mindlin.
+
+    Johnson, Contact Mechanics, 1985, eqs. 7.24 to 7.28. Pressed and pushed in two steps; pushed
+    back to the opposite force the tractions are the opposite ones.
+    """
+    R, a, mu, share, size = 0.1, 1e-3, 0.3, 0.6, 100.0
+    E_star = 0.5 * STEEL["E"] / (1 - STEEL["nu"] ** 2)
+    P, peak = np.pi * E_star * a**2 / (4 * R), E_star * a / (2 * R)
+    h, Q = a / 12, share * mu * P
+    x = graded_lines([0.0, 1.2 * a, size * a], [h, h, size * a / 4])
+    z = graded_lines([0.0, a, size * a], [h, 2 * h, size * a / 4])
+    tagged = stacked_blocks(COMM, lower=(np.concatenate([-x[:0:-1], x]), -z[::-1]), upper=z)
+    structure = Structure(tagged, both(), supports=[Support("bottom")], degree=1)
+    # Forces up on one half and down on the other take up the moment of the push.
+    couple = Q * size * a / (size * a)
+    loads = [
+        Traction("down", "top", (0.0, -P)), Traction("push", "top", (Q, 0.0)),
+        Traction("up", "top", (0.0, couple), lambda x: 1.0 * (x[:, 0] > 0)),
+        Traction("back", "top", (0.0, -couple), lambda x: 1.0 * (x[:, 0] < 0)),
+    ]  # fmt: skip
+    contact = faces(friction=mu, gap=lambda x: x[:, 0] ** 2 / (2 * R))
+    solver = PreloadSolver(PreloadModel(structure, [contact], (), loads))
+    result, c = None, a * np.sqrt(1 - share)
+    for factor in (0.0, 1.0, 0.0, -1.0):
+        result = solver.solve(dict.fromkeys(("push", "up", "back"), factor), initial=result)
+        assert result.iterations < 25
+        if factor == 0.0:
+            continue
+        state = result["c"]
+        at = state.interface.points[:, 0]
+        whole, inner = (np.sqrt(np.maximum(1 - (at / s) ** 2, 0.0)) for s in (a, c))
+        q = factor * mu * peak * (whole - c / a * inner)
+        found = -state.traction[:, 0] * state.interface.frames[:, 1, 0]
+        assert np.abs(found - q).max() < 0.05 * mu * peak
+        if factor == 1.0:
+            assert abs(np.abs(at[state.status == STICK]).max() - c) < 1.5 * h
 
 
 # -- free bodies and bad input ---------------------------------------------------------------------
