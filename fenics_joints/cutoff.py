@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -20,6 +21,7 @@ from petsc4py import PETSc
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
+from fenics_joints.eigensolver import without_zeros
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.preload import PreloadResult
@@ -30,7 +32,9 @@ __all__ = ["Anchor", "CutoffMinimum", "CutoffModel", "CutoffSweep", "minimise", 
 #: Pressures nearer than this, relative to the largest, are one step (symmetric facets).
 _SAME = 1e-6
 #: Jump entries that may differ between two anchors.
-_INTERVAL = 240
+_INTERVAL = 500
+#: Largest relative error of the frequencies at the far end of an interval.
+_ERROR = 1e-4
 #: Modes beyond the wanted ones that enter a reduced model.
 _SPARE = 8
 _BLOCK = 64
@@ -121,6 +125,11 @@ class CutoffModel:
         """The shift, (rad/s)^2, of `inverse`."""
         return self._solver.shift
 
+    @cached_property
+    def mass(self) -> PETSc.Mat:
+        """Mass in x with every jump free, without stored zeros."""
+        return without_zeros(self.joint.free_matrices(self.given)[1])
+
 
 @dataclass(frozen=True)
 class Anchor:
@@ -173,6 +182,7 @@ def sweep(
     model: CutoffModel,
     *,
     interval: int = _INTERVAL,
+    tolerance: float = _ERROR,
     progress: Callable[[int, int, float], None] | None = None,
 ) -> CutoffSweep:
     """Frequencies at every step. Collective.
@@ -181,36 +191,63 @@ def sweep(
         model: The model.
         interval: Jump entries that may differ between two anchors: more of them make fewer full
             solutions and larger reduced models.
+        tolerance: Largest relative error of a reduced model at its far anchor; a longer interval
+            is cut in two.
         progress: Told (steps done, all steps, largest error so far) after each interval.
     """
-    steps = _anchor_steps(model, interval)
-    n = len(model)
-    found = np.full((n, model.n_elastic + _SPARE // 2), np.nan)
-    anchors: list[Anchor] = []
+    n, n_kept = len(model), model.n_elastic + _SPARE // 2
+    found = np.full((n, n_kept), np.nan)
     # Down from the softest state, as a reduced model needs the factorisation of its softer end.
-    modes = model.solve(steps[-1], keep=False)
-    order = np.arange(found.shape[1])
-    found[steps[-1]] = _elastic(modes, found.shape[1])
-    anchors.append(Anchor(steps[-1], found[steps[-1]].copy(), np.nan))
-    for low, high in zip(steps[-2::-1], steps[:0:-1], strict=True):
-        reduced = _Interval(model, modes, low, high)
-        before = reduced.of_modes(found.shape[1])
+    high, modes = n - 1, model.solve(n - 1, keep=False)
+    order = np.arange(n_kept)
+    found[high] = _elastic(modes, n_kept)
+    anchors = [Anchor(high, found[high].copy(), np.nan)]
+    sizes = np.array([len(model.held(step)) for step in range(n)])
+    while high > 0:
+        low = _next_anchor(sizes, high, interval)
+        while True:
+            part = _Part(model, modes, low, high, n_kept)
+            if part.error <= tolerance or high - low < 2:
+                break
+            # Too far: take the nearer half of what was released.
+            low = _next_anchor(sizes, high, (sizes[low] - sizes[high]) / 2)
+            modes = model.solve(high, keep=False)
         for step in range(high - 1, low - 1, -1):
-            frequencies, vectors = reduced.solve(step, found.shape[1])
-            link = _assign(before.T @ reduced.mass @ vectors)
-            order = link[order]
-            found[step], before = frequencies[order], vectors
-        modes = model.solve(low, keep=False)
-        exact = _elastic(modes, found.shape[1])
-        error = np.abs(frequencies / exact - 1)[: model.n_elastic].max()
-        order = _assign(before.T @ reduced.onto(modes, found.shape[1]))[order]
-        found[low] = exact[order]
-        anchors.append(Anchor(low, exact, float(error)))
+            order = part.links[step][order]
+            found[step] = part.frequencies[step][order]
+        high, modes = low, part.modes
+        order = part.last[order]
+        found[high] = _elastic(modes, n_kept)[order]
+        anchors.append(Anchor(high, _elastic(modes, n_kept), part.error))
         if progress is not None:
-            progress(n - low, n, max(a.error for a in anchors[1:]))
+            progress(n - high, n, max(a.error for a in anchors[1:]))
     # Modes are numbered as they stand in the stiffest state.
     first = np.argsort(order)[: model.n_elastic]
     return CutoffSweep(model.cutoffs, found[:, first], model.scheme, anchors[::-1])
+
+
+class _Part:
+    """Frequencies between two anchors by a reduced model, followed by shape, and its error.
+
+    Attributes:
+        frequencies: At every step from ``low`` to ``high - 1``, ascending, Hz.
+        links: Which of a step's modes continues each of the step above.
+        last: Which of the full modes at ``low`` continues each of the reduced ones there.
+        modes: Modes of the full model at ``low``.
+        error: Largest relative difference of the wanted frequencies there.
+    """
+
+    def __init__(self, model: CutoffModel, modes: Modes, low: int, high: int, n: int):
+        reduced = _Interval(model, modes, low, high)
+        before, self.frequencies, self.links = reduced.of_modes(n), {}, {}
+        for step in range(high - 1, low - 1, -1):
+            self.frequencies[step], vectors = reduced.solve(step, n)
+            self.links[step] = _assign(before.T @ reduced.mass @ vectors)
+            before = vectors
+        self.modes = model.solve(low, keep=False)
+        exact = _elastic(self.modes, n)
+        self.error = float(np.abs(self.frequencies[low] / exact - 1)[: model.n_elastic].max())
+        self.last = _assign(before.T @ reduced.onto(self.modes, n))
 
 
 class _Interval:
@@ -231,7 +268,7 @@ class _Interval:
         self.model, self.n_rigid, self.shift = model, modes.n_rigid, model.shift
         self.released = np.setdiff1d(model.held(low), model.held(high), assume_unique=True)
         jumps, comm = model.joint.jumps, model.joint.model.comm
-        self._comm, self._M = comm, model.joint.free_matrices(model.given)[1]
+        self._comm, self._M = comm, model.mass
         self.Phi = np.column_stack([v.array_r for v in modes.shapes])
         mine = jumps.owned(self.released)
         at = jumps.local(self.released[mine])
@@ -328,14 +365,16 @@ def _assign(overlap: np.ndarray) -> np.ndarray:
     return linear_sum_assignment(-(overlap**2))[1]
 
 
-def _anchor_steps(model: CutoffModel, interval: int) -> list[int]:
-    """Steps at which to solve the full model, ascending, the first and last among them."""
-    sizes = np.array([len(model.held(step)) for step in range(len(model))])
-    steps = [len(model) - 1]
-    while steps[-1] > 0:
-        near = np.flatnonzero(sizes[: steps[-1]] - sizes[steps[-1]] <= interval)
-        steps.append(int(near[0]) if len(near) else steps[-1] - 1)
-    return steps[::-1]
+def _next_anchor(sizes: np.ndarray, high: int, interval: float) -> int:
+    """The lowest step from which at most ``interval`` entries are released on the way to ``high``.
+
+    Args:
+        sizes: Number of held entries at every step.
+        high: A step above 0.
+        interval: Entries.
+    """
+    near = np.flatnonzero(sizes[:high] - sizes[high] <= interval)
+    return int(near[0]) if len(near) else high - 1
 
 
 def _levels(pressures: list[np.ndarray]) -> np.ndarray:
@@ -455,11 +494,10 @@ def _followed(model: CutoffModel, step: int, solved: Mapping[int, np.ndarray]) -
         return frequencies[: model.n_elastic]
     near = min(solved, key=lambda k: abs(k - step))
     other = model.solve(near)
-    M = model.joint.free_matrices(model.given)[1]
     A, B = (
         np.column_stack([v.array_r for v in m.shapes[m.n_rigid : m.n_rigid + n]])
         for m in (other, modes)
     )
-    link = _assign(model.joint.model.comm.allreduce(A.T @ _product(M, B)))
+    link = _assign(model.joint.model.comm.allreduce(A.T @ _product(model.mass, B)))
     model.order[step] = link[model.order[near]]
     return frequencies[model.order[step]][: model.n_elastic]

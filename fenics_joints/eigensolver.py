@@ -27,7 +27,14 @@ from slepc4py import SLEPc
 
 from fenics_joints.errors import ConvergenceError, InputError
 
-__all__ = ["DEFAULT_SHIFT", "EigenResult", "EigenSolver", "count_below", "solve_pencil"]
+__all__ = [
+    "DEFAULT_SHIFT",
+    "EigenResult",
+    "EigenSolver",
+    "count_below",
+    "solve_pencil",
+    "without_zeros",
+]
 
 #: Default shift in rad^2/s^2: 50 Hz below zero, for metal parts with modes from 10 Hz to 20 kHz.
 DEFAULT_SHIFT = -((2.0 * np.pi * 50.0) ** 2)
@@ -344,7 +351,7 @@ class _Operator:
     """``X -> (A^-1 X, M X)`` on blocks of local columns, shape (local rows, columns)."""
 
     def __init__(self, ksp: PETSc.KSP, M: PETSc.Mat):
-        self._ksp, self._mass = ksp, _without_zeros(M)
+        self._ksp, self._mass = ksp, without_zeros(M)
         self._own_mass = self._mass is not M
         self.comm = M.comm.tompi4py()
         self.calls = self.columns = 0
@@ -389,7 +396,7 @@ class _Operator:
             self._mass.destroy()
 
 
-def _without_zeros(M: PETSc.Mat) -> PETSc.Mat:
+def without_zeros(M: PETSc.Mat) -> PETSc.Mat:
     """M itself, or a copy without its stored zeros where they are many.
 
     A consistent mass in DOLFINx's blocked pattern is two-thirds zeros; each step multiplies by it.

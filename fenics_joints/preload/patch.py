@@ -104,9 +104,9 @@ def _lone(p, mark, rows, share, slope, complement: bool) -> None:
     p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
     t = p0 / (p0 - pj)
     corner = t.prod(axis=1)
-    # d ln t / d p0 = -pj / (p0 (p0 - pj)), d ln t / d pj = 1 / (p0 - pj)
-    d0 = (corner[:, None] * -pj / (p0 * (p0 - pj))).sum(axis=1)
-    dj = corner[:, None] / (p0 - pj)
+    rest = t[:, ::-1] if k == 3 else np.ones_like(t)
+    d0 = (rest * -pj / (p0 - pj) ** 2).sum(axis=1)
+    dj = rest * p0 / (p0 - pj) ** 2
     sign = -1.0 if complement else 1.0
     share[rows] = 1 - corner if complement else corner
     slope[rows, lone] = sign * d0
