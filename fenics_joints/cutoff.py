@@ -386,7 +386,7 @@ def _levels(pressures: list[np.ndarray]) -> np.ndarray:
     return p[np.concatenate([[True], np.diff(p) > _SAME * p[-1]])]
 
 
-# -- the minimum from few full solutions ------------------------------------------------------------
+# -- the minimum from few full solutions -----------------------------------------------------------
 
 
 @dataclass

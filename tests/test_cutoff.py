@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from mpi4py import MPI
+
 from fenics_joints.components import part
 from fenics_joints.cutoff import CutoffModel, minimise, sweep
 from fenics_joints.errors import InputError
@@ -9,7 +11,6 @@ from fenics_joints.meshes import c_beams
 from fenics_joints.modal import solve_modes
 from fenics_joints.preload import BeamBolt, Contact, PreloadModel, solve_preload
 from fenics_joints.structure import Structure
-from mpi4py import MPI
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +69,7 @@ def test_minimum_from_few_full_solutions_is_that_of_the_sweep(result):
 
 
 def test_cutoffs_are_the_distinct_pressures(result):
-    """By hand: both pads and both halves of each are equal, so a pressure stands for four facets."""
+    """By hand: both pads and both halves of each are equal: a pressure stands for four facets."""
     model = CutoffModel(result)
     p = result["pads"].facet_pressure
     pressed = p[p > 1e-9 * p.max()]

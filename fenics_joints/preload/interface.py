@@ -255,11 +255,13 @@ def _match(name: str, lower: Face, upper: Face, tolerance: float | None) -> np.n
         raise MeshError(
             f"{name}: {int(far.sum())} of {len(far)} vertices of the smaller face have no partner "
             f"within {tolerance:.3g} m; the worst, at {small.points[worst].tolist()} m, is "
-            f"{distance[worst]:.3g} m from the nearest. Expected matching meshes: the same vertices "
-            "on both faces; give the contact a tolerance if they match across a gap."
+            f"{distance[worst]:.3g} m from the nearest. Expected matching meshes: the same "
+            "vertices on both faces; give the contact a tolerance if they match across a gap."
         )
     if len(np.unique(partner)) < len(partner):
-        raise MeshError(f"{name}: two vertices have the same partner; expected a smaller tolerance.")
+        raise MeshError(
+            f"{name}: two vertices have the same partner; expected a smaller tolerance."
+        )
     pairs = np.column_stack([np.arange(len(partner)), partner])
     return pairs[:, ::-1] if small is upper else pairs
 

@@ -82,7 +82,9 @@ class PreloadModel:
     def _check_names(names: list[str]) -> None:
         for name in names:
             if names.count(name) > 1:
-                raise InputError(f"{name} is the name of two contacts, bolts or loads; expected one.")
+                raise InputError(
+                    f"{name} is the name of two contacts, bolts or loads; expected one."
+                )
 
     # -- set-up ------------------------------------------------------------------------------
 
@@ -108,7 +110,9 @@ class PreloadModel:
         axis = np.eye(gdim)[-1] if bolt.axis is None else np.asarray(bolt.axis, dtype=float)
         length = np.linalg.norm(axis)
         if axis.shape != (gdim,) or not length > 0:
-            raise InputError(f"{bolt.name}.axis = {bolt.axis}: expected a vector of {gdim} numbers.")
+            raise InputError(
+                f"{bolt.name}.axis = {bolt.axis}: expected a vector of {gdim} numbers."
+            )
         return axis / length
 
     def _spider(self, bolt: BeamBolt, side: str) -> Spider:
