@@ -190,7 +190,7 @@ def solve_bolted_plates(
     faces = {"symmetry_x": 0, "symmetry_y": 1, "axis": 0}
     planes = [Support(f, (i,)) for f, i in faces.items() if f in tagged.facet_names]
     flat = tagged.mesh.geometry.dim == 2
-    structure = Structure(tagged, parts, planes, degree=s.degree, axisymmetric=flat)
+    structure = Structure(tagged, parts, supports=planes, degree=s.degree, axisymmetric=flat)
     share = 0.25 if "symmetry_x" in tagged.facet_names else 1.0
     model = PreloadModel(structure, _contacts(s, gap), [_bolt(s, force * share)])
     options = {} if s.penalty is None else {"method": "penalty", "penalty": s.penalty}

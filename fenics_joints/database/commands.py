@@ -161,6 +161,12 @@ def sweep(
 ) -> None:
     """Analyse all combinations, and keep each result at once.
 
+    By default: contact radius at 1 MPa and mean pressure inside it, of two equal round plates of
+    steel, 300 mm across, without friction, pressed by rings as wide as the bolt's washers. Change
+    it with --set model=washers or model=bolt, friction, washer_friction, loaded_diameter,
+    plate_radius, upper_thickness, E, nu, penalty, size, degree, P_lim (SI units; all are in
+    fenics_joints.database.analysis.BoltedPlates).
+
     Under mpirun the ranks share the samples. Started again after an interruption, it computes only
     what was not finished. Exit code 1 if a sample failed.
     """
