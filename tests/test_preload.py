@@ -222,7 +222,7 @@ def test_methods_agree():
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_interference_fit(degree):
-    """A ring shrunk on another: the pressure is Lamé's, p = delta / (b (1/E ...)), plane stress."""
+    """A ring shrunk on another, of another material: the pressure is Lamé's in plane stress."""
     a, b, c, length, delta = 0.02, 0.03, 0.045, 0.01, 20e-6
     errors = []
     for n in (4, 8):
@@ -242,6 +242,36 @@ def test_interference_fit(degree):
         errors.append(np.abs(result["c"].pressure * b * (out + inside) / delta - 1).max())
         assert result.complementarity < 1e-8
     assert errors[1] < (2e-3 if degree == 1 else 2e-5)
+    assert errors[1] < errors[0] / 3.5
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_shrunk_quarter_ring(swapped):
+    """In plane strain, on a polygon: the pressure is even up to the ends that symmetry holds."""
+    a, b, c, delta = 0.02, 0.03, 0.045, 20e-6
+    names = ["interface_lower", "interface_upper"]
+    contact = Contact("c", *(names[::-1] if swapped else names), gap=-delta, friction=0.1)
+    inner, outer = (100e9, 0.3), (200e9, 0.25)
+    E1, E2 = (E / (1 - nu**2) for E, nu in (inner, outer))
+    inside = ((b**2 + a**2) / (b**2 - a**2) - 0.3 / 0.7) / E1
+    out = ((c**2 + b**2) / (c**2 - b**2) + 0.25 / 0.75) / E2
+    errors = []
+    for n in (4, 8):
+        tagged = stacked_blocks(
+            COMM, lower=(np.linspace(0, np.pi / 2, 2 * n + 1), np.linspace(a - b, 0, n + 1)),
+            upper=np.linspace(0, c - b, n + 1),
+        )  # fmt: skip
+        x = tagged.mesh.geometry.x
+        radius, angle = b + x[:, 1], np.pi / 2 - x[:, 0]
+        x[:, :2] = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+        parts = [part(name, name, E=E, nu=nu, rho=1.0)
+                 for name, (E, nu) in (("lower", inner), ("upper", outer))]  # fmt: skip
+        held = [Support("left", (0,)), Support("right", (1,))]
+        structure = Structure(tagged, parts, supports=held, degree=1)
+        pressure = solve_preload(PreloadModel(structure, [contact]))["c"].pressure
+        assert np.ptp(pressure) < 1e-6 * pressure.max()
+        errors.append(abs(pressure.mean() * b * (inside + out) / delta - 1))
+    assert errors[1] < 5e-4
     assert errors[1] < errors[0] / 3.5
 
 

@@ -74,8 +74,8 @@ class Pairs:
         w, v = self.split(x)
         _, q = self.split(r)
         rough = (self.friction > 0)[:, None]
-        return np.column_stack([self.scale * (w + self.gap),
-                                np.where(rough, self.scale[:, None] * (v - self.slip), q)])  # fmt: skip
+        stuck = np.where(rough, self.scale[:, None] * (v - self.slip), q)
+        return np.column_stack([self.scale * (w + self.gap), stuck])
 
     def _limit(self, normal: np.ndarray) -> np.ndarray:
         pressed = np.maximum(normal, 0.0)
@@ -193,7 +193,8 @@ class Penalty(Pairs):
         B[stick, 1:, 1:] = k[stick, None, None] * eye
         slip = ~stick & (limit > 0)
         unit = tangent[slip] / size[slip, None]
-        across = (limit[slip] / size[slip])[:, None, None] * (eye - unit[:, :, None] * unit[:, None])
+        ratio = (limit[slip] / size[slip])[:, None, None]
+        across = ratio * (eye - unit[:, :, None] * unit[:, None, :])
         B[slip, 1:, 1:] += k[slip, None, None] * across
         B[slip, 1:, 0] += (self.friction[slip] * k[slip])[:, None] * unit
         return A, B

@@ -200,6 +200,7 @@ def pair_faces(
     gap: float | Callable = 0.0,
     tolerance: float | None = None,
     weight: Callable[[np.ndarray], np.ndarray] | None = None,
+    held: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Interface:
     """Pair the vertices of two faces.
 
@@ -212,6 +213,10 @@ def pair_faces(
         gap: Initial gap beyond that of the mesh, see `Contact`.
         tolerance: Farthest distance of a pair, m.
         weight: Weight of the surface measure as a function of positions (2 pi r), or None.
+        held: Directions in which supports hold blocks, from global numbers, (n,), to a mask,
+            (n, gdim). In a direction in which both vertices of a pair are held they cannot part,
+            so the normal has no component there: at the edge of a quarter model that of the
+            facets, all on one side of it, leans.
 
     Raises:
         MeshError: The faces share vertices, do not match, or look the same way.
@@ -228,6 +233,9 @@ def pair_faces(
     opposed = _vertex_normals(len(lower.nodes), lower.facets, lower.normals)[pairs[:, 0]]
     if np.any(np.einsum("ij,ij->i", opposed, -normals) > _OPPOSED):
         raise MeshError(f"{name}: the two faces look the same way; expected opposed normals.")
+    if held is not None:
+        both = held(lower.nodes[pairs[:, 0]]) & held(upper.nodes[pairs[:, 1]])
+        normals = _upright(normals, both)
     points = lower.points[pairs[:, 0]]
     shares = _hat_integrals(points, facets, weight)
     areas = np.zeros(n)
@@ -280,6 +288,13 @@ def _vertex_normals(n: int, facets: np.ndarray, normals: np.ndarray) -> np.ndarr
     np.add.at(total, facets, normals[:, None, :])
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0, length, 1.0)
+
+
+def _upright(normals: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Unit normals without their components in held directions, unless little else is left."""
+    flat = np.where(held, 0.0, normals)
+    length = np.linalg.norm(flat, axis=1, keepdims=True)
+    return np.where(length > -_OPPOSED, flat / np.where(length > 0, length, 1.0), normals)
 
 
 def _frames(normals: np.ndarray) -> np.ndarray:

@@ -102,8 +102,21 @@ class PreloadModel:
         lower, upper = self.face(contact.lower), self.face(contact.upper)
         return pair_faces(
             contact.name, lower, upper, gap=contact.gap, tolerance=contact.tolerance,
-            weight=self.weight,
+            weight=self.weight, held=self._held_directions,
         )  # fmt: skip
+
+    def _held_directions(self, nodes: np.ndarray) -> np.ndarray:
+        """Whether supports hold blocks, by global number, in each direction, (n, gdim)."""
+        gdim, (low, high) = self.structure.gdim, self.V.dofmap.index_map.local_range
+        owned = np.zeros((high - low) * gdim, dtype=bool)
+        for bc in self.structure.bcs:
+            dofs = bc.dof_indices()[0]
+            owned[dofs[dofs < len(owned)]] = True
+        mine = (nodes >= low) & (nodes < high)
+        found = np.zeros((len(nodes), gdim), dtype=np.int8)
+        found[mine] = owned.reshape(-1, gdim)[nodes[mine] - low]
+        self.comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
+        return found.astype(bool)
 
     def _axis(self, bolt) -> np.ndarray:
         gdim = self.structure.gdim
