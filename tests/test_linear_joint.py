@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 from scipy.optimize import brentq
 
-from fenics_joints.components import part
+from fenics_joints.components import Support, part
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import c_beams, stacked_blocks
 from fenics_joints.modal import solve_modes
@@ -143,6 +143,23 @@ def test_springs_of_pressure_against_two_rods_and_a_spring(force):
     stretching = [f for f, z, x in zip(modes.frequencies_hz, axial, side, strict=True)
                   if f > 10 and z > 10 * x]  # fmt: skip
     assert min(abs(f / exact - 1) for f in stretching) < 2e-4
+
+
+def test_a_support_of_one_side_holds_both_where_they_are_stuck():
+    """The lower rod's end is held: the upper rod stands on it, as on a support of its own."""
+    length, n = 0.1, 8
+    model = rods()
+    held = {}
+    for face in ("interface_lower", "interface_upper"):
+        parts = [part("rods", ("lower", "upper"), E=E, nu=0.0, rho=RHO)]
+        structure = Structure(model.tagged, parts, supports=[Support(face)], degree=2)
+        contact = Contact("joint", "interface_lower", "interface_upper")
+        joint = LinearJoint(PreloadModel(structure, [contact]))
+        held[face] = solve_modes(joint, n_modes=n).frequencies_hz
+    assert held["interface_lower"] == pytest.approx(held["interface_upper"], rel=1e-5)
+    # Clamped at one end (Euler and Bernoulli), 1.875^2 / (2 pi) r c / L^2 with r = side / sqrt(12).
+    bending = 1.8751**2 / (2 * np.pi) * 0.01 / np.sqrt(12) * np.sqrt(E / RHO) / length**2
+    assert held["interface_lower"][0] == pytest.approx(bending, rel=0.01)
 
 
 def test_cutoff_conditions_by_hand():

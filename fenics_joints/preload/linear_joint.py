@@ -199,7 +199,8 @@ class LinearJoint:
 
     def _hold(self, A: PETSc.Mat, diagonal: float) -> None:
         numbers = self.held()
-        mine = numbers[self.jumps.owned(numbers)].astype(np.int32)
+        mine = np.union1d(numbers[self.jumps.owned(numbers)], self.model.supported)
+        mine = mine.astype(np.int32)
         A.zeroRowsColumns(mine, diag=diagonal)
 
     def _add_springs(self, K: PETSc.Mat, c: Interface, springs: np.ndarray) -> None:
