@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +14,8 @@ from fenics_joints.preload.hold import Hold, find_hold
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.jumps import Jumps
 from fenics_joints.preload.model import PreloadModel
+from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner
+from fenics_joints.preload.options import petsc_defaults
 from fenics_joints.preload.result import PreloadResult
 
 __all__ = ["METHODS", "PreloadSolver", "solve_preload"]
@@ -33,6 +34,16 @@ _OPTIONS = {
     "pc_factor_mat_solver_type": "mumps",
     "mat_mumps_icntl_14": "40",
 }
+_NEWTON_OPTIONS = {
+    "snes_type": "newtonls",
+    "snes_linesearch_type": "basic",
+    "ksp_type": "gmres",
+    "ksp_pc_side": "right",
+    "ksp_rtol": "1e-9",
+    "ksp_max_it": "200",
+    "ksp_gmres_restart": "200",
+    "pc_type": "python",
+}
 _HELP = (
     "Try, in this order: the force in several steps, each from the result before (initial=...); "
     "no friction first; method='penalty' with a stiffness of about E over the thickness; a finer "
@@ -50,7 +61,9 @@ class PreloadSolver:
             ``vi`` (SNES vinewtonrsls on bounds of the openings; no friction), ``penalty``, or None
             for ``semismooth``.
         penalty: Stiffness per area, Pa/m, of method ``penalty``.
-        petsc_options: Options of SNES, KSP and PC, without prefix.
+        petsc_options: Options of SNES, KSP and PC, without prefix. Those of the symmetric system in
+            each Newton step (see `fenics_joints.preload.newton`) begin with ``held_``, such as
+            ``held_pc_type``; with a ``pc_type`` of your own the Newton matrix is assembled for it.
         prefix: Options prefix.
 
     Raises:
@@ -60,6 +73,7 @@ class PreloadSolver:
         solver: PETSc's SNES of the last solution.
         K: The stiffness in x.
         hold: What holds the free bodies.
+        newton: The Newton steps' factorisation, kept for the next solution; None before the first.
     """
 
     def __init__(
@@ -86,6 +100,7 @@ class PreloadSolver:
         self.held.zeroRowsColumns(self.fixed.astype(np.int32), diag=_mean_diagonal(self.K))
         self.solver: PETSc.SNES | None = None
         self._left: PETSc.Mat | None = None
+        self.newton: NewtonPreconditioner | None = None
 
     def _check(self) -> None:
         if self.method not in METHODS:
@@ -163,12 +178,18 @@ class PreloadSolver:
             snes.setJacobian(work.stiffness, self.held)
             snes.setVariableBounds(*work.bounds(x))
             work.close(x)
-        else:
+        elif self._assembled():
             options |= {"snes_type": "newtonls", "pc_type": "lu"}
             snes.setJacobian(work.jacobian, work.matrix())
+        else:
+            options = dict(_NEWTON_OPTIONS)
+            snes.setJacobian(work.jacobian, work.shell())
+            pc = snes.getKSP().getPC()
+            pc.setType("python")
+            pc.setPythonContext(self._preconditioner())
         if monitor is not None:
             snes.setMonitor(lambda _, i, norm: monitor(i, norm))
-        with _options(self.prefix, options | self.petsc_options):
+        with petsc_defaults(self.prefix, options | self.petsc_options):
             snes.setFromOptions()
             snes.setUpdate(work.allow_round_off)
             try:
@@ -185,6 +206,20 @@ class PreloadSolver:
                 f"{snes.getFunctionNorm():.2e} N of {work.scale():.2e} N). {_HELP}",
                 _reason(reason),
             )
+
+    def _assembled(self) -> bool:
+        """Whether the user's options want a preconditioner that needs the Newton matrix itself."""
+        given = self.petsc_options.get("pc_type", "python")
+        return PETSc.Options(self.prefix).getString("pc_type", str(given)) != "python"
+
+    def _preconditioner(self) -> NewtonPreconditioner:
+        """That of all solutions, made with the first."""
+        if self.newton is None:
+            prefix = self.prefix + "held_"
+            given = {k[5:]: v for k, v in self.petsc_options.items() if k.startswith("held_")}
+            options = {**_OPTIONS, "pc_type": "cholesky", **given}
+            self.newton = NewtonPreconditioner(self.held, prefix, options)
+        return self.newton
 
     def combine(self, pairs: Pairs, A: np.ndarray, B: np.ndarray, out=None) -> PETSc.Mat:
         """The matrix A K + B, with blocks A and B, (n, gdim, gdim), at the pairs; A is 1 elsewhere.
@@ -230,7 +265,9 @@ class PreloadSolver:
         for owned in (self.solver, self.K, self.held, self._left):
             if owned is not None:
                 owned.destroy()
-        self.solver = None
+        if self.newton is not None:
+            self.newton.free()
+        self.solver = self.newton = None
 
 
 class _Equations:
@@ -291,6 +328,10 @@ class _Equations:
         """The Jacobian's matrix, A K + B, with the pattern of its rows."""
         return self._assemble(*self.pairs.closed_tangent())
 
+    def shell(self) -> PETSc.Mat:
+        """The Jacobian as a product, of which nothing is assembled."""
+        return NewtonMatrix(self.solver.held, self.pairs.numbers).matrix()
+
     def jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """SNES's Jacobian; the first one closes all contacts."""
         if self.start:
@@ -299,7 +340,12 @@ class _Equations:
         else:
             self.residual(x, self.rows)
             A, B = self.pairs.tangent(x.array_r, self.rows.array_r)
-        self._assemble(A, B, P)
+        if P.getType() == "python":
+            context = P.getPythonContext()
+            context.A, context.B = A, B
+            P.assemble()
+        else:
+            self._assemble(A, B, P)
         if J != P:
             J.assemble()
 
@@ -324,7 +370,7 @@ class _Equations:
         F.array[self.pairs.numbers] = self.pairs.closed(x.array_r, F.array_r)
         ksp = PETSc.KSP().create(self.solver.model.comm)
         ksp.setOptionsPrefix(self.solver.prefix + "close_")
-        with _options(self.solver.prefix + "close_", {**_OPTIONS, "pc_type": "lu"}):
+        with petsc_defaults(self.solver.prefix + "close_", {**_OPTIONS, "pc_type": "lu"}):
             ksp.setFromOptions()
         ksp.setOperators(J)
         step = x.duplicate()
@@ -344,20 +390,6 @@ def solve_preload(
 ) -> PreloadResult:
     """Solve one preload; see `PreloadSolver`, whose options it takes."""
     return PreloadSolver(model, given, **options).solve(forces, initial=initial)
-
-
-@contextmanager
-def _options(prefix: str, ours: Mapping[str, object]):
-    """Options in PETSc's database for a while; those of the command line stand above defaults."""
-    options = PETSc.Options(prefix)
-    new = {k: v for k, v in ours.items() if not options.hasName(k)}
-    for key, value in new.items():
-        options.setValue(key, value)
-    try:
-        yield
-    finally:
-        for key in new:
-            options.delValue(key)
 
 
 def _pairs(model: PreloadModel, K: PETSc.Mat, penalty: float | None) -> Pairs:
