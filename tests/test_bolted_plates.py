@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,9 +42,8 @@ def test_pressure_is_proportional_to_the_force():
     """Plates without a gap, rigid or soft: p / F is the same, also with friction at washers."""
     for more in ({}, {"penalty": 1e12}, {"model": "washers", "washer_friction": 0.2}):
         settings = BoltedPlates(size=2e-3, **more)
-        one, five = (
-            solve_bolted_plates("M12", 0.02, f, settings)["plates"].pressure for f in (12.5e3, 62.5e3)
-        )  # fmt: skip
+        states = (solve_bolted_plates("M12", 0.02, f, settings) for f in (12.5e3, 62.5e3))
+        one, five = (state["plates"].pressure for state in states)
         assert np.allclose(five, 5 * one, rtol=1e-6, atol=1e-6 * five.max())
 
 
@@ -100,3 +102,19 @@ def test_sweep_of_contact_analyses(shared_tmp_path):
 def test_bad_settings_are_named(settings, said):
     with pytest.raises(InputError, match=said):
         bolted_plates_radius(Sample("M12", 0.012, 25e3, 0.02), **{"size": 4e-3} | settings)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(COMM.size > 1, reason="starts a process itself")
+def test_what_the_published_table_lacks(tmp_path):
+    """The inquiry: soft contact explains it, and nothing without it comes near."""
+    script = Path(__file__).resolve().parents[1] / "demos" / "bolted_plates" / "investigate.py"
+    command = [sys.executable, str(script), str(tmp_path / "t.npz"), str(tmp_path / "r.json")]
+    subprocess.run(command, check=True, timeout=7200)
+    result = json.loads((tmp_path / "r.json").read_text())
+    for weighed in result.values():
+        soft = [w["log_evidence"] for w in weighed if "soft contact" in w["facts"]]
+        others = [w["log_evidence"] for w in weighed if "soft contact" not in w["facts"]]
+        assert max(soft) > max(others) + np.log(100)
+    alone = next(w for w in result["radii alone"] if w["facts"] == "soft contact")
+    assert alone["rms"][0] < 0.045 and max(alone["held_out"].values()) < 0.045

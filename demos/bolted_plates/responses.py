@@ -47,6 +47,7 @@ FAMILIES = {
     "loaded, rim": {"t": THICKNESS, "loaded": LOADED, "rim": RIM},
     "penalty, rim": {"t": THICKNESS, "penalty": PENALTY, "rim": RIM},
     "ratio, loaded": {"t": THICKNESS, "ratio": RATIO, "loaded": LOADED[::2]},
+    "penalty, ratio": {"t": THICKNESS, "penalty": PENALTY[1:6], "ratio": RATIO},
     "gasket": {"t": THICKNESS, "washer": WASHER_RADIUS, "washer_t": WASHER_THICKNESS},
     "crown": {"t": THICKNESS, "crown": CROWN},
     "cell": {"t": THICKNESS, "cell": CELL},
@@ -164,7 +165,7 @@ def compute(file: Path) -> None:
                 both[(slice(None), *index)] = curves(*solution(family, p))
             except JointsError as error:  # stays open, and is tried again next time
                 said.add(f"{p}: {error}"[:200])
-        print(family, shape, f"{len(todo)} solved, {len(said)} failed", *said, sep="\n  ", flush=True)
+        print(f"{family}: {len(todo) - len(said)} solved", *said, sep="\n  ", flush=True)
         done[family] = both
         np.savez_compressed(file, **done)
 
