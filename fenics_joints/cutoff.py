@@ -68,6 +68,7 @@ class CutoffModel:
         self.result, self.scheme, self.n_elastic = result, scheme, n_elastic
         self.given = dict(given or {})
         self.states = [result[name] for name in contacts or result.contacts]
+        result.solver.forget()  # room for the factorisations of modes
         self.joint = LinearJoint(result.model)
         self.cutoffs = _levels([s.facet_pressure for s in self.states])
         self.solves = 0
@@ -273,9 +274,8 @@ class _Interval:
         mine = jumps.owned(self.released)
         at = jumps.local(self.released[mine])
         self.Psi = _attachments(model, at, np.flatnonzero(mine), len(self.released))
-        Z = np.column_stack([self.Phi, self.Psi])
-        rows = np.zeros((len(self.released), Z.shape[1]))
-        rows[mine] = Z[at]
+        rows = np.zeros((len(self.released), self.Phi.shape[1] + self.Psi.shape[1]))
+        rows[mine] = np.column_stack([self.Phi[at], self.Psi[at]])
         comm.Allreduce(MPI.IN_PLACE, rows)
         self._assemble(modes.eigenvalues - self.shift, rows)
 

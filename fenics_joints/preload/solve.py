@@ -260,14 +260,19 @@ class PreloadSolver:
             self.solver.destroy()
         self.solver = snes
 
+    def forget(self) -> None:
+        """Free the factorisation; the next solution makes its own. Collective."""
+        if self.newton is not None:
+            self.newton.free()
+        self.newton = None
+
     def destroy(self) -> None:
         """Free matrices and factorisations. Collective."""
         for owned in (self.solver, self.K, self.held, self._left):
             if owned is not None:
                 owned.destroy()
-        if self.newton is not None:
-            self.newton.free()
-        self.solver = self.newton = None
+        self.solver = None
+        self.forget()
 
 
 class _Equations:
