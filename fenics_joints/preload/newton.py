@@ -87,7 +87,7 @@ class NewtonPreconditioner:
         self._diagonal = K.getDiagonal()
         self._work, self._known = K.createVecs()
         self._state: np.ndarray | None = None
-        self.factorisations = self.solves = 0
+        self.factorisations = self.solves = self._before = 0
         self.ksp = PETSc.KSP().create(K.comm)
         self.ksp.setOptionsPrefix(prefix)
 
@@ -98,7 +98,9 @@ class NewtonPreconditioner:
         self.held = ~self.A.any(axis=2)
         self._invert()
         state = np.where(self.held, -1, np.einsum("nii->ni", self.springs) > 0)
-        if self._state is None:
+        slow = self.solves - self._before > 2 * _MOST
+        self._before = self.solves
+        if self._state is None or slow:
             changed = np.inf
         else:
             local = int(np.sum(np.any(state != self._state, axis=1)))

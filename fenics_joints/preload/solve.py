@@ -40,8 +40,12 @@ _NEWTON_OPTIONS = {
     "ksp_type": "gmres",
     "ksp_pc_side": "right",
     "ksp_rtol": "1e-9",
-    "ksp_max_it": "200",
-    "ksp_gmres_restart": "200",
+    # After pairs changed, the preconditioned matrix is far from normal: it takes an orthogonal basis.
+    "ksp_gmres_cgs_refinement_type": "refine_always",
+    "ksp_max_it": "100",
+    "ksp_gmres_restart": "100",
+    # What a slow step leaves, the next one takes, with a new factorisation.
+    "snes_max_linear_solve_fail": "10",
     "pc_type": "python",
 }
 _HELP = (
