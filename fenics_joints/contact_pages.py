@@ -162,7 +162,7 @@ def objective_over_cutoff(u: CutoffReport) -> str:
             axes.plot(x[steps], 100 * s.objective_all[steps], "|", color=colour, ms=9)
         axes.set(xlabel="cut-off pressure, MPa", ylabel="sum of relative errors, %")
         # Where almost nothing is stuck any more the error has no bounds of interest.
-        axes.set_ylim(0, 4 * max(s.objective_all[0] for s in u.schemes))
+        axes.set_ylim(0, 250 * max(s.objective_all[0] for s in u.schemes))
         axes.margins(x=0)
         axes.legend(loc="best")
         words = "; ".join(
