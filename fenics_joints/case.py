@@ -81,6 +81,7 @@ class Case(Section):
     diagnose: Diagnose = Diagnose()
 
     _path: Path = PrivateAttr(Path("case.toml"))
+    _coarse: Mesh | None = PrivateAttr(None)
     _measured: TestData | None = PrivateAttr(None)
     _validation: TestData | None = PrivateAttr(None)
     _start: dict[str, float] = PrivateAttr(default_factory=dict)
@@ -95,6 +96,10 @@ class Case(Section):
     def folder(self) -> Path:
         """The folder that the files named in the case stand in."""
         return self._path.parent
+
+    def diagnosed(self) -> Case:
+        """The case with the mesh that a diagnosis takes."""
+        return self if self._coarse is None else self.model_copy(update={"mesh": self._coarse})
 
     def measurements(self) -> TestData:
         """The measured data.
@@ -180,11 +185,24 @@ def load_case(path: str | Path) -> Case:
     except ValidationError as error:
         raise case_error(path, [describe(e, Case) for e in error.errors()]) from None
     case._path = path
+    case._coarse = _diagnosed_mesh(case, raw)
     errors = [*_check_names(case), *_check_mesh(case), *_read_tests(case)]
     errors += _check_update(case) if case.update else []
     if errors:
         raise case_error(path, errors)
     return case
+
+
+def _diagnosed_mesh(case: Case, raw: dict) -> Mesh | None:
+    """The mesh with what [diagnose.mesh] changes."""
+    if not case.diagnose.mesh:
+        return None
+    changed = {**raw, "mesh": {**raw["mesh"], **case.diagnose.mesh}}
+    try:
+        return Case.model_validate(changed).mesh
+    except ValidationError as error:
+        lines = [describe(e, Case) for e in error.errors()]
+        raise case_error(case.path, [f"diagnose.{line}" for line in lines]) from None
 
 
 # -- checks across sections ------------------------------------------------------------------------

@@ -99,6 +99,10 @@ class CBeamsMesh(BuilderMesh):
             return cells, [*faces, "interface"]
         return cells, [*faces, "interface_lower", "interface_upper"]
 
+    def with_layer(self, thickness: float) -> CBeamsMesh:
+        """The same plan with a layer, ``joint``, that makes the two beams one."""
+        return self.model_copy(update={"layer": thickness, "bonded": None})
+
     def build(self, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh. Collective."""
         from fenics_joints.meshes import c_beams

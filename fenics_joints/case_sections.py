@@ -446,13 +446,20 @@ class Update(Section):
 
 
 class Diagnose(Section):
-    """``[diagnose]``: what `fenics-joints diagnose` may assume."""
+    """``[diagnose]``: what `fenics-joints diagnose` may assume.
+
+    ``zones`` is the number of zones of equal pressure that a contact is split into, and ``mesh``
+    what its mesh has otherwise than ``[mesh]``, such as larger elements: a diagnosis solves many
+    models.
+    """
 
     n_modes: Count = 20
     discrepancy: Share = 0.01
     preload_scatter: Share = 0.2
     max_effects: Annotated[int, Field(ge=1, le=3, strict=True)] = 2
     effects: list[str] | None = None
+    zones: Annotated[int, Field(ge=3, le=40, strict=True)] = 12
+    mesh: dict[str, Any] = {}
     samples: Annotated[int, Field(ge=4, strict=True)] = 16
 
 

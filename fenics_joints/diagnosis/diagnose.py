@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.classes import classes, detectable
+from fenics_joints.diagnosis.contact_zones import contact_zones
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.inference import Evidence, Fit, Hypothesis, fit
 from fenics_joints.diagnosis.library import (
@@ -94,17 +95,28 @@ class _Run:
     # -- the model ---------------------------------------------------------------------------
 
     def _prepare(self) -> None:
+        self.zones = None
+        self.case = self.case.diagnosed()
+        if self.case.contacts:
+            self.progress.step("contact under preload")
+            self.zones = contact_zones(self.case, self.comm, self.case.diagnose.zones)
+            self.case = self.zones.case
         case = self.case
         self.progress.step("building the model")
         self.data = case.measurements() if self.data is None else self.data
         self.sensors = self.data.sensors
-        self.full = build_structure(case, self.comm, law="uncoupled", attached=True)
+        tagged = None if self.zones is None else self.zones.tagged
+        self.full = build_structure(
+            case, self.comm, law="uncoupled", attached=True, tagged=tagged
+        )
         self.baseline = bonded_values(case)
         self.thickness = layer_thickness(self.full)
         conditions = self.data.conditions
         many = len(conditions) > 1 and np.all(conditions > 0)
         reference = float(conditions[-1]) if many else None
-        self.effects = (*case_effects(case, self.thickness, reference), *self.extra)
+        self.effects = (
+            *case_effects(case, self.thickness, reference, self.zones), *self.extra
+        )
         self.nuisances = case_nuisances(case)
         self.scatter = case.diagnose.preload_scatter if many else 0.0
         self.n_test = len(self.data.mode_names)
@@ -127,15 +139,21 @@ class _Run:
         self.forward = self.surrogate.forward
 
     def _travel(self) -> dict:
-        return {
+        pointed = {**self.case.masses, **self.case.attached}
+        moving = {
             name: section.shift()
-            for name, section in self.case.attached.items()
+            for name, section in pointed.items()
             if getattr(section, "travel", None) is not None
+        }
+        return {
+            mass.name: moving[owner]
+            for mass in self.full.masses
+            if (owner := str(mass.travel).removesuffix(".travel")) in moving
         }
 
     def _samples(self, count: int) -> list[dict[str, float]]:
         """The baseline, some parameters at the ends of their ranges, and a Sobol sequence."""
-        ranges = sample_ranges(self.case, self.thickness)
+        ranges = sample_ranges(self.case, {} if self.zones else self.thickness)
         samples = [self.baseline]
         for name in ranges:
             if name.endswith(".thickness"):
@@ -149,7 +167,36 @@ class _Run:
                     samples.append(self._sample(ranges, {name: end, mass: 1.0}))
         unit = qmc.Sobol(len(ranges), seed=1).random_base2(int(np.ceil(np.log2(count))))[:count]
         places = [dict(zip(ranges, row, strict=True)) for row in unit]
-        return samples + [self._sample(ranges, place) for place in places]
+        samples += [self._sample(ranges, place) for place in places]
+        return samples if self.zones is None else self._contact_samples(samples)
+
+    def _contact_samples(self, samples: list[dict[str, float]]) -> list[dict[str, float]]:
+        """Samples with the contact's effects in them, as its zones do not vary one by one.
+
+        The cut-off stands between every two zones once; the other effects of the joint take turns,
+        at places of their priors, in the samples that are there.
+        """
+        own = [e for e in self.effects if e.family == "joint compliance"]
+        lost = next((e for e in own if [p.name for p in e.priors] == ["cutoff"]), None)
+        others = [e for e in own if e is not lost]
+        most = max((len(e.priors) for e in others), default=1)
+        places = 3 * qmc.Sobol(most, seed=2).random(len(samples)) - 1.5
+        found = [samples[0]]
+        for i, values in enumerate(samples[1:]):
+            values = dict(values)
+            if others and i % 4:
+                effect = others[i % len(others)]
+                theta = {
+                    p.name: p.value(float(np.clip(z, *p.limits())))
+                    for p, z in zip(effect.priors, places[i], strict=False)
+                }
+                effect.apply(values, theta, self.data.conditions[0])
+            found.append(values)
+        for level in self.zones.low[1:] if lost is not None else ():
+            values = dict(self.baseline)
+            lost.apply(values, {"cutoff": float(level)}, self.data.conditions[0])
+            found.append(values)
+        return found
 
     def _sample(self, ranges: dict, place: dict[str, float]) -> dict[str, float]:
         """Values at a place in the unit cube of the ranges; in their middle where not given."""
@@ -264,7 +311,7 @@ class _Run:
         verdict, summary = decide(fits, probability, effects, leader, self._gap(leader.log_f))
         shrink = self._shrink(fits, leader, grouped)
         self.progress.step("localising the gap")
-        where = zone_shares(leader, self.forward, self.evidence, self.baseline)
+        where = zone_shares(leader, self.forward, self.evidence, self.baseline, self._regions())
         cells = self._cells()
         before = self._gap(np.array([self.forward(self.baseline)[0]] * len(self.data)))
         return Diagnosis(
@@ -296,6 +343,10 @@ class _Run:
                 "seconds": time.perf_counter() - self.started,
             },
         )
+
+    def _regions(self) -> dict[str, str]:
+        """Regions that are shown as one: the zones of a contact."""
+        return {} if self.zones is None else dict.fromkeys(self.zones.names, self.zones.contact)
 
     def _leader(self, fits: Sequence[Fit]) -> Fit:
         """The best hypothesis that says what the gap is made of; "no gap" if that is the best."""

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Effect", "Prior", "attached", "compliance", "relative_error", "two_zones"]
+__all__ = [
+    "Effect", "Prior", "attached", "compliance", "lost_contact", "placed", "pressed_compliance",
+    "relative_error", "two_zones",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -156,6 +159,102 @@ def two_zones(zones, thickness, reference, describe) -> Effect:
     name = "joint compliance graded from zone to zone"
     torque = reference is not None
     return Effect(name, "joint", tuple(priors), apply, describe, torque, "joint compliance")
+
+
+#: Factor on the stiffness of a layer where the contact is lost: too soft to carry anything. And one
+#: at which it is about halfway, as a thin layer that stiff gives way like the bodies do.
+_LOST, _HALFWAY = 1e-9, 1e-3
+_POWER = np.log2(np.log(_LOST) / np.log(_HALFWAY))
+#: Cut-off relative to the largest pressure: a tenth, within a factor of 3 either way (one standard
+#: deviation). Rough faces carry shear from the first contact on, so it may be far lower; that it
+#: be near the peak would leave hardly any contact.
+_CUTOFF = (0.1, np.log(3.0))
+
+
+def lost_contact(zones: Sequence[str], low: np.ndarray, high: np.ndarray) -> Effect:
+    """Contact lost where its pressure is below a cut-off (seed 004, eqs. 4 and 5).
+
+    As the cut-off passes through the pressures of a zone the logarithm of its stiffness falls
+    smoothly to that of next to nothing.
+
+    Args:
+        zones: Zones of the contact's layer, by ascending pressure.
+        low: Least pressure of each zone, Pa, (n,).
+        high: Largest pressure of each zone, Pa, (n,); zero for one that is open.
+    """
+    largest = float(high[-1])
+    median, spread = _CUTOFF
+
+    def apply(values, theta, condition):
+        for zone, a, b in zip(zones, low, high, strict=True):
+            # Over thrice its range, so that neighbours overlap and no cut-off is without slope.
+            t = (1 + (theta["cutoff"] - a) / (b - a)) / 3 if b > a else 1.0
+            lost = _smooth_step(t)
+            factor = _LOST ** (lost**_POWER)
+            values[f"{zone}.E"] *= factor
+            values[f"{zone}.G"] *= factor
+
+    # Something must stay in contact, or the bodies part.
+    span = (1e-3 * largest, float(low[-1]))
+    prior = Prior("cutoff", median * largest, spread, "Pa", True, span)
+    words = "The faces hold together only where the bolts press them hard enough."
+    return Effect(
+        "contact lost at low pressure", "joint", (prior,), apply, words, False, "joint compliance"
+    )
+
+
+def _smooth_step(t: float) -> float:
+    """From 0 at 0 to 1 at 1, with a continuous slope."""
+    t = min(max(t, 0.0), 1.0)
+    return t * t * (3 - 2 * t)
+
+
+def pressed_compliance(
+    zones: Sequence[str], pressure: np.ndarray, thickness: Mapping[str, float]
+) -> Effect:
+    """Interface stiffness that grows with the pressure, k = k_ref (P / P_ref)^beta.
+
+    Seed 001, eqs. 22 and 23; P_ref is the largest zone's. A zone without pressure is lost.
+
+    Args:
+        zones: Zones of the contact's layer.
+        pressure: Pressure of each zone, Pa, (n,).
+        thickness: Layer thickness of each zone, m.
+    """
+    median, spread, span = _STIFFNESS
+    mean, sd, limits = _EXPONENT
+    priors = [Prior(f"k_{kind}", median, spread, "Pa/m", True, span) for kind in "nt"]
+    priors.append(Prior("beta", mean, sd, "", False, limits))
+    relative = np.asarray(pressure) / float(np.max(pressure))
+
+    def apply(values, theta, condition):
+        for zone, p in zip(zones, relative, strict=True):
+            for kind, key in (("n", f"{zone}.E"), ("t", f"{zone}.G")):
+                k = theta[f"k_{kind}"] * p ** theta["beta"] if p > 0 else 0.0
+                floor = _LOST * values[key]
+                values[key] = max(1 / (1 / values[key] + 1 / (k * thickness[zone] + floor)), floor)
+
+    words = "The interface gives way, the more the less it is pressed."
+    return Effect(
+        "joint compliance that falls with the pressure", "joint", tuple(priors), apply, words,
+        False, "joint compliance",
+    )  # fmt: skip
+
+
+def placed(name: str, key: str, shift: tuple[float, float]) -> Effect:
+    """A known mass whose place is uncertain: its travel, normal about zero.
+
+    Args:
+        name: Name of the effect.
+        key: Name of the mass.
+        shift: Range of the travel, m: four standard deviations.
+    """
+    prior = Prior("travel", 0.0, (shift[1] - shift[0]) / 4, "m", False, shift)
+
+    def apply(values, theta, condition):
+        values[f"{key}.travel"] = theta["travel"]
+
+    return Effect(name, key, (prior,), apply)
 
 
 def relative_error(

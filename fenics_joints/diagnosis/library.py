@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.case_sections import AttachedMass
+from fenics_joints.diagnosis.contact_zones import ContactZones
 from fenics_joints.diagnosis.effects import (
     Effect,
     Prior,
     attached,
     compliance,
+    lost_contact,
+    placed,
+    pressed_compliance,
     relative_error,
     two_zones,
 )
@@ -63,11 +69,21 @@ def case_nuisances(case: Case) -> tuple[Effect, ...]:
             if spread > 0:
                 words = f"{key} of {name}, within tolerance"
                 found.append(relative_error(words, name, [f"{name}.{key}"], spread, ""))
+    for name, section in case.masses.items():
+        label = name.replace("_", " ")
+        if section.tolerance:
+            words = f"mass of {label}, within tolerance"
+            found.append(relative_error(words, name, [f"{name}.mass"], section.tolerance, ""))
+        if section.shift() is not None:
+            found.append(placed(f"place of {label}", name, section.shift()))
     return tuple(found)
 
 
 def case_effects(
-    case: Case, thickness: dict[str, float], reference: float | None
+    case: Case,
+    thickness: dict[str, float],
+    reference: float | None,
+    zones: ContactZones | None = None,
 ) -> tuple[Effect, ...]:
     """The effects of the library that this case can hold.
 
@@ -75,11 +91,13 @@ def case_effects(
         case: The case.
         thickness: Layer thickness of each joint, m.
         reference: Torque at which stiffnesses are stated; None if the test has one torque.
+        zones: The contact whose zones the joints are; None if they are layers of the case's own.
 
     Raises:
         InputError: If the case asks for an effect that is not there.
     """
-    effects = (*_joint_effects(case, thickness, reference), *_part_effects(case))
+    joints = _joint_effects(case, thickness, reference, zones)
+    effects = (*joints, *_part_effects(case))
     effects = (*effects, *_attached_effects(case))
     wanted = case.diagnose.effects
     if wanted is None:
@@ -94,7 +112,7 @@ def case_effects(
     return tuple(effect for effect in effects if effect.name in wanted)
 
 
-def _joint_effects(case: Case, thickness, reference) -> list[Effect]:
+def _joint_effects(case: Case, thickness, reference, contact) -> list[Effect]:
     zones = tuple(case.joints)
     if not zones:
         return []
@@ -110,6 +128,10 @@ def _joint_effects(case: Case, thickness, reference) -> list[Effect]:
         )
         for name, (n, t, words) in kinds.items()
     ]  # fmt: skip
+    if contact is not None:
+        names, low, high = contact.names, contact.low, contact.high
+        effects.append(pressed_compliance(names, contact.pressure, thickness))
+        return [*effects, lost_contact(names, low, high)]
     away = tuple(name for name, section in case.joints.items() if not section.bolted)
     if away and len(away) < len(zones):
         effects.append(
@@ -153,8 +175,15 @@ def _attached_effects(case: Case) -> list[Effect]:
     return effects
 
 
-def sample_ranges(case: Case, thickness: dict[str, float]) -> dict[str, tuple[float, float, bool]]:
-    """Ranges (low, high, log) over which a reduced model must hold, by parameter."""
+def sample_ranges(
+    case: Case, thickness: Mapping[str, float]
+) -> dict[str, tuple[float, float, bool]]:
+    """Ranges (low, high, log) over which a reduced model must hold, by parameter.
+
+    Args:
+        case: The case.
+        thickness: Layer thickness, m, of the joints whose moduli are to be among them.
+    """
     ranges = {}
     bonded = bonded_values(case)
     for name, h in thickness.items():
@@ -166,6 +195,9 @@ def sample_ranges(case: Case, thickness: dict[str, float]) -> dict[str, tuple[fl
             # another thickness, and the hypothesis would lose for that.
             nominal, width = part.nominal()[key], 2 * spread
             ranges[f"{name}.{key}"] = (nominal * np.exp(-width), nominal * np.exp(width), True)
+    for name, section in case.masses.items():
+        if section.shift() is not None:
+            ranges[f"{name}.travel"] = (*section.shift(), False)
     for name, section in case.attached.items():
         key = "mass" if isinstance(section, AttachedMass) else "stiffness"
         value = section.nominal()[key]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -19,13 +19,18 @@ _STEPS = 12
 
 
 def zone_shares(
-    fit: Fit, forward: Forward, evidence: Evidence, baseline: dict[str, float]
+    fit: Fit,
+    forward: Forward,
+    evidence: Evidence,
+    baseline: dict[str, float],
+    merged: Mapping[str, str] | None = None,
 ) -> list[ZoneShare]:
     """Share of the measured gap that each region's parameters explain in a fitted hypothesis.
 
     The change of ln f from the baseline to the fit is split exactly among the parameters by
     integrating the sensitivities along the path between them (in logarithms where both ends are
-    positive), and projected on the measured gap; what is left is "unexplained".
+    positive), and projected on the measured gap; what is left is "unexplained". ``merged`` names
+    regions that count as one.
     """
     names = list(forward.model.parameters)
     changes = np.zeros((len(names), *evidence.log_f.shape))
@@ -38,6 +43,7 @@ def zone_shares(
     by_region: dict[str, float] = {}
     for name, change in zip(names, changes, strict=True):
         region = name.rpartition(".")[0]
+        region = (merged or {}).get(region, region)
         by_region[region] = by_region.get(region, 0.0) + float(np.sum(change * gap) / size)
     ordered = sorted(by_region.items(), key=lambda item: -abs(item[1]))
     shares = [ZoneShare(region, share) for region, share in ordered]

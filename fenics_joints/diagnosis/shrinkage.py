@@ -46,7 +46,7 @@ def folds(
         for j, name in enumerate(mode_names):
             mask = np.zeros((n, m), dtype=bool)
             mask[:, j] = True
-            found.append((f"mode {name}", mask))
+            found.append((name if name.startswith("mode") else f"mode {name}", mask))
     if n > 1:
         for block in np.array_split(np.arange(n), min(blocks, n)):
             mask = np.zeros((n, m), dtype=bool)
