@@ -40,7 +40,7 @@ _NEWTON_OPTIONS = {
     "ksp_type": "gmres",
     "ksp_pc_side": "right",
     "ksp_rtol": "1e-9",
-    # After pairs changed, the preconditioned matrix is far from normal: it takes an orthogonal basis.
+    # After pairs changed, the preconditioned matrix is far from normal: orthogonalise twice.
     "ksp_gmres_cgs_refinement_type": "refine_always",
     "ksp_max_it": "100",
     "ksp_gmres_restart": "100",
