@@ -192,10 +192,6 @@ def solve_bolted_plates(
     share = 0.25 if "symmetry_x" in tagged.facet_names else 1.0
     model = PreloadModel(structure, _contacts(s, gap), [_bolt(s, force * share)])
     options = {} if s.penalty is None else {"method": "penalty", "penalty": s.penalty}
-    # An iteration may leave the plates hanging on a pair or two, so that GMRES stalls at round-off:
-    # its step is good enough in space, and a section is small enough to factorise exactly.
-    exact = {"pc_type": "lu", "ksp_type": "preonly"}
-    options["petsc_options"] = exact if flat else {"snes_max_linear_solve_fail": 40}
     return solve_preload(model, **options)
 
 
