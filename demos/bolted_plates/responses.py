@@ -81,7 +81,9 @@ def solution(family: str, p: dict[str, float]):
         def gap(x):
             return steep * (x[:, 0] ** 2 - HOLE**2)
 
-    state = solve_bolted_plates(BOLT, t, force, BoltedPlates(**given), gap=gap)["plates"]
+    result = solve_bolted_plates(BOLT, t, force, BoltedPlates(**given), gap=gap)
+    result.solver.destroy()
+    state = result["plates"]
     order = np.argsort(state.interface.points[:, 0])
     return state.interface.points[order, 0], state.pressure[order] / force
 

@@ -142,7 +142,9 @@ def bolted_plates_radius(sample: Sample, **settings) -> dict[str, float]:
         raise InputError(
             f"roughness = {sample.roughness!r}: this model's surfaces are smooth; expected none"
         )
-    state = solve_bolted_plates(sample.bolt, sample.thickness, sample.force, given)["plates"]
+    result = solve_bolted_plates(sample.bolt, sample.thickness, sample.force, given)
+    result.solver.destroy()  # a sweep has many samples
+    state = result["plates"]
     radius = state.radius(given.P_lim)
     if radius == 0.0:
         raise InputError(f"the pressure reaches P_lim = {given.P_lim:g} Pa nowhere")
