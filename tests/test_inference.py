@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import kstest, multivariate_normal
+from scipy.stats import kstest, multivariate_normal, norm
 
 from fenics_joints.diagnosis.classes import APART, classes, detectable, distance
 from fenics_joints.diagnosis.effects import Effect, Prior, compliance
@@ -80,6 +80,26 @@ def test_evidence_is_the_exact_marginal_density():
     assert got.z == pytest.approx(J.T @ gain, abs=1e-5)
     # Matrix inversion lemma: the distance of the data under the prior predictive.
     assert got.misfit + got.z @ got.z == pytest.approx((data - mean) @ gain, rel=1e-6)
+
+
+def test_scanned_evidence_is_the_marginal_density():
+    """Of a parameter that acts in steps the evidence is a sum over the steps, in closed form."""
+    rng = np.random.default_rng(RNG_SEED)
+    forward = Linear(rng.standard_normal((4, 2)) * 0.05)
+    steps = np.array([-0.6, 0.1, 0.7])
+
+    def apply(values, theta, condition):
+        values["p1"] += 0.4 * np.sum(theta["d"] > steps)
+
+    stepped = Effect("steps", "", (Prior("d", 0.0, 1.0, log=False, scan=2001),), apply)
+    nuisance = shift(0, 0.3)
+    evidence = evidence_of(5.0 + 0.05 * rng.standard_normal((3, 4)))
+    got = fit(Hypothesis((stepped,), (nuisance,)), forward, evidence, forward.baseline)
+    mean, covariance, _ = prior_predictive(forward, (nuisance,), evidence)
+    edges = norm.cdf([-np.inf, *steps, np.inf])
+    moved = [mean + np.tile(forward.matrix[:, 1], 3) * 0.4 * k for k in range(4)]
+    density = [multivariate_normal(m, covariance).pdf(evidence.log_f.ravel()) for m in moved]
+    assert got.log_evidence == pytest.approx(np.log(np.diff(edges) @ density), abs=5e-3)
 
 
 def test_p_value_is_uniform_when_the_hypothesis_is_right():

@@ -25,7 +25,7 @@ from fenics_joints.diagnosis.library import (
     layer_thickness,
     sample_ranges,
 )
-from fenics_joints.diagnosis.localise import cell_map, zone_shares
+from fenics_joints.diagnosis.localise import cell_map, merge_regions, zone_shares
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import cross_validate, folds
@@ -460,10 +460,11 @@ class _Run:
             for part in self.case.parts
             for key in ("E", "rho", "thickness")
         ]
-        return cell_map(
+        found = cell_map(
             self.full, self.surrogate.nominal, self.surrogate.pairing, self.evidence,
             np.array(columns).T,
         )  # fmt: skip
+        return None if found is None else merge_regions(found, self._regions())
 
     def _separations(self, fits, probability, grouped, leader) -> list:
         """For each class with several likely members: what would split the leading two."""

@@ -28,6 +28,8 @@ class Prior:
         unit: SI unit.
         log: Log-normal (positive quantities) or normal.
         span: Hard limits (low, high) in ``unit``.
+        scan: Number of values at which the evidence is integrated over this parameter, for one
+            that acts in steps; 0 for one that acts smoothly.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Prior:
     unit: str = ""
     log: bool = True
     span: tuple[float, float] = (-np.inf, np.inf)
+    scan: int = 0
 
     def value(self, z: float) -> float:
         """The parameter at ``z`` standard deviations from the median."""
@@ -164,6 +167,7 @@ def two_zones(zones, thickness, reference, describe) -> Effect:
 #: Factor on the stiffness of a layer where the contact is lost: too soft to carry anything. And one
 #: at which it is about halfway, as a thin layer that stiff gives way like the bodies do.
 _LOST, _HALFWAY = 1e-9, 1e-3
+_SCAN = 60
 _POWER = np.log2(np.log(_LOST) / np.log(_HALFWAY))
 #: Cut-off relative to the largest pressure: a tenth, within a factor of 3 either way (one standard
 #: deviation). Rough faces carry shear from the first contact on, so it may be far lower; that it
@@ -196,7 +200,7 @@ def lost_contact(zones: Sequence[str], low: np.ndarray, high: np.ndarray) -> Eff
 
     # Something must stay in contact, or the bodies part.
     span = (1e-3 * largest, float(low[-1]))
-    prior = Prior("cutoff", median * largest, spread, "Pa", True, span)
+    prior = Prior("cutoff", median * largest, spread, "Pa", True, span, scan=_SCAN)
     words = "The faces hold together only where the bolts press them hard enough."
     return Effect(
         "contact lost at low pressure", "joint", (prior,), apply, words, False, "joint compliance"

@@ -7,10 +7,11 @@ so that the prior is standard normal in all of them. The data are the logarithms
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.integrate import trapezoid
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
@@ -21,6 +22,8 @@ from fenics_joints.surrogate import Forward
 __all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "fit"]
 
 _DIFFERENCE = 1e-5
+#: Standard deviations of the prior beyond which a scanned parameter is not looked for.
+_FARTHEST = 4.0
 
 #: Stands for the scatter of the preload in tables of parameters.
 _TIGHTENING = Effect("preload scatter", "bolts", (), lambda values, theta, condition: None)
@@ -239,7 +242,8 @@ def fit(
     """Most probable parameters of a hypothesis and its Laplace evidence.
 
     The evidence is ln Z = ln N(r; 0, Sigma) - |z|^2 / 2 - ln det(J^T Sigma^-1 J + I) / 2 at the
-    maximum, with the Gauss-Newton Hessian.
+    maximum, with the Gauss-Newton Hessian. Over a parameter that acts in steps (`Prior.scan`) it is
+    integrated on a grid instead, the others linear about their medians.
 
     Args:
         hypothesis: What is fitted.
@@ -254,6 +258,10 @@ def fit(
     lower = np.linalg.cholesky(covariance)
     problem = _Problem(hypothesis, forward, evidence, baseline, lower)
     bounds = np.array([prior.limits() for _, prior in hypothesis.priors]).reshape(-1, 2)
+    scanned = next((j for j, (_, p) in enumerate(hypothesis.priors) if p.scan), None)
+    scan = None if scanned is None else problem.scan(scanned, bounds[scanned])
+    if scan is not None:
+        starts = [scan.start, *(starts or ())]
     best = None
     for start in starts or (np.zeros(len(bounds)),):
         if len(bounds) == 0:
@@ -268,7 +276,35 @@ def fit(
             best = (result.cost, result.x)
     if progress:
         progress()
-    return problem.finish(best[1], bounds)
+    found = problem.finish(best[1], bounds)
+    return found if scan is None else scan.improved(found)
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """The posterior over one parameter, on a grid.
+
+    Attributes:
+        index: Which parameter.
+        start: The most probable point met, shape (d,).
+        log_evidence: ln of the integral over the grid.
+        variance: Posterior variance of the parameter.
+    """
+
+    index: int
+    start: np.ndarray
+    log_evidence: float
+    variance: float
+
+    def improved(self, found: Fit) -> Fit:
+        """A fit with the evidence and the variance from the grid."""
+        scale = np.ones(len(found.z))
+        scale[self.index] = np.sqrt(self.variance / found.covariance[self.index, self.index])
+        return replace(
+            found,
+            log_evidence=self.log_evidence,
+            covariance=found.covariance * np.outer(scale, scale),
+        )
 
 
 class _Problem:
@@ -319,6 +355,36 @@ class _Problem:
         _, jacobian = self.predict(z)
         whitened = self._whiten(jacobian[self.evidence.used.ravel()])
         return np.concatenate([whitened, np.eye(len(z))])
+
+    def scan(self, index: int, limits) -> _Scan:
+        """The evidence's integrand over one parameter, the others optimal in a linear model."""
+        count = self.hypothesis.priors[index][1].scan
+        grid = np.linspace(max(limits[0], -_FARTHEST), min(limits[1], _FARTHEST), count)
+        others = np.arange(len(self.hypothesis.priors)) != index
+        log_density, points = [], []
+        for value in grid:
+            z = np.zeros(len(others))
+            z[index] = value
+            residual, slope = self.residual(z)[: -len(z)], self.slope(z)[: -len(z), others]
+            hessian = slope.T @ slope + np.eye(slope.shape[1])
+            z[others] = -np.linalg.solve(hessian, slope.T @ residual)
+            residual = residual + slope @ z[others]
+            log_density.append(
+                -0.5 * (residual @ residual + z @ z) - 0.5 * np.linalg.slogdet(hessian)[1]
+            )
+            points.append(z)
+        log_density = np.array(log_density)
+        top = log_density.max()
+        weight = np.exp(log_density - top)
+        total = trapezoid(weight, grid)
+        mean = trapezoid(weight * grid, grid) / total
+        constant = np.sum(np.log(np.diag(self.lower))) + 0.5 * len(residual) * np.log(2 * np.pi)
+        return _Scan(
+            index,
+            points[int(np.argmax(log_density))],
+            float(top + np.log(total) - 0.5 * np.log(2 * np.pi) - constant),
+            float(trapezoid(weight * (grid - mean) ** 2, grid) / total),
+        )
 
     def finish(self, z, bounds) -> Fit:
         log_f, jacobian = self.predict(z)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from fenics_joints.gap import Pairing
 from fenics_joints.modal import Modes
 from fenics_joints.structure import Structure
 
-__all__ = ["cell_map", "zone_shares"]
+__all__ = ["cell_map", "merge_regions", "zone_shares"]
 
 _STEPS = 12
 
@@ -109,6 +110,14 @@ def cell_map(
         gradient = structure.cell_gradient(modes.shape(index), lam, modes.given)
         total -= weight * _log_stiffness(structure, gradient) / (2 * lam)
     return _gather(structure, total / structure.cell_volumes())
+
+
+def merge_regions(cells: CellMap, merged: Mapping[str, str]) -> CellMap:
+    """The same map with regions that ``merged`` gives one name as one."""
+    names = [merged.get(name, name) for name in cells.regions]
+    whole = tuple(dict.fromkeys(names))
+    index = np.array([whole.index(name) for name in names])
+    return replace(cells, region=index[cells.region], regions=whole)
 
 
 def _log_stiffness(structure: Structure, gradient: np.ndarray) -> np.ndarray:

@@ -96,7 +96,7 @@ def _modes(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
     more = slice(n_test, n_test + _MORE)
     if len(seen_a[more]) and len(seen_b[more]):
         change = _log_ratio(a, b, seen_a[more], seen_b[more])
-        found.append(_Candidate(f"the next {len(change)} modes of the same kind", change, sd))
+        found.append(_Candidate(_next_modes(len(change)), change, sd))
     if len(unseen_a) and len(unseen_b):
         change = _log_ratio(a, b, unseen_a[:_MORE], unseen_b[:_MORE])
         name = (
@@ -143,3 +143,7 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
         name = f"the same modes at {word} {condition[0]} ({value:g} {condition[1]})"
         found.append(_Candidate(name, log_f[0] - log_f[1], sd))
     return found
+
+
+def _next_modes(n: int) -> str:
+    return "the next mode of the same kind" if n == 1 else f"the next {n} modes of the same kind"
