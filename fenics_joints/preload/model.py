@@ -203,7 +203,9 @@ class PreloadModel:
             area = self._integral(weight * q * ds)
             if not abs(area) > 0:
                 raise InputError(f"{name}: the load's profile has no resultant there.")
-            form = weight * q / area * ufl.dot(ufl.as_vector(force.tolist()), v) * ds
+            # A constant, so that one compiled form serves all forces and areas.
+            traction = fem.Constant(self.V.mesh, np.asarray(force, dtype=float) / area)
+            form = weight * q * ufl.dot(traction, v) * ds
             total = form if total is None else total + form
         b = fem_petsc.assemble_vector(fem.form(total))
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
