@@ -180,7 +180,8 @@ class _Run:
         lost = next((e for e in own if [p.name for p in e.priors] == ["cutoff"]), None)
         others = [e for e in own if e is not lost]
         most = max((len(e.priors) for e in others), default=1)
-        places = 3 * qmc.Sobol(most, seed=2).random(len(samples)) - 1.5
+        enough = int(np.ceil(np.log2(len(samples))))
+        places = 3 * qmc.Sobol(most, seed=2).random_base2(enough) - 1.5
         found = [samples[0]]
         for i, values in enumerate(samples[1:]):
             values = dict(values)
