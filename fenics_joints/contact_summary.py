@@ -60,8 +60,8 @@ def cutoff(console: Console, u: CutoffReport) -> None:
     for s in u.schemes:
         console.print()
         best = f"{quantity(s.cutoff, 'Pa')}, sum of errors {percent(s.objective)}"
-        stuck = f"stuck on {area(s.area)} of {area(u.whole_area)}"
-        say(console, f"{s.scheme} conditions: best cut-off {best}, {stuck}", "bold")
+        say(console, f"{s.scheme} conditions: best cut-off {best}", "bold")
+        say(console, f"stuck on {area(s.area)} of {area(u.whole_area)}")
         rows = new_table(
             "mode", ">test, Hz", ">stuck, Hz", ">best, Hz", ">stuck", ">best", ">crosses at"
         )

@@ -32,9 +32,10 @@ DEMO = Path(__file__).resolve().parents[1] / "demos" / "c_beam"
 SMALL = {"element_size": 6e-3, "radial_size": 3e-3, "middle_size": 25e-3}
 #: The demo's case on the small mesh, with eight-node elements: fast, and of no other use.
 COARSE = [
-    ('element_size = "1.5 mm"', 'element_size = "6 mm"'),
-    ('radial_size = "1.1 mm"', 'radial_size = "3 mm"'),
-    ('middle_size = "12 mm"', 'middle_size = "25 mm"'),
+    ('\nelement_size = "2.5 mm"', '\nelement_size = "6 mm"'),
+    ('\nradial_size = "1.5 mm"', '\nradial_size = "3 mm"'),
+    ('\nmiddle_size = "20 mm"', '\nmiddle_size = "25 mm"'),
+    ("\nn_thickness = [1, 1]", "\nn_thickness = [2, 1]"),
     ("\ndegree = 2", "\ndegree = 1"),
 ]
 
