@@ -6,6 +6,7 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
@@ -65,6 +66,18 @@ def test_readme_form(run_script, tmp_path):
     found, by_hand = numbers(run_script(path).replace("E A / h", ""))
     assert found == pytest.approx(863e6 * 0.08 * 0.08 / 0.5e-3, rel=1e-5)
     assert by_hand == pytest.approx(found, rel=1e-5)
+
+
+def test_readme_preload(run_script, tmp_path):
+    """The README's bolted plates carry the bolt's force, and touch as receding contact does."""
+    (script,) = [b for b in blocks("python") if "solve_preload(" in b]
+    path = tmp_path / "readme_preload.py"
+    path.write_text(script, encoding="utf-8")
+    _, radius, mean, force = numbers(run_script(path))
+    # Two independent studies of a loaded radius of 12 mm: 23.5 to 23.9 mm.
+    assert 23.3 < radius < 24.2
+    assert force == pytest.approx(25e3, abs=1e-3)
+    assert mean * np.pi * (radius**2 - 6.75**2) == pytest.approx(25e3, rel=0.02)
 
 
 def test_readme_effect(run_script, tmp_path):
