@@ -21,7 +21,7 @@ from petsc4py import PETSc
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
-from fenics_joints.eigensolver import without_zeros
+from fenics_joints.eigensolver import product, without_zeros
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.preload import PreloadResult
@@ -81,15 +81,12 @@ class CutoffModel:
 
     def conditions(self, step: int) -> dict[str, np.ndarray]:
         """Condition of every pair at a step, by contact."""
-        # Just below the pressure, as symmetric facets differ by round-off.
-        cutoff = self.cutoffs[step] * (1 - 0.5 * _SAME)
-        return {
-            s.name: pair_conditions(s.interface, cutoff_conditions(s, cutoff, self.scheme))
-            for s in self.states
-        }
+        facets = self.facets(step)
+        return {s.name: pair_conditions(s.interface, facets[s.name]) for s in self.states}
 
     def facets(self, step: int) -> dict[str, np.ndarray]:
-        """Condition of every facet at a step, by contact, for pictures."""
+        """Condition of every facet at a step, by contact."""
+        # Just below the pressure, as symmetric facets differ by round-off.
         cutoff = self.cutoffs[step] * (1 - 0.5 * _SAME)
         return {s.name: cutoff_conditions(s, cutoff, self.scheme) for s in self.states}
 
@@ -283,7 +280,7 @@ class _Interval:
         """A and M in the coordinates (q, w)."""
         m = len(theta)
         self.at_modes, flexibility = rows[:, :m], 0.5 * (rows[:, m:] + rows[:, m:].T)
-        heavy = _product(self._M, self.Psi)
+        heavy = product(self._M, self.Psi)
         mass = np.eye(m + rows.shape[0])
         mass[m:, m:] = self._comm.allreduce(self.Psi.T @ heavy)
         # A Psi = E and A Phi = M Phi diag(theta) give the mixed block without a product.
@@ -327,7 +324,7 @@ class _Interval:
     def onto(self, modes: Modes, n: int) -> np.ndarray:
         """Products M-wise of the coordinates' vectors with other elastic modes, (size, n)."""
         Y = np.column_stack([v.array_r for v in modes.shapes[modes.n_rigid : modes.n_rigid + n]])
-        heavy = _product(self._M, Y)
+        heavy = product(self._M, Y)
         local = np.vstack([self.Phi.T @ heavy, self.Psi.T @ heavy])
         return self.turn.T @ self._comm.allreduce(local)
 
@@ -341,18 +338,6 @@ def _attachments(model: CutoffModel, at, columns, n: int) -> np.ndarray:
         inside = (columns >= start) & (columns < start + _BLOCK)
         block[at[inside], columns[inside] - start] = 1.0
         found[:, start : start + _BLOCK] = model.inverse(block)
-    return found
-
-
-def _product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
-    """A X for local rows of a block of columns."""
-    D = PETSc.Mat().createDense([A.getSizes()[0], (None, X.shape[1])], comm=A.comm)
-    D.setUp()
-    D.getDenseArray()[:] = X
-    D.assemble()
-    Y = A.matMult(D)
-    found = Y.getDenseArray().copy()
-    D.destroy(), Y.destroy()
     return found
 
 
@@ -498,6 +483,6 @@ def _followed(model: CutoffModel, step: int, solved: Mapping[int, np.ndarray]) -
         np.column_stack([v.array_r for v in m.shapes[m.n_rigid : m.n_rigid + n]])
         for m in (other, modes)
     )
-    link = _assign(model.joint.model.comm.allreduce(A.T @ _product(model.mass, B)))
+    link = _assign(model.joint.model.comm.allreduce(A.T @ product(model.mass, B)))
     model.order[step] = link[model.order[near]]
     return frequencies[model.order[step]][: model.n_elastic]

@@ -32,6 +32,7 @@ __all__ = [
     "EigenResult",
     "EigenSolver",
     "count_below",
+    "product",
     "solve_pencil",
     "without_zeros",
 ]
@@ -512,19 +513,19 @@ def _residuals(K, M, values, X, shift) -> np.ndarray:
     """Relative residuals as in EigenResult."""
     diagonal = K.getDiagonal()
     diagonal.axpy(-shift, M.getDiagonal())
-    r = _product(K, X) - _product(M, X) * values
+    r = product(K, X) - product(M, X) * values
     squares = np.sum(np.abs(r) ** 2 / np.abs(diagonal.array_r)[:, None], axis=0)
     squares = K.comm.tompi4py().allreduce(squares, op=MPI.SUM)
     return np.sqrt(squares / np.maximum(values - shift, np.finfo(float).tiny))
 
 
-def _product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
-    """``A X`` for local columns."""
+def product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
+    """``A X`` for this rank's rows of a block of columns. Collective."""
     dense = _dense(A, X.shape[1])
     dense.getDenseArray()[:] = X
-    product = A.matMult(dense)
-    out = product.getDenseArray().copy(order="F")
-    product.destroy()
+    image = A.matMult(dense)
+    out = image.getDenseArray().copy(order="F")
+    image.destroy()
     dense.destroy()
     return out
 

@@ -133,10 +133,6 @@ class Pairs:
         normal, tangent = self.trial(x, r)
         return status(normal, tangent, self._limit(normal))
 
-    def forces(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Forces of normal and friction, (n, gdim), N: from the bodies' equilibrium."""
-        return np.column_stack([*np.split(r[self.numbers], [1], axis=1)])
-
     def complementarity(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """|min(g c, N)| of each pair, N: zero in exact contact."""
         w, _ = self.split(x)

@@ -108,12 +108,18 @@ def _candidates(model: PreloadModel):
     group = _groups(model, body, n_bodies)
     names, group_of = np.unique(group, return_inverse=True)
     local_motions = rigid_motions(x[: _own(V)] - centre, model.axisymmetric)
+    # Groups on both sides of each contact, and of each spider: asked of all ranks once.
+    sides = [[group_of[_body_at(model, nodes, body)] for nodes in (c.upper, c.lower)]
+             for c in model.jumps.contacts]  # fmt: skip
+    legs = [group_of[_body_at(model, s.nodes[:1], body)[0]] for s in model.jumps.spiders]
     motions = []
     for number in range(len(names)):
         inside = group_of[body[: _own(V)]] == number
         for k in range(len(local_motions)):
-            motions.append(_in_x(model, local_motions[k] * inside[:, None], body, group_of,
-                                 number, k, centre))  # fmt: skip
+            moves = [[side == number for side in pair] for pair in sides]
+            turns = [leg == number for leg in legs]
+            u = local_motions[k] * inside[:, None]
+            motions.append(_in_x(model, u, moves, turns, k, centre))
     whole = np.tile(np.eye(len(local_motions)), (len(names), 1))
     return motions, whole
 
@@ -143,26 +149,33 @@ def _groups(model: PreloadModel, body, n_bodies) -> np.ndarray:
     return connected_components(graph, directed=False)[1]
 
 
-def _in_x(model, u, body, group_of, number, k, centre) -> PETSc.Vec:
-    """x of the motion k of one group: u where it moves, jumps where it meets others."""
-    jumps = model.jumps
+def _in_x(model, u, moves, turns, k, centre) -> PETSc.Vec:
+    """x of the motion k of one group: u where it moves, jumps where it meets others.
+
+    Args:
+        model: The model.
+        u: Displacement of this rank's blocks.
+        moves: Of each contact: which vertices of the upper and of the lower face move.
+        turns: Which spiders move.
+        k: Number of the motion.
+        centre: Point about which it turns.
+    """
+    jumps, axes = model.jumps, np.arange(model.jumps.gdim)
     v = jumps.T.createVecRight()
     array = np.zeros(jumps.n_local)
     array[: u.size] = u.ravel()
-    for c in (*jumps.contacts, *jumps.bonded):
-        moves = [group_of[_body_at(model, n, body)] == number for n in (c.upper, c.lower)]
+    for c, (upper, lower) in zip(jumps.contacts, moves, strict=True):
         motion = rigid_motions(c.points - centre, model.axisymmetric)[k]
-        jump = (moves[0].astype(float) - moves[1])[:, None] * motion
-        if not any(c is b for b in jumps.contacts):
-            jump = 0 * jump
+        jump = (upper.astype(float) - lower)[:, None] * motion
         turned = np.einsum("nki,ni->nk", c.frames, jump)
-        _put(jumps, array, c.upper[:, None] * jumps.gdim + np.arange(jumps.gdim), turned)
-        _put(jumps, array, c.upper_midsides[:, None] * jumps.gdim + np.arange(jumps.gdim), 0.0)
-    for section in jumps.sections:
-        _put(jumps, array, section.upper[:, None] * jumps.gdim + np.arange(jumps.gdim), 0.0)
+        _put(jumps, array, c.upper[:, None] * jumps.gdim + axes, turned)
+        _put(jumps, array, c.upper_midsides[:, None] * jumps.gdim + axes, 0.0)
+    following = [nodes for c in jumps.bonded for nodes in (c.upper, c.upper_midsides)]
+    for nodes in (*following, *(section.upper for section in jumps.sections)):
+        _put(jumps, array, nodes[:, None] * jumps.gdim + axes, 0.0)
     for i, spider in enumerate(jumps.spiders):
         _put(jumps, array, spider.nodes[:, None] * 3 + np.arange(3), 0.0)
-        if group_of[_body_at(model, spider.nodes[:1], body)[0]] == number:
+        if turns[i]:
             shift = rigid_motions(spider.centre[None] - centre)[k, 0]
             turn = np.eye(3)[k - 3] if k >= 3 else np.zeros(3)
             _put(jumps, array, jumps.reference(i), np.concatenate([shift, turn]))
