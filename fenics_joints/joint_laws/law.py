@@ -1,0 +1,133 @@
+"""What a nonlinear joint law is: parallel elements with memory, each written once, as UFL.
+
+From that one function come the residual and the consistent tangent of a finite-element problem
+(`fenics_joints.joint_laws.field`), and the compiled kernel of harmonic balance and time integration
+(`fenics_joints.joint_laws.kernel`).
+"""
+
+from __future__ import annotations
+
+import copy
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fenics_joints.errors import InputError
+
+__all__ = ["JointLaw"]
+
+
+class JointLaw(ABC):
+    """Stress of an interface, as the sum over parallel elements with memory.
+
+    The strain of a point is that of a thin layer (normal strain, engineering shear strain) or the
+    jump of a zero-thickness interface (opening, slip, m); the stress, Pa, is its work conjugate. A
+    law of one's own gives its parameters to this constructor and writes `element`; what it returns
+    may depend on strain, state and parameters in any way that UFL can say.
+
+    Args:
+        parameters: Values by name: a number, or an array of shape (E,), one for each of E parallel
+            elements, or (P, 1) or (P, E), for each of P points too. Names with a leading
+            underscore are not allowed.
+
+    Raises:
+        InputError: If a value is not finite, or their shapes do not fit together.
+
+    Attributes:
+        parameters: The values, as arrays.
+    """
+
+    #: Name in case files and messages.
+    name: str = ""
+    #: Whether the law takes the normal strain and returns a normal stress.
+    coupled: bool = False
+
+    def __init__(self, **parameters: ArrayLike):
+        self.parameters: dict[str, np.ndarray] = {}
+        for key, value in parameters.items():
+            array = np.asarray(value, dtype=float)
+            if not np.all(np.isfinite(array)):
+                raise InputError(f"{self.label}.{key} = {value}: expected finite numbers.")
+            if array.ndim > 2:
+                expected = "a number, or shape (elements,) or (points, elements)"
+                raise InputError(f"{self.label}.{key} has shape {array.shape}: expected {expected}")
+            self.parameters[key] = array
+        try:
+            self._shape = np.broadcast_shapes((1,), *(a.shape for a in self.parameters.values()))
+        except ValueError:
+            shapes = ", ".join(f"{k} {a.shape}" for k, a in self.parameters.items())
+            raise InputError(
+                f"{self.label}: the shapes of its parameters do not fit together: {shapes}."
+            ) from None
+
+    @property
+    def label(self) -> str:
+        """Name for messages."""
+        return self.name or type(self).__name__
+
+    @property
+    def n_elements(self) -> int:
+        """Number of parallel elements, E."""
+        return self._shape[-1]
+
+    @property
+    def n_points(self) -> int | None:
+        """Number of points, if the parameters differ from point to point; else None."""
+        return self._shape[0] if len(self._shape) == 2 and self._shape[0] > 1 else None
+
+    def state_size(self, n_slip: int) -> int:
+        """Numbers that one element remembers; 0 for a law without memory.
+
+        Args:
+            n_slip: Tangential directions, 1 in the plane and 2 in space.
+        """
+        return 0
+
+    @abstractmethod
+    def element(self, normal, slip, state, p: Mapping[str, object]) -> tuple:
+        """One element, from the last converged state to the present strain.
+
+        Args:
+            normal: Normal strain or opening, UFL scalar; zero where the interface has none.
+            slip: Shear strain or slip, UFL vector of shape (n_slip,).
+            state: What the element remembers, UFL vector of shape (state_size,); None without.
+            p: The element's parameters by name, UFL scalars.
+
+        Returns:
+            (normal stress, traction of shape (n_slip,), new state of shape (state_size,) or None).
+            A law that is not `coupled` returns 0 for the normal stress. Where the state does not
+            change it must be returned as it is (in a ``ufl.conditional``), not computed anew.
+        """
+
+    def values(self, n_points: int) -> np.ndarray:
+        """Parameters of every element of every point, shape (n_points, E, n_parameters).
+
+        Raises:
+            InputError: If the law is for another number of points.
+        """
+        if self.n_points not in (None, n_points):
+            raise InputError(
+                f"{self.label}: its parameters are for {self.n_points} points, the interface has "
+                f"{n_points}."
+            )
+        shape = (n_points, self.n_elements)
+        arrays = [np.broadcast_to(a, shape) for a in self.parameters.values()]
+        return np.ascontiguousarray(np.stack(arrays, axis=-1)) if arrays else np.empty((*shape, 0))
+
+    def with_values(self, **values: ArrayLike) -> JointLaw:
+        """The same law with other values of some of its element parameters.
+
+        Raises:
+            InputError: For an unknown parameter.
+        """
+        unknown = [key for key in values if key not in self.parameters]
+        if unknown:
+            raise InputError(
+                f"{self.label} has no parameter {unknown[0]!r}; expected one of: "
+                f"{', '.join(self.parameters)}."
+            )
+        other = copy.copy(self)
+        JointLaw.__init__(other, **{**self.parameters, **values})
+        return other
