@@ -101,7 +101,8 @@ class InterfaceModel:
         for what in ("forces", "sensors"):
             for key, array in getattr(self, what).items():
                 if np.shape(array) != (n,):
-                    raise InputError(f"{what}[{key!r}] has shape {np.shape(array)}: expected {(n,)}.")
+                    shape = np.shape(array)
+                    raise InputError(f"{what}[{key!r}] has shape {shape}: expected {(n,)}.")
         for points in self.interfaces:
             if points.rows.shape[2] != n:
                 raise InputError(

@@ -7,7 +7,6 @@ From that one function come the residual and the consistent tangent of a finite-
 
 from __future__ import annotations
 
-import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
@@ -128,6 +127,11 @@ class JointLaw(ABC):
                 f"{self.label} has no parameter {unknown[0]!r}; expected one of: "
                 f"{', '.join(self.parameters)}."
             )
-        other = copy.copy(self)
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
         JointLaw.__init__(other, **{**self.parameters, **values})
         return other
+
+    def __getstate__(self) -> dict:
+        """Without compiled kernels, which cannot be pickled and are soon made again."""
+        return {k: v for k, v in self.__dict__.items() if not k.startswith("_kernel")}

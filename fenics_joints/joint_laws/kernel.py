@@ -1,0 +1,316 @@
+"""A joint law as compiled code, for harmonic balance and time integration.
+
+The law's UFL is differentiated by UFL and written as C, which runs whole histories of all points
+and elements in one call. Compiled laws are kept in the user's cache folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+import tempfile
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import basix.ufl
+import cffi
+import numpy as np
+import ufl
+
+from fenics_joints.errors import InputError, JointsError
+from fenics_joints.joint_laws.c_code import assignments, scalar
+from fenics_joints.joint_laws.law import JointLaw
+
+__all__ = ["HarmonicStress", "LawKernel"]
+
+_DECLARATIONS = """
+void law_step(int P, int E, const double *e, const double *s, const double *p, double *f,
+              double *sn, double *tangent);
+void law_history(int P, int T, int E, const double *e, double *s, const double *p, double *f);
+int law_harmonic(int P, int E, int K, int T, int cycles, const double *X, const double *synthesis,
+                 const double *analysis, const double *p, double *s, double *begun, double *e,
+                 double *f, double *F, double *J);
+"""
+_FLAGS = ["-O3", "-fno-math-errno"]
+_kernels: dict[str, LawKernel] = {}
+
+
+@dataclass(frozen=True)
+class HarmonicStress:
+    """Stress of interface points whose strain is a Fourier series.
+
+    Attributes:
+        coefficients: Harmonics of the last cycle's stress, (P, d, K).
+        jacobian: Their derivative by those of the strain, (P, d, K, d, K); None if not asked for.
+        strain: Strain over the cycle, (P, T, d).
+        stress: Stress over the last cycle, (P, T, d).
+        state: States at its end, (P, E, m).
+        closure: Change of the states over the last cycle, relative to the largest of them: zero
+            when the cycle is closed.
+    """
+
+    coefficients: np.ndarray
+    jacobian: np.ndarray | None
+    strain: np.ndarray
+    stress: np.ndarray
+    state: np.ndarray
+    closure: float
+
+
+class LawKernel:
+    """The compiled elements of a law; make one with `LawKernel.of`.
+
+    Values of the law's parameters are given to every call, from `JointLaw.values`; strains are
+    ordered normal component (if any) first, then the tangential ones.
+
+    Args:
+        law: The law; only its UFL and the names of its parameters matter here.
+        n_slip: Number of tangential components, 1 or 2.
+        normal: Whether the strain has a normal component.
+
+    Attributes:
+        d: Components of strain.
+        m: Numbers of state per element.
+        n_parameters: Number of parameters of an element.
+    """
+
+    def __init__(self, law: JointLaw, n_slip: int, normal: bool):
+        self.d, self.m = n_slip + normal, law.state_size(n_slip)
+        self.n_parameters = len(law.parameters)
+        self._library = _compile(_source(law, n_slip, normal))
+
+    @staticmethod
+    def of(law: JointLaw, n_slip: int, normal: bool) -> LawKernel:
+        """The kernel of a law; compiled once for all laws of the same form.
+
+        Raises:
+            InputError: If the law cannot be compiled: not a function of strain and state alone, or
+                a result of the wrong shape.
+        """
+        kernel = law.__dict__.get(_key(n_slip, normal))
+        if kernel is None:
+            source = _source(law, n_slip, normal)
+            if source not in _kernels:
+                _kernels[source] = LawKernel(law, n_slip, normal)
+            kernel = law.__dict__[_key(n_slip, normal)] = _kernels[source]
+        return kernel
+
+    def zero_state(self, n_points: int, n_elements: int) -> np.ndarray:
+        """States of an interface that never moved, (P, E, m)."""
+        return np.zeros((n_points, n_elements, self.m))
+
+    def _begin(self, strain, ndim: int, state, values):
+        """Checked, contiguous copies of strain, state and values."""
+        strain = np.ascontiguousarray(strain, dtype=float)
+        values = np.ascontiguousarray(values, dtype=float)
+        P = len(strain)
+        if strain.ndim != ndim:
+            raise InputError(f"strain has shape {strain.shape}: expected {ndim} axes.")
+        if values.ndim != 3 or values.shape[::2] != (P, self.n_parameters):
+            raise InputError(
+                f"values has shape {values.shape}: expected ({P}, elements, {self.n_parameters})."
+            )
+        shape = (P, values.shape[1], self.m)
+        state = np.zeros(shape) if state is None else np.array(state, dtype=float, order="C")
+        if state.shape != shape:
+            raise InputError(f"state has shape {state.shape}: expected {shape}.")
+        return strain, state, values
+
+    def _expect(self, strain, shape) -> None:
+        if strain.shape != shape:
+            raise InputError(f"strain has shape {strain.shape}: expected {shape}.")
+
+    def step(self, strain, state, values):
+        """Stress after one step of strain.
+
+        Args:
+            strain: (P, d).
+            state: States before it, (P, E, m); None for an interface that never moved.
+            values: Parameters, (P, E, n_parameters).
+
+        Returns:
+            (stress (P, d), new states (P, E, m), algorithmic tangent (P, d, d)).
+
+        Raises:
+            InputError: For an array of the wrong shape.
+        """
+        strain, state, values = self._begin(strain, 2, state, values)
+        P = len(strain)
+        self._expect(strain, (P, self.d))
+        stress, new = np.empty((P, self.d)), np.empty_like(state)
+        tangent = np.empty((P, self.d, self.d))
+        self._library.lib.law_step(
+            P, values.shape[1], *map(self._pointer, (strain, state, values, stress, new, tangent))
+        )
+        return stress, new, tangent
+
+    def history(self, strain, state, values):
+        """Stress (P, T, d) over a history of strain (P, T, d), and the states after it.
+
+        Arguments and errors as `step`.
+        """
+        strain, state, values = self._begin(strain, 3, state, values)
+        P, T, _ = strain.shape
+        self._expect(strain, (P, T, self.d))
+        stress = np.empty_like(strain)
+        self._library.lib.law_history(
+            P, T, values.shape[1], *map(self._pointer, (strain, state, values, stress))
+        )
+        return stress, state
+
+    def harmonic(
+        self, coefficients, synthesis, analysis, values, state=None, *, cycles=2, jacobian=True
+    ) -> HarmonicStress:
+        """Harmonics of stress by those of strain, through the time domain.
+
+        Args:
+            coefficients: Harmonics of strain, (P, d, K).
+            synthesis: From harmonics to samples of one period, (T, K).
+            analysis: From samples to harmonics, (K, T).
+            values: Parameters, (P, E, n_parameters).
+            state: States before the first cycle, (P, E, m); None for one that never moved.
+            cycles: How often the cycle is run through; the last one counts. A law without memory
+                needs one.
+            jacobian: Whether the derivative is wanted; it goes through all cycles.
+
+        Raises:
+            InputError: For an array of the wrong shape.
+        """
+        X, state, values = self._begin(coefficients, 3, state, values)
+        P, d, K = X.shape
+        synthesis = np.ascontiguousarray(synthesis, dtype=float)
+        analysis = np.ascontiguousarray(analysis, dtype=float)
+        T = len(synthesis)
+        self._expect(X, (P, self.d, K))
+        if synthesis.shape != (T, K) or analysis.shape != (K, T):
+            raise InputError(
+                f"synthesis and analysis have shapes {synthesis.shape}, {analysis.shape}: expected "
+                f"(samples, {K}) and ({K}, samples)."
+            )
+        begun, F = np.empty_like(state), np.empty((P, d, K))
+        e, f = np.empty((P, T, d)), np.empty((P, T, d))
+        J = np.empty((P, d, K, d, K)) if jacobian else None
+        arrays = (X, synthesis, analysis, values, state, begun, e, f, F)
+        failed = self._library.lib.law_harmonic(
+            P, values.shape[1], K, T, cycles if self.m else 1, *map(self._pointer, arrays),
+            self._pointer(J) if jacobian else self._library.ffi.NULL,
+        )  # fmt: skip
+        if failed:
+            raise JointsError("out of memory in a joint law")
+        return HarmonicStress(F, J, e, f, state, _closure(begun, state))
+
+    def _pointer(self, array: np.ndarray):
+        return self._library.ffi.cast("double *", array.ctypes.data)
+
+
+def _key(n_slip: int, normal: bool) -> str:
+    return f"_kernel_{n_slip}_{int(normal)}"
+
+
+def _closure(begun: np.ndarray, ended: np.ndarray) -> float:
+    scale = max(float(np.abs(ended).max(initial=0.0)), np.finfo(float).tiny)
+    return float(np.abs(ended - begun).max(initial=0.0)) / scale
+
+
+# -- source ----------------------------------------------------------------------------------------
+
+
+def _source(law: JointLaw, n_slip: int, normal: bool) -> str:
+    """C source of a law's elements and of what runs them."""
+    d, m = n_slip + normal, law.state_size(n_slip)
+    # A domain is asked for by UFL's constants; nothing depends on it.
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)))
+    strain = ufl.Constant(domain, shape=(d,), count=0)
+    state = ufl.Constant(domain, shape=(max(m, 1),), count=1)
+    p = {key: ufl.Constant(domain, count=2 + i) for i, key in enumerate(law.parameters)}
+    names = {strain: "e", state: "s"} | {c: f"p[{i}]" for i, c in enumerate(p.values())}
+    e, s = ufl.variable(strain), ufl.variable(state)
+    slip = ufl.as_vector([e[i] for i in range(int(normal), d)])
+    made = law.element(e[0] if normal else ufl.as_ufl(0.0), slip, s if m else None, p)
+    stress, new = _checked(law, made, n_slip, m)
+    stress = ([stress[0]] if normal else []) + [stress[1][i] for i in range(n_slip)]
+    values = [(f"f[{i}]", scalar(f)) for i, f in enumerate(stress)]
+    values += [(f"sn[{i}]", scalar(new[i])) for i in range(m)]
+    slopes = _slopes("fe", stress, e, d) + _slopes("fs", stress, s, m)
+    slopes += _slopes("ne", new, e, d) + _slopes("ns", new, s, m)
+    defines = {"D": d, "M": m, "M1": max(m, 1), "NP": len(p)}
+    inputs = "const double *e, const double *s, const double *p, double *f, double *sn"
+    return "\n".join(
+        [
+            "#include <math.h>\n#include <stdlib.h>\n#include <string.h>",
+            *(f"#define {key} {value}" for key, value in defines.items()),
+            f"static void element({inputs})\n{{{assignments(values, names)}\n}}",
+            f"static void element_d({inputs}, double *fe, double *fs, double *ne, double *ns)",
+            f"{{{assignments(values + slopes, names)}\n}}",
+            files("fenics_joints.joint_laws").joinpath("kernel.c").read_text(encoding="utf-8"),
+        ]
+    )
+
+
+def _checked(law: JointLaw, made, n_slip: int, m: int):
+    try:
+        sigma, tau, new = made
+        shapes = ufl.as_ufl(sigma).ufl_shape, ufl.as_ufl(tau).ufl_shape
+        shapes += ((0,) if new is None else ufl.as_ufl(new).ufl_shape,)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{law.label}.element: expected (normal stress, traction, new state), UFL ({error})."
+        ) from error
+    expected = (), (n_slip,), (m,)
+    if shapes != expected:
+        raise InputError(
+            f"{law.label}.element: normal stress, traction and state have shapes {shapes}: "
+            f"expected {expected}."
+        )
+    return (sigma, tau), [] if new is None else [new[i] for i in range(m)]
+
+
+def _slopes(target: str, functions, variable, n: int) -> list:
+    found = []
+    for i, function in enumerate(functions):
+        derivative = ufl.diff(ufl.as_ufl(function), variable) if n else None
+        found += [(f"{target}[{i * n + j}]", scalar(derivative[j])) for j in range(n)]
+    return found
+
+
+# -- compiled --------------------------------------------------------------------------------------
+
+
+def _cache_folder() -> Path:
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "fenics_joints" / "laws"
+
+
+def _compile(source: str):
+    """The compiled module of a source, from the cache or through cffi."""
+    text = source + _DECLARATIONS + " ".join(_FLAGS) + sys.version + cffi.__version__
+    name = f"law_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
+    folder = _cache_folder()
+    found = list(folder.glob(f"{name}.*"))
+    return _load(name, found[0] if found else _build(name, source, folder))
+
+
+def _build(name: str, source: str, folder: Path) -> Path:
+    ffi = cffi.FFI()
+    ffi.cdef(_DECLARATIONS)
+    ffi.set_source(name, source, extra_compile_args=_FLAGS)
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        try:
+            built = Path(ffi.compile(tmpdir=scratch))
+        except cffi.VerificationError as error:
+            raise JointsError(f"a joint law could not be compiled: {error}") from error
+        # Whole or not there, whoever else compiles the same law at this moment.
+        final = folder / built.name
+        os.replace(built, final)
+    return final
+
+
+def _load(name: str, path: Path):
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
