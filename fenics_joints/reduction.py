@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.interpolate import CubicSpline
 
-from fenics_joints.components import PointMass, Spring
+from fenics_joints.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.components import PointMass, Region, Spring
 from fenics_joints.errors import InputError
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.points import Sensors
@@ -24,7 +24,6 @@ from fenics_joints.structure import Structure
 
 __all__ = ["ReducedStructure", "enrich", "reduce"]
 
-_COMPLEX_STEP = 1e-30
 _TRAVEL_SAMPLES = 41
 #: Snapshots span a basis; their own error matters by its square.
 _SNAPSHOT = 1e-4
@@ -57,10 +56,16 @@ class ReducedStructure:
         self.n_dofs = len(basis)
         self._dense = _columns(basis)
         self.scale_hz = structure.dilation_frequency()
-        self._terms = [self._region_terms(i) for i in range(len(structure.regions))]
-        self._masses = [self._mass_rows(m, (travel or {}).get(m.name)) for m in structure.masses]
-        self._springs = [self._spring_row(s) for s in structure.springs]
-        self._volumes = structure.volumes()
+        volumes = structure.volumes()
+        graded = [_is_graded(region) for region in structure.regions]
+        self._graded = [i for i, varies in enumerate(graded) if varies]
+        #: The affine terms: all that `matrices` needs, without the mesh.
+        self.affine = AffinePencil(
+            self.parameters,
+            [self._region_term(i, v) for i, v in enumerate(volumes) if not graded[i]],
+            [self._spring_term(s) for s in structure.springs],
+            [self._mass_term(m, (travel or {}).get(m.name)) for m in structure.masses],
+        )
         self._last: tuple | None = None
         self._sensor_rows: dict[tuple, np.ndarray] = {}
 
@@ -70,11 +75,9 @@ class ReducedStructure:
         """Z^T A Z, shape (n_dofs, n_dofs), equal on all ranks. Collective."""
         return _project(A, self._dense)
 
-    def _region_terms(self, number: int):
-        """Projections of the law's stiffness terms and of the unit mass; None if q varies."""
+    def _region_term(self, number: int, volume: float) -> RegionTerm:
+        """Projections of the law's stiffness terms and of the unit mass."""
         region = self.full.regions[number]
-        if any(callable(p) for p in region.properties.values()):
-            return None
         law = region.law
         sampled, inertia = [], None
         for q in law.samples:
@@ -84,7 +87,8 @@ class ReducedStructure:
                 inertia = self.project(M) / law.inertia_terms(q)[0]
         theta = np.array([law.stiffness_terms(q) for q in law.samples], dtype=float)
         terms = np.linalg.solve(theta, np.array(sampled).reshape(len(sampled), -1))
-        return terms.reshape(-1, self.n_dofs, self.n_dofs), inertia
+        terms = terms.reshape(-1, self.n_dofs, self.n_dofs)
+        return RegionTerm(region.name, law, region.properties, terms, inertia, float(volume))
 
     def point_rows(self, points) -> np.ndarray:
         """Displacement of the basis vectors at points, shape (n, gdim, n_dofs). Collective."""
@@ -95,26 +99,25 @@ class ReducedStructure:
         )
         return self.full.observe(self.basis, sensors).reshape(len(points), gdim, self.n_dofs)
 
-    def _mass_rows(self, mass: PointMass, span) -> Callable:
-        """The basis at the mass, and its slope by the travel, as a function of the travel."""
+    def _mass_term(self, mass: PointMass, span) -> MassTerm:
+        """The basis at the mass, along its travel if that is a parameter."""
         if not isinstance(mass.travel, str):
-            place = np.asarray(mass.point) + mass.travel * np.asarray(mass.direction)
-            row = self.point_rows(place)[0]
-            return lambda travel: (row, np.zeros_like(row))
-        if span is None:
+            stations = np.array([float(mass.travel)])
+        elif span is None:
             raise InputError(
                 f"{mass.name}.travel: a reduced model needs the range in which the mass moves; "
                 "expected travel = {name: (low, high)} in metres."
             )
-        stations = np.linspace(*span, _TRAVEL_SAMPLES)
+        else:
+            stations = np.linspace(*span, _TRAVEL_SAMPLES)
         points = np.asarray(mass.point) + stations[:, None] * np.asarray(mass.direction)
-        spline = CubicSpline(stations, self.point_rows(points))
-        slope = spline.derivative()
-        return lambda travel: (spline(travel), slope(travel))
+        rows = self.point_rows(points)
+        return MassTerm(mass.name, mass.mass, mass.travel, mass.share, stations, rows)
 
-    def _spring_row(self, spring: Spring) -> np.ndarray:
+    def _spring_term(self, spring: Spring) -> SpringTerm:
         direction = np.asarray(spring.direction)[: self.full.gdim]
-        return direction @ self.point_rows(spring.point)[0]
+        row = direction @ self.point_rows(spring.point)[0]
+        return SpringTerm(spring.name, spring.stiffness, spring.share, row)
 
     # -- the calls of a structure --------------------------------------------------------------
 
@@ -134,24 +137,10 @@ class ReducedStructure:
         return self._last[1:]
 
     def _assemble(self, values):
-        K, M = (np.zeros((self.n_dofs, self.n_dofs)) for _ in range(2))
-        for number, region in enumerate(self.full.regions):
-            q = self.full.field.region_values(number, values)
-            if q is None:
-                K_region, M_region = self._varying(number, values)
-                K += K_region
-                M += M_region
-                continue
-            region.law.check(region.name, q)
-            terms, inertia = self._terms[number]
-            K += np.tensordot(region.law.stiffness_terms(q), terms, axes=1)
-            M += region.law.inertia_terms(q)[0] * inertia
-        for spring, row in zip(self.full.springs, self._springs, strict=True):
-            k = spring.share * self.full.number(spring.stiffness, values)
-            K += k * np.outer(row, row)
-        for mass, rows in zip(self.full.masses, self._masses, strict=True):
-            at, _ = rows(self.full.number(mass.travel, values))
-            M += mass.share * self.full.number(mass.mass, values) * (at.T @ at)
+        K, M = self.affine.matrices(values)
+        for region in self._graded:
+            K_region, M_region = self._varying(region, values)
+            K, M = K + K_region, M + M_region
         return K, M
 
     def _varying(self, number: int, values):
@@ -168,49 +157,12 @@ class ReducedStructure:
             eigenvalues: lambda of each, shape (k,).
             given: Values of parameters that differ from their nominal value.
         """
-        values = self.values(given)
-        eigenvalues = np.asarray(eigenvalues, dtype=float)
-        position = {name: i for i, name in enumerate(self.parameters)}
-        gradient = np.zeros((len(eigenvalues), len(position)))
-        for number in range(len(self.full.regions)):
-            self._region_gradient(gradient, position, number, shapes, eigenvalues, values)
-        for spring, row in zip(self.full.springs, self._springs, strict=True):
-            if isinstance(spring.stiffness, str):
-                gradient[:, position[spring.stiffness]] += spring.share * (row @ shapes) ** 2
-        for mass, rows in zip(self.full.masses, self._masses, strict=True):
-            if not isinstance(mass.mass, str) and not isinstance(mass.travel, str):
-                continue
-            at, slope = rows(self.full.number(mass.travel, values))
-            u = at @ shapes
-            if isinstance(mass.mass, str):
-                gradient[:, position[mass.mass]] -= eigenvalues * mass.share * np.sum(u**2, axis=0)
-            if isinstance(mass.travel, str):
-                m = mass.share * self.full.number(mass.mass, values)
-                moved = np.sum(u * (slope @ shapes), axis=0)
-                gradient[:, position[mass.travel]] -= 2 * eigenvalues * m * moved
-        return gradient
-
-    def _region_gradient(self, gradient, position, number, shapes, eigenvalues, values) -> None:
-        region = self.full.regions[number]
-        q = self.full.field.region_values(number, values)
-        if q is None:
+        if self._graded:
             raise InputError(
-                f"{region.name}: derivatives of a graded joint need the full model; expected "
-                "uniform properties in a reduced one."
+                f"{self.full.regions[self._graded[0]].name}: derivatives of a graded joint need "
+                "the full model; expected uniform properties in a reduced one."
             )
-        named = {key: p for key, p in region.properties.items() if isinstance(p, str)}
-        if not named:
-            return
-        terms, inertia = self._terms[number]
-        stiff = np.sum((terms @ shapes) * shapes, axis=1)
-        heavy = np.sum((inertia @ shapes) * shapes, axis=0)
-        for key, name in named.items():
-            # Complex step: exact to round-off, whatever the law's scalars are.
-            step = {k: complex(value) for k, value in q.items()}
-            step[key] += 1j * _COMPLEX_STEP
-            d_stiff = np.imag(region.law.stiffness_terms(step)) / _COMPLEX_STEP
-            d_heavy = np.imag(region.law.inertia_terms(step))[0] / _COMPLEX_STEP
-            gradient[:, position[name]] += d_stiff @ stiff - eigenvalues * d_heavy * heavy
+        return self.affine.gradients(shapes, eigenvalues, self.values(given))
 
     def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
         """Displacement shapes at sensors, shape (n_sensors, n_shapes)."""
@@ -221,14 +173,13 @@ class ReducedStructure:
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg, as the full structure's."""
-        values = self.values(given)
-        total = self.full.attached_mass(values)
-        for number, region in enumerate(self.full.regions):
-            q = self.full.field.region_values(number, values)
-            if q is None:
-                return self.full.total_mass(given)
-            total += region.law.inertia_terms(q)[0] * self._volumes[number]
-        return float(total)
+        if self._graded:
+            return self.full.total_mass(given)
+        return self.affine.total_mass(self.values(given))
+
+
+def _is_graded(region: Region) -> bool:
+    return any(callable(p) for p in region.properties.values())
 
 
 def reduce(

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints._compat import geometry_dofmap
+from fenics_joints.affine import parameter_values
 from fenics_joints.components import Parameter, PointMass, Region, Spring, Support
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.forms import circumference
@@ -271,16 +272,7 @@ class Structure:
         Raises:
             InputError: If ``given`` names an unknown parameter or has a value that is not finite.
         """
-        values = {name: p.value for name, p in self.parameters.items()}
-        for name, value in (given or {}).items():
-            if name not in values:
-                raise InputError(
-                    f"parameter {name!r} does not exist; expected one of: {', '.join(values)}."
-                )
-            if not np.isfinite(value):
-                raise InputError(f"parameter {name} = {value}: expected a finite number.")
-            values[name] = float(value)
-        return values
+        return parameter_values(self.parameters, given)
 
     def stiffness(self, given: Mapping[str, float] | None = None, out=None) -> PETSc.Mat:
         """Stiffness matrix K(p), N/m, symmetric; rows of held DOFs are the identity's.
