@@ -13,7 +13,15 @@ if TYPE_CHECKING:
 
     from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["BUILDERS", "BuilderMesh", "CBeamsMesh", "FileMesh", "LapPlatesMesh", "Mesh"]
+__all__ = [
+    "BUILDERS",
+    "BuilderMesh",
+    "CBeamsMesh",
+    "FileMesh",
+    "LapBeamMesh",
+    "LapPlatesMesh",
+    "Mesh",
+]
 
 
 class BuilderMesh(Section):
@@ -110,6 +118,45 @@ class CBeamsMesh(BuilderMesh):
         return c_beams(comm, **self.arguments())
 
 
+class LapBeamMesh(BuilderMesh):
+    """``builder = "lap_beam"``: arguments of `fenics_joints.meshes.lap_beam`."""
+
+    builder: Literal["lap_beam"]
+    length: Size | None = None
+    width: Size | None = None
+    thickness: Size | None = None
+    lap: Size | None = None
+    washer: Gap | None = None
+    layer: Gap | None = None
+    bonded: bool | None = None
+    n_length: Count | None = None
+    n_lap: Count | None = None
+    n_width: Count | None = None
+    n_thickness: Count | None = None
+    cell: Literal["hexahedron", "tetrahedron"] | None = None
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the cells' and of the facets' groups."""
+        cells, faces = ["beam_1", "beam_2"], ["clamp", "tip"]
+        if self.washer is None or self.washer > 0:
+            faces += ["washer_lower", "washer_upper"]
+        if self.layer:
+            return [*cells, "joint"], [*faces, "joint_lower", "joint_upper"]
+        if self.bonded:
+            return cells, [*faces, "interface"]
+        return cells, [*faces, "interface_lower", "interface_upper"]
+
+    def with_layer(self, thickness: float) -> LapBeamMesh:
+        """The same plan with a layer, ``joint``, that makes the two beams one."""
+        return self.model_copy(update={"layer": thickness, "bonded": None})
+
+    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh. Collective."""
+        from fenics_joints.meshes import lap_beam
+
+        return lap_beam(comm, **self.arguments())
+
+
 class FileMesh(Section):
     """``[mesh]`` from a gmsh file with named physical groups."""
 
@@ -120,7 +167,7 @@ class FileMesh(Section):
 
 
 #: Classes of the builders, by name.
-BUILDERS = {"lap_plates": LapPlatesMesh, "c_beams": CBeamsMesh}
+BUILDERS = {"lap_plates": LapPlatesMesh, "c_beams": CBeamsMesh, "lap_beam": LapBeamMesh}
 
 
 def _mesh_kind(data: Any) -> str | None:
@@ -135,6 +182,7 @@ def _mesh_kind(data: Any) -> str | None:
 Mesh = Annotated[
     Annotated[LapPlatesMesh, Tag("<LapPlatesMesh>")]
     | Annotated[CBeamsMesh, Tag("<CBeamsMesh>")]
+    | Annotated[LapBeamMesh, Tag("<LapBeamMesh>")]
     | Annotated[FileMesh, Tag("<FileMesh>")],
     Discriminator(_mesh_kind),
 ]
