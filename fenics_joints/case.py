@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError
 
+from fenics_joints.case_harmonic import HarmonicSection, NonlinearSection, check_harmonic
 from fenics_joints.case_mesh import FileMesh, Mesh
 from fenics_joints.case_messages import case_error, describe, did_you_mean, said
 from fenics_joints.case_preload import Bolt, ContactSection
@@ -33,6 +34,7 @@ from fenics_joints.case_sections import (
     named,
 )
 from fenics_joints.errors import InputError
+from fenics_joints.measured_curves import MeasuredCurves, read_curves
 from fenics_joints.measurements import TestData, read_table, read_test_data
 from fenics_joints.units import to_si
 
@@ -64,6 +66,8 @@ class Case(Section):
         test: The test, or None.
         update: What to update, or None.
         diagnose: What a diagnosis may assume.
+        nonlinear: Laws of nonlinear joints and contacts, by their name.
+        harmonic: What response to sinusoidal forces is wanted, or None.
     """
 
     title: str = ""
@@ -79,11 +83,14 @@ class Case(Section):
     test: Test | None = None
     update: Update | None = None
     diagnose: Diagnose = Diagnose()
+    nonlinear: named(NonlinearSection) = {}
+    harmonic: HarmonicSection | None = None
 
     _path: Path = PrivateAttr(Path("case.toml"))
     _coarse: Mesh | None = PrivateAttr(None)
     _measured: TestData | None = PrivateAttr(None)
     _validation: TestData | None = PrivateAttr(None)
+    _curves: MeasuredCurves | None = PrivateAttr(None)
     _start: dict[str, float] = PrivateAttr(default_factory=dict)
     _published: dict[str, float] = PrivateAttr(default_factory=dict)
 
@@ -114,6 +121,10 @@ class Case(Section):
     def validation(self) -> TestData | None:
         """The data that is never fitted, or None."""
         return self._validation
+
+    def curves(self) -> MeasuredCurves | None:
+        """Measured responses to sinusoidal forces, or None."""
+        return self._curves
 
     def sensors(self) -> Sensors | None:
         """Where and how the test saw the structure, or None if the case does not say."""
@@ -188,6 +199,7 @@ def load_case(path: str | Path) -> Case:
     case._coarse = _diagnosed_mesh(case, raw)
     errors = [*_check_names(case), *_check_mesh(case), *_read_tests(case)]
     errors += _check_update(case) if case.update else []
+    errors += [*check_harmonic(case), *_read_curves(case)]
     if errors:
         raise case_error(path, errors)
     return case
@@ -284,6 +296,22 @@ def _read_tests(case: Case) -> list[str]:
             f"test.validation: {test.condition} is in {validation.condition_unit!r}, "
             f"expected {measured.condition_unit!r} as in test.frequencies"
         ]
+    return []
+
+
+def _read_curves(case: Case) -> list[str]:
+    if case.harmonic is None or case.harmonic.measured is None:
+        return []
+    try:
+        curves = read_curves(case.folder / case.harmonic.measured, case.harmonic.response)
+    except InputError as error:
+        return [f"harmonic.measured: {error}"]
+    case._curves = curves
+    identify = case.harmonic.identify
+    if identify is not None and identify.level not in curves.levels:
+        there = ", ".join(f"{level:g} N" for level in curves.levels)
+        expected = f"not among the measured curves; expected one of: {there}"
+        return [said("harmonic.identify.level", identify.level, expected)]
     return []
 
 

@@ -50,7 +50,11 @@ def describe(error: dict[str, Any], root: type) -> str:
 
 
 #: What the sections of a table can be.
-_KINDS = {"attached": ["mass", "spring"], "bolts": ["beam", "section", "washers"]}
+_KINDS = {
+    "attached": ["mass", "spring"],
+    "bolts": ["beam", "section", "washers"],
+    "nonlinear": ["richard_abbott", "segalman", "bilinear", "coulomb"],
+}
 
 
 def _no_kind(table: str, key: str, value: Any) -> str:
@@ -58,6 +62,8 @@ def _no_kind(table: str, key: str, value: Any) -> str:
     word, known = "kind", _KINDS.get(table, [])
     if table == "mesh":
         word, known = "builder", list(BUILDERS)
+    if table == "nonlinear":
+        word = "law"
     given = value.get(word) if isinstance(value, dict) else None
     names = ", ".join(repr(k) for k in known[:-1]) + f" or {known[-1]!r}"
     if given is not None and not (table == "mesh" and "file" in value):

@@ -39,6 +39,8 @@ __all__ = [
     "Test",
     "Update",
     "ValidationTest",
+    "ascending",
+    "listed",
     "named",
     "quantity",
 ]
@@ -64,7 +66,8 @@ def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above:
     return Annotated[float, BeforeValidator(read)]
 
 
-def _listed(value: Any) -> Any:
+def listed(value: Any) -> Any:
+    """A list, also of a single value."""
     return value if isinstance(value, list) else [value]
 
 
@@ -102,11 +105,12 @@ Direction = Annotated[
     AfterValidator(_nonzero),
     AfterValidator(_padded),
 ]
-Names = Annotated[list[str], BeforeValidator(_listed), Field(min_length=1)]
+Names = Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, strict=True)]
 
 
-def _range(kind):
+def ascending(kind):
+    """The type of a pair [low, high] of a kind of number."""
     return Annotated[tuple[kind, kind], AfterValidator(_ascending)]
 
 
@@ -131,10 +135,10 @@ class PartTolerance(Section):
 class PartBounds(Section):
     """Bounds of a part's parameters; the thickness as actual over nominal."""
 
-    E: _range(Modulus) | None = None
-    nu: _range(Poisson) | None = None
-    rho: _range(Density) | None = None
-    thickness: _range(Positive) | None = None
+    E: ascending(Modulus) | None = None
+    nu: ascending(Poisson) | None = None
+    rho: ascending(Density) | None = None
+    thickness: ascending(Positive) | None = None
 
 
 class Part(Section):
@@ -178,10 +182,10 @@ class JointTolerance(Section):
 class JointBounds(Section):
     """Bounds of a joint's parameters."""
 
-    E: _range(Modulus) | None = None
-    G: _range(Modulus) | None = None
-    rho: _range(Density) | None = None
-    thickness: _range(Positive) | None = None
+    E: ascending(Modulus) | None = None
+    G: ascending(Modulus) | None = None
+    rho: ascending(Density) | None = None
+    thickness: ascending(Positive) | None = None
 
 
 class Joint(Section):
@@ -226,7 +230,7 @@ class MassSection(PointsSection):
     """
 
     mass: Mass
-    travel: _range(Length) | None = None
+    travel: ascending(Length) | None = None
     along: Literal["x", "y", "z"] = "x"
 
     @model_validator(mode="after")
@@ -312,7 +316,7 @@ class LineOfSensors(Section):
 
     along: Literal["x", "y", "z"]
     positions: Annotated[list[Length], Field(min_length=1)]
-    at: dict[Literal["x", "y", "z"], Annotated[list[Length], BeforeValidator(_listed)]] = {}
+    at: dict[Literal["x", "y", "z"], Annotated[list[Length], BeforeValidator(listed)]] = {}
     direction: Direction
 
     @model_validator(mode="after")
@@ -390,8 +394,8 @@ class Test(Section):
     shapes: str | None = None
     condition: str | None = None
     modes: Names | None = None
-    resolution: Annotated[list[Spacing], BeforeValidator(_listed)] = [0.0]
-    noise: Annotated[list[Share], BeforeValidator(_listed)] = [0.0]
+    resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]
+    noise: Annotated[list[Share], BeforeValidator(listed)] = [0.0]
     sees: Sees | None = None
     validation: ValidationTest | None = None
 
