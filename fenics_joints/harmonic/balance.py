@@ -1,0 +1,239 @@
+"""Harmonic balance of a structure with nonlinear interfaces: residual and exact Jacobian.
+
+Periodic motion makes of M x'' + C x' + K x + sum w B^T sigma(B x) = f(t) one equation per degree of
+freedom and harmonic (Krack & Gross, Harmonic Balance for Nonlinear Vibration Problems, 2019). The
+stress is sampled over the cycle (alternating frequency-time, Cameron & Griffin 1989); laws with
+memory run through the cycle until their loop is closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.errors import InputError
+from fenics_joints.harmonic.fourier import Fourier
+from fenics_joints.harmonic.static import static_state
+from fenics_joints.interface_model import InterfaceModel, InterfacePoints
+from fenics_joints.joint_laws.kernel import HarmonicStress
+
+__all__ = ["Balance", "default_samples"]
+
+#: Samples that find the reversals of hysteresis loops to some 1e-4 of the amplitude.
+_SAMPLES_WITH_MEMORY = 128
+#: Most numbers of one product in the Jacobian's assembly.
+_BLOCK = 4_000_000
+
+
+def default_samples(model: InterfaceModel, harmonics: int) -> int:
+    """Samples of a period: a power of two, at least 4 (2H + 1), and 128 if a law has memory."""
+    least = 4 * (2 * harmonics + 1)
+    if any(points.kernel.m for points in model.interfaces):
+        least = max(least, _SAMPLES_WITH_MEMORY)
+    return 1 << (least - 1).bit_length()
+
+
+@dataclass(frozen=True)
+class _Share:
+    """The points of one interface that this rank runs."""
+
+    kernel: object
+    rows: np.ndarray  # (P, d, n)
+    weighted: np.ndarray  # (P d, n)
+    values: np.ndarray
+    state: np.ndarray | None
+
+
+class Balance:
+    """Harmonic balance of an `InterfaceModel`.
+
+    Unknowns are the coefficients X of shape (n, K), or flat in that order.
+
+    Args:
+        model: The model.
+        harmonics: H, highest harmonic.
+        samples: Samples of a period, T; `default_samples` by default.
+        static: Static load, N, (n,), in the mean's equations; None for none.
+        states: State of each interface before the first cycle, (P, E, m), by its name; by default
+            that of `static_state` under the static load.
+        cycles: How often laws with memory run through the cycle.
+        comm: The interfaces' points are split over its ranks; every rank must hold the same model
+            and make the same calls. None for this rank alone.
+
+    Raises:
+        InputError: For a load, states or samples that do not fit.
+        ConvergenceError: If there is no equilibrium under the static load.
+
+    Attributes:
+        mean: Displacements under the static load alone, m, (n,).
+    """
+
+    def __init__(
+        self,
+        model: InterfaceModel,
+        harmonics: int = 5,
+        samples: int | None = None,
+        *,
+        static: np.ndarray | None = None,
+        states: Mapping[str, np.ndarray] | None = None,
+        cycles: int = 2,
+        comm: MPI.Comm | None = None,
+    ):
+        if cycles < 1:
+            raise InputError(f"cycles = {cycles}: expected at least 1.")
+        if harmonics < 1:
+            raise InputError(f"harmonics = {harmonics}: expected at least 1.")
+        samples = default_samples(model, harmonics) if samples is None else int(samples)
+        self.model, self.fourier, self.cycles = model, Fourier(int(harmonics), samples), cycles
+        self.comm = MPI.COMM_SELF if comm is None else comm
+        self.static = np.zeros(model.n_dofs) if static is None else np.asarray(static, dtype=float)
+        if self.static.shape != (model.n_dofs,):
+            raise InputError(
+                f"static has shape {self.static.shape}: expected ({model.n_dofs},), one load per "
+                "degree of freedom."
+            )
+        self._given = states
+        self.mean, found = np.zeros(model.n_dofs), {}
+        if np.any(self.static):
+            self.mean, found = static_state(model, self.static)
+        states = found if states is None else dict(states)
+        self._shares = [_share(p, states.get(p.name), self.comm) for p in model.interfaces]
+        G = self.fourier.derivative
+        self._G, self._G2 = G, G @ G
+        self._krons = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, K)."""
+        return self.model.n_dofs, self.fourier.size
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns, n K."""
+        return self.model.n_dofs * self.fourier.size
+
+    def with_model(self, model: InterfaceModel) -> Balance:
+        """The same balance of another model of the same size."""
+        return Balance(
+            model, self.fourier.harmonics, self.fourier.samples, static=self.static,
+            states=self._given, cycles=self.cycles, comm=self.comm,
+        )  # fmt: skip
+
+    def load(self, force: np.ndarray) -> np.ndarray:
+        """Coefficients (n, K) of a load ``force`` (n,) times cos(w t)."""
+        load = np.zeros(self.shape)
+        load[:, 1] = force
+        return load
+
+    def linear(self, X: np.ndarray, omega: float) -> np.ndarray:
+        """Inertia, damping and linear stiffness, N, (n, K)."""
+        m = self.model
+        return m.K @ X + omega * (m.C @ X @ self._G.T) + omega**2 * (m.M @ X @ self._G2.T)
+
+    def by_omega(self, X: np.ndarray, omega: float) -> np.ndarray:
+        """Derivative of the residual by omega, (n, K)."""
+        m = self.model
+        return m.C @ X @ self._G.T + 2 * omega * (m.M @ X @ self._G2.T)
+
+    def dynamic_stiffness(self, omega: float) -> np.ndarray:
+        """Derivative of `linear` by X, (n K, n K)."""
+        if self._krons is None:
+            m, one = self.model, np.eye(self.fourier.size)
+            self._krons = np.kron(m.K, one), np.kron(m.C, self._G), np.kron(m.M, self._G2)
+        K, C, M = self._krons
+        return K + omega * C + omega**2 * M
+
+    def evaluate(
+        self, X: np.ndarray, omega: float, load: np.ndarray | None = None, *, jacobian=True
+    ):
+        """Residual, N, (n, K), and its derivative by X, (n K, n K), or None.
+
+        Args:
+            X: Coefficients, m, (n, K).
+            omega: Angular frequency, rad/s.
+            load: Coefficients of the load beside the static one, (n, K).
+            jacobian: Whether the derivative is wanted.
+        """
+        F, J = self.interface_force(X, jacobian=jacobian)
+        R = self.linear(X, omega) + F
+        R[:, 0] -= self.static
+        if load is not None:
+            R -= load
+        return R, (J + self.dynamic_stiffness(omega) if jacobian else None)
+
+    def interface_force(self, X: np.ndarray, *, jacobian=True):
+        """Generalised force of the interfaces, (n, K), and its derivative (n K, n K), or None."""
+        n, K = self.shape
+        F, J = np.zeros((n, K)), np.zeros((n, K, K, n)) if jacobian else None
+        for share in self._shares:
+            if not len(share.rows):
+                continue
+            made = self._harmonic(share, X, jacobian)
+            F += share.weighted.T @ made.coefficients.reshape(-1, K)
+            if jacobian:
+                _add_jacobian(J, share, made.jacobian)
+        F = self._sum(F)
+        return F, self._sum(J).transpose(0, 1, 3, 2).reshape(n * K, n * K) if jacobian else None
+
+    def stresses(self, X: np.ndarray) -> dict[str, HarmonicStress]:
+        """Strain and stress of all points over the cycle, by interface, on every rank."""
+        found = {}
+        for points, share in zip(self.model.interfaces, self._shares, strict=True):
+            made = self._harmonic(share, X, False)
+            parts = [made.coefficients, made.strain, made.stress, made.state]
+            if self.comm.size > 1:
+                parts = [np.concatenate(self.comm.allgather(part)) for part in parts]
+            closure = self.comm.allreduce(made.closure, op=MPI.MAX)
+            coefficients, strain, stress, state = parts
+            found[points.name] = HarmonicStress(coefficients, None, strain, stress, state, closure)
+        return found
+
+    def _harmonic(self, share: _Share, X: np.ndarray, jacobian: bool) -> HarmonicStress:
+        f = self.fourier
+        return share.kernel.harmonic(
+            share.rows @ X, f.synthesis, f.analysis, share.values, share.state,
+            cycles=self.cycles, jacobian=jacobian,
+        )  # fmt: skip
+
+    def _sum(self, part: np.ndarray) -> np.ndarray:
+        if self.comm.size == 1:
+            return part
+        # Not Allreduce: every rank must go on with the same bits, or their branches part.
+        total = np.empty_like(part) if self.comm.rank == 0 else part
+        self.comm.Reduce(part, total if self.comm.rank == 0 else None, root=0)
+        self.comm.Bcast(total, root=0)
+        return total
+
+
+def _share(points: InterfacePoints, state: np.ndarray | None, comm: MPI.Comm) -> _Share:
+    P, n = len(points), points.rows.shape[2]
+    bounds = [P * r // comm.size for r in range(comm.size + 1)]
+    mine = slice(bounds[comm.rank], bounds[comm.rank + 1])
+    values = points.law.values(P)
+    if state is not None:
+        expected = (P, values.shape[1], points.kernel.m)
+        if np.shape(state) != expected:
+            raise InputError(
+                f"states[{points.name!r}] has shape {np.shape(state)}: expected {expected}."
+            )
+        state = state[mine]
+    rows = np.ascontiguousarray(points.rows[mine], dtype=float)
+    weighted = (np.asarray(points.weights)[mine, None, None] * rows).reshape(-1, n)
+    return _Share(points.kernel, rows, weighted, values[mine], state)
+
+
+def _add_jacobian(J: np.ndarray, share: _Share, by_strain: np.ndarray) -> None:
+    """J (n, K, K, n) += weighted rows^T . by_strain (P, d, K, d, K) . rows, in blocks of points."""
+    P, d, K, _, _ = by_strain.shape
+    n = share.rows.shape[2]
+    block = max(1, _BLOCK // (d * K * K * n))
+    flat = J.reshape(n, K * K * n)
+    for first in range(0, P, block):
+        part = slice(first, first + block)
+        rows = share.rows[part]
+        left = by_strain[part].transpose(0, 1, 2, 4, 3).reshape(len(rows), d * K * K, d)
+        right = (left @ rows).reshape(len(rows) * d, K * K * n)
+        flat += share.weighted[first * d : (first + len(rows)) * d].T @ right

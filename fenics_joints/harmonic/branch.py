@@ -1,0 +1,98 @@
+"""The points of a branch, and their file."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+
+__all__ = ["Branch", "load_branch", "save_branch"]
+
+
+@dataclass(frozen=True)
+class Branch:
+    """Points of a branch, in the order in which they were found.
+
+    Attributes:
+        z: Unknowns and, last, the parameter, (points, N + 1).
+        tangents: Tangent of the branch at each point, of any length, (points, N + 1).
+        iterations: Newton iterations that each point took, (points,).
+        step: Next step, in scaled arc length.
+        complete: Whether the branch has reached a bound.
+    """
+
+    z: np.ndarray
+    tangents: np.ndarray
+    iterations: np.ndarray
+    step: float
+    complete: bool
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+    def with_point(self, z, tangent, iterations: int, step: float, complete: bool) -> Branch:
+        """The branch with one more point."""
+        return replace(
+            self,
+            z=np.vstack([self.z, z]),
+            tangents=np.vstack([self.tangents, tangent]),
+            iterations=np.append(self.iterations, iterations),
+            step=step,
+            complete=complete,
+        )
+
+
+def save_branch(path: str | Path, branch: Branch, name: str = "") -> None:
+    """Write a branch (npz) through a temporary sibling, so that no reader sees a part of it.
+
+    Args:
+        path: The file.
+        branch: The branch.
+        name: What it is a branch of.
+
+    Raises:
+        InputError: If the file cannot be written.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with open(part, "wb") as stream:
+            np.savez(
+                stream, z=branch.z, tangents=branch.tangents, iterations=branch.iterations,
+                step=branch.step, complete=branch.complete, name=name,
+            )  # fmt: skip
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def load_branch(path: str | Path, name: str = "") -> Branch | None:
+    """A branch from its file; None if there is no such file.
+
+    Raises:
+        InputError: If the file is not one of a branch of that name.
+    """
+    path = Path(path)
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            found = str(stored["name"])
+            branch = Branch(
+                stored["z"], stored["tangents"], stored["iterations"],
+                float(stored["step"]), bool(stored["complete"]),
+            )  # fmt: skip
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a branch written by this package ({error}).") from error
+    if found != name:
+        raise InputError(
+            f"{path}: holds a branch of {found!r}, expected {name!r}; delete it or choose another "
+            "file."
+        )
+    return branch

@@ -1,0 +1,392 @@
+"""A branch of solutions of N equations in N + 1 unknowns, followed by its arc length.
+
+Predictor along the tangent, Newton's method orthogonal to it (pseudo-arc-length continuation,
+Keller 1977), in unknowns that are made dimensionless anew at every point. The last unknown is the
+parameter that is bounded; nothing else distinguishes it, so turning points are points like others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import scipy.linalg
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
+
+__all__ = ["Problem", "Settings", "correct", "follow", "locate"]
+
+_HALVINGS = 6
+#: A predictor further off than this share of the step asks for smaller steps.
+_FAR = 0.3
+#: Cosine of the largest angle between neighbouring tangents.
+_STRAIGHT = 0.8
+#: Most points that the search for an extreme takes.
+_SECANTS = 12
+
+
+class Problem(Protocol):
+    """N equations in N + 1 unknowns, the parameter last."""
+
+    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual (N,) and its derivative (N, N + 1) at z (N + 1,)."""
+
+    def scales(self, z: np.ndarray) -> np.ndarray:
+        """Size of a notable change of each unknown at z, positive, (N + 1,)."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a branch is followed.
+
+    Attributes:
+        step: First step, in scaled arc length.
+        max_step: Longest step: 0.1 is a tenth of the `Problem.scales`.
+        min_step: A step that would have to be shorter ends in an error.
+        max_points: Most points of a branch.
+        max_iterations: Most Newton iterations of a point.
+        wanted_iterations: Steps grow while Newton's method needs fewer.
+        tolerance: Last Newton step, relative to the scales, at convergence.
+        save_every: Points between two writings of the branch.
+
+    Raises:
+        InputError: If a number is out of range.
+    """
+
+    step: float = 0.02
+    max_step: float = 0.15
+    min_step: float = 1e-7
+    max_points: int = 2000
+    max_iterations: int = 12
+    wanted_iterations: int = 4
+    tolerance: float = 1e-6
+    save_every: int = 10
+
+    def __post_init__(self):
+        if not 0 < self.min_step <= self.step <= self.max_step:
+            raise InputError(
+                f"min_step, step, max_step = {self.min_step}, {self.step}, {self.max_step}: "
+                "expected 0 < min_step <= step <= max_step."
+            )
+        for key in ("max_points", "max_iterations", "wanted_iterations", "save_every"):
+            if getattr(self, key) < 1:
+                raise InputError(f"{key} = {getattr(self, key)}: expected at least 1.")
+        if not 0 < self.tolerance < 1:
+            raise InputError(f"tolerance = {self.tolerance}: expected between 0 and 1.")
+
+
+class _Failed(Exception):
+    """A point that Newton's method did not find."""
+
+
+def correct(problem: Problem, z: np.ndarray, normal: np.ndarray | None, settings: Settings):
+    """Newton's method from z, in the plane through z with a scaled normal.
+
+    Args:
+        problem: The equations.
+        z: Start, (N + 1,).
+        normal: Scaled normal of the plane, (N + 1,); None holds the parameter.
+        settings: Tolerance and most iterations.
+
+    Returns:
+        (z, scaled tangent, its scales, iterations).
+
+    Raises:
+        ConvergenceError: If it does not converge.
+    """
+    try:
+        return _correct(problem, z, normal, settings)
+    except _Failed as failure:
+        raise ConvergenceError(f"Newton's method did not converge: {failure}") from None
+
+
+def _correct(problem, z, normal, settings):
+    scales = problem.scales(z)
+    if normal is None:
+        normal = np.zeros(len(z))
+        normal[-1] = 1.0
+    R, J = _finite(problem.evaluate(z))
+    weights = 1 / np.maximum(np.abs(J * scales).max(axis=1), np.finfo(float).tiny)
+    error = np.linalg.norm(weights * R)
+    for iteration in range(1, settings.max_iterations + 1):
+        factors = _factors(J, scales, weights, normal)
+        move = scales * _backsubstitute(factors, np.append(-weights * R, 0.0))
+        size = np.linalg.norm(move / scales)
+        if size <= settings.tolerance:
+            tangent = _backsubstitute(factors, np.append(np.zeros(len(R)), 1.0))
+            return z + move, tangent / np.linalg.norm(tangent), scales, iteration
+        z, R, J, error = _line_search(problem, z, move, weights, error)
+    raise _Failed(
+        f"the last of {settings.max_iterations} steps was {size:.2g} of the unknowns' scales"
+    )
+
+
+def _line_search(problem, z, move, weights, error):
+    """The first of ever shorter steps that does not let the residual grow."""
+    best = None
+    for halving in range(_HALVINGS):
+        trial = z + move * 0.5**halving
+        try:
+            R, J = _finite(problem.evaluate(trial))
+        except _Failed:
+            continue
+        new = np.linalg.norm(weights * R)
+        if best is None or new < best[3]:
+            best = trial, R, J, new
+        # A full step may raise a residual of very different parts and yet be right.
+        if new <= (2.0 if halving == 0 else 1.0) * error:
+            break
+    if best is None:
+        raise _Failed("the residual is not finite")
+    return best
+
+
+def _finite(made):
+    if not (np.isfinite(made[0]).all() and np.isfinite(made[1]).all()):
+        raise _Failed("the residual is not finite")
+    return made
+
+
+def _factors(J, scales, weights, normal):
+    A = np.vstack([weights[:, None] * J * scales, normal])
+    try:
+        factors = scipy.linalg.lu_factor(A, check_finite=False, overwrite_a=True)
+    except (scipy.linalg.LinAlgError, ValueError) as failure:
+        raise _Failed(str(failure)) from None
+    if not np.all(np.diag(factors[0])):
+        raise _Failed("the Jacobian is singular")
+    return factors
+
+
+def _backsubstitute(factors, right):
+    found = scipy.linalg.lu_solve(factors, right, check_finite=False)
+    if not np.isfinite(found).all():
+        raise _Failed("the Jacobian is singular")
+    return found
+
+
+def follow(
+    problem: Problem,
+    start: np.ndarray,
+    bounds: tuple[float, float],
+    *,
+    settings: Settings | None = None,
+    direction: int = 1,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    name: str = "",
+    on_point: Callable[[np.ndarray], None] | None = None,
+    writes: bool = True,
+) -> Branch:
+    """Follow a branch until its parameter leaves the bounds; the last point is on a bound.
+
+    Args:
+        problem: The equations.
+        start: Guess of the first point; its parameter is held.
+        bounds: Lower and upper bound of the parameter.
+        settings: Steps and tolerances.
+        direction: 1 if the parameter is to grow at first, -1 if it is to fall.
+        checkpoint: File (npz) that the branch is written to as it grows.
+        resume: Go on from ``checkpoint`` if it is there.
+        name: What is being solved, kept in the file: one of another name is not gone on from.
+        on_point: Called with every new point.
+        writes: Whether this rank writes the file.
+
+    Raises:
+        InputError: For bounds, a direction or a file that do not fit.
+        ConvergenceError: If no step is short enough, or the points do not suffice; the points so
+            far are its ``branch``.
+    """
+    settings = settings or Settings()
+    low, high = bounds
+    if not low < high or not low <= start[-1] <= high:
+        raise InputError(
+            f"bounds = {bounds}: expected lower < upper, and the start ({start[-1]:.6g}) between."
+        )
+    if direction not in (1, -1):
+        raise InputError(f"direction = {direction}: expected 1 or -1.")
+    branch = load_branch(checkpoint, name) if resume and checkpoint is not None else None
+    if branch is None:
+        branch = _first(problem, start, direction, settings)
+        if on_point is not None:
+            on_point(branch.z[-1])
+    while not branch.complete:
+        if len(branch) >= settings.max_points:
+            _save(checkpoint, branch, name, writes)
+            raise _stopped(branch, f"it has {len(branch)} points (max_points)")
+        try:
+            branch = _grown(problem, branch, bounds, settings)
+        except _Failed as failure:
+            _save(checkpoint, branch, name, writes)
+            raise _stopped(branch, str(failure)) from None
+        if on_point is not None:
+            on_point(branch.z[-1])
+        if branch.complete or len(branch) % settings.save_every == 0:
+            _save(checkpoint, branch, name, writes)
+    return branch
+
+
+def _save(path, branch, name, writes) -> None:
+    if path is not None and writes:
+        save_branch(path, branch, name)
+
+
+def _stopped(branch: Branch, why: str) -> ConvergenceError:
+    error = ConvergenceError(
+        f"the branch stopped at its point {len(branch)}, parameter {branch.z[-1, -1]:.6g}: {why}"
+    )
+    error.branch = branch
+    return error
+
+
+def _first(problem, start, direction, settings) -> Branch:
+    try:
+        z, tangent, scales, iterations = _correct(problem, start, None, settings)
+    except _Failed as failure:
+        raise ConvergenceError(f"no first point of the branch: {failure}") from None
+    return Branch(
+        z[None], (direction * scales * tangent)[None], np.array([iterations]), settings.step, False
+    )
+
+
+def _grown(problem, branch: Branch, bounds, settings) -> Branch:
+    """The branch with one more point, by ever shorter steps if need be."""
+    z, physical = branch.z[-1], branch.tangents[-1]
+    scales, step = problem.scales(z), branch.step
+    direction = physical / scales
+    direction = direction / np.linalg.norm(direction)
+    why = ""
+    while step >= settings.min_step:
+        try:
+            new, tangent, at, iterations = _correct(
+                problem, z + step * scales * direction, direction, settings
+            )
+            why = _bad(new, z, scales, direction, tangent * at, step)
+        except _Failed as failure:
+            why = str(failure)
+        if not why:
+            break
+        step /= 2
+    else:
+        raise _Failed(f"no step down to {settings.min_step:.1g} led on ({why})")
+    tangent = tangent * at
+    if np.dot(tangent / scales, direction) < 0:
+        tangent = -tangent
+    low, high = bounds
+    if not low <= new[-1] <= high:
+        bound = high if new[-1] > high else low
+        return _ended(problem, branch, new, tangent, bound, settings, scales)
+    # Steps shrink ahead of bends and grow where Newton's method is quick.
+    turn = np.dot(tangent / scales, direction) / np.linalg.norm(tangent / scales)
+    off = np.linalg.norm((new - z) / scales - step * direction) / step
+    grow = (settings.wanted_iterations / iterations) ** 0.5
+    grow = min(grow, 0.5 * _FAR / max(off, 1e-3), ((1 - _STRAIGHT) / max(1 - turn, 1e-6)) ** 0.5)
+    step = min(step * float(np.clip(grow, 0.4, 2.0)), settings.max_step)
+    return branch.with_point(new, tangent, iterations, max(step, settings.min_step), False)
+
+
+def _bad(new, z, scales, direction, tangent, step) -> str:
+    tangent = tangent / scales
+    if abs(np.dot(tangent, direction)) < 0.5 * np.linalg.norm(tangent):
+        return "the branch turns too sharply"
+    off = np.linalg.norm((new - z) / scales - step * direction)
+    return "the predictor is too far off" if off > 2 * _FAR * step else ""
+
+
+def _ended(problem, branch, new, tangent, bound, settings, scales) -> Branch:
+    """The branch with its last point, on a bound."""
+    cubic = _Cubic(branch.z[-1], branch.tangents[-1], new, tangent, scales)
+    z, last, scales, iterations = _correct(problem, cubic.where(bound), None, settings)
+    last = last * scales
+    if np.dot(last / scales, tangent / scales) < 0:
+        last = -last
+    return branch.with_point(z, last, iterations, branch.step, True)
+
+
+class _Cubic:
+    """Hermite's cubic between two points of a branch; the share s runs from 0 to 1."""
+
+    def __init__(self, a, ta, b, tb, scales):
+        length = np.linalg.norm((b - a) / scales)
+        self.a, self.b = a, b
+        self.ta, self.tb = (t * length / np.linalg.norm(t / scales) for t in (ta, tb))
+
+    def __call__(self, s: float) -> np.ndarray:
+        return (
+            (1 + 2 * s) * (1 - s) ** 2 * self.a + s**2 * (3 - 2 * s) * self.b
+            + s * (1 - s) ** 2 * self.ta - s**2 * (1 - s) * self.tb
+        )  # fmt: skip
+
+    def where(self, parameter: float) -> np.ndarray:
+        """The point where the parameter, which is on both sides of it, has a value."""
+        low, high = 0.0, 1.0
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            if (self(middle)[-1] < parameter) == (self.b[-1] > self.a[-1]):
+                low = middle
+            else:
+                high = middle
+        point = self(high)
+        point[-1] = parameter
+        return point
+
+
+def locate(
+    problem: Problem,
+    branch: Branch,
+    i: int,
+    slope: Callable[[np.ndarray, np.ndarray], float],
+    settings: Settings | None = None,
+    *,
+    tolerance: float = 1e-6,
+) -> Branch:
+    """Insert the point between points i and i + 1 where a slope along the branch vanishes.
+
+    Args:
+        problem: The equations.
+        branch: The branch.
+        i: The slope has different signs at points i and i + 1.
+        slope: Derivative along the branch of what is extreme, from a point and its tangent.
+        settings: As for `follow`.
+        tolerance: Of the slope, relative to that at the ends.
+
+    Raises:
+        InputError: If the slope has the same sign at both.
+        ConvergenceError: If the corrector fails between the two points.
+    """
+    settings = settings or Settings()
+    a, b = branch.z[i], branch.z[i + 1]
+    scales = problem.scales(a)
+    ta, tb = (t / np.linalg.norm(t / scales) for t in branch.tangents[i : i + 2])
+    normal = (b - a) / scales
+    normal = normal / np.linalg.norm(normal)
+    cubic = _Cubic(a, ta, b, tb, scales)
+    low, f_low, high, f_high = 0.0, slope(a, ta), 1.0, slope(b, tb)
+    size = max(abs(f_low), abs(f_high))
+    if f_low * f_high > 0:
+        raise InputError(f"the slope has the same sign at points {i} and {i + 1}.")
+    for _ in range(_SECANTS):
+        s = (low * f_high - high * f_low) / (f_high - f_low)
+        z, tangent, at, iterations = correct(problem, cubic(s), normal, settings)
+        tangent = tangent * at / np.linalg.norm(tangent * at / scales)
+        if np.dot(tangent / scales, normal) < 0:
+            tangent = -tangent
+        f = slope(z, tangent)
+        # Regula falsi, with Illinois' halving at the end that stays.
+        if f * f_high < 0:
+            low, f_low = high, f_high
+        else:
+            f_low /= 2
+        high, f_high = s, f
+        if abs(f) <= tolerance * size or abs(high - low) < 1e-9:
+            break
+    return replace(
+        branch,
+        z=np.insert(branch.z, i + 1, z, axis=0),
+        tangents=np.insert(branch.tangents, i + 1, tangent, axis=0),
+        iterations=np.insert(branch.iterations, i + 1, iterations),
+    )

@@ -1,0 +1,153 @@
+"""Fourier series in real harmonics: samples, time derivatives, amplitudes.
+
+Coefficients are ordered mean, cos 1, sin 1, cos 2, sin 2, ...; u(t) = c0 + sum a_h cos(h w t) +
+b_h sin(h w t).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+
+__all__ = ["KINDS", "MEASURES", "Fourier", "amplitude", "amplitude_gradient"]
+
+#: Time derivatives by name.
+KINDS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+#: What is called amplitude: that of the first harmonic, or half of peak to peak.
+MEASURES = ("first", "peak")
+_EXTREMES = 32  # samples per highest harmonic in the search for extremes
+
+
+@dataclass(frozen=True)
+class Fourier:
+    """Real Fourier basis up to harmonic H, and samples of one period.
+
+    Args:
+        harmonics: H, at least 1.
+        samples: T, samples of a period.
+
+    Raises:
+        InputError: If there are no harmonics, or fewer than 2H + 2 samples.
+    """
+
+    harmonics: int
+    samples: int
+
+    def __post_init__(self):
+        if self.harmonics < 1:
+            raise InputError(f"harmonics = {self.harmonics}: expected at least 1.")
+        if self.samples < 2 * self.harmonics + 2:
+            raise InputError(
+                f"samples = {self.samples}: expected at least {2 * self.harmonics + 2} for "
+                f"{self.harmonics} harmonics."
+            )
+
+    @property
+    def size(self) -> int:
+        """Coefficients of a series, K = 2H + 1."""
+        return 2 * self.harmonics + 1
+
+    @cached_property
+    def synthesis(self) -> np.ndarray:
+        """From coefficients to samples, (T, K)."""
+        return basis(2 * np.pi * np.arange(self.samples) / self.samples, self.size)
+
+    @cached_property
+    def analysis(self) -> np.ndarray:
+        """From samples to coefficients, (K, T)."""
+        matrix = 2 / self.samples * self.synthesis.T
+        matrix[0] /= 2
+        return np.ascontiguousarray(matrix)
+
+    @cached_property
+    def derivative(self) -> np.ndarray:
+        """Coefficients of du/d(wt) by those of u, (K, K)."""
+        return derivative(self.size)
+
+
+def basis(angles, size: int) -> np.ndarray:
+    """Harmonics at the angles w t, (..., K)."""
+    angles = np.asarray(angles, dtype=float)[..., None]
+    h = np.arange(1, size // 2 + 1)
+    values = np.empty((*angles.shape[:-1], size))
+    values[..., 0], values[..., 1::2], values[..., 2::2] = (
+        1.0,
+        np.cos(h * angles),
+        np.sin(h * angles),
+    )
+    return values
+
+
+def derivative(size: int) -> np.ndarray:
+    """Coefficients of du/d(wt) by those of u, (K, K)."""
+    G, h = np.zeros((size, size)), np.arange(1, size // 2 + 1)
+    G[2 * h - 1, 2 * h], G[2 * h, 2 * h - 1] = h, -h
+    return G
+
+
+def differentiated(c: np.ndarray, omega, kind: str) -> np.ndarray:
+    """Coefficients (..., K) of a time derivative; omega in rad/s, scalar or (...,).
+
+    Raises:
+        InputError: For an unknown kind.
+    """
+    if kind not in KINDS:
+        raise InputError(f"kind = {kind!r}: expected one of: {', '.join(KINDS)}.")
+    G = derivative(c.shape[-1])
+    for _ in range(KINDS[kind]):
+        c = np.asarray(omega)[..., None] * (c @ G.T)
+    return c
+
+
+def amplitude(c: np.ndarray, measure: str = "first") -> np.ndarray:
+    """Amplitudes of series (..., K), without their mean.
+
+    Args:
+        c: Coefficients.
+        measure: ``first``: of the first harmonic; ``peak``: half of peak to peak.
+
+    Raises:
+        InputError: For an unknown measure.
+    """
+    _check_measure(measure)
+    if measure == "first":
+        return np.hypot(c[..., 1], c[..., 2])
+    high, low = (np.einsum("...k,...k->...", _extreme(c, s), c) for s in (1, -1))
+    return 0.5 * (high - low)
+
+
+def amplitude_gradient(c: np.ndarray, measure: str = "first") -> np.ndarray:
+    """Derivatives of amplitudes by the coefficients, (..., K); zero for a series that rests."""
+    _check_measure(measure)
+    if measure == "first":
+        size = np.hypot(c[..., 1], c[..., 2])
+        gradient = np.zeros_like(c)
+        gradient[..., 1:3] = c[..., 1:3] / np.where(size > 0, size, 1.0)[..., None]
+        return gradient
+    # The time of an extreme may be held: there the velocity vanishes.
+    return 0.5 * (_extreme(c, 1) - _extreme(c, -1))
+
+
+def _check_measure(measure: str) -> None:
+    if measure not in MEASURES:
+        raise InputError(f"measure = {measure!r}: expected one of: {', '.join(MEASURES)}.")
+
+
+def _extreme(c: np.ndarray, sign: int) -> np.ndarray:
+    """The basis at the time of the largest (sign 1) or smallest (-1) value, (..., K)."""
+    K = c.shape[-1]
+    grid = 2 * np.pi * np.arange(_EXTREMES * K) / (_EXTREMES * K)
+    angle = grid[np.argmax(sign * (c @ basis(grid, K).T), axis=-1)]
+    first, G = c @ derivative(K).T, derivative(K)
+    second = first @ G.T
+    for _ in range(4):
+        at = basis(angle, K)
+        slope, bend = (np.einsum("...k,...k->...", at, d) for d in (first, second))
+        safe = sign * bend < 0
+        move = np.where(safe, -slope / np.where(safe, bend, 1.0), 0.0)
+        angle = angle + np.clip(move, -grid[1], grid[1])
+    return basis(angle, K)

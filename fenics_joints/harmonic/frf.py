@@ -1,0 +1,313 @@
+"""Nonlinear frequency response to a harmonic force of constant amplitude."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.harmonic.balance import Balance
+from fenics_joints.harmonic.branch import Branch
+from fenics_joints.harmonic.continuation import Settings, correct, follow, locate
+from fenics_joints.harmonic.fourier import amplitude_gradient
+from fenics_joints.harmonic.result import HarmonicResult, check_sensor
+from fenics_joints.interface_model import InterfaceModel
+from fenics_joints.progress import Progress
+
+__all__ = ["ForcedResponse", "fingerprint", "solve_harmonic"]
+
+_HALVINGS = 7
+
+
+def solve_harmonic(
+    model: InterfaceModel,
+    force: str,
+    amplitude: float,
+    band: tuple[float, float] | None = None,
+    *,
+    at: Sequence[float] | None = None,
+    harmonics: int = 5,
+    samples: int | None = None,
+    static: np.ndarray | None = None,
+    cycles: int = 2,
+    sensor: str | None = None,
+    measure: str = "first",
+    direction: str = "up",
+    settings: Settings | None = None,
+    initial: HarmonicResult | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+    comm: MPI.Comm | None = None,
+) -> HarmonicResult:
+    """Steady response to amplitude * cos(w t), over a band or at given frequencies.
+
+    Over a band the branch is followed through its turning points, and the maxima of one sensor's
+    amplitude are points of it. A base that shakes with constant acceleration is a force too: one
+    whose row is -M times the rigid motion, with the acceleration as its amplitude.
+
+    Args:
+        model: The structure.
+        force: Place of the force.
+        amplitude: Amplitude of the force, N.
+        band: Lowest and highest frequency, Hz.
+        at: Instead of the band: frequencies, Hz, in any order; each response starts from that of
+            its neighbour. They are on one branch unless there is a turning point in between.
+        harmonics: Highest harmonic.
+        samples: Samples of a period; by default `default_samples`.
+        static: Static load, N, (n,), such as a preload; friction remembers it.
+        cycles: How often laws with memory run through the cycle.
+        sensor: Whose maxima are found; the model's first by default.
+        measure: Amplitude that is largest there: ``first`` harmonic, or ``peak``, half of peak to
+            peak.
+        direction: ``up`` or ``down`` the band.
+        settings: Steps and tolerances of the continuation.
+        initial: Responses of a near model at the same frequencies (``at``), to start from.
+        checkpoint: File (npz) that the branch is written to as it grows.
+        resume: Go on from ``checkpoint`` if it is there; one of another problem is an error.
+        progress: Told of every point.
+        comm: Ranks that share the interfaces' points; see `Balance`.
+
+    Raises:
+        InputError: For an unknown name, or a value out of range.
+        ConvergenceError: If the branch cannot be followed; its points so far are the error's
+            ``branch``.
+    """
+    if not (np.isfinite(amplitude) and amplitude > 0):
+        raise InputError(f"amplitude = {amplitude}: expected a positive force, N.")
+    if (band is None) == (at is None):
+        raise InputError("expected either band = (low, high), Hz, or at = [frequencies], Hz.")
+    sensor = check_sensor(model, sensor)
+    row = model.row("forces", force)
+    amplitude_gradient(np.zeros(3), measure)  # raises for an unknown one
+    balance = Balance(model, harmonics, samples, static=static, cycles=cycles, comm=comm)
+    settings = settings or Settings()
+    load = balance.load(amplitude * row)
+    common = (force, amplitude, sensor, measure)
+    if at is not None:
+        return _at_frequencies(balance, load, at, settings, initial, common, progress)
+    low, high = _check_band(band)
+    if direction not in ("up", "down"):
+        raise InputError(f"direction = {direction!r}: expected up or down.")
+    problem = ForcedResponse(balance, load, 2 * np.pi * (high - low))
+    start = first_response(problem, 2 * np.pi * (low if direction == "up" else high), settings)
+    branch = follow(
+        problem, start, (2 * np.pi * low, 2 * np.pi * high), settings=settings,
+        direction=1 if direction == "up" else -1, checkpoint=checkpoint, resume=resume,
+        name=fingerprint(balance, "force", *common[:2], low, high, direction),
+        on_point=_telling(progress, force, amplitude), writes=balance.comm.rank == 0,
+    )  # fmt: skip
+    branch = with_maxima(problem, branch, model.row("sensors", sensor), measure, settings)
+    return _result(balance, branch.z, branch.iterations, common, branch.tangents)
+
+
+def _result(balance, z, iterations, common, tangents=None) -> HarmonicResult:
+    force, amplitude, sensor, measure = common
+    return HarmonicResult(
+        balance, force, z[:, -1] / (2 * np.pi), z[:, :-1].reshape(-1, *balance.shape),
+        np.full(len(z), float(amplitude)), np.asarray(iterations), sensor, measure, tangents,
+    )  # fmt: skip
+
+
+def _check_band(band) -> tuple[float, float]:
+    low, high = (float(f) for f in band)
+    if not 0 < low < high < np.inf:
+        raise InputError(f"band = ({low}, {high}): expected 0 < low < high, Hz.")
+    return low, high
+
+
+def _telling(progress: Progress | None, force: str, amplitude: float):
+    if progress is None:
+        return None
+    progress.step(f"response to {amplitude:g} N at {force}")
+
+    def tell(z: np.ndarray) -> None:
+        progress.advance(1, f"{z[-1] / (2 * np.pi):.4g} Hz")
+
+    return tell
+
+
+class ForcedResponse:
+    """Harmonic balance under a given load, with omega as the parameter.
+
+    Args:
+        balance: The equations.
+        load: Coefficients of the load, (n, K).
+        width: Notable change of omega, rad/s.
+    """
+
+    def __init__(self, balance: Balance, load: np.ndarray, width: float):
+        self.balance, self.load, self.width = balance, load, width
+
+    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual and its derivative by the coefficients and omega."""
+        X, omega = z[:-1].reshape(self.balance.shape), z[-1]
+        R, J = self.balance.evaluate(X, omega, self.load)
+        by_omega = self.balance.by_omega(X, omega).reshape(-1, 1)
+        return R.reshape(-1), np.hstack([J, by_omega])
+
+    def scales(self, z: np.ndarray) -> np.ndarray:
+        """The motion's size without its mean, and the width."""
+        size = moving_size(z[:-1].reshape(self.balance.shape))
+        return np.append(np.full(len(z) - 1, size), self.width)
+
+
+def moving_size(X: np.ndarray) -> float:
+    """Norm of the coefficients (n, K) without the mean; 1 at rest."""
+    return float(np.linalg.norm(X[:, 1:])) or 1.0
+
+
+def first_response(problem: ForcedResponse, omega: float, settings: Settings) -> np.ndarray:
+    """A response at omega, (n K + 1,): by Newton's method from the linear one, or by a growing load.
+
+    Raises:
+        ConvergenceError: If neither converges.
+    """
+    linear = linear_response(problem.balance, omega, problem.load)
+    start = np.append(linear.reshape(-1), omega)
+    try:
+        return correct(problem, start, None, settings)[0]
+    except ConvergenceError:
+        pass
+    balance = problem.balance
+    growing = _GrowingLoad(balance, problem.load, omega, moving_size(linear))
+    rest = np.zeros(balance.shape)
+    rest[:, 0] = balance.mean
+    share = 0.01
+    first = np.append((rest + share * (linear - rest)).reshape(-1), share)
+    z = follow(growing, first, (share, 1.0), settings=settings).z[-1]
+    return np.append(z[:-1], omega)
+
+
+def linear_response(balance: Balance, omega: float, load: np.ndarray) -> np.ndarray:
+    """Response of the structure linearised at its static state, (n, K)."""
+    rest = np.zeros(balance.shape)
+    rest[:, 0] = balance.mean
+    R, J = balance.evaluate(rest, omega, load)
+    try:
+        return rest - np.linalg.solve(J, R.reshape(-1)).reshape(rest.shape)
+    except np.linalg.LinAlgError:
+        return rest
+
+
+class _GrowingLoad:
+    """Harmonic balance at one omega, with the load's share as the parameter."""
+
+    def __init__(self, balance: Balance, load: np.ndarray, omega: float, size: float):
+        self.balance, self.load, self.omega, self.size = balance, load, omega, size
+
+    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        X = z[:-1].reshape(self.balance.shape)
+        R, J = self.balance.evaluate(X, self.omega, z[-1] * self.load)
+        return R.reshape(-1), np.hstack([J, -self.load.reshape(-1, 1)])
+
+    def scales(self, z: np.ndarray) -> np.ndarray:
+        size = max(moving_size(z[:-1].reshape(self.balance.shape)), 1e-3 * self.size)
+        return np.append(np.full(len(z) - 1, size), 1.0)
+
+
+def with_maxima(problem, branch: Branch, row: np.ndarray, measure: str, settings) -> Branch:
+    """The branch with the maxima of a sensor's amplitude among its points.
+
+    Args:
+        problem: The equations; the first n K unknowns are the coefficients.
+        branch: The branch.
+        row: The sensor's row, (n,).
+        measure: Amplitude, see `amplitude`.
+        settings: As for `follow`.
+    """
+    balance = problem.balance
+
+    def slope(z: np.ndarray, tangent: np.ndarray) -> float:
+        c, change = (row @ v[: balance.size].reshape(balance.shape) for v in (z, tangent))
+        return float(amplitude_gradient(c, measure) @ change)
+
+    slopes = [slope(z, t) for z, t in zip(branch.z, branch.tangents, strict=True)]
+    for i in reversed(range(len(branch) - 1)):
+        if slopes[i] > 0 > slopes[i + 1]:
+            branch = locate(problem, branch, i, slope, settings)
+    return branch
+
+
+def _at_frequencies(balance, load, at, settings, initial, common, progress) -> HarmonicResult:
+    """Responses at given frequencies, each from that of the frequency below it."""
+    frequencies = np.asarray(at, dtype=float)
+    if frequencies.ndim != 1 or not len(frequencies) or not np.all(frequencies > 0):
+        raise InputError(f"at = {at}: expected positive frequencies, Hz.")
+    starts = _starts(balance, initial, frequencies)
+    omegas = 2 * np.pi * frequencies
+    order = np.argsort(omegas)
+    problem = ForcedResponse(balance, load, float(np.ptp(omegas)) or omegas[0])
+    tell = _telling(progress, *common[:2])
+    z, iterations = np.empty((len(omegas), balance.size + 1)), np.zeros(len(omegas), dtype=int)
+    last = None
+    for i in order:
+        found = None
+        if starts is not None:
+            found = _tried(problem, np.append(starts[i], omegas[i]), settings)
+        if found is None and last is not None:
+            found = _stepped(problem, last, omegas[i], settings)
+        if found is None:
+            found = correct(problem, first_response(problem, omegas[i], settings), None, settings)
+        z[i], _, _, iterations[i] = last = found
+        if tell is not None:
+            tell(z[i])
+    return _result(balance, z, iterations, common)
+
+
+def _starts(balance: Balance, initial: HarmonicResult | None, frequencies):
+    if initial is None:
+        return None
+    same = np.array_equal(initial.frequencies_hz, frequencies)
+    if not same or initial.coefficients.shape[1:] != balance.shape:
+        raise InputError(
+            "initial: expected responses at the same frequencies, with as many degrees of freedom "
+            "and harmonics."
+        )
+    return initial.coefficients.reshape(len(frequencies), -1)
+
+
+def _tried(problem, start, settings):
+    try:
+        return correct(problem, start, None, settings)
+    except ConvergenceError:
+        return None
+
+
+def _stepped(problem, last, omega: float, settings):
+    """From the response at one frequency to that at another, by ever shorter steps."""
+    step = whole = omega - last[0][-1]
+    while abs(step) >= 2.0**-_HALVINGS * abs(whole):
+        z, tangent, scales, _ = last
+        step = min(step, omega - z[-1])
+        t = tangent * scales
+        guess = z + t * (step / t[-1]) if t[-1] else z + 0.0
+        guess[-1] = omega if step == omega - z[-1] else z[-1] + step
+        found = _tried(problem, guess, settings)
+        if found is None:
+            step /= 2
+            continue
+        last = found
+        if last[0][-1] == omega:
+            return last
+    return None
+
+
+def fingerprint(balance: Balance, *words: object) -> str:
+    """What a branch is a solution of: the model's and the request's numbers, as a short text."""
+    digest = hashlib.sha256(repr(words).encode())
+    model = balance.model
+    digest.update(
+        repr((balance.fourier.harmonics, balance.fourier.samples, balance.cycles)).encode()
+    )
+    arrays = [model.M, model.C, model.K, balance.static, *model.forces.values()]
+    for points in model.interfaces:
+        digest.update(f"{points.law.label} {points.normal}".encode())
+        arrays += [points.rows, points.weights, points.law.values(len(points))]
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array, dtype=float).tobytes())
+    return f"{words[0]} {digest.hexdigest()[:16]}"

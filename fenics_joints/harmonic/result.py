@@ -1,0 +1,269 @@
+"""Periodic responses along a branch, and what people read from them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.files import write_text
+from fenics_joints.harmonic.balance import Balance
+from fenics_joints.harmonic.fourier import amplitude, differentiated
+from fenics_joints.harmonic.sensitivity import ResponseGradient, response_gradient
+from fenics_joints.interface_model import InterfaceModel
+
+__all__ = ["HarmonicResult", "Loops", "Peak"]
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A local maximum of the response along the branch.
+
+    Attributes:
+        index: Its point.
+        frequency_hz: Frequency, Hz.
+        amplitude: Amplitude of displacement, m.
+    """
+
+    index: int
+    frequency_hz: float
+    amplitude: float
+
+
+@dataclass(frozen=True)
+class Loops:
+    """One interface over one cycle.
+
+    Attributes:
+        strain: Strain or jump, (P, T, d).
+        stress: Stress, Pa, (P, T, d).
+        slip_amplitude: Half of the tangential strain's or jump's peak to peak, (P,).
+        dissipation: Energy per cycle, J/m2 (J/m3 in a layer, J at a discrete spring), (P,).
+        energy: Energy per cycle of the whole interface, J.
+    """
+
+    strain: np.ndarray
+    stress: np.ndarray
+    slip_amplitude: np.ndarray
+    dissipation: np.ndarray
+    energy: float
+
+
+@dataclass(frozen=True)
+class HarmonicResult:
+    """Periodic responses at the points of a branch, or at prescribed frequencies.
+
+    Attributes:
+        balance: The equations that they solve.
+        force: Name of the excitation's place.
+        frequencies_hz: Frequency of each response, Hz, (N,).
+        coefficients: Harmonics of the displacements, m, (N, n, K).
+        force_amplitudes: Amplitude of the force, N, (N,).
+        iterations: Newton iterations of each response, (N,).
+        sensor: Sensor whose maxima are the `peaks`.
+        measure: Amplitude that is largest there, ``first`` or ``peak``.
+        tangents: Derivatives of coefficients and omega along the branch, (N, n K + 1); None if the
+            responses are not points of a branch.
+        settings: What else was asked for, for reports.
+    """
+
+    balance: Balance
+    force: str
+    frequencies_hz: np.ndarray
+    coefficients: np.ndarray
+    force_amplitudes: np.ndarray
+    iterations: np.ndarray
+    sensor: str
+    measure: str = "first"
+    tangents: np.ndarray | None = None
+    settings: Mapping[str, object] = field(default_factory=dict)
+    _loops: dict = field(default_factory=dict, repr=False, compare=False)
+
+    def __len__(self) -> int:
+        return len(self.frequencies_hz)
+
+    @property
+    def model(self) -> InterfaceModel:
+        """The model."""
+        return self.balance.model
+
+    @property
+    def omegas(self) -> np.ndarray:
+        """Angular frequencies, rad/s, (N,)."""
+        return 2 * np.pi * self.frequencies_hz
+
+    def sensor_coefficients(self, sensor: str, kind: str = "displacement") -> np.ndarray:
+        """Harmonics at a sensor, (N, K).
+
+        Args:
+            sensor: Name.
+            kind: ``displacement``, ``velocity`` or ``acceleration``.
+
+        Raises:
+            InputError: For an unknown sensor or kind.
+        """
+        c = np.einsum("n,pnk->pk", self.model.row("sensors", sensor), self.coefficients)
+        return differentiated(c, self.omegas, kind)
+
+    def amplitude(
+        self, sensor: str, kind: str = "displacement", measure: str | None = None
+    ) -> np.ndarray:
+        """Amplitude at a sensor, (N,); `measure` by default as that of the result.
+
+        Raises:
+            InputError: For an unknown sensor, kind or measure.
+        """
+        return amplitude(self.sensor_coefficients(sensor, kind), measure or self.measure)
+
+    def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
+        """First harmonic at a sensor over the force, complex, per N, (N,)."""
+        c = self.sensor_coefficients(sensor, kind)
+        return (c[:, 1] - 1j * c[:, 2]) / self.force_amplitudes
+
+    @cached_property
+    def peaks(self) -> tuple[Peak, ...]:
+        """Local maxima of the amplitude at the result's sensor, those at the ends not counted."""
+        a = self.amplitude(self.sensor)
+        found = [i for i in range(1, len(a) - 1) if a[i] > a[i - 1] and a[i] >= a[i + 1]]
+        return tuple(Peak(i, float(self.frequencies_hz[i]), float(a[i])) for i in found)
+
+    @property
+    def peak(self) -> Peak:
+        """The highest of the peaks; the highest response where there is none."""
+        if self.peaks:
+            return max(self.peaks, key=_height)
+        a = self.amplitude(self.sensor)
+        i = int(np.argmax(a))
+        return Peak(i, float(self.frequencies_hz[i]), float(a[i]))
+
+    def loops(self, i: int) -> dict[str, Loops]:
+        """Strain and stress over a cycle at all interfaces, at response ``i``; all ranks call."""
+        i = range(len(self))[i]
+        if i not in self._loops:
+            self._loops[i] = self._make_loops(self.coefficients[i])
+        return self._loops[i]
+
+    def _make_loops(self, X: np.ndarray) -> dict[str, Loops]:
+        found, G = {}, self.balance.fourier.derivative
+        stresses = self.balance.stresses(X)
+        for points in self.model.interfaces:
+            made = stresses[points.name]
+            rate = (points.rows @ X) @ G.T
+            # Of a closed integral of stress by strain only equal harmonics are left.
+            density = np.pi * np.einsum("pdk,pdk->p", made.coefficients[..., 1:], rate[..., 1:])
+            slip = made.strain[..., 1:] if points.normal else made.strain
+            reach = 0.5 * (slip.max(axis=1) - slip.min(axis=1))
+            found[points.name] = Loops(
+                made.strain, made.stress, np.linalg.norm(reach, axis=-1), density,
+                float(points.weights @ density),
+            )  # fmt: skip
+        return found
+
+    def dissipation(self, indices: Sequence[int] | None = None) -> dict[str, np.ndarray]:
+        """Energy per cycle that each interface takes, J, at some responses; all by default."""
+        indices = range(len(self)) if indices is None else indices
+        energy = {points.name: [] for points in self.model.interfaces}
+        for i in indices:
+            known = self._loops.get(range(len(self))[i])
+            loops = self._make_loops(self.coefficients[i]) if known is None else known
+            for name in energy:
+                energy[name].append(loops[name].energy)
+        return {name: np.array(values) for name, values in energy.items()}
+
+    def force_work(self) -> np.ndarray:
+        """Work of the force per cycle, J, (N,): all that interfaces and viscous damping take."""
+        row = self.model.row("forces", self.force)
+        return np.pi * self.force_amplitudes * (self.coefficients[:, :, 2] @ row)
+
+    def closure(self, i: int) -> float:
+        """How far the hysteresis loops at response ``i`` are from closed, relative."""
+        return max(
+            (s.closure for s in self.balance.stresses(self.coefficients[i]).values()), default=0.0
+        )
+
+    def by_parameters(
+        self,
+        change: Callable[[Mapping[str, float]], InterfaceModel],
+        values: Mapping[str, float],
+        *,
+        step: float = 1e-5,
+        indices: Sequence[int] | None = None,
+    ) -> ResponseGradient:
+        """Derivatives of the responses, each at its own frequency and force, by parameters.
+
+        Args:
+            change: The model for values of the parameters; the result's for ``values``.
+            values: Present values by name.
+            step: Step of the central differences of the equations, relative to the value. The
+                equations are only evaluated with it, not solved.
+            indices: Responses; all by default.
+
+        Raises:
+            InputError: If a parameter's value is zero (scale it) or ``change`` returns another size.
+        """
+        indices = list(range(len(self)) if indices is None else indices)
+        row = self.model.row("forces", self.force)
+        loads = [self.balance.load(a * row) for a in self.force_amplitudes[indices]]
+        made = response_gradient(
+            self.balance, self.coefficients[indices], self.omegas[indices], loads, change, values,
+            step,
+        )  # fmt: skip
+        return ResponseGradient(made, tuple(values), self, tuple(indices))
+
+    def to_dict(self) -> dict:
+        """Everything that people read, for JSON."""
+        sensors = {
+            name: {
+                "amplitude_m": self.amplitude(name).tolist(),
+                "acceleration_m_s2": self.amplitude(name, "acceleration").tolist(),
+                "phase_rad": np.angle(self.frf(name)).tolist(),
+            }
+            for name in self.model.sensors
+        }
+        return {
+            "force": self.force,
+            "force_amplitude_n": self.force_amplitudes.tolist(),
+            "harmonics": self.balance.fourier.harmonics,
+            "samples": self.balance.fourier.samples,
+            "sensor": self.sensor,
+            "measure": self.measure,
+            "frequency_hz": self.frequencies_hz.tolist(),
+            "sensors": sensors,
+            "peaks": [
+                {"point": p.index, "frequency_hz": p.frequency_hz, "amplitude_m": p.amplitude}
+                for p in self.peaks
+            ],
+            "iterations": self.iterations.tolist(),
+            "settings": dict(self.settings),
+        }
+
+    def write_json(self, path: str | Path) -> None:
+        """Write `to_dict` to a file.
+
+        Raises:
+            InputError: If it cannot be written.
+        """
+        write_text(path, json.dumps(self.to_dict(), indent=1) + "\n")
+
+
+def _height(peak: Peak) -> float:
+    return peak.amplitude
+
+
+def check_sensor(model: InterfaceModel, sensor: str | None) -> str:
+    """The sensor's name, by default the model's first.
+
+    Raises:
+        InputError: If there is none, or it is unknown.
+    """
+    if sensor is None:
+        if not model.sensors:
+            raise InputError("sensors: the model has none; expected at least one.")
+        return next(iter(model.sensors))
+    model.row("sensors", sensor)
+    return sensor

@@ -1,0 +1,115 @@
+"""Derivatives of periodic responses by parameters of the model, through the equations.
+
+R(X(p), p) = 0 gives dX/dp = -R_X^-1 R_p: the exact Jacobian, and R_p from two evaluations of the
+residual at the same X. No response is solved again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from fenics_joints.errors import InputError
+from fenics_joints.harmonic.balance import Balance
+from fenics_joints.harmonic.fourier import amplitude_gradient, differentiated
+from fenics_joints.interface_model import InterfaceModel
+
+__all__ = ["ResponseGradient", "response_gradient"]
+
+
+@dataclass(frozen=True)
+class ResponseGradient:
+    """Derivatives of responses by parameters.
+
+    Attributes:
+        coefficients: d X / d p, (N, n, K, parameters).
+        parameters: Their names.
+        result: The `HarmonicResult` it belongs to.
+        indices: The responses in it, N of them.
+    """
+
+    coefficients: np.ndarray
+    parameters: tuple[str, ...]
+    result: object
+    indices: tuple[int, ...]
+
+    def amplitude(
+        self, sensor: str, kind: str = "displacement", measure: str | None = None
+    ) -> np.ndarray:
+        """Derivatives of the amplitude at a sensor, (N, parameters).
+
+        At a peak that is the derivative of the peak's amplitude too, whose frequency may move.
+        """
+        index, result = list(self.indices), self.result
+        c = result.sensor_coefficients(sensor, kind)[index]
+        row = result.model.row("sensors", sensor)
+        change = np.einsum("n,pnkj->pjk", row, self.coefficients)
+        change = differentiated(change, result.omegas[index][:, None], kind)
+        gradient = amplitude_gradient(c, measure or result.measure)
+        return np.einsum("pk,pjk->pj", gradient, change)
+
+    def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
+        """Derivatives of the complex first harmonic over the force, (N, parameters)."""
+        index, result = list(self.indices), self.result
+        row = result.model.row("sensors", sensor)
+        change = np.einsum("n,pnkj->pjk", row, self.coefficients)
+        change = differentiated(change, result.omegas[index][:, None], kind)
+        return (change[..., 1] - 1j * change[..., 2]) / result.force_amplitudes[index][:, None]
+
+
+def response_gradient(
+    balance: Balance,
+    coefficients: np.ndarray,
+    omegas: np.ndarray,
+    loads: Sequence[np.ndarray],
+    change: Callable[[Mapping[str, float]], InterfaceModel],
+    values: Mapping[str, float],
+    step: float,
+) -> np.ndarray:
+    """d X / d p at responses X (N, n, K), shape (N, n, K, parameters).
+
+    Args:
+        balance: The equations.
+        coefficients: The responses, (N, n, K).
+        omegas: Their frequencies, rad/s.
+        loads: Their loads, (n, K) each.
+        change: The model for values of the parameters.
+        values: Present values.
+        step: Relative step of the central differences.
+
+    Raises:
+        InputError: If a value is zero, or the changed model has another size.
+    """
+    pairs = {}
+    for key, value in values.items():
+        if value == 0:
+            raise InputError(f"{key} = 0: expected a value that a relative step can change.")
+        pairs[key] = [
+            _changed(balance, change, values, key, value * (1 + s * step)) for s in (1, -1)
+        ]
+    found = np.empty((*coefficients.shape, len(values)))
+    for i, (X, omega, load) in enumerate(zip(coefficients, omegas, loads, strict=True)):
+        J = balance.evaluate(X, omega, load)[1]
+        by_values = np.empty((X.size, len(values)))
+        for j, (key, (up, down)) in enumerate(pairs.items()):
+            difference = _residual(up, X, omega, load) - _residual(down, X, omega, load)
+            by_values[:, j] = difference.reshape(-1) / (2 * step * values[key])
+        found[i] = -scipy.linalg.solve(J, by_values).reshape(*X.shape, -1)
+    return found
+
+
+def _residual(balance: Balance, X, omega, load) -> np.ndarray:
+    return balance.evaluate(X, omega, load, jacobian=False)[0]
+
+
+def _changed(balance: Balance, change, values, key: str, value: float) -> Balance:
+    model = change({**values, key: value})
+    if model.n_dofs != balance.model.n_dofs:
+        raise InputError(
+            f"{key}: the changed model has {model.n_dofs} degrees of freedom, expected "
+            f"{balance.model.n_dofs}."
+        )
+    return balance.with_model(model)
