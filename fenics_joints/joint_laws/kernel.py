@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import platform
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -35,6 +36,7 @@ int law_harmonic(int P, int E, int K, int T, int cycles, const double *X, const 
                  double *f, double *F, double *J);
 """
 _FLAGS = ["-O3", "-fno-math-errno"]
+_CPU = Path("/proc/cpuinfo")
 _kernels: dict[str, LawKernel] = {}
 
 
@@ -286,17 +288,26 @@ def _cache_folder() -> Path:
 
 def _compile(source: str):
     """The compiled module of a source, from the cache or through cffi."""
-    text = source + _DECLARATIONS + " ".join(_FLAGS) + sys.version + cffi.__version__
+    flags, cpu = _machine()
+    text = "".join([source, _DECLARATIONS, *flags, cpu, sys.version, cffi.__version__])
     name = f"law_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     folder = _cache_folder()
     found = list(folder.glob(f"{name}.*"))
-    return _load(name, found[0] if found else _build(name, source, folder))
+    return _load(name, found[0] if found else _build(name, source, folder, flags))
 
 
-def _build(name: str, source: str, folder: Path) -> Path:
+def _machine() -> tuple[list[str], str]:
+    """Compiler flags for this machine, and what tells it from others that share the cache."""
+    if platform.machine() != "x86_64" or not _CPU.is_file():
+        return _FLAGS, platform.machine()
+    lines = _CPU.read_text(encoding="utf-8", errors="replace").splitlines()
+    return [*_FLAGS, "-march=native"], next((s for s in lines if s.startswith("flags")), "")
+
+
+def _build(name: str, source: str, folder: Path, flags: list[str]) -> Path:
     ffi = cffi.FFI()
     ffi.cdef(_DECLARATIONS)
-    ffi.set_source(name, source, extra_compile_args=_FLAGS)
+    ffi.set_source(name, source, extra_compile_args=flags)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         try:
