@@ -128,6 +128,7 @@ class LapBeamMesh(BuilderMesh):
     lap: Size | None = None
     washer: Gap | None = None
     layer: Gap | None = None
+    root: Gap | None = None
     bonded: bool | None = None
     n_length: Count | None = None
     n_lap: Count | None = None
@@ -138,6 +139,7 @@ class LapBeamMesh(BuilderMesh):
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the cells' and of the facets' groups."""
         cells, faces = ["beam_1", "beam_2"], ["clamp", "tip"]
+        cells += ["root"] if self.root else []
         if self.washer is None or self.washer > 0:
             faces += ["washer_lower", "washer_upper"]
         if self.layer:

@@ -16,7 +16,7 @@ from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_ro
 
 __all__ = ["lap_beam", "lap_beam_section"]
 
-CELL_NAMES = {"beam_1": 1, "beam_2": 2, "joint": 3}
+CELL_NAMES = {"beam_1": 1, "beam_2": 2, "joint": 3, "root": 4}
 _TOLERANCE = 1e-9  # of a vertex on a plane, relative to the length
 
 _require = requirement("lap_beam")
@@ -31,6 +31,7 @@ def lap_beam(
     lap: float = 0.05,
     washer: float = 0.01,
     layer: float = 0.0,
+    root: float = 0.0,
     bonded: bool = False,
     n_length: int = 12,
     n_lap: int = 10,
@@ -56,7 +57,9 @@ def lap_beam(
     ``bonded=True`` they share their vertices over the lap, the one face ``interface``. With a
     ``layer`` above 0 a layer of that thickness, one element thick, lies between the beams and
     shares vertices with them, and they move apart by half of it each. Then there is a part
-    ``joint``, and the faces ``joint_lower``, ``joint_upper`` lie between it and the beams.
+    ``joint``, and the faces ``joint_lower``, ``joint_upper`` lie between it and the beams. With a
+    ``root`` above 0 a layer of that thickness, one element thick, lies before x = 0, the part
+    ``root``: a clamp that may give way. Then ``clamp`` is the end of that.
 
     Points: ``bolt``, in the middle of the lap at z = 0, and ``tip``, on the outer face of beam 2 in
     the middle of its free end.
@@ -69,6 +72,7 @@ def lap_beam(
         lap: Length of the overlap, in metres.
         washer: Side of the squares that the bolt presses, in metres; 0 for none.
         layer: Thickness of the joint layer, in metres; 0 for none.
+        root: Thickness of the layer at the clamp, in metres; 0 for none.
         bonded: Whether the beams share vertices; a ``layer`` always does.
         n_length: Elements along each beam outside the lap.
         n_lap: Elements along the lap.
@@ -87,11 +91,11 @@ def lap_beam(
     counts = {
         "n_length": n_length, "n_lap": n_lap, "n_width": n_width, "n_thickness": n_thickness,
     }  # fmt: skip
-    _check(sizes, washer, layer, counts)
+    _check(sizes, washer, layer, root, counts)
     cells = "'hexahedron' or 'tetrahedron'"
     _require(cell in ("hexahedron", "tetrahedron"), "cell", cell, cells)
     form = _LapBeam(
-        length, width, thickness, lap, washer, layer, bonded, n_length, n_lap, n_width,
+        length, width, thickness, lap, washer, layer, root, bonded, n_length, n_lap, n_width,
         n_thickness, cell,
     )  # fmt: skip
     return distribute(comm, on_root(comm, form.lists))
@@ -105,6 +109,7 @@ def lap_beam_section(
     lap: float = 0.05,
     washer: float = 0.01,
     layer: float = 0.0,
+    root: float = 0.0,
     bonded: bool = False,
     n_length: int = 12,
     n_lap: int = 10,
@@ -122,6 +127,7 @@ def lap_beam_section(
         lap: Length of the overlap, in metres.
         washer: Length that the bolt presses, in metres; 0 for none.
         layer: Thickness of the joint layer, in metres; 0 for none.
+        root: Thickness of the layer at the clamp, in metres; 0 for none.
         bonded: Whether the beams share vertices; a ``layer`` always does.
         n_length: Elements along each beam outside the lap.
         n_lap: Elements along the lap.
@@ -136,11 +142,11 @@ def lap_beam_section(
     """
     sizes = {"length": length, "thickness": thickness, "lap": lap}
     counts = {"n_length": n_length, "n_lap": n_lap, "n_thickness": n_thickness}
-    _check(sizes, washer, layer, counts)
+    _check(sizes, washer, layer, root, counts)
     cells = "'quadrilateral' or 'triangle'"
     _require(cell in ("quadrilateral", "triangle"), "cell", cell, cells)
     form = _LapBeam(
-        length, None, thickness, lap, washer, layer, bonded, n_length, n_lap, None, n_thickness,
+        length, None, thickness, lap, washer, layer, root, bonded, n_length, n_lap, None, n_thickness,
         cell,
     )  # fmt: skip
     return distribute(comm, on_root(comm, form.lists))
@@ -156,6 +162,7 @@ class _LapBeam:
     lap: float
     washer: float
     layer: float
+    root: float
     bonded: bool
     n_length: int
     n_lap: int
@@ -205,7 +212,8 @@ class _LapBeam:
         half = self.washer / 2
         edges = [start, self.bolt - half, self.bolt + half, self.length]
         lap = grid_lines(edges, self.lap / self.n_lap)
-        return np.concatenate([free[:-1], lap, self.length + free[1:]])
+        root = [-self.root] if self.root > 0 else []
+        return np.concatenate([root, free[:-1], lap, self.length + free[1:]])
 
     def y_lines(self) -> np.ndarray:
         half, edge = self.washer / 2, self.width / 2
@@ -218,7 +226,8 @@ class _LapBeam:
     def values(self, x: np.ndarray) -> np.ndarray:
         """Cell tags per layer of cells and plane cell, whose centres are at ``x``."""
         first, second = x < self.length, x > self.length - self.lap
-        rows = [first * CELL_NAMES["beam_1"]] * self.n_thickness
+        lower = np.where(x < 0, CELL_NAMES["root"], first * CELL_NAMES["beam_1"])
+        rows = [lower] * self.n_thickness
         if self.layer > 0:
             rows.append((first & second) * CELL_NAMES["joint"])
         rows += [second * CELL_NAMES["beam_2"]] * self.n_thickness
@@ -235,7 +244,8 @@ class _LapBeam:
         if self.bonded:
             return add_faces(lists, {"interface": facets_between(lists, "beam_1", "beam_2")})
         names = "interface_lower", "interface_upper"
-        return separate(lists, CELL_NAMES, {("beam_1", "beam_2"): names})
+        bodies = [("root", "beam_1"), "joint", "beam_2"]
+        return separate(lists, bodies, {("beam_1", "beam_2"): names})
 
     def with_faces(self, lists: MeshLists) -> MeshLists:
         facets, _ = exterior_facets(lists)
@@ -251,7 +261,7 @@ class _LapBeam:
             pressed &= np.all(off < self.washer / 2 + tolerance, axis=1)
         height = x.shape[2] - 1
         faces = {
-            "clamp": on(0, 0.0),
+            "clamp": on(0, -self.root),
             "tip": on(0, self.end),
             "washer_lower": pressed & on(height, -self.outer),
             "washer_upper": pressed & on(height, self.outer),
@@ -259,7 +269,7 @@ class _LapBeam:
         return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
 
 
-def _check(sizes: dict[str, float], washer, layer, counts: dict[str, int]) -> None:
+def _check(sizes: dict[str, float], washer, layer, root, counts: dict[str, int]) -> None:
     for name, value in sizes.items():
         _require(is_positive(value), name, value, "a length above 0 m")
     length, lap = sizes["length"], sizes["lap"]
@@ -267,6 +277,7 @@ def _check(sizes: dict[str, float], washer, layer, counts: dict[str, int]) -> No
     room = min(lap, sizes.get("width", lap))
     fits = washer == 0 or (is_positive(washer) and washer <= room)
     _require(fits, "washer", washer, f"0 m, or a side above it of at most {room:g} m")
-    _require(layer == 0 or is_positive(layer), "layer", layer, "0 m or a thickness above it")
+    for name, value in {"layer": layer, "root": root}.items():
+        _require(value == 0 or is_positive(value), name, value, "0 m or a thickness above it")
     for name, value in counts.items():
         _require(is_count(value), name, value, "a whole number of at least 1")

@@ -97,6 +97,16 @@ def test_counts_are_met_and_no_washer_is_possible():
     assert "washer_lower" not in tagged.facet_names
 
 
+@pytest.mark.parallel
+def test_a_root_lies_before_the_clamp():
+    for builder, width in ((lap_beam, WIDTH), (lap_beam_section, 1.0)):
+        tagged = builder(COMM, root=1e-4, **SMALL)
+        assert measures(tagged, "dx")["root"] == pytest.approx(1e-4 * THICKNESS * width)
+        place = measures(tagged, "ds", ufl.SpatialCoordinate(tagged.mesh)[0])["clamp"]
+        assert place == pytest.approx(-1e-4 * THICKNESS * width)
+        assert check_mesh(tagged).bodies == 2
+
+
 @pytest.mark.parametrize(
     ("builder", "arguments", "message"),
     [
