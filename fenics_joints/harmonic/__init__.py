@@ -5,17 +5,21 @@ constant response, `solve_backbone` and `solve_phase_resonance` frequency and da
 amplitude.
 """
 
+from fenics_joints.harmonic.backbone import Backbone, solve_backbone, solve_phase_resonance
 from fenics_joints.harmonic.balance import Balance, default_samples
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
+from fenics_joints.harmonic.constant_response import solve_constant_response
 from fenics_joints.harmonic.continuation import Problem, Settings, follow, locate
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.harmonic.frf import solve_harmonic
-from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak
+from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
 from fenics_joints.harmonic.sensitivity import ResponseGradient
+from fenics_joints.harmonic.stability import floquet_exponents, stable
 from fenics_joints.harmonic.static import static_state
 
 __all__ = [
-    "Balance", "Branch", "Fourier", "HarmonicResult", "Loops", "Peak", "Problem",
-    "ResponseGradient", "Settings", "default_samples", "follow", "load_branch", "locate",
-    "save_branch", "solve_harmonic", "static_state",
+    "Backbone", "Balance", "Branch", "Fourier", "HarmonicResult", "Loops", "Peak", "Periodic",
+    "Problem", "ResponseGradient", "Settings", "default_samples", "floquet_exponents", "follow",
+    "load_branch", "locate", "save_branch", "solve_backbone", "solve_constant_response",
+    "solve_harmonic", "solve_phase_resonance", "stable", "static_state",
 ]  # fmt: skip

@@ -25,6 +25,8 @@ _HALVINGS = 6
 _FAR = 0.3
 #: Cosine of the largest angle between neighbouring tangents.
 _STRAIGHT = 0.8
+#: Share of the longest step below which a sharp turn is a kink, as where sliding sets in.
+_KINK = 0.02
 #: Most points that the search for an extreme takes.
 _SECANTS = 12
 
@@ -265,7 +267,8 @@ def _grown(problem, branch: Branch, bounds, settings) -> Branch:
             new, tangent, at, iterations = _correct(
                 problem, z + step * scales * direction, direction, settings
             )
-            why = _bad(new, z, scales, direction, tangent * at, step)
+            small = step <= _KINK * settings.max_step
+            why = _bad(new, z, scales, direction, tangent * at, step, small)
         except _Failed as failure:
             why = str(failure)
         if not why:
@@ -289,12 +292,13 @@ def _grown(problem, branch: Branch, bounds, settings) -> Branch:
     return branch.with_point(new, tangent, iterations, max(step, settings.min_step), False)
 
 
-def _bad(new, z, scales, direction, tangent, step) -> str:
+def _bad(new, z, scales, direction, tangent, step, small: bool) -> str:
+    """Why a point is not to be trusted; where steps are small already, the branch has a kink."""
     tangent = tangent / scales
-    if abs(np.dot(tangent, direction)) < 0.5 * np.linalg.norm(tangent):
+    if not small and abs(np.dot(tangent, direction)) < 0.5 * np.linalg.norm(tangent):
         return "the branch turns too sharply"
     off = np.linalg.norm((new - z) / scales - step * direction)
-    return "the predictor is too far off" if off > 2 * _FAR * step else ""
+    return "the predictor is too far off" if off > (20 if small else 2 * _FAR) * step else ""
 
 
 def _ended(problem, branch, new, tangent, bound, settings, scales) -> Branch:

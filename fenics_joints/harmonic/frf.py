@@ -18,7 +18,7 @@ from fenics_joints.harmonic.result import HarmonicResult, check_sensor
 from fenics_joints.interface_model import InterfaceModel
 from fenics_joints.progress import Progress
 
-__all__ = ["ForcedResponse", "fingerprint", "solve_harmonic"]
+__all__ = ["ForcedResponse", "solve_harmonic"]
 
 _HALVINGS = 7
 
@@ -90,7 +90,7 @@ def solve_harmonic(
     common = (force, amplitude, sensor, measure)
     if at is not None:
         return _at_frequencies(balance, load, at, settings, initial, common, progress)
-    low, high = _check_band(band)
+    low, high = check_band(band)
     if direction not in ("up", "down"):
         raise InputError(f"direction = {direction!r}: expected up or down.")
     problem = ForcedResponse(balance, load, 2 * np.pi * (high - low))
@@ -99,7 +99,8 @@ def solve_harmonic(
         problem, start, (2 * np.pi * low, 2 * np.pi * high), settings=settings,
         direction=1 if direction == "up" else -1, checkpoint=checkpoint, resume=resume,
         name=fingerprint(balance, "force", *common[:2], low, high, direction),
-        on_point=_telling(progress, force, amplitude), writes=balance.comm.rank == 0,
+        on_point=telling(progress, f"response to {amplitude:g} N at {force}"),
+        writes=balance.comm.rank == 0,
     )  # fmt: skip
     branch = with_maxima(problem, branch, model.row("sensors", sensor), measure, settings)
     return _result(balance, branch.z, branch.iterations, common, branch.tangents)
@@ -108,22 +109,31 @@ def solve_harmonic(
 def _result(balance, z, iterations, common, tangents=None) -> HarmonicResult:
     force, amplitude, sensor, measure = common
     return HarmonicResult(
-        balance, force, z[:, -1] / (2 * np.pi), z[:, :-1].reshape(-1, *balance.shape),
-        np.full(len(z), float(amplitude)), np.asarray(iterations), sensor, measure, tangents,
-    )  # fmt: skip
+        balance=balance,
+        frequencies_hz=z[:, -1] / (2 * np.pi),
+        coefficients=z[:, :-1].reshape(-1, *balance.shape),
+        iterations=np.asarray(iterations),
+        sensor=sensor,
+        measure=measure,
+        force=force,
+        force_amplitudes=np.full(len(z), float(amplitude)),
+        tangents=tangents,
+    )
 
 
-def _check_band(band) -> tuple[float, float]:
+def check_band(band) -> tuple[float, float]:
+    """A band of frequencies, Hz, or an `InputError`."""
     low, high = (float(f) for f in band)
     if not 0 < low < high < np.inf:
         raise InputError(f"band = ({low}, {high}): expected 0 < low < high, Hz.")
     return low, high
 
 
-def _telling(progress: Progress | None, force: str, amplitude: float):
+def telling(progress: Progress | None, text: str):
+    """What tells the progress of every new point, the parameter being omega; None for none."""
     if progress is None:
         return None
-    progress.step(f"response to {amplitude:g} N at {force}")
+    progress.step(text)
 
     def tell(z: np.ndarray) -> None:
         progress.advance(1, f"{z[-1] / (2 * np.pi):.4g} Hz")
@@ -162,7 +172,7 @@ def moving_size(X: np.ndarray) -> float:
 
 
 def first_response(problem: ForcedResponse, omega: float, settings: Settings) -> np.ndarray:
-    """A response at omega, (n K + 1,): by Newton's method from the linear one, or by a growing load.
+    """A response at omega, (n K + 1,), from the linear one or under a growing load.
 
     Raises:
         ConvergenceError: If neither converges.
@@ -242,7 +252,7 @@ def _at_frequencies(balance, load, at, settings, initial, common, progress) -> H
     omegas = 2 * np.pi * frequencies
     order = np.argsort(omegas)
     problem = ForcedResponse(balance, load, float(np.ptp(omegas)) or omegas[0])
-    tell = _telling(progress, *common[:2])
+    tell = telling(progress, f"response to {common[1]:g} N at {common[0]}")
     z, iterations = np.empty((len(omegas), balance.size + 1)), np.zeros(len(omegas), dtype=int)
     last = None
     for i in order:

@@ -17,7 +17,7 @@ from fenics_joints.harmonic.fourier import amplitude, differentiated
 from fenics_joints.harmonic.sensitivity import ResponseGradient, response_gradient
 from fenics_joints.interface_model import InterfaceModel
 
-__all__ = ["HarmonicResult", "Loops", "Peak"]
+__all__ = ["HarmonicResult", "Loops", "Peak", "Periodic", "check_sensor"]
 
 
 @dataclass(frozen=True)
@@ -54,34 +54,25 @@ class Loops:
     energy: float
 
 
-@dataclass(frozen=True)
-class HarmonicResult:
-    """Periodic responses at the points of a branch, or at prescribed frequencies.
+@dataclass(frozen=True, kw_only=True)
+class Periodic:
+    """Periodic motions of one model.
 
     Attributes:
         balance: The equations that they solve.
-        force: Name of the excitation's place.
-        frequencies_hz: Frequency of each response, Hz, (N,).
+        frequencies_hz: Frequency of each motion, Hz, (N,).
         coefficients: Harmonics of the displacements, m, (N, n, K).
-        force_amplitudes: Amplitude of the force, N, (N,).
-        iterations: Newton iterations of each response, (N,).
-        sensor: Sensor whose maxima are the `peaks`.
-        measure: Amplitude that is largest there, ``first`` or ``peak``.
-        tangents: Derivatives of coefficients and omega along the branch, (N, n K + 1); None if the
-            responses are not points of a branch.
-        settings: What else was asked for, for reports.
+        iterations: Newton iterations that each took, (N,).
+        sensor: Sensor whose amplitude is meant where none is named.
+        measure: What is meant by amplitude, ``first`` or ``peak`` (see `amplitude`).
     """
 
     balance: Balance
-    force: str
     frequencies_hz: np.ndarray
     coefficients: np.ndarray
-    force_amplitudes: np.ndarray
     iterations: np.ndarray
     sensor: str
     measure: str = "first"
-    tangents: np.ndarray | None = None
-    settings: Mapping[str, object] = field(default_factory=dict)
     _loops: dict = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
@@ -111,35 +102,15 @@ class HarmonicResult:
         return differentiated(c, self.omegas, kind)
 
     def amplitude(
-        self, sensor: str, kind: str = "displacement", measure: str | None = None
+        self, sensor: str | None = None, kind: str = "displacement", measure: str | None = None
     ) -> np.ndarray:
-        """Amplitude at a sensor, (N,); `measure` by default as that of the result.
+        """Amplitude at a sensor, (N,); sensor and measure by default those of the result.
 
         Raises:
             InputError: For an unknown sensor, kind or measure.
         """
-        return amplitude(self.sensor_coefficients(sensor, kind), measure or self.measure)
-
-    def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
-        """First harmonic at a sensor over the force, complex, per N, (N,)."""
-        c = self.sensor_coefficients(sensor, kind)
-        return (c[:, 1] - 1j * c[:, 2]) / self.force_amplitudes
-
-    @cached_property
-    def peaks(self) -> tuple[Peak, ...]:
-        """Local maxima of the amplitude at the result's sensor, those at the ends not counted."""
-        a = self.amplitude(self.sensor)
-        found = [i for i in range(1, len(a) - 1) if a[i] > a[i - 1] and a[i] >= a[i + 1]]
-        return tuple(Peak(i, float(self.frequencies_hz[i]), float(a[i])) for i in found)
-
-    @property
-    def peak(self) -> Peak:
-        """The highest of the peaks; the highest response where there is none."""
-        if self.peaks:
-            return max(self.peaks, key=_height)
-        a = self.amplitude(self.sensor)
-        i = int(np.argmax(a))
-        return Peak(i, float(self.frequencies_hz[i]), float(a[i]))
+        c = self.sensor_coefficients(sensor or self.sensor, kind)
+        return amplitude(c, measure or self.measure)
 
     def loops(self, i: int) -> dict[str, Loops]:
         """Strain and stress over a cycle at all interfaces, at response ``i``; all ranks call."""
@@ -175,16 +146,87 @@ class HarmonicResult:
                 energy[name].append(loops[name].energy)
         return {name: np.array(values) for name, values in energy.items()}
 
-    def force_work(self) -> np.ndarray:
-        """Work of the force per cycle, J, (N,): all that interfaces and viscous damping take."""
-        row = self.model.row("forces", self.force)
-        return np.pi * self.force_amplitudes * (self.coefficients[:, :, 2] @ row)
-
     def closure(self, i: int) -> float:
         """How far the hysteresis loops at response ``i`` are from closed, relative."""
         return max(
             (s.closure for s in self.balance.stresses(self.coefficients[i]).values()), default=0.0
         )
+
+    def sensors_to_dict(self) -> dict:
+        """Amplitudes at all sensors, for JSON."""
+        return {
+            name: {
+                "amplitude_m": self.amplitude(name).tolist(),
+                "acceleration_m_s2": self.amplitude(name, "acceleration").tolist(),
+            }
+            for name in self.model.sensors
+        }
+
+    def common_to_dict(self) -> dict:
+        """What all periodic motions say of themselves, for JSON."""
+        return {
+            "harmonics": self.balance.fourier.harmonics,
+            "samples": self.balance.fourier.samples,
+            "sensor": self.sensor,
+            "measure": self.measure,
+            "frequency_hz": self.frequencies_hz.tolist(),
+            "sensors": self.sensors_to_dict(),
+            "iterations": self.iterations.tolist(),
+        }
+
+    def to_dict(self) -> dict:
+        """Everything that people read, for JSON."""
+        return self.common_to_dict()
+
+    def write_json(self, path: str | Path) -> None:
+        """Write `to_dict` to a file.
+
+        Raises:
+            InputError: If it cannot be written.
+        """
+        write_text(path, json.dumps(self.to_dict(), indent=1) + "\n")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HarmonicResult(Periodic):
+    """Responses to a harmonic force, along a branch or at prescribed frequencies.
+
+    Attributes:
+        force: Name of the force's place.
+        force_amplitudes: Amplitude of the force, N, (N,).
+        tangents: Tangents of the branch, coefficients first and omega last; None if the responses
+            are not points of a branch.
+    """
+
+    force: str
+    force_amplitudes: np.ndarray
+    tangents: np.ndarray | None = None
+
+    def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
+        """First harmonic at a sensor over the force, complex, per N, (N,)."""
+        c = self.sensor_coefficients(sensor, kind)
+        return (c[:, 1] - 1j * c[:, 2]) / self.force_amplitudes
+
+    @cached_property
+    def peaks(self) -> tuple[Peak, ...]:
+        """Local maxima of the sensor's amplitude per force, those at the ends not counted."""
+        a = self.amplitude()
+        p = a / self.force_amplitudes
+        found = [i for i in range(1, len(p) - 1) if p[i] > p[i - 1] and p[i] >= p[i + 1]]
+        return tuple(Peak(i, float(self.frequencies_hz[i]), float(a[i])) for i in found)
+
+    @property
+    def peak(self) -> Peak:
+        """The highest response per force, of the peaks where there are any."""
+        a = self.amplitude()
+        p = a / self.force_amplitudes
+        i = max((peak.index for peak in self.peaks), key=p.__getitem__, default=int(np.argmax(p)))
+        return Peak(i, float(self.frequencies_hz[i]), float(a[i]))
+
+    def force_work(self) -> np.ndarray:
+        """Work of the force per cycle, J, (N,): all that interfaces and viscous damping take."""
+        row = self.model.row("forces", self.force)
+        return np.pi * self.force_amplitudes * (self.coefficients[:, :, 2] @ row)
 
     def by_parameters(
         self,
@@ -204,7 +246,7 @@ class HarmonicResult:
             indices: Responses; all by default.
 
         Raises:
-            InputError: If a parameter's value is zero (scale it) or ``change`` returns another size.
+            InputError: If a parameter's value is zero or ``change`` gives another size.
         """
         indices = list(range(len(self)) if indices is None else indices)
         row = self.model.row("forces", self.force)
@@ -217,42 +259,16 @@ class HarmonicResult:
 
     def to_dict(self) -> dict:
         """Everything that people read, for JSON."""
-        sensors = {
-            name: {
-                "amplitude_m": self.amplitude(name).tolist(),
-                "acceleration_m_s2": self.amplitude(name, "acceleration").tolist(),
-                "phase_rad": np.angle(self.frf(name)).tolist(),
-            }
-            for name in self.model.sensors
-        }
-        return {
-            "force": self.force,
-            "force_amplitude_n": self.force_amplitudes.tolist(),
-            "harmonics": self.balance.fourier.harmonics,
-            "samples": self.balance.fourier.samples,
-            "sensor": self.sensor,
-            "measure": self.measure,
-            "frequency_hz": self.frequencies_hz.tolist(),
-            "sensors": sensors,
-            "peaks": [
-                {"point": p.index, "frequency_hz": p.frequency_hz, "amplitude_m": p.amplitude}
-                for p in self.peaks
-            ],
-            "iterations": self.iterations.tolist(),
-            "settings": dict(self.settings),
-        }
-
-    def write_json(self, path: str | Path) -> None:
-        """Write `to_dict` to a file.
-
-        Raises:
-            InputError: If it cannot be written.
-        """
-        write_text(path, json.dumps(self.to_dict(), indent=1) + "\n")
-
-
-def _height(peak: Peak) -> float:
-    return peak.amplitude
+        made = self.common_to_dict()
+        for name, sensor in made["sensors"].items():
+            sensor["phase_rad"] = np.angle(self.frf(name)).tolist()
+        made["force"] = self.force
+        made["force_amplitude_n"] = self.force_amplitudes.tolist()
+        made["peaks"] = [
+            {"point": p.index, "frequency_hz": p.frequency_hz, "amplitude_m": p.amplitude}
+            for p in self.peaks
+        ]
+        return made
 
 
 def check_sensor(model: InterfaceModel, sensor: str | None) -> str:

@@ -1,0 +1,292 @@
+"""Frequency and damping of a nonlinear mode against its amplitude.
+
+By the extended periodic motion concept (Krack 2015): the free motion made periodic by negative
+damping that is proportional to mass; or by phase resonance: one force, in quadrature with the
+motion of a sensor, as a phase-locked loop finds it in a test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.linalg
+from mpi4py import MPI
+
+from fenics_joints.errors import InputError
+from fenics_joints.harmonic.balance import Balance
+from fenics_joints.harmonic.continuation import Settings, follow
+from fenics_joints.harmonic.frf import fingerprint
+from fenics_joints.harmonic.result import Periodic, check_sensor
+from fenics_joints.interface_model import InterfaceModel
+from fenics_joints.progress import Progress
+
+__all__ = ["Backbone", "solve_backbone", "solve_phase_resonance"]
+
+_LN10 = float(np.log(10.0))
+#: Eigenvalues below this share of the largest are rigid-body motion.
+_RIGID = 1e-10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Backbone(Periodic):
+    """A nonlinear mode over its amplitude.
+
+    Attributes:
+        method: ``epmc`` or ``phase resonance``.
+        damping_ratios: Energy that a cycle takes over 4 pi times the largest kinetic energy, (N,).
+        modal_amplitudes: sqrt(x1^H M x1) of the first harmonic x1, m kg^1/2, (N,).
+        force: Name of the force's place; None without a force.
+        force_amplitudes: Amplitude of the force, N, (N,); zero without.
+    """
+
+    method: str
+    damping_ratios: np.ndarray
+    modal_amplitudes: np.ndarray
+    force: str | None
+    force_amplitudes: np.ndarray
+
+    def to_dict(self) -> dict:
+        """Everything that people read, for JSON."""
+        return {
+            **self.common_to_dict(),
+            "method": self.method,
+            "damping_ratio": self.damping_ratios.tolist(),
+            "modal_amplitude": self.modal_amplitudes.tolist(),
+            "force": self.force,
+            "force_amplitude_n": self.force_amplitudes.tolist(),
+        }
+
+
+def solve_backbone(
+    model: InterfaceModel,
+    amplitudes: tuple[float, float],
+    *,
+    near: float | None = None,
+    sensor: str | None = None,
+    harmonics: int = 5,
+    samples: int | None = None,
+    static: np.ndarray | None = None,
+    cycles: int = 2,
+    settings: Settings | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+    comm: MPI.Comm | None = None,
+) -> Backbone:
+    """A nonlinear mode by the extended periodic motion concept.
+
+    Args:
+        model: The structure; its force places do not matter.
+        amplitudes: Lowest and highest first-harmonic amplitude of displacement at the sensor, m.
+        near: The mode whose linear frequency, Hz, is nearest; the lowest elastic one by default.
+        sensor: Sensor that moves in the mode; the model's first by default.
+        harmonics, samples, static, cycles, settings: As for `solve_harmonic`; scaled arc length is
+            about decades of the amplitude.
+        checkpoint, resume, progress, comm: As for `solve_harmonic`.
+
+    Raises:
+        InputError: For an unknown name, a value out of range, or a sensor that does not move.
+        ConvergenceError: If the branch cannot be followed.
+    """
+    balance = Balance(model, harmonics, samples, static=static, cycles=cycles, comm=comm)
+    sensor = check_sensor(model, sensor)
+    row = model.row("sensors", sensor)
+    omega, shape = _linear_mode(balance, near)
+    problem = _FreeMode(balance, row, omega, shape)
+    words = "mode", sensor, *amplitudes, near
+    files = checkpoint, resume, fingerprint(balance, *words)
+    return _solve(problem, amplitudes, sensor, None, settings, files, progress)
+
+
+def solve_phase_resonance(
+    model: InterfaceModel,
+    force: str,
+    amplitudes: tuple[float, float],
+    *,
+    near: float | None = None,
+    sensor: str | None = None,
+    harmonics: int = 5,
+    samples: int | None = None,
+    static: np.ndarray | None = None,
+    cycles: int = 2,
+    settings: Settings | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+    comm: MPI.Comm | None = None,
+) -> Backbone:
+    """Frequency and force at which a sensor's first harmonic is a quarter of a cycle late.
+
+    Arguments and errors as `solve_backbone`, with the place of the ``force``.
+    """
+    balance = Balance(model, harmonics, samples, static=static, cycles=cycles, comm=comm)
+    sensor = check_sensor(model, sensor)
+    rows = model.row("sensors", sensor), model.row("forces", force)
+    omega, shape = _linear_mode(balance, near)
+    problem = _PhaseResonance(balance, *rows, omega, shape)
+    words = "phase resonance", sensor, force, *amplitudes, near
+    files = checkpoint, resume, fingerprint(balance, *words)
+    return _solve(problem, amplitudes, sensor, force, settings, files, progress)
+
+
+def _solve(problem, amplitudes, sensor, force, settings, files, progress) -> Backbone:
+    low, high = (float(a) for a in amplitudes)
+    if not 0 < low < high < np.inf:
+        raise InputError(f"amplitudes = ({low}, {high}): expected 0 < low < high, m.")
+    balance, (checkpoint, resume, name) = problem.balance, files
+    tell = None
+    if progress is not None:
+        progress.step(f"{problem.method} of the mode near {problem.omega / (2 * np.pi):.4g} Hz")
+
+        def tell(z: np.ndarray) -> None:
+            progress.advance(1, f"{10 ** z[-1]:.3g} m")
+
+    start = np.append(problem.start(), np.log10(low))
+    branch = follow(
+        problem, start, (np.log10(low), np.log10(high)), settings=settings, name=name,
+        checkpoint=checkpoint, resume=resume, on_point=tell, writes=balance.comm.rank == 0,
+    )  # fmt: skip
+    X = np.array([problem.coefficients(z) for z in branch.z])
+    omegas, extra = branch.z[:, -3], branch.z[:, -2]
+    modal = np.sqrt(np.einsum("pnk,nm,pmk->p", X[..., 1:3], balance.model.M, X[..., 1:3]))
+    forces = extra * 10 ** branch.z[:, -1] if force else np.zeros(len(branch))
+    damping = extra
+    if force:
+        work = np.pi * forces * (X[:, :, 2] @ balance.model.row("forces", force))
+        damping = work / (2 * np.pi * (omegas * modal) ** 2)
+    return Backbone(
+        balance=balance,
+        frequencies_hz=omegas / (2 * np.pi),
+        coefficients=X,
+        iterations=branch.iterations,
+        sensor=sensor,
+        method=problem.method,
+        damping_ratios=damping,
+        modal_amplitudes=modal,
+        force=force,
+        force_amplitudes=np.abs(forces),
+    )
+
+
+def _linear_mode(balance: Balance, near: float | None) -> tuple[float, np.ndarray]:
+    """Angular frequency and M-normalised shape of a mode at the static state."""
+    rest = np.zeros(balance.shape)
+    rest[:, 0] = balance.mean
+    J = balance.interface_force(rest)[1].reshape(*balance.shape, *balance.shape)
+    K = balance.model.K + J[:, 1, :, 1]
+    try:
+        values, shapes = scipy.linalg.eigh(0.5 * (K + K.T), balance.model.M)
+    except scipy.linalg.LinAlgError as error:
+        raise InputError(f"M: expected a positive definite matrix ({error}).") from error
+    elastic = np.flatnonzero(values > _RIGID * values[-1])
+    if not len(elastic):
+        raise InputError("the model has no elastic mode; expected some stiffness.")
+    omegas = np.sqrt(values[elastic])
+    i = 0 if near is None else int(np.argmin(np.abs(omegas - 2 * np.pi * near)))
+    return float(omegas[i]), shapes[:, elastic[i]]
+
+
+class _Mode:
+    """Harmonic balance of a motion whose amplitude at a sensor is the parameter.
+
+    Unknowns: Y, with X = static + 10^q Y, of order one at all amplitudes; omega; one number of the
+    kind of motion; q, the logarithm of the amplitude.
+    """
+
+    method = ""
+
+    def __init__(self, balance: Balance, sensor: np.ndarray, omega: float, shape: np.ndarray):
+        self.balance, self.sensor, self.omega = balance, sensor, omega
+        reach = sensor @ shape
+        if abs(reach) < 1e-8 * np.linalg.norm(sensor) * np.linalg.norm(shape):
+            raise InputError("the sensor does not move in the mode; expected another sensor.")
+        self.shape = shape / reach
+        self.rest = np.zeros(balance.shape)
+        self.rest[:, 0] = balance.mean
+        self.target = np.array([1.0, 0.0])
+
+    def coefficients(self, z: np.ndarray) -> np.ndarray:
+        """X, (n, K)."""
+        return self.rest + 10 ** z[-1] * z[:-3].reshape(self.balance.shape)
+
+    def start(self) -> np.ndarray:
+        """Unknowns of the linear mode, without the amplitude."""
+        Y = np.zeros(self.balance.shape)
+        Y[:, 1:3] = self.shape[:, None] * self.target
+        return np.concatenate([Y.reshape(-1), [self.omega, self.linear_extra()]])
+
+    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual, over the amplitude, and its derivative."""
+        balance, N, a = self.balance, self.balance.size, 10 ** z[-1]
+        Y, X, omega = z[:-3].reshape(balance.shape), self.coefficients(z), z[-3]
+        R, J_X = balance.evaluate(X, omega)
+        by_omega = balance.by_omega(X, omega)
+        J = np.zeros((N + 2, N + 3))
+        # The residual is that of a unit amplitude: R / a.
+        J[:N, :N], J[:N, -3] = J_X, by_omega.reshape(-1) / a
+        J[:N, -1] = _LN10 * (J_X @ Y.reshape(-1) - R.reshape(-1) / a)
+        r = R.reshape(-1) / a
+        self.add_extra(r, J[:N], Y, omega, z[-2])
+        for i in (0, 1):
+            row = np.zeros(balance.shape)
+            row[:, 1 + i] = self.sensor
+            J[N + i, :N] = row.reshape(-1)
+        return np.concatenate([r, self.sensor @ Y[:, 1:3] - self.target]), J
+
+    def scales(self, z: np.ndarray) -> np.ndarray:
+        """Size of the motion, a tenth of omega, the extra number's, one decade."""
+        size = np.linalg.norm(z[:-3]) or 1.0
+        ends = [0.1 * self.omega, self.extra_scale(z[-2]), 1.0]
+        return np.concatenate([np.full(len(z) - 3, size), ends])
+
+
+class _FreeMode(_Mode):
+    """The extra number is the damping ratio: M x'' + C x' + K x + f - 2 zeta omega M x' = 0."""
+
+    method = "epmc"
+
+    def linear_extra(self) -> float:
+        m = self.balance.model
+        return float(
+            self.shape @ m.C @ self.shape / (2 * self.omega * self.shape @ m.M @ self.shape)
+        )
+
+    def extra_scale(self, zeta: float) -> float:
+        return max(abs(zeta), 0.05)
+
+    def add_extra(self, r, J, Y, omega, zeta) -> None:
+        M, G = self.balance.model.M, self.balance.fourier.derivative
+        N = self.balance.size
+        velocity = (M @ Y @ G.T).reshape(-1)
+        r -= 2 * zeta * omega**2 * velocity
+        J[:, :N] -= 2 * zeta * omega**2 * np.kron(M, G)
+        J[:, -3] -= 4 * zeta * omega * velocity
+        J[:, -2] -= 2 * omega**2 * velocity
+
+
+class _PhaseResonance(_Mode):
+    """The extra number is the force over the amplitude; the motion is a quarter of a cycle late."""
+
+    method = "phase resonance"
+
+    def __init__(self, balance, sensor, force, omega, shape):
+        super().__init__(balance, sensor, omega, shape)
+        self.force = balance.load(force).reshape(-1)
+        self.reach = float(force @ self.shape)
+        if abs(self.reach) < 1e-8 * np.linalg.norm(force) * np.linalg.norm(self.shape):
+            raise InputError("the force does not drive the mode; expected another place.")
+        self.target = np.array([0.0, np.sign(self.reach)])
+
+    def linear_extra(self) -> float:
+        C = self.balance.model.C
+        return float(self.omega * self.shape @ C @ self.shape / abs(self.reach))
+
+    def extra_scale(self, extra: float) -> float:
+        modal = self.omega**2 * float(self.shape @ self.balance.model.M @ self.shape)
+        return max(abs(extra), 0.05 * modal / abs(self.reach))
+
+    def add_extra(self, r, J, Y, omega, extra) -> None:
+        r -= extra * self.force
+        J[:, -2] -= self.force

@@ -1,0 +1,167 @@
+"""Nonlinear frequency response at constant response: the force that a sensor's amplitude takes.
+
+What a test with a controlled response measures: near a resonance the interfaces then move about
+equally at all frequencies, and the response is nearly that of a linear structure.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.harmonic.balance import Balance
+from fenics_joints.harmonic.continuation import Settings, follow, locate
+from fenics_joints.harmonic.fourier import KINDS
+from fenics_joints.harmonic.frf import (
+    ForcedResponse,
+    check_band,
+    fingerprint,
+    first_response,
+    linear_response,
+    moving_size,
+    telling,
+)
+from fenics_joints.harmonic.result import HarmonicResult, check_sensor
+from fenics_joints.interface_model import InterfaceModel
+from fenics_joints.progress import Progress
+
+__all__ = ["ConstantResponse", "solve_constant_response"]
+
+
+def solve_constant_response(
+    model: InterfaceModel,
+    force: str,
+    sensor: str | None,
+    amplitude: float,
+    band: tuple[float, float],
+    *,
+    kind: str = "displacement",
+    harmonics: int = 5,
+    samples: int | None = None,
+    static: np.ndarray | None = None,
+    cycles: int = 2,
+    direction: str = "up",
+    settings: Settings | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+    comm: MPI.Comm | None = None,
+) -> HarmonicResult:
+    """Force that holds the first harmonic at a sensor to an amplitude, over a band.
+
+    The frequencies of least force are points of the branch: the result's `peaks`.
+
+    Args:
+        model: The structure.
+        force: Place of the force.
+        sensor: Sensor; None for the model's first.
+        amplitude: Amplitude to hold, in SI units of ``kind``.
+        band: Lowest and highest frequency, Hz.
+        kind: ``displacement``, ``velocity`` or ``acceleration``.
+        harmonics, samples, static, cycles, direction, settings: As for `solve_harmonic`.
+        checkpoint, resume, progress, comm: As for `solve_harmonic`.
+
+    Raises:
+        InputError: For an unknown name, or a value out of range.
+        ConvergenceError: If the branch cannot be followed.
+    """
+    if kind not in KINDS:
+        raise InputError(f"kind = {kind!r}: expected one of: {', '.join(KINDS)}.")
+    if not (np.isfinite(amplitude) and amplitude > 0):
+        raise InputError(f"amplitude = {amplitude}: expected a positive {kind}.")
+    if direction not in ("up", "down"):
+        raise InputError(f"direction = {direction!r}: expected up or down.")
+    low, high = check_band(band)
+    sensor = check_sensor(model, sensor)
+    rows = model.row("forces", force), model.row("sensors", sensor)
+    balance = Balance(model, harmonics, samples, static=static, cycles=cycles, comm=comm)
+    settings = settings or Settings()
+    problem = ConstantResponse(balance, *rows, amplitude, KINDS[kind], 2 * np.pi * (high - low))
+    start = problem.start(2 * np.pi * (low if direction == "up" else high), settings)
+    words = "response", force, sensor, amplitude, kind, low, high, direction
+    branch = follow(
+        problem, start, (2 * np.pi * low, 2 * np.pi * high), settings=settings,
+        direction=1 if direction == "up" else -1, checkpoint=checkpoint, resume=resume,
+        name=fingerprint(balance, *words), writes=balance.comm.rank == 0,
+        on_point=telling(progress, f"force for {kind} {amplitude:g} at {sensor}"),
+    )  # fmt: skip
+    slopes = [_softer(z, t) for z, t in zip(branch.z, branch.tangents, strict=True)]
+    for i in reversed(range(len(branch) - 1)):
+        if slopes[i] > 0 > slopes[i + 1]:
+            branch = locate(problem, branch, i, _softer, settings)
+    return HarmonicResult(
+        balance=balance,
+        frequencies_hz=branch.z[:, -1] / (2 * np.pi),
+        coefficients=branch.z[:, :-2].reshape(-1, *balance.shape),
+        iterations=branch.iterations,
+        sensor=sensor,
+        force=force,
+        force_amplitudes=np.abs(branch.z[:, -2]),
+        tangents=np.delete(branch.tangents, -2, axis=1),
+    )
+
+
+def _softer(z: np.ndarray, tangent: np.ndarray) -> float:
+    """How fast the force's amplitude falls along the branch."""
+    return -float(np.sign(z[-2]) * tangent[-2])
+
+
+class ConstantResponse:
+    """Harmonic balance with the force unknown and a sensor's first harmonic given.
+
+    Unknowns: coefficients, force, omega.
+
+    Args:
+        balance: The equations.
+        force: Row of the force, (n,).
+        sensor: Row of the sensor, (n,).
+        amplitude: Amplitude of the sensor's time derivative.
+        order: Which time derivative: 0, 1 or 2.
+        width: Notable change of omega, rad/s.
+    """
+
+    def __init__(self, balance: Balance, force, sensor, amplitude: float, order: int, width: float):
+        self.balance, self.force, self.sensor = balance, force, sensor
+        self.amplitude, self.order, self.width = amplitude, order, width
+
+    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual and its derivative."""
+        X, force, omega = z[:-2].reshape(self.balance.shape), z[-2], z[-1]
+        R, J_X = self.balance.evaluate(X, omega, self.balance.load(force * self.force))
+        N = self.balance.size
+        J = np.zeros((N + 1, N + 2))
+        J[:N, :N], J[:N, -1] = J_X, self.balance.by_omega(X, omega).reshape(-1)
+        J[:N, -2] = -self.balance.load(self.force).reshape(-1)
+        # (|u| omega^order / amplitude)^2 = 1
+        a, b = self.sensor @ X[:, 1:3]
+        factor = omega ** (2 * self.order) / self.amplitude**2
+        row = np.zeros(self.balance.shape)
+        row[:, 1], row[:, 2] = 2 * factor * a * self.sensor, 2 * factor * b * self.sensor
+        J[N, :N] = row.reshape(-1)
+        J[N, -1] = 2 * self.order / omega * factor * (a**2 + b**2)
+        return np.append(R.reshape(-1), factor * (a**2 + b**2) - 1), J
+
+    def scales(self, z: np.ndarray) -> np.ndarray:
+        """The motion's size, the force and the width."""
+        size = moving_size(z[:-2].reshape(self.balance.shape))
+        # The force that the motion takes away from resonance, so that its zero is no obstacle.
+        least = 1e-3 * self.amplitude / (self._compliance * z[-1] ** self.order)
+        return np.concatenate([np.full(len(z) - 2, size), [max(abs(z[-2]), least), self.width]])
+
+    def start(self, omega: float, settings: Settings) -> np.ndarray:
+        """A guess of the response at omega, from the linear one."""
+        X = linear_response(self.balance, omega, self.balance.load(self.force))
+        a, b = self.sensor @ X[:, 1:3]
+        self._compliance = float(np.hypot(a, b))
+        if not self._compliance:
+            raise InputError("the sensor does not move with the force; expected another sensor.")
+        force = self.amplitude / (self._compliance * omega**self.order)
+        forced = ForcedResponse(self.balance, self.balance.load(force * self.force), self.width)
+        try:
+            X = first_response(forced, omega, settings)[:-1]
+        except ConvergenceError:
+            X = linear_response(self.balance, omega, forced.load).reshape(-1)
+        return np.concatenate([X, [force, omega]])

@@ -1,0 +1,63 @@
+"""Stability of periodic responses of structures whose interfaces have no memory (Hill's method)."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from fenics_joints.errors import InputError
+from fenics_joints.harmonic.balance import Balance
+from fenics_joints.harmonic.result import HarmonicResult
+
+__all__ = ["floquet_exponents", "stable"]
+
+
+def floquet_exponents(balance: Balance, X: np.ndarray, omega: float) -> np.ndarray:
+    """Floquet exponents, 1/s, complex, (2 n,), of a periodic solution.
+
+    A disturbance e^(lambda t) times a Fourier series obeys J + lambda (C + 2 omega M d/d(wt)) +
+    lambda^2 M; of its 2 n K eigenvalues, those with the smallest imaginary part are the exponents
+    (Moore 2005).
+
+    Args:
+        balance: The equations.
+        X: Coefficients of the solution, (n, K).
+        omega: Its angular frequency, rad/s.
+
+    Raises:
+        InputError: If a law has memory: its disturbed states are not in the equations.
+    """
+    model = balance.model
+    for points in model.interfaces:
+        if points.kernel.m:
+            raise InputError(
+                f"{points.name}: the law {points.law.label} has memory; expected laws without for "
+                "Hill's method."
+            )
+    one, G = np.eye(balance.fourier.size), balance.fourier.derivative
+    J = balance.evaluate(X, omega)[1]
+    damping = np.kron(model.C, one) + 2 * omega * np.kron(model.M, G)
+    N = balance.size
+    A, B = np.zeros((2 * N, 2 * N)), np.eye(2 * N)
+    A[:N, N:], A[N:, :N], A[N:, N:] = np.eye(N), -J, -damping
+    B[N:, N:] = np.kron(model.M, one)
+    values = scipy.linalg.eigvals(A, B)
+    values = values[np.isfinite(values)]
+    return values[np.argsort(np.abs(values.imag))][: 2 * model.n_dofs]
+
+
+def stable(result: HarmonicResult, *, tolerance: float = 1e-6) -> np.ndarray:
+    """Whether each response is stable, (N,).
+
+    Args:
+        result: Responses of a model without memory.
+        tolerance: Largest growth rate that counts as none, relative to omega.
+
+    Raises:
+        InputError: If a law has memory.
+    """
+    growth = [
+        floquet_exponents(result.balance, X, omega).real.max() / omega
+        for X, omega in zip(result.coefficients, result.omegas, strict=True)
+    ]
+    return np.array(growth) < tolerance
