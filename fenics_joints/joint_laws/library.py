@@ -1,0 +1,316 @@
+"""The joint laws that come with the suite."""
+
+from __future__ import annotations
+
+import numpy as np
+import ufl
+from numpy.typing import ArrayLike
+
+from fenics_joints.errors import InputError
+from fenics_joints.forms.hysteresis import (
+    bouc_wen,
+    coulomb_stick,
+    dilatant_coulomb,
+    slider,
+    slider_dissipation,
+    slider_energy,
+    valanis,
+)
+from fenics_joints.joint_laws.iwan import Backbone, iwan_sliders, slider_edges
+from fenics_joints.joint_laws.law import JointLaw
+
+__all__ = ["BoucWen", "CoulombStick", "CubicSpring", "DilatantCoulomb", "Iwan", "Valanis"]
+
+
+def _positive(law: JointLaw, *keys: str) -> None:
+    for key in keys:
+        if np.any(law.parameters[key] <= 0):
+            raise InputError(f"{law.label}.{key} = {law.parameters[key]}: expected numbers > 0.")
+
+
+def _not_negative(law: JointLaw, *keys: str) -> None:
+    for key in keys:
+        if np.any(law.parameters[key] < 0):
+            raise InputError(f"{law.label}.{key} = {law.parameters[key]}: expected numbers >= 0.")
+
+
+def _split(state, n: int):
+    """A state as its first ``n`` numbers and the rest, two vectors."""
+    size = state.ufl_shape[0]
+    first = ufl.as_vector([state[i] for i in range(n)])
+    return first, ufl.as_vector([state[i] for i in range(n, size)])
+
+
+class Iwan(JointLaw):
+    """Parallel sliders that follow a backbone: microslip, macroslip, Masing's loops.
+
+    Args:
+        backbone: Stress by shear strain of the layer, or by slip of a zero-thickness interface,
+            or force by slip of a discrete joint.
+        n_sliders: Number of sliders, see `fenics_joints.joint_laws.iwan` for what it buys.
+        amplitudes: Least and largest amplitude of interest, of strain; 0.1 and 2 times the
+            backbone's reference strain by default.
+        thickness: For a backbone by strain on an interface of no thickness: the thickness, m, of
+            the layer that the interface stands for, whose strain is slip over thickness.
+
+    Raises:
+        InputError: For a backbone that is not concave, or numbers out of range.
+
+    Attributes:
+        backbone: The backbone.
+        edges: Edges of the sliders' bins, in units of the backbone's reference strain; `change`
+            keeps them, so that the response is a smooth function of the parameters.
+    """
+
+    name = "iwan"
+
+    def __init__(
+        self,
+        backbone: Backbone,
+        n_sliders: int = 24,
+        *,
+        amplitudes: tuple[float, float] | None = None,
+        thickness: float = 1.0,
+    ):
+        if not 0 < thickness < np.inf:
+            raise InputError(f"iwan.thickness = {thickness}: expected a number > 0 (m).")
+        edges = slider_edges(backbone, n_sliders, amplitudes) / backbone.reference
+        self._make(backbone, n_sliders, edges, thickness)
+
+    def _make(self, backbone, n_sliders, edges, thickness) -> None:
+        self.backbone, self.n_sliders = backbone, n_sliders
+        self.edges, self.thickness = edges, thickness
+        stiffness, strength = iwan_sliders(
+            backbone, n_sliders, edges=np.minimum(edges * backbone.reference, backbone.limit)
+        )
+        # The first element carries the spring beside the sliders.
+        spring = np.zeros(len(stiffness))
+        spring[0] = backbone.final_slope
+        super().__init__(
+            stiffness=stiffness / thickness, strength=strength, spring=spring / thickness
+        )
+
+    def change(self, **values: float) -> Iwan:
+        """The same law with other values of some of the backbone's parameters.
+
+        Raises:
+            InputError: For an unknown parameter or one out of range.
+        """
+        other = object.__new__(type(self))
+        other._make(self.backbone.change(**values), self.n_sliders, self.edges, self.thickness)
+        return other
+
+    def state_size(self, n_slip: int) -> int:
+        return n_slip
+
+    def element(self, normal, slip, state, p):
+        traction, state = slider(slip, state, p["stiffness"], p["strength"])
+        return ufl.as_ufl(0.0), traction + p["spring"] * slip, state
+
+    def stored(self, normal, slip, state, p):
+        """Energy per volume or area in the springs, with the state after the step."""
+        spring = 0.5 * p["spring"] * ufl.dot(slip, slip)
+        return spring + slider_energy(slip, state, p["stiffness"])
+
+    def dissipated(self, normal, slip, old, new, p):
+        """Energy per volume or area turned to heat in a step."""
+        return slider_dissipation(slip, old, new, p["stiffness"])
+
+
+class CoulombStick(JointLaw):
+    """Elastic sticking and Coulomb friction under a varying, one-sided pressure.
+
+    Displacements are measured from a state in which the interface carries ``pressure`` and the
+    structure is at rest: the normal stress it returns is what comes on top, so that no load has to
+    hold it. With ``pressure`` 0 it is the whole of it.
+
+    Args:
+        normal_stiffness: k_n, Pa/m (zero thickness) or Pa (layer).
+        tangential_stiffness: k_s, alike.
+        friction: Coefficient of friction, >= 0.
+        pressure: Pressure, Pa, in the state of rest; a number or one for each point, (P, 1).
+    """
+
+    name = "coulomb"
+    coupled = True
+
+    def __init__(
+        self,
+        normal_stiffness: ArrayLike,
+        tangential_stiffness: ArrayLike,
+        friction: ArrayLike,
+        pressure: ArrayLike = 0.0,
+    ):
+        super().__init__(
+            normal_stiffness=normal_stiffness,
+            tangential_stiffness=tangential_stiffness,
+            friction=friction,
+            pressure=pressure,
+        )
+        _positive(self, "normal_stiffness", "tangential_stiffness")
+        _not_negative(self, "friction", "pressure")
+
+    def state_size(self, n_slip: int) -> int:
+        return n_slip
+
+    def element(self, normal, slip, state, p):
+        sigma, traction, state = coulomb_stick(
+            normal, slip, state, p["normal_stiffness"], p["tangential_stiffness"], p["friction"],
+            p["pressure"],
+        )  # fmt: skip
+        return sigma + p["pressure"], traction, state
+
+    def stored(self, normal, slip, state, p):
+        """Energy per area in the springs, above that of the state of rest without tension."""
+        k_n, rest = p["normal_stiffness"], p["pressure"]
+        pressed = ufl.max_value(rest - k_n * normal, 0.0)
+        work = (pressed**2 - rest**2) / (2.0 * k_n) + rest * normal
+        return work + slider_energy(slip, state, p["tangential_stiffness"])
+
+    def dissipated(self, normal, slip, old, new, p):
+        """Energy per area turned to heat in a step, with the friction at its end."""
+        return slider_dissipation(slip, old, new, p["tangential_stiffness"])
+
+
+class DilatantCoulomb(CoulombStick):
+    """Coulomb friction whose sliding opens the interface: seed 003, eqs. 1-2 (associated).
+
+    Arguments as `CoulombStick`; see `fenics_joints.forms.hysteresis.dilatant_coulomb`.
+    """
+
+    name = "dilatant_coulomb"
+
+    def state_size(self, n_slip: int) -> int:
+        return n_slip + 1
+
+    def element(self, normal, slip, state, p):
+        n = slip.ufl_shape[0]
+        position, _ = _split(state, n)
+        sigma, traction, position, opened = dilatant_coulomb(
+            normal, slip, position, state[n], p["normal_stiffness"], p["tangential_stiffness"],
+            p["friction"], p["pressure"],
+        )  # fmt: skip
+        new = ufl.as_vector([*(position[i] for i in range(n)), opened])
+        return sigma + p["pressure"], traction, new
+
+    def stored(self, normal, slip, state, p):
+        """Energy per area in the springs, above that of the state of rest."""
+        n = slip.ufl_shape[0]
+        position, _ = _split(state, n)
+        k_n, rest = p["normal_stiffness"], p["pressure"]
+        pressed = rest - k_n * (normal - state[n])
+        work = (pressed**2 - rest**2) / (2.0 * k_n) + rest * normal
+        return work + slider_energy(slip, position, p["tangential_stiffness"])
+
+    def dissipated(self, normal, slip, old, new, p):
+        """Energy per area turned to heat in a step: stress at its end times plastic way."""
+        n = slip.ufl_shape[0]
+        (before, _), (after, _) = _split(old, n), _split(new, n)
+        sigma = p["normal_stiffness"] * (normal - new[n]) - p["pressure"]
+        way = new[n] - old[n]
+        return sigma * way + slider_dissipation(slip, before, after, p["tangential_stiffness"])
+
+
+class BoucWen(JointLaw):
+    """Bouc and Wen's smooth hysteresis, isotropic: k (a x + (1 - a) z).
+
+    Args:
+        stiffness: Stiffness at rest, k.
+        ratio: Share a of it that stays, 0 <= a <= 1.
+        beta: Parameter of z, 1/slip^n.
+        gamma: Parameter of z, at most beta in size.
+        n: Exponent, >= 1.
+        substeps: Exponential midpoint steps within each step.
+    """
+
+    name = "bouc_wen"
+
+    def __init__(
+        self,
+        stiffness: ArrayLike,
+        ratio: ArrayLike,
+        beta: ArrayLike,
+        gamma: ArrayLike,
+        n: ArrayLike = 1.0,
+        *,
+        substeps: int = 1,
+    ):
+        super().__init__(stiffness=stiffness, ratio=ratio, beta=beta, gamma=gamma, n=n)
+        _positive(self, "stiffness", "beta")
+        _not_negative(self, "ratio")
+        p = self.parameters
+        if np.any(p["ratio"] > 1) or np.any(p["n"] < 1) or np.any(abs(p["gamma"]) > p["beta"]):
+            raise InputError("bouc_wen: expected ratio <= 1, n >= 1 and |gamma| <= beta.")
+        if not isinstance(substeps, int) or substeps < 1:
+            raise InputError(f"bouc_wen.substeps = {substeps}: expected a whole number >= 1.")
+        self.substeps = substeps
+
+    def state_size(self, n_slip: int) -> int:
+        return 2 * n_slip
+
+    def element(self, normal, slip, state, p):
+        n = slip.ufl_shape[0]
+        last, z = _split(state, n)
+        z = bouc_wen(slip, last, z, p["beta"], p["gamma"], p["n"], substeps=self.substeps)
+        traction = p["stiffness"] * (p["ratio"] * slip + (1.0 - p["ratio"]) * z)
+        return ufl.as_ufl(0.0), traction, ufl.as_vector([*slip, *(z[i] for i in range(n))])
+
+
+class Valanis(JointLaw):
+    """Valanis' endochronic law in its simplest form, isotropic: E_t x + (E_0 - E_t) z.
+
+    Arrays of moduli and rates make a series of memories, side by side.
+
+    Args:
+        E_0: Stiffness at rest.
+        E_t: Stiffness at large slip, < E_0.
+        rate: Rate at which the past is forgotten, 1/slip; (E_0 - E_t) / rate is the strength.
+    """
+
+    name = "valanis"
+
+    def __init__(self, E_0: ArrayLike, E_t: ArrayLike, rate: ArrayLike):
+        super().__init__(E_0=E_0, E_t=E_t, rate=rate)
+        _positive(self, "E_0", "rate")
+        _not_negative(self, "E_t")
+        if np.any(self.parameters["E_t"] >= self.parameters["E_0"]):
+            raise InputError("valanis: expected E_t < E_0.")
+
+    def state_size(self, n_slip: int) -> int:
+        return 2 * n_slip
+
+    def element(self, normal, slip, state, p):
+        n = slip.ufl_shape[0]
+        last, z = _split(state, n)
+        z = valanis(slip, last, z, p["rate"])
+        traction = p["E_t"] * slip + (p["E_0"] - p["E_t"]) * z
+        return ufl.as_ufl(0.0), traction, ufl.as_vector([*slip, *(z[i] for i in range(n))])
+
+    def stored(self, normal, slip, state, p):
+        """Energy per volume or area that can be had back."""
+        _, z = _split(state, slip.ufl_shape[0])
+        spring = 0.5 * p["E_t"] * ufl.dot(slip, slip)
+        return spring + 0.5 * (p["E_0"] - p["E_t"]) * ufl.dot(z, z)
+
+
+class CubicSpring(JointLaw):
+    """Spring without memory: (k1 + k3 |x|^2) x.
+
+    Args:
+        k1: Stiffness at rest.
+        k3: Cubic stiffness; negative softens.
+    """
+
+    name = "cubic"
+
+    def __init__(self, k1: ArrayLike, k3: ArrayLike):
+        super().__init__(k1=k1, k3=k3)
+
+    def element(self, normal, slip, state, p):
+        square = ufl.dot(slip, slip)
+        return ufl.as_ufl(0.0), (p["k1"] + p["k3"] * square) * slip, None
+
+    def stored(self, normal, slip, state, p):
+        """Energy per area in the spring."""
+        square = ufl.dot(slip, slip)
+        return 0.5 * p["k1"] * square + 0.25 * p["k3"] * square**2
