@@ -520,7 +520,7 @@ def _residuals(K, M, values, X, shift) -> np.ndarray:
 
 
 def product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
-    """``A X`` for this rank's rows of a block of columns. Collective."""
+    """``A X`` for this rank's rows of a block of columns; A need not be square. Collective."""
     dense = _dense(A, X.shape[1])
     dense.getDenseArray()[:] = X
     image = A.matMult(dense)
@@ -531,8 +531,8 @@ def product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
 
 
 def _dense(A: PETSc.Mat, columns: int) -> PETSc.Mat:
-    """Dense matrix with the rows of A."""
-    dense = PETSc.Mat().createDense([A.getSizes()[0], (None, columns)], comm=A.comm)
+    """Dense matrix that A can multiply."""
+    dense = PETSc.Mat().createDense([A.getSizes()[1], (None, columns)], comm=A.comm)
     dense.setUp()
     dense.assemble()
     return dense
