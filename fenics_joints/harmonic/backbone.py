@@ -161,6 +161,7 @@ def _solve(problem, amplitudes, sensor, force, settings, files, progress) -> Bac
         frequencies_hz=omegas / (2 * np.pi),
         coefficients=X,
         iterations=branch.iterations,
+        jacobians=branch.jacobians,
         sensor=sensor,
         method=problem.method,
         damping_ratios=damping,
@@ -217,23 +218,27 @@ class _Mode:
         Y[:, 1:3] = self.shape[:, None] * self.target
         return np.concatenate([Y.reshape(-1), [self.omega, self.linear_extra()]])
 
-    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
         """Residual, over the amplitude, and its derivative."""
-        balance, N, a = self.balance, self.balance.size, 10 ** z[-1]
-        Y, X, omega = z[:-3].reshape(balance.shape), self.coefficients(z), z[-3]
-        R, J_X = balance.evaluate(X, omega)
-        by_omega = balance.by_omega(X, omega)
+        balance, a, omega, extra = self.balance, 10 ** z[-1], z[-3], z[-2]
+        Y, X = z[:-3].reshape(balance.shape), self.coefficients(z)
+        R, J_X = balance.evaluate(X, omega, jacobian=jacobian)
+        r = R.reshape(-1) / a
+        ends = self.sensor @ Y[:, 1:3] - self.target
+        full = np.concatenate([r - self.extra(Y, omega, extra), ends])
+        if not jacobian:
+            return full, None
+        N = balance.size
         J = np.zeros((N + 2, N + 3))
         # The residual is that of a unit amplitude: R / a.
-        J[:N, :N], J[:N, -3] = J_X, by_omega.reshape(-1) / a
-        J[:N, -1] = _LN10 * (J_X @ Y.reshape(-1) - R.reshape(-1) / a)
-        r = R.reshape(-1) / a
-        self.add_extra(r, J[:N], Y, omega, z[-2])
+        J[:N, :N], J[:N, -3] = J_X, balance.by_omega(X, omega).reshape(-1) / a
+        J[:N, -1] = _LN10 * (J_X @ Y.reshape(-1) - r)
+        self.add_extra(J[:N], Y, omega, extra)
         for i in (0, 1):
             row = np.zeros(balance.shape)
             row[:, 1 + i] = self.sensor
             J[N + i, :N] = row.reshape(-1)
-        return np.concatenate([r, self.sensor @ Y[:, 1:3] - self.target]), J
+        return full, J
 
     def scales(self, z: np.ndarray) -> np.ndarray:
         """Size of the motion, a tenth of omega, the extra number's, one decade."""
@@ -247,6 +252,10 @@ class _FreeMode(_Mode):
 
     method = "epmc"
 
+    def __init__(self, balance, sensor, omega, shape):
+        super().__init__(balance, sensor, omega, shape)
+        self.damping = np.kron(balance.model.M, balance.fourier.derivative)
+
     def linear_extra(self) -> float:
         m = self.balance.model
         return float(
@@ -256,14 +265,15 @@ class _FreeMode(_Mode):
     def extra_scale(self, zeta: float) -> float:
         return max(abs(zeta), 0.05)
 
-    def add_extra(self, r, J, Y, omega, zeta) -> None:
-        M, G = self.balance.model.M, self.balance.fourier.derivative
+    def extra(self, Y, omega: float, zeta: float) -> np.ndarray:
+        velocity = self.balance.model.M @ Y @ self.balance.fourier.derivative.T
+        return 2 * zeta * omega**2 * velocity.reshape(-1)
+
+    def add_extra(self, J, Y, omega: float, zeta: float) -> None:
         N = self.balance.size
-        velocity = (M @ Y @ G.T).reshape(-1)
-        r -= 2 * zeta * omega**2 * velocity
-        J[:, :N] -= 2 * zeta * omega**2 * np.kron(M, G)
-        J[:, -3] -= 4 * zeta * omega * velocity
-        J[:, -2] -= 2 * omega**2 * velocity
+        J[:, :N] -= 2 * zeta * omega**2 * self.damping
+        J[:, -3] -= self.extra(Y, omega, zeta) * 2 / omega
+        J[:, -2] -= self.extra(Y, omega, 1.0)
 
 
 class _PhaseResonance(_Mode):
@@ -287,6 +297,8 @@ class _PhaseResonance(_Mode):
         modal = self.omega**2 * float(self.shape @ self.balance.model.M @ self.shape)
         return max(abs(extra), 0.05 * modal / abs(self.reach))
 
-    def add_extra(self, r, J, Y, omega, extra) -> None:
-        r -= extra * self.force
+    def extra(self, Y, omega: float, extra: float) -> np.ndarray:
+        return extra * self.force
+
+    def add_extra(self, J, Y, omega: float, extra: float) -> None:
         J[:, -2] -= self.force

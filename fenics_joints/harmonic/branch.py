@@ -21,7 +21,8 @@ class Branch:
     Attributes:
         z: Unknowns and, last, the parameter, (points, N + 1).
         tangents: Tangent of the branch at each point, of any length, (points, N + 1).
-        iterations: Newton iterations that each point took, (points,).
+        iterations: Newton steps that each point took, (points,).
+        jacobians: Jacobians that they took, (points,).
         step: Next step, in scaled arc length.
         complete: Whether the branch has reached a bound.
     """
@@ -29,21 +30,26 @@ class Branch:
     z: np.ndarray
     tangents: np.ndarray
     iterations: np.ndarray
+    jacobians: np.ndarray
     step: float
     complete: bool
 
     def __len__(self) -> int:
         return len(self.z)
 
-    def with_point(self, z, tangent, iterations: int, step: float, complete: bool) -> Branch:
-        """The branch with one more point."""
+    def with_point(self, z, tangent, effort, step: float, complete: bool) -> Branch:
+        """The branch with one more point; effort: (Newton steps, Jacobians)."""
+        longer = self.with_inserted(len(self), z, tangent, effort)
+        return replace(longer, step=step, complete=complete)
+
+    def with_inserted(self, i: int, z, tangent, effort) -> Branch:
+        """The branch with a new point ``i``."""
         return replace(
             self,
-            z=np.vstack([self.z, z]),
-            tangents=np.vstack([self.tangents, tangent]),
-            iterations=np.append(self.iterations, iterations),
-            step=step,
-            complete=complete,
+            z=np.insert(self.z, i, z, axis=0),
+            tangents=np.insert(self.tangents, i, tangent, axis=0),
+            iterations=np.insert(self.iterations, i, effort[0]),
+            jacobians=np.insert(self.jacobians, i, effort[1]),
         )
 
 
@@ -64,7 +70,7 @@ def save_branch(path: str | Path, branch: Branch, name: str = "") -> None:
         with open(part, "wb") as stream:
             np.savez(
                 stream, z=branch.z, tangents=branch.tangents, iterations=branch.iterations,
-                step=branch.step, complete=branch.complete, name=name,
+                jacobians=branch.jacobians, step=branch.step, complete=branch.complete, name=name,
             )  # fmt: skip
         os.replace(part, path)
     except OSError as error:
@@ -85,7 +91,7 @@ def load_branch(path: str | Path, name: str = "") -> Branch | None:
         with np.load(path, allow_pickle=False) as stored:
             found = str(stored["name"])
             branch = Branch(
-                stored["z"], stored["tangents"], stored["iterations"],
+                stored["z"], stored["tangents"], stored["iterations"], stored["jacobians"],
                 float(stored["step"]), bool(stored["complete"]),
             )  # fmt: skip
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:

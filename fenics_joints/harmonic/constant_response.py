@@ -97,6 +97,7 @@ def solve_constant_response(
         frequencies_hz=branch.z[:, -1] / (2 * np.pi),
         coefficients=branch.z[:, :-2].reshape(-1, *balance.shape),
         iterations=branch.iterations,
+        jacobians=branch.jacobians,
         sensor=sensor,
         force=force,
         force_amplitudes=np.abs(branch.z[:, -2]),
@@ -127,22 +128,26 @@ class ConstantResponse:
         self.balance, self.force, self.sensor = balance, force, sensor
         self.amplitude, self.order, self.width = amplitude, order, width
 
-    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
         """Residual and its derivative."""
         X, force, omega = z[:-2].reshape(self.balance.shape), z[-2], z[-1]
-        R, J_X = self.balance.evaluate(X, omega, self.balance.load(force * self.force))
+        load = self.balance.load(force * self.force)
+        R, J_X = self.balance.evaluate(X, omega, load, jacobian=jacobian)
+        # (|u| omega^order / amplitude)^2 = 1
+        a, b = self.sensor @ X[:, 1:3]
+        factor = omega ** (2 * self.order) / self.amplitude**2
+        R = np.append(R.reshape(-1), factor * (a**2 + b**2) - 1)
+        if not jacobian:
+            return R, None
         N = self.balance.size
         J = np.zeros((N + 1, N + 2))
         J[:N, :N], J[:N, -1] = J_X, self.balance.by_omega(X, omega).reshape(-1)
         J[:N, -2] = -self.balance.load(self.force).reshape(-1)
-        # (|u| omega^order / amplitude)^2 = 1
-        a, b = self.sensor @ X[:, 1:3]
-        factor = omega ** (2 * self.order) / self.amplitude**2
         row = np.zeros(self.balance.shape)
         row[:, 1], row[:, 2] = 2 * factor * a * self.sensor, 2 * factor * b * self.sensor
         J[N, :N] = row.reshape(-1)
         J[N, -1] = 2 * self.order / omega * factor * (a**2 + b**2)
-        return np.append(R.reshape(-1), factor * (a**2 + b**2) - 1), J
+        return R, J
 
     def scales(self, z: np.ndarray) -> np.ndarray:
         """The motion's size, the force and the width."""

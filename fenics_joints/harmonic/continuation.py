@@ -8,7 +8,7 @@ parameter that is bounded; nothing else distinguishes it, so turning points are 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -18,9 +18,12 @@ import scipy.linalg
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
 
-__all__ = ["Problem", "Settings", "correct", "follow", "locate"]
+__all__ = ["Point", "Problem", "Settings", "correct", "follow", "locate"]
 
 _HALVINGS = 6
+#: A Jacobian is kept once a step is below this size, and while each is this much below the last;
+#: with a kept one, convergence asks for a step that much below the tolerance.
+_NEAR, _CONTRACTION, _KEPT_TOLERANCE = 0.1, 0.4, 0.1
 #: A predictor further off than this share of the step asks for smaller steps.
 _FAR = 0.3
 #: Cosine of the largest angle between neighbouring tangents.
@@ -34,8 +37,10 @@ _SECANTS = 12
 class Problem(Protocol):
     """N equations in N + 1 unknowns, the parameter last."""
 
-    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual (N,) and its derivative (N, N + 1) at z (N + 1,)."""
+    def evaluate(
+        self, z: np.ndarray, *, jacobian: bool = True
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Residual (N,) and its derivative (N, N + 1), or None, at z (N + 1,)."""
 
     def scales(self, z: np.ndarray) -> np.ndarray:
         """Size of a notable change of each unknown at z, positive, (N + 1,)."""
@@ -51,7 +56,8 @@ class Settings:
         min_step: A step that would have to be shorter ends in an error.
         max_points: Most points of a branch.
         max_iterations: Most Newton iterations of a point.
-        wanted_iterations: Steps grow while Newton's method needs fewer.
+        wanted_jacobians: Steps grow while Newton's method needs fewer Jacobians.
+        keep: Whether Newton's method may keep a Jacobian while its steps fall fast.
         tolerance: Last Newton step, relative to the scales, at convergence.
         save_every: Points between two writings of the branch.
 
@@ -63,8 +69,9 @@ class Settings:
     max_step: float = 0.15
     min_step: float = 1e-7
     max_points: int = 2000
-    max_iterations: int = 12
-    wanted_iterations: int = 4
+    max_iterations: int = 25
+    wanted_jacobians: int = 2
+    keep: bool = True
     tolerance: float = 1e-6
     save_every: int = 10
 
@@ -74,18 +81,50 @@ class Settings:
                 f"min_step, step, max_step = {self.min_step}, {self.step}, {self.max_step}: "
                 "expected 0 < min_step <= step <= max_step."
             )
-        for key in ("max_points", "max_iterations", "wanted_iterations", "save_every"):
+        for key in ("max_points", "max_iterations", "wanted_jacobians", "save_every"):
             if getattr(self, key) < 1:
                 raise InputError(f"{key} = {getattr(self, key)}: expected at least 1.")
         if not 0 < self.tolerance < 1:
             raise InputError(f"tolerance = {self.tolerance}: expected between 0 and 1.")
 
 
+@dataclass(frozen=True)
+class Point:
+    """A converged point.
+
+    Attributes:
+        z: Unknowns and parameter, (N + 1,).
+        direction: Tangent of length one in scaled unknowns, (N + 1,).
+        scales: Their scales, (N + 1,).
+        jacobian: Derivative of the residual, (N, N + 1).
+        iterations: Newton steps.
+        jacobians: Jacobians among them.
+    """
+
+    z: np.ndarray
+    direction: np.ndarray
+    scales: np.ndarray
+    jacobian: np.ndarray
+    iterations: int
+    jacobians: int
+
+    @property
+    def tangent(self) -> np.ndarray:
+        """Tangent in the unknowns' own units, (N + 1,)."""
+        return self.direction * self.scales
+
+
 class _Failed(Exception):
     """A point that Newton's method did not find."""
 
 
-def correct(problem: Problem, z: np.ndarray, normal: np.ndarray | None, settings: Settings):
+def correct(
+    problem: Problem,
+    z: np.ndarray,
+    normal: np.ndarray | None,
+    settings: Settings,
+    kept: np.ndarray | None = None,
+) -> Point:
     """Newton's method from z, in the plane through z with a scaled normal.
 
     Args:
@@ -93,64 +132,82 @@ def correct(problem: Problem, z: np.ndarray, normal: np.ndarray | None, settings
         z: Start, (N + 1,).
         normal: Scaled normal of the plane, (N + 1,); None holds the parameter.
         settings: Tolerance and most iterations.
-
-    Returns:
-        (z, scaled tangent, its scales, iterations).
+        kept: Jacobian of a near point, to start with.
 
     Raises:
         ConvergenceError: If it does not converge.
     """
     try:
-        return _correct(problem, z, normal, settings)
+        return _correct(problem, z, normal, settings, kept)
     except _Failed as failure:
         raise ConvergenceError(f"Newton's method did not converge: {failure}") from None
 
 
-def _correct(problem, z, normal, settings):
+def _correct(problem, z, normal, settings, kept=None) -> Point:
+    """Newton's method that keeps a Jacobian, worth many residuals, while the steps fall fast."""
     scales = problem.scales(z)
     if normal is None:
         normal = np.zeros(len(z))
         normal[-1] = 1.0
-    R, J = _finite(problem.evaluate(z))
+    fresh = kept is None or not settings.keep
+    R, J = _evaluate(problem, z, jacobian=fresh)
+    jacobians, last = int(fresh), np.inf
+    J = J if fresh else kept
     weights = 1 / np.maximum(np.abs(J * scales).max(axis=1), np.finfo(float).tiny)
-    error = np.linalg.norm(weights * R)
+    factors = _factors(J, scales, weights, normal)
     for iteration in range(1, settings.max_iterations + 1):
-        factors = _factors(J, scales, weights, normal)
         move = scales * _backsubstitute(factors, np.append(-weights * R, 0.0))
         size = np.linalg.norm(move / scales)
-        if size <= settings.tolerance:
-            tangent = _backsubstitute(factors, np.append(np.zeros(len(R)), 1.0))
-            return z + move, tangent / np.linalg.norm(tangent), scales, iteration
-        z, R, J, error = _line_search(problem, z, move, weights, error)
+        # A kept Jacobian's steps fall by a factor, those of a fresh one are squared.
+        if size <= settings.tolerance * (1.0 if fresh else _KEPT_TOLERANCE):
+            return _converged(problem, z + move, normal, scales, weights, iteration, jacobians)
+        if settings.keep and size <= min(_CONTRACTION * last, _NEAR):
+            z, last, fresh = z + move, size, False
+            R = _evaluate(problem, z, jacobian=False)[0]
+            continue
+        z, R, J = (
+            _line_search(problem, z, move, weights, R) if fresh else (z, *_evaluate(problem, z))
+        )
+        factors = _factors(J, scales, weights, normal)
+        jacobians, last, fresh = jacobians + 1, np.inf, True
     raise _Failed(
         f"the last of {settings.max_iterations} steps was {size:.2g} of the unknowns' scales"
     )
 
 
-def _line_search(problem, z, move, weights, error):
+def _converged(problem, z, normal, scales, weights, iterations, jacobians) -> Point:
+    J = _evaluate(problem, z)[1]
+    factors = _factors(J, scales, weights, normal)
+    tangent = _backsubstitute(factors, np.append(np.zeros(len(J)), 1.0))
+    tangent = tangent / np.linalg.norm(tangent)
+    return Point(z, tangent, scales, J, iterations, jacobians + 1)
+
+
+def _line_search(problem, z, move, weights, R):
     """The first of ever shorter steps that does not let the residual grow."""
-    best = None
+    error, best = np.linalg.norm(weights * R), None
     for halving in range(_HALVINGS):
         trial = z + move * 0.5**halving
         try:
-            R, J = _finite(problem.evaluate(trial))
+            R = _evaluate(problem, trial, jacobian=False)[0]
         except _Failed:
             continue
         new = np.linalg.norm(weights * R)
-        if best is None or new < best[3]:
-            best = trial, R, J, new
+        if best is None or new < best[1]:
+            best = trial, new
         # A full step may raise a residual of very different parts and yet be right.
         if new <= (2.0 if halving == 0 else 1.0) * error:
             break
     if best is None:
         raise _Failed("the residual is not finite")
-    return best
+    return best[0]
 
 
-def _finite(made):
-    if not (np.isfinite(made[0]).all() and np.isfinite(made[1]).all()):
+def _evaluate(problem, z, *, jacobian: bool = True):
+    R, J = problem.evaluate(z, jacobian=jacobian)
+    if not np.isfinite(R).all() or (jacobian and not np.isfinite(J).all()):
         raise _Failed("the residual is not finite")
-    return made
+    return R, J
 
 
 def _factors(J, scales, weights, normal):
@@ -212,8 +269,9 @@ def follow(
     if direction not in (1, -1):
         raise InputError(f"direction = {direction}: expected 1 or -1.")
     branch = load_branch(checkpoint, name) if resume and checkpoint is not None else None
+    kept = None
     if branch is None:
-        branch = _first(problem, start, direction, settings)
+        branch, kept = _first(problem, start, direction, settings)
         if on_point is not None:
             on_point(branch.z[-1])
     while not branch.complete:
@@ -221,7 +279,7 @@ def follow(
             _save(checkpoint, branch, name, writes)
             raise _stopped(branch, f"it has {len(branch)} points (max_points)")
         try:
-            branch = _grown(problem, branch, bounds, settings)
+            branch, kept = _grown(problem, branch, bounds, settings, kept)
         except _Failed as failure:
             _save(checkpoint, branch, name, writes)
             raise _stopped(branch, str(failure)) from None
@@ -245,18 +303,18 @@ def _stopped(branch: Branch, why: str) -> ConvergenceError:
     return error
 
 
-def _first(problem, start, direction, settings) -> Branch:
+def _first(problem, start, direction, settings):
     try:
-        z, tangent, scales, iterations = _correct(problem, start, None, settings)
+        point = _correct(problem, start, None, settings)
     except _Failed as failure:
         raise ConvergenceError(f"no first point of the branch: {failure}") from None
-    return Branch(
-        z[None], (direction * scales * tangent)[None], np.array([iterations]), settings.step, False
-    )
+    effort = np.array([[point.iterations, point.jacobians]])
+    tangent = direction * point.tangent
+    return Branch(point.z[None], tangent[None], *effort.T, settings.step, False), point.jacobian
 
 
-def _grown(problem, branch: Branch, bounds, settings) -> Branch:
-    """The branch with one more point, by ever shorter steps if need be."""
+def _grown(problem, branch: Branch, bounds, settings, kept):
+    """The branch with one more point, by ever shorter steps if need be, and its Jacobian."""
     z, physical = branch.z[-1], branch.tangents[-1]
     scales, step = problem.scales(z), branch.step
     direction = physical / scales
@@ -264,11 +322,9 @@ def _grown(problem, branch: Branch, bounds, settings) -> Branch:
     why = ""
     while step >= settings.min_step:
         try:
-            new, tangent, at, iterations = _correct(
-                problem, z + step * scales * direction, direction, settings
-            )
+            point = _correct(problem, z + step * scales * direction, direction, settings, kept)
             small = step <= _KINK * settings.max_step
-            why = _bad(new, z, scales, direction, tangent * at, step, small)
+            why = _bad(point, z, scales, direction, step, small)
         except _Failed as failure:
             why = str(failure)
         if not why:
@@ -276,39 +332,43 @@ def _grown(problem, branch: Branch, bounds, settings) -> Branch:
         step /= 2
     else:
         raise _Failed(f"no step down to {settings.min_step:.1g} led on ({why})")
-    tangent = tangent * at
+    new, tangent = point.z, point.tangent
     if np.dot(tangent / scales, direction) < 0:
         tangent = -tangent
     low, high = bounds
     if not low <= new[-1] <= high:
         bound = high if new[-1] > high else low
-        return _ended(problem, branch, new, tangent, bound, settings, scales)
+        return _ended(problem, branch, point, tangent, bound, settings, scales), None
     # Steps shrink ahead of bends and grow where Newton's method is quick.
     turn = np.dot(tangent / scales, direction) / np.linalg.norm(tangent / scales)
     off = np.linalg.norm((new - z) / scales - step * direction) / step
-    grow = (settings.wanted_iterations / iterations) ** 0.5
+    # Two are needed to see convergence if none is kept.
+    needed = point.jacobians - 2 * (not settings.keep)
+    grow = 2.0 * settings.wanted_jacobians / max(settings.wanted_jacobians, needed)
     grow = min(grow, 0.5 * _FAR / max(off, 1e-3), ((1 - _STRAIGHT) / max(1 - turn, 1e-6)) ** 0.5)
     step = min(step * float(np.clip(grow, 0.4, 2.0)), settings.max_step)
-    return branch.with_point(new, tangent, iterations, max(step, settings.min_step), False)
+    effort = point.iterations, point.jacobians
+    step = max(step, settings.min_step)
+    return branch.with_point(new, tangent, effort, step, False), point.jacobian
 
 
-def _bad(new, z, scales, direction, tangent, step, small: bool) -> str:
+def _bad(point: Point, z, scales, direction, step, small: bool) -> str:
     """Why a point is not to be trusted; where steps are small already, the branch has a kink."""
-    tangent = tangent / scales
+    tangent = point.tangent / scales
     if not small and abs(np.dot(tangent, direction)) < 0.5 * np.linalg.norm(tangent):
         return "the branch turns too sharply"
-    off = np.linalg.norm((new - z) / scales - step * direction)
+    off = np.linalg.norm((point.z - z) / scales - step * direction)
     return "the predictor is too far off" if off > (20 if small else 2 * _FAR) * step else ""
 
 
-def _ended(problem, branch, new, tangent, bound, settings, scales) -> Branch:
+def _ended(problem, branch, beyond: Point, tangent, bound, settings, scales) -> Branch:
     """The branch with its last point, on a bound."""
-    cubic = _Cubic(branch.z[-1], branch.tangents[-1], new, tangent, scales)
-    z, last, scales, iterations = _correct(problem, cubic.where(bound), None, settings)
-    last = last * scales
+    cubic = _Cubic(branch.z[-1], branch.tangents[-1], beyond.z, tangent, scales)
+    point = _correct(problem, cubic.where(bound), None, settings, beyond.jacobian)
+    last = point.tangent
     if np.dot(last / scales, tangent / scales) < 0:
         last = -last
-    return branch.with_point(z, last, iterations, branch.step, True)
+    return branch.with_point(point.z, last, (point.iterations, point.jacobians), branch.step, True)
 
 
 class _Cubic:
@@ -371,15 +431,17 @@ def locate(
     cubic = _Cubic(a, ta, b, tb, scales)
     low, f_low, high, f_high = 0.0, slope(a, ta), 1.0, slope(b, tb)
     size = max(abs(f_low), abs(f_high))
+    kept = None
     if f_low * f_high > 0:
         raise InputError(f"the slope has the same sign at points {i} and {i + 1}.")
     for _ in range(_SECANTS):
         s = (low * f_high - high * f_low) / (f_high - f_low)
-        z, tangent, at, iterations = correct(problem, cubic(s), normal, settings)
-        tangent = tangent * at / np.linalg.norm(tangent * at / scales)
+        point = correct(problem, cubic(s), normal, settings, kept)
+        kept = point.jacobian
+        tangent = point.tangent / np.linalg.norm(point.tangent / scales)
         if np.dot(tangent / scales, normal) < 0:
             tangent = -tangent
-        f = slope(z, tangent)
+        f = slope(point.z, tangent)
         # Regula falsi, with Illinois' halving at the end that stays.
         if f * f_high < 0:
             low, f_low = high, f_high
@@ -388,9 +450,4 @@ def locate(
         high, f_high = s, f
         if abs(f) <= tolerance * size or abs(high - low) < 1e-9:
             break
-    return replace(
-        branch,
-        z=np.insert(branch.z, i + 1, z, axis=0),
-        tangents=np.insert(branch.tangents, i + 1, tangent, axis=0),
-        iterations=np.insert(branch.iterations, i + 1, iterations),
-    )
+    return branch.with_inserted(i + 1, point.z, tangent, (point.iterations, point.jacobians))

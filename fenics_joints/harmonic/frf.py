@@ -103,16 +103,17 @@ def solve_harmonic(
         writes=balance.comm.rank == 0,
     )  # fmt: skip
     branch = with_maxima(problem, branch, model.row("sensors", sensor), measure, settings)
-    return _result(balance, branch.z, branch.iterations, common, branch.tangents)
+    return _result(balance, branch.z, branch.iterations, branch.jacobians, common, branch.tangents)
 
 
-def _result(balance, z, iterations, common, tangents=None) -> HarmonicResult:
+def _result(balance, z, iterations, jacobians, common, tangents=None) -> HarmonicResult:
     force, amplitude, sensor, measure = common
     return HarmonicResult(
         balance=balance,
         frequencies_hz=z[:, -1] / (2 * np.pi),
         coefficients=z[:, :-1].reshape(-1, *balance.shape),
-        iterations=np.asarray(iterations),
+        iterations=iterations,
+        jacobians=jacobians,
         sensor=sensor,
         measure=measure,
         force=force,
@@ -153,10 +154,12 @@ class ForcedResponse:
     def __init__(self, balance: Balance, load: np.ndarray, width: float):
         self.balance, self.load, self.width = balance, load, width
 
-    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
         """Residual and its derivative by the coefficients and omega."""
         X, omega = z[:-1].reshape(self.balance.shape), z[-1]
-        R, J = self.balance.evaluate(X, omega, self.load)
+        R, J = self.balance.evaluate(X, omega, self.load, jacobian=jacobian)
+        if not jacobian:
+            return R.reshape(-1), None
         by_omega = self.balance.by_omega(X, omega).reshape(-1, 1)
         return R.reshape(-1), np.hstack([J, by_omega])
 
@@ -180,7 +183,7 @@ def first_response(problem: ForcedResponse, omega: float, settings: Settings) ->
     linear = linear_response(problem.balance, omega, problem.load)
     start = np.append(linear.reshape(-1), omega)
     try:
-        return correct(problem, start, None, settings)[0]
+        return correct(problem, start, None, settings).z
     except ConvergenceError:
         pass
     balance = problem.balance
@@ -210,9 +213,11 @@ class _GrowingLoad:
     def __init__(self, balance: Balance, load: np.ndarray, omega: float, size: float):
         self.balance, self.load, self.omega, self.size = balance, load, omega, size
 
-    def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
         X = z[:-1].reshape(self.balance.shape)
-        R, J = self.balance.evaluate(X, self.omega, z[-1] * self.load)
+        R, J = self.balance.evaluate(X, self.omega, z[-1] * self.load, jacobian=jacobian)
+        if not jacobian:
+            return R.reshape(-1), None
         return R.reshape(-1), np.hstack([J, -self.load.reshape(-1, 1)])
 
     def scales(self, z: np.ndarray) -> np.ndarray:
@@ -253,7 +258,8 @@ def _at_frequencies(balance, load, at, settings, initial, common, progress) -> H
     order = np.argsort(omegas)
     problem = ForcedResponse(balance, load, float(np.ptp(omegas)) or omegas[0])
     tell = telling(progress, f"response to {common[1]:g} N at {common[0]}")
-    z, iterations = np.empty((len(omegas), balance.size + 1)), np.zeros(len(omegas), dtype=int)
+    z = np.empty((len(omegas), balance.size + 1))
+    iterations, jacobians = np.zeros((2, len(omegas)), dtype=int)
     last = None
     for i in order:
         found = None
@@ -263,10 +269,11 @@ def _at_frequencies(balance, load, at, settings, initial, common, progress) -> H
             found = _stepped(problem, last, omegas[i], settings)
         if found is None:
             found = correct(problem, first_response(problem, omegas[i], settings), None, settings)
-        z[i], _, _, iterations[i] = last = found
+        last = found
+        z[i], iterations[i], jacobians[i] = last.z, last.iterations, last.jacobians
         if tell is not None:
             tell(z[i])
-    return _result(balance, z, iterations, common)
+    return _result(balance, z, iterations, jacobians, common)
 
 
 def _starts(balance: Balance, initial: HarmonicResult | None, frequencies):
@@ -281,28 +288,27 @@ def _starts(balance: Balance, initial: HarmonicResult | None, frequencies):
     return initial.coefficients.reshape(len(frequencies), -1)
 
 
-def _tried(problem, start, settings):
+def _tried(problem, start, settings, kept=None):
     try:
-        return correct(problem, start, None, settings)
+        return correct(problem, start, None, settings, kept)
     except ConvergenceError:
         return None
 
 
 def _stepped(problem, last, omega: float, settings):
     """From the response at one frequency to that at another, by ever shorter steps."""
-    step = whole = omega - last[0][-1]
+    step = whole = omega - last.z[-1]
     while abs(step) >= 2.0**-_HALVINGS * abs(whole):
-        z, tangent, scales, _ = last
+        z, t = last.z, last.tangent
         step = min(step, omega - z[-1])
-        t = tangent * scales
         guess = z + t * (step / t[-1]) if t[-1] else z + 0.0
         guess[-1] = omega if step == omega - z[-1] else z[-1] + step
-        found = _tried(problem, guess, settings)
+        found = _tried(problem, guess, settings, last.jacobian)
         if found is None:
             step /= 2
             continue
         last = found
-        if last[0][-1] == omega:
+        if last.z[-1] == omega:
             return last
     return None
 

@@ -62,7 +62,8 @@ class Periodic:
         balance: The equations that they solve.
         frequencies_hz: Frequency of each motion, Hz, (N,).
         coefficients: Harmonics of the displacements, m, (N, n, K).
-        iterations: Newton iterations that each took, (N,).
+        iterations: Newton steps that each took, (N,).
+        jacobians: Jacobians that they took, (N,).
         sensor: Sensor whose amplitude is meant where none is named.
         measure: What is meant by amplitude, ``first`` or ``peak`` (see `amplitude`).
     """
@@ -71,6 +72,7 @@ class Periodic:
     frequencies_hz: np.ndarray
     coefficients: np.ndarray
     iterations: np.ndarray
+    jacobians: np.ndarray
     sensor: str
     measure: str = "first"
     _loops: dict = field(default_factory=dict, repr=False, compare=False)
@@ -172,6 +174,7 @@ class Periodic:
             "frequency_hz": self.frequencies_hz.tolist(),
             "sensors": self.sensors_to_dict(),
             "iterations": self.iterations.tolist(),
+            "jacobians": self.jacobians.tolist(),
         }
 
     def to_dict(self) -> dict:
