@@ -39,16 +39,17 @@ def richard_abbott(strain, E_e, E_p, S_y, n):
 
 
 def richard_abbott_slope(strain, E_e, E_p, S_y, n):
-    """Slope, Pa, of `richard_abbott`: E_p + (E_e - E_p) (1 + |(E_e - E_p) e / S_y|^n)^(-1/n - 1)."""
+    """Slope, Pa, of `richard_abbott`, whose arguments it takes."""
     x = abs((E_e - E_p) * strain / S_y)
     return E_p + (E_e - E_p) * (1 + x**n) ** (-1 / n - 1)
 
 
 def segalman_limits(F_S, K_T, chi, beta):
-    """(phi_max, R) of the four-parameter Iwan joint (Segalman, J. Appl. Mech. 72, 2005, eqs. 26-28).
+    """Slip of macroslip and density of sliders of the four-parameter Iwan joint.
 
-    phi_max, m, is the slip at which all of the joint slides; R phi^chi below it is the density of
-    its sliders.
+    Returns:
+        (phi_max, R): the slip, m, at which all of the joint slides; R phi^chi below it is the
+        density of its sliders (Segalman, J. Appl. Mech. 72, 2005).
     """
     share = beta + (chi + 1) / (chi + 2)
     phi_max = F_S * (1 + beta) / (K_T * share)

@@ -27,17 +27,30 @@ __all__ = [
 ]
 
 
-def _length(vector):
-    """Euclidean length, with a derivative of zero where the vector is zero."""
-    square = ufl.dot(vector, vector)
+# Vectors are worked on as lists of components: UFL then keeps what they share, where its own vector
+# algebra, with new indices for every product, would copy it, and derivatives grow without bound.
+
+
+def _parts(vector) -> list:
+    return [vector[i] for i in range(vector.ufl_shape[0])]
+
+
+def _square(parts):
+    return sum(x * x for x in parts)
+
+
+def _length(parts):
+    """Euclidean length, with a derivative of zero where all parts are zero."""
+    square = _square(parts)
     positive = ufl.gt(square, 0.0)
     return ufl.conditional(positive, ufl.sqrt(ufl.conditional(positive, square, 1.0)), 0.0)
 
 
 def _either(condition, first, second):
-    """Conditional of vectors, component by component."""
-    n = first.ufl_shape[0]
-    return ufl.as_vector([ufl.conditional(condition, first[i], second[i]) for i in range(n)])
+    """Vector whose parts are those of ``first`` where the condition holds, else of ``second``."""
+    return ufl.as_vector(
+        [ufl.conditional(condition, a, b) for a, b in zip(first, second, strict=True)]
+    )
 
 
 def slider(slip, position, stiffness, strength):
@@ -55,12 +68,15 @@ def slider(slip, position, stiffness, strength):
     Returns:
         (traction, new position); the position of a sticking slider is returned as it is.
     """
-    stretch = slip - position
+    slip, position = _parts(slip), _parts(position)
+    stretch = [x - z for x, z in zip(slip, position, strict=True)]
     length = _length(stretch)
     sticks = ufl.le(stiffness * length, strength)
-    direction = stretch / ufl.conditional(sticks, 1.0, length)
-    traction = _either(sticks, stiffness * stretch, strength * direction)
-    return traction, _either(sticks, position, slip - strength / stiffness * direction)
+    share = strength / ufl.conditional(sticks, 1.0, length)
+    sliding = [share * e for e in stretch]
+    moved = [x - t / stiffness for x, t in zip(slip, sliding, strict=True)]
+    traction = _either(sticks, [stiffness * e for e in stretch], sliding)
+    return traction, _either(sticks, position, moved)
 
 
 def slider_energy(slip, position, stiffness):
@@ -131,23 +147,21 @@ def dilatant_coulomb(opening, slip, position, opened, k_n, k_s, mu, pressure=0.0
         (normal stress, traction, new position, new ``opened``).
     """
     sigma = k_n * (opening - opened) - pressure
-    stretch = slip - position
+    slip, position = _parts(slip), _parts(position)
+    stretch = [x - z for x, z in zip(slip, position, strict=True)]
     length = _length(stretch)
     excess = k_s * length + mu * sigma
-    H = k_n * mu**2 + k_s
     sticks = ufl.le(excess, 0.0)
-    way = ufl.conditional(sticks, 0.0, excess / H)
+    way = ufl.conditional(sticks, 0.0, excess / (k_n * mu**2 + k_s))
     apex = ufl.And(ufl.gt(excess, 0.0), ufl.lt(k_n * mu * length, sigma))
-    direction = stretch / ufl.conditional(ufl.gt(length, 0.0), length, 1.0)
-    closed = ufl.Not(apex)
-    sigma = ufl.conditional(closed, sigma - k_n * mu * way, 0.0)
-    zero = 0.0 * slip
-    traction = _either(closed, k_s * stretch - k_s * way * direction, zero)
-    moved = _either(closed, position + way * direction, slip)
-    opens = ufl.conditional(closed, opened + mu * way, opening - pressure / k_n)
+    advance = way / ufl.conditional(ufl.gt(length, 0.0), length, 1.0)
+    cone = [k_s * (1.0 - advance) * e for e in stretch]
+    moved = [z + advance * e for z, e in zip(position, stretch, strict=True)]
+    moved = [ufl.conditional(apex, x, z) for x, z in zip(slip, moved, strict=True)]
+    opens = ufl.conditional(apex, opening - pressure / k_n, opened + mu * way)
     return (
-        sigma,
-        traction,
+        ufl.conditional(apex, 0.0, sigma - k_n * mu * way),
+        _either(apex, [0.0] * len(cone), cone),
         _either(sticks, position, moved),
         ufl.conditional(sticks, opened, opens),
     )
@@ -194,7 +208,7 @@ def bouc_wen(slip, last, z, beta, gamma, n, *, substeps=1):
 
     dz = dx - z |z|^(n-2) (beta |z . dx| + gamma z . dx); on a line, dz = dx - |z|^n (beta |dx| +
     gamma dx sign z). Each substep is an exponential midpoint rule: second order, and stable
-    however long (beta >= |gamma|). More of them cost compile time, not only run time.
+    however long (beta >= |gamma|).
 
     Args:
         slip: Present slip.
@@ -208,18 +222,20 @@ def bouc_wen(slip, last, z, beta, gamma, n, *, substeps=1):
     Returns:
         The new z; on a backbone it tends to (beta + gamma)^(-1/n).
     """
-    dx = (slip - last) / substeps
+    dx = [(x - x0) / substeps for x, x0 in zip(_parts(slip), _parts(last), strict=True)]
+    z = _parts(z)
     for _ in range(substeps):
         # Half a step, implicit but for the rate of forgetting, then a whole one from its end.
-        middle = (z + 0.5 * dx) / (1.0 + 0.5 * _forgetting(z, dx, beta, gamma, n))
+        half = 1.0 + 0.5 * _forgetting(z, dx, beta, gamma, n)
+        middle = [(a + 0.5 * b) / half for a, b in zip(z, dx, strict=True)]
         decay, mean = _decay(_forgetting(middle, dx, beta, gamma, n))
-        z = decay * z + mean * dx
-    return z
+        z = [decay * a + mean * b for a, b in zip(z, dx, strict=True)]
+    return ufl.as_vector(z)
 
 
 def _forgetting(z, dx, beta, gamma, n):
     """|z|^(n-2) (beta |z . dx| + gamma z . dx), which tends to zero with z."""
-    square, along = ufl.dot(z, z), ufl.dot(z, dx)
+    square, along = _square(z), sum(a * b for a, b in zip(z, dx, strict=True))
     positive = ufl.gt(square, 0.0)
     power = ufl.conditional(positive, square, 1.0) ** (0.5 * n - 1.0)
     ahead = ufl.conditional(ufl.gt(along, 0.0), gamma + beta, gamma - beta)
@@ -241,6 +257,6 @@ def valanis(slip, last, z, rate):
     Returns:
         The new z; on a backbone it is (1 - exp(-rate x)) / rate.
     """
-    dx = slip - last
+    dx = [x - x0 for x, x0 in zip(_parts(slip), _parts(last), strict=True)]
     decay, mean = _decay(rate * _length(dx))
-    return decay * z + mean * dx
+    return ufl.as_vector([decay * a + mean * b for a, b in zip(_parts(z), dx, strict=True)])

@@ -212,7 +212,7 @@ class Segalman(Backbone):
         return self.F_S
 
     def dissipation(self, amplitude):
-        """Energy per cycle: 4 R a^(chi + 3) / ((chi + 2) (chi + 3)) up to macroslip, in closed form.
+        """Energy per cycle, 4 R a^(chi + 3) / ((chi + 2) (chi + 3)) up to macroslip.
 
         Beyond it, 4 F_S for every unit of amplitude more.
         """

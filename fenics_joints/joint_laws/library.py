@@ -252,7 +252,8 @@ class BoucWen(JointLaw):
         n = slip.ufl_shape[0]
         last, z = _split(state, n)
         z = bouc_wen(slip, last, z, p["beta"], p["gamma"], p["n"], substeps=self.substeps)
-        traction = p["stiffness"] * (p["ratio"] * slip + (1.0 - p["ratio"]) * z)
+        k, a = p["stiffness"], p["ratio"]
+        traction = ufl.as_vector([k * (a * slip[i] + (1.0 - a) * z[i]) for i in range(n)])
         return ufl.as_ufl(0.0), traction, ufl.as_vector([*slip, *(z[i] for i in range(n))])
 
 
@@ -283,7 +284,8 @@ class Valanis(JointLaw):
         n = slip.ufl_shape[0]
         last, z = _split(state, n)
         z = valanis(slip, last, z, p["rate"])
-        traction = p["E_t"] * slip + (p["E_0"] - p["E_t"]) * z
+        soft = p["E_0"] - p["E_t"]
+        traction = ufl.as_vector([p["E_t"] * slip[i] + soft * z[i] for i in range(n)])
         return ufl.as_ufl(0.0), traction, ufl.as_vector([*slip, *(z[i] for i in range(n))])
 
     def stored(self, normal, slip, state, p):
