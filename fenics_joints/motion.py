@@ -18,7 +18,7 @@ from fenics_joints.interface_model import InterfaceModel
 from fenics_joints.joint_laws.kernel import LawKernel
 from fenics_joints.joint_laws.law import JointLaw
 
-__all__ = ["DenseMotion", "FullModel", "SparseMotion", "SparsePoints", "motion_of"]
+__all__ = ["DenseMotion", "FullModel", "SparseMotion", "SparsePoints", "motion_of", "point_blocks"]
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,10 @@ class SparseMotion:
         ]
         self._values = [p.law.values(len(p.weights)) for p in model.interfaces]
         self._strain = [p.rows.createVecLeft() for p in model.interfaces]
-        self._blocks = [_block_diagonal(p) for p in model.interfaces]
+        self._blocks = [
+            point_blocks(p, np.ones((len(p.weights), p.n_components, p.n_components)))
+            for p in model.interfaces
+        ]
         self._work = model.M.createVecLeft()
 
     def vector(self) -> PETSc.Vec:
@@ -253,12 +256,12 @@ class SparseMotion:
         return [p.weights for p in self.model.interfaces]
 
 
-def _block_diagonal(p: SparsePoints) -> PETSc.Mat:
-    """Matrix of one dense block of ones for each point, laid out as the rows are."""
-    d, sizes = p.n_components, p.rows.getSizes()[0]
-    block = PETSc.Mat().createAIJ((sizes, sizes), nnz=(d, 0), comm=p.rows.comm)
-    _fill(block, np.ones((len(p.weights), d, d)))
-    return block
+def point_blocks(p: SparsePoints, blocks: np.ndarray) -> PETSc.Mat:
+    """Matrix of one dense block, (d, d), for each of this rank's points, laid out as the rows."""
+    sizes = p.rows.getSizes()[0]
+    matrix = PETSc.Mat().createAIJ((sizes, sizes), nnz=(p.n_components, 0), comm=p.rows.comm)
+    _fill(matrix, blocks)
+    return matrix
 
 
 def _fill(block: PETSc.Mat, tangents: np.ndarray) -> None:
