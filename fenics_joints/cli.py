@@ -122,7 +122,7 @@ def update(
     """Fit the parameters, or the cut-off pressure, that the case names to the frequencies.
 
     JSON: parameters (name, value, unit, standard deviation), frequencies_hz before and after,
-    errors_percent. With [update.cutoff]: schemes (cutoff_pa, objective, frequencies_hz,
+    errors_percent. For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz,
     crossings_pa, stuck_area_m2, minimum, sweep), test and stuck frequencies.
     """
 
