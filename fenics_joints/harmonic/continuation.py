@@ -165,9 +165,9 @@ def _correct(problem, z, normal, settings, kept=None) -> Point:
             z, last, fresh = z + move, size, False
             R = _evaluate(problem, z, jacobian=False)[0]
             continue
-        z, R, J = (
-            _line_search(problem, z, move, weights, R) if fresh else (z, *_evaluate(problem, z))
-        )
+        if fresh:
+            z = _line_search(problem, z, move, weights, R)
+        R, J = _evaluate(problem, z)
         factors = _factors(J, scales, weights, normal)
         jacobians, last, fresh = jacobians + 1, np.inf, True
     raise _Failed(
