@@ -23,7 +23,7 @@ from fenics_joints.case_sections import (
 
 if TYPE_CHECKING:
     from fenics_joints.case import Case
-    from fenics_joints.joint_laws import JointLaw
+    from fenics_joints.joint_laws import Backbone, JointLaw
 
 __all__ = [
     "CoulombSection", "HarmonicSection", "IdentifySection", "NonlinearSection", "Place",
@@ -39,17 +39,35 @@ Shape = quantity("", -0.99, 0)
 class Hysteretic(Section):
     """A backbone with Masing's rule, as parallel sliders.
 
-    ``thickness`` is that of the layer whose strain the moduli belong to, where the joint is a
-    contact of no thickness of its own: its slip over the thickness is the strain.
+    ``stress`` is what yields: the shear of the interface (the seed's c55 and c66), or the
+    ``equivalent`` stress of tension and shear together, of a layer. ``thickness`` is that of the
+    layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
     """
 
-    sliders: Annotated[int, Field(ge=1, le=200, strict=True)] = 10
+    stress: Literal["shear", "equivalent"] = "shear"
+    sliders: Annotated[int, Field(ge=1, le=200, strict=True)] = 12
     thickness: Size | None = None
 
-    def _law(self, backbone) -> JointLaw:
-        from fenics_joints.joint_laws import Iwan
+    def make(self, E: float | None, G: float | None, meshed: float) -> JointLaw:
+        """The law.
 
-        return Iwan(backbone, n_sliders=self.sliders)
+        Args:
+            E: Normal modulus of the joint, Pa; None for a contact.
+            G: Its shear modulus, Pa; None for a contact.
+            meshed: Thickness of the layer as meshed, m; 1 for a contact, whose strain is its slip.
+        """
+        from fenics_joints.joint_laws import Iwan, IwanLayer
+
+        ratio = 1.0 if self.thickness is None else self.thickness / meshed
+        if self.stress == "shear":
+            backbone = self.backbone(None if G is None else G * ratio)
+            return Iwan(backbone, self.sliders, thickness=ratio)
+        backbone = self.backbone(E * ratio)
+        return IwanLayer(backbone, G * ratio, self.sliders, thickness=ratio)
+
+    def needs_modulus(self) -> bool:
+        """Whether moduli must come from the joint."""
+        return self.elastic() is None or self.stress == "equivalent"
 
 
 class RichardAbbottSection(Hysteretic):
@@ -63,15 +81,15 @@ class RichardAbbottSection(Hysteretic):
     S_y: Modulus
     n: Positive
 
-    def make(self, G: float | None) -> JointLaw:
-        """The law; ``G``, Pa, is the modulus of the joint, for one that gives none here."""
+    def elastic(self) -> float | None:
+        """Modulus at rest, Pa, if given."""
+        return self.E_e
+
+    def backbone(self, modulus: float | None) -> Backbone:
+        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
         from fenics_joints.joint_laws import RichardAbbott
 
-        return self._law(RichardAbbott(self.E_e or G, self.E_p, self.S_y, self.n))
-
-    def needs_modulus(self) -> bool:
-        """Whether the elastic modulus must come from the joint."""
-        return self.E_e is None
+        return RichardAbbott(self.E_e or modulus, self.E_p, self.S_y, self.n)
 
 
 class SegalmanSection(Hysteretic):
@@ -85,15 +103,15 @@ class SegalmanSection(Hysteretic):
     chi: Shape
     beta: quantity("", 0)
 
-    def make(self, G: float | None) -> JointLaw:
-        """The law; ``G``, Pa, is the modulus of the joint, for one that gives none here."""
+    def elastic(self) -> float | None:
+        """Modulus at rest, Pa, if given."""
+        return self.K_T
+
+    def backbone(self, modulus: float | None) -> Backbone:
+        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
         from fenics_joints.joint_laws import Segalman
 
-        return self._law(Segalman(self.F_S, self.K_T or G, self.chi, self.beta))
-
-    def needs_modulus(self) -> bool:
-        """Whether the elastic modulus must come from the joint."""
-        return self.K_T is None
+        return Segalman(self.F_S, self.K_T or modulus, self.chi, self.beta)
 
 
 class BilinearSection(Hysteretic):
@@ -106,15 +124,15 @@ class BilinearSection(Hysteretic):
     E_p: quantity("Pa", 0)
     S_y: Modulus
 
-    def make(self, G: float | None) -> JointLaw:
-        """The law; ``G``, Pa, is the modulus of the joint, for one that gives none here."""
+    def elastic(self) -> float | None:
+        """Modulus at rest, Pa, if given."""
+        return self.E_e
+
+    def backbone(self, modulus: float | None) -> Backbone:
+        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
         from fenics_joints.joint_laws import Bilinear
 
-        return self._law(Bilinear(self.E_e or G, self.E_p, self.S_y))
-
-    def needs_modulus(self) -> bool:
-        """Whether the elastic modulus must come from the joint."""
-        return self.E_e is None
+        return Bilinear(self.E_e or modulus, self.S_y, self.E_p)
 
 
 class CoulombSection(Section):
@@ -246,7 +264,8 @@ def _check_nonlinear(case: Case, name: str, section) -> list[str]:
     key = f"nonlinear.{name}"
     if name in case.contacts:
         if section.needs_modulus():
-            return [f"{key}: expected an elastic modulus, since a contact has none of its own"]
+            what = "stress = 'shear' and an elastic modulus"
+            return [f"{key}: expected {what}, since a contact has no moduli of its own"]
         if not isinstance(section, CoulombSection) and section.thickness is None:
             return [f"{key}.thickness: expected that of the layer whose strain is slip / thickness"]
         return []
@@ -255,8 +274,6 @@ def _check_nonlinear(case: Case, name: str, section) -> list[str]:
         return [f"{key}: no joint or contact has that name{known}"]
     if isinstance(section, CoulombSection):
         return [said(f"{key}.law", "coulomb", "expected a contact of that name, not a layer")]
-    if section.thickness is not None:
-        return [said(f"{key}.thickness", section.thickness, "a layer has its own; expected none")]
     return []
 
 

@@ -10,6 +10,7 @@ from fenics_joints.joint_laws.iwan import (
 )
 from fenics_joints.joint_laws.kernel import HarmonicStress, LawKernel
 from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.joint_laws.layer import IwanLayer
 from fenics_joints.joint_laws.library import (
     BoucWen,
     CoulombStick,
@@ -28,6 +29,7 @@ __all__ = [
     "DilatantCoulomb",
     "HarmonicStress",
     "Iwan",
+    "IwanLayer",
     "JointLaw",
     "LawKernel",
     "RichardAbbott",
