@@ -30,7 +30,7 @@ class Basis:
     """Columns that reduce (K, M), and what they were made with.
 
     Args:
-        K: Stiffness of the elastic interface; without it for constraint modes.
+        K: Stiffness with the interface elastic.
         M: Mass.
         shift: s of the shifted stiffness K + s M that static solutions use, (rad/s)^2.
         modes: M-orthonormal modes, (n_local, k).
@@ -122,8 +122,9 @@ def fixed_interface(
     """Modes of the held interface with constraint modes. Collective.
 
     Args:
-        K: Stiffness with the interface free.
-        M: Mass, likewise.
+        K: Stiffness with the interface elastic; constraint modes do not depend on how stiff it is,
+            but which of them matter does.
+        M: Mass.
         solver: The solver of the modes with the interface held.
         modes: Those modes, (n_local, k).
         loads: Loads of which the static response is kept, (n_local, m).

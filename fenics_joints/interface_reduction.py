@@ -13,31 +13,39 @@ gives the linear structure exactly.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.affine import AffinePencil, slopes
-from fenics_joints.components import Parameter
-from fenics_joints.eigensolver import product
+from fenics_joints.eigensolver import EigenSolver, product
 from fenics_joints.errors import InputError
-from fenics_joints.interface_basis import energy_share, free_interface
-from fenics_joints.interface_model import InterfaceModel, InterfacePoints
+from fenics_joints.interface_basis import energy_share, fixed_interface, free_interface
+from fenics_joints.interface_model import InterfacePoints
 from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.laws import Law
 from fenics_joints.layer_points import LayerPoints, layer_points
 from fenics_joints.modal import solve_modes
 from fenics_joints.points import Sensors
+from fenics_joints.preload.conditions import OPEN, SLIP
+from fenics_joints.preload.interface import Interface
+from fenics_joints.preload.linear_joint import LinearJoint
+from fenics_joints.preload.model import PreloadModel
+from fenics_joints.reduced_interface import (
+    LayerTerm,
+    ReducedInterfaceModel,
+    layer_moduli,
+    with_modal_damping,
+    with_rayleigh_damping,
+)
 from fenics_joints.reduction import ReducedStructure
 from fenics_joints.structure import Structure
 
 __all__ = [
-    "LayerTerm",
     "ReducedInterfaceModel",
+    "reduce_contacts",
     "reduce_layers",
     "with_modal_damping",
     "with_rayleigh_damping",
@@ -45,227 +53,9 @@ __all__ = [
 
 Places = Mapping[str, tuple[Sequence[float], Sequence[float]]]
 
-
-def layer_moduli(law: Law, q: Mapping[str, float], normal: bool) -> np.ndarray:
-    """Moduli, Pa, of a linear layer's normal (if asked for) and shear stress.
-
-    Raises:
-        InputError: For the normal stress of a layer where other strains have a part in it.
-    """
-    if not normal:
-        return np.array([q["G"]])
-    if law.name == "uncoupled":
-        return np.array([q["E"], q["G"]])
-    if law.name == "constrained":
-        # lambda + 2 mu, the first of its scalars at unit stretch.
-        return np.array([law.stiffness_terms({**q, "stretch": 1.0})[0], q["G"]])
-    raise InputError(
-        f"a coupled law cannot take the place of the normal stress of a layer with the law "
-        f"{law.name!r}; expected 'uncoupled' or 'constrained'."
-    )
-
-
-@dataclass(frozen=True)
-class LayerTerm:
-    """What a nonlinear layer takes out of the linear stiffness.
-
-    Attributes:
-        region: Its index in the pencil's regions.
-        thin: Strain rows of the gradient across the meshed layer, (P, d, n).
-        flat: Those of the gradient in its plane, (P, d, n).
-        volumes: Volume as meshed of each point, m3, (P,).
-        normal: Whether the normal strain is among the rows.
-    """
-
-    region: int
-    thin: np.ndarray
-    flat: np.ndarray
-    volumes: np.ndarray
-    normal: bool
-
-    def rows(self, stretch: float) -> np.ndarray:
-        """Strain rows at a stretch, (P, d, n)."""
-        return self.thin / stretch + self.flat
-
-    def scalars(self, law: Law, q: Mapping[str, float]) -> np.ndarray:
-        """Scalars of `stiffness`, for each modulus: c / s, c and c s."""
-        s = q["stretch"]
-        return np.array([c * f for c in layer_moduli(law, q, self.normal) for f in (1 / s, 1, s)])
-
-    def products(self) -> np.ndarray:
-        """Matrices that go with `scalars`, (n_scalars, n, n)."""
-        found, normal = [], int(self.normal)
-        for part in ([slice(0, 1)] if normal else []) + [slice(normal, None)]:
-            thin, flat = self.thin[:, part], self.flat[:, part]
-            mixed = self._product(thin, flat)
-            found += [self._product(thin, thin), mixed + mixed.T, self._product(flat, flat)]
-        return np.array(found)
-
-    def _product(self, left, right) -> np.ndarray:
-        n = left.shape[2]
-        weighted = self.volumes[:, None, None] * left
-        return weighted.reshape(-1, n).T @ right.reshape(-1, n)
-
-
-@dataclass(frozen=True)
-class ReducedInterfaceModel(InterfaceModel):
-    """An `InterfaceModel` whose linear parameters live on; takes the calls of a `Structure`.
-
-    As a structure it is the model of small vibrations, with the laws' tangents at rest.
-
-    Attributes:
-        pencil: Linear K(p) and M(p), layers included.
-        layers: What nonlinear layers take out of it, by the interface's name.
-        given: Parameters that differ from their nominal value.
-        scale_hz: The structure's dilation frequency, see `ReducedStructure`.
-        places: Position, m, and direction of each sensor, by name, (2, gdim).
-        source: The reduced structure with its mesh, to see it anywhere; None if read from a file.
-    """
-
-    pencil: AffinePencil | None = None
-    layers: Mapping[str, LayerTerm] = field(default_factory=dict)
-    given: Mapping[str, float] = field(default_factory=dict)
-    scale_hz: float = 0.0
-    places: Mapping[str, np.ndarray] = field(default_factory=dict)
-    source: ReducedStructure | None = field(default=None, repr=False, compare=False)
-
-    # -- parameters ----------------------------------------------------------------------------
-
-    @property
-    def parameters(self) -> Mapping[str, Parameter]:
-        """The linear structure's parameters, by name."""
-        return self.pencil.parameters
-
-    def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
-        """Values of all parameters: nominal, the model's own `given`, then ``given``.
-
-        Raises:
-            InputError: For an unknown parameter or a value that is not finite.
-        """
-        return self.pencil.values({**self.given, **(given or {})})
-
-    def at(self, given: Mapping[str, float]) -> ReducedInterfaceModel:
-        """The model at other values of some linear parameters; laws and damping stay.
-
-        Raises:
-            InputError: For an unknown parameter, or a value out of range.
-        """
-        values = self.values(given)
-        K, M = self._matrices(values)
-        interfaces = tuple(self._at(points, values) for points in self.interfaces)
-        return replace(self, K=K, M=M, interfaces=interfaces, given={**self.given, **given})
-
-    def _at(self, points: InterfacePoints, values) -> InterfacePoints:
-        if points.name not in self.layers:
-            return points
-        layer = self.layers[points.name]
-        s = self.pencil.regions[layer.region].values(values)["stretch"]
-        return replace(points, rows=layer.rows(s), weights=layer.volumes * s)
-
-    def _matrices(self, values) -> tuple[np.ndarray, np.ndarray]:
-        K, M = self.pencil.matrices(values)
-        for layer in self.layers.values():
-            region = self.pencil.regions[layer.region]
-            scalars = layer.scalars(region.law, region.values(values))
-            K = K - np.tensordot(scalars, layer.products(), axes=1)
-        return 0.5 * (K + K.T), M
-
-    def with_laws(self, **laws: JointLaw) -> ReducedInterfaceModel:
-        """See `InterfaceModel.with_laws`; a coupled law cannot take an uncoupled one's place.
-
-        Raises:
-            InputError: For an unknown interface, or a law of the other kind.
-        """
-        for points in self.interfaces:
-            if points.name in laws and laws[points.name].coupled != points.normal:
-                kind = "coupled" if points.normal else "uncoupled"
-                raise InputError(
-                    f"{points.name}: the law {laws[points.name].label} differs in whether it takes "
-                    f"the normal stress; expected a law that is {kind}, or a new reduction."
-                )
-        return super().with_laws(**laws)
-
-    # -- the calls of a structure, at rest -----------------------------------------------------
-
-    def stiffness(self, given: Mapping[str, float] | None = None) -> np.ndarray:
-        """Stiffness of small vibrations, N/m, (n, n)."""
-        return (self.at(given) if given else self).stiffness_at_rest()
-
-    def mass(self, given: Mapping[str, float] | None = None) -> np.ndarray:
-        """Mass, kg, (n, n)."""
-        return self.pencil.matrices(self.values(given))[1] if given else self.M
-
-    def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
-        """The structure's at its nominal parameters, Hz."""
-        return self.scale_hz
-
-    def total_mass(self, given: Mapping[str, float] | None = None) -> float:
-        """Mass, kg, as the full structure's."""
-        return self.pencil.total_mass(self.values(given))
-
-    def pencil_gradients(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
-        """Derivatives of x^T (K - lambda M) x by the linear parameters, (k, n_parameters).
-
-        K is the stiffness at rest; its laws' tangents do not depend on the parameters, but for a
-        layer's stretch.
-        """
-        values = self.values(given)
-        gradient = self.pencil.gradients(shapes, eigenvalues, values)
-        position = {name: i for i, name in enumerate(self.parameters)}
-        for points in self.interfaces:
-            if points.name not in self.layers:
-                continue
-            layer = self.layers[points.name]
-            region = self.pencil.regions[layer.region]
-            q = region.values(values)
-            products = layer.products()
-            for key, name in region.properties.items():
-                if not isinstance(name, str):
-                    continue
-                change = slopes(lambda q, r=region, y=layer: y.scalars(r.law, q), q, key)
-                taken = np.tensordot(change, products, axes=1)
-                gradient[:, position[name]] -= np.sum(shapes * (taken @ shapes), axis=0)
-                if key == "stretch":
-                    gradient[:, position[name]] += _stretching(points, layer, q[key], shapes)
-        return gradient
-
-    def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
-        """Displacement shapes at sensors, (n_sensors, n_shapes); of a model read from a file only
-        those that it was made with.
-
-        Raises:
-            InputError: If the model knows no such sensor and has no mesh to find it on.
-        """
-        if self.source is not None:
-            return self.source.observe(shapes, sensors)
-        rows = [self._sensor(p, d) for p, d in zip(sensors.points, sensors.directions, strict=True)]
-        return np.array(rows).reshape(len(sensors), self.n_dofs) @ shapes
-
-    def _sensor(self, point, direction) -> np.ndarray:
-        for name, (at, along) in self.places.items():
-            near = np.allclose(at, point[: len(at)], rtol=0, atol=1e-9)
-            if near and np.isclose(abs(along @ direction[: len(at)]), 1.0, rtol=0, atol=1e-9):
-                return np.sign(along @ direction[: len(at)]) * self.sensors[name]
-        raise InputError(
-            f"there is no sensor at {list(point)} along {list(direction)}, and the model has no "
-            f"mesh; expected one of: {', '.join(self.places) or 'none'}."
-        )
-
-    def write(self, path: str | Path) -> None:
-        """Write the model to an HDF5 file, see `fenics_joints.interface_files`."""
-        from fenics_joints.interface_files import write_interface_model
-
-        write_interface_model(self, path)
-
-
-def _stretching(points: InterfacePoints, layer: LayerTerm, s: float, shapes) -> np.ndarray:
-    """Derivative by the stretch of the energy of the tangents, twice, (k,)."""
-    tangent = points.tangent()
-    strain = layer.rows(s) @ shapes
-    change = -(layer.thin @ shapes) / s**2
-    stress = np.einsum("pij,pjk->pik", tangent, strain)
-    energy = np.einsum("p,pik,pik->k", layer.volumes, strain, stress)
-    return energy + 2 * s * np.einsum("p,pik,pik->k", layer.volumes, change, stress)
+#: The shift of static solutions and modes, as `fenics_joints.modal` takes it: its frequency as a
+#: share of the dilation frequency.
+_SHIFT_SHARE = 0.002
 
 
 def reduce_layers(
@@ -315,7 +105,7 @@ def reduce_layers(
     strains = _LayerStrains(found, stretch, {n: law.coupled for n, law in laws.items()})
     basis = free_interface(
         K, M, modes.solver,
-        np.column_stack([x.array_r for x in modes.shapes]),
+        _columns(modes.shapes),
         np.hstack([force_loads, sensor_loads]),
         strains.stresses(), strains,
         energy_share(interface_modes, tolerance, strains.size),
@@ -339,6 +129,244 @@ def reduce_layers(
     for A in (K, M, *(B for p in found.values() for B in (p.thin, p.flat))):
         A.destroy()
     return model
+
+
+def reduce_contacts(
+    joint: LinearJoint | PreloadModel,
+    laws: Mapping[str, JointLaw],
+    *,
+    method: str = "craig-bampton",
+    n_modes: int = 20,
+    interface_modes: int | None = None,
+    tolerance: float = 1e-4,
+    forces: Places | None = None,
+    sensors: Places | None = None,
+    given: Mapping[str, float] | None = None,
+) -> ReducedInterfaceModel:
+    """Reduced model of bodies whose zero-thickness contacts follow nonlinear laws. Collective.
+
+    The strains are the jumps of pairs, m: opening (of a coupled law) and slips; the weights are the
+    pairs' areas. With a law that is not `coupled` the interface is the pairs that are not OPEN in
+    ``joint``: they stay closed, and slip against the law. With a coupled law all pairs are, and
+    what ``joint`` says of the contact does not matter. Other contacts stay as in ``joint``.
+
+    Args:
+        joint: Bodies and contacts, about a preload state or all closed.
+        laws: Law of each contact that becomes nonlinear, by name.
+        method: ``"craig-bampton"``: modes with all pairs stuck, and constraint modes, or as many
+            characteristic constraint modes as `interface_modes`, with the laws' tangents at rest;
+            ``"free-interface"``: modes with those tangents, and interface modes.
+        n_modes: Modes, rigid-body modes included.
+        interface_modes: Number of interface modes; by default all constraint modes, or those with
+            the following share of energy of a free interface:
+        tolerance: Smallest energy of an interface mode, relative to the largest.
+        forces: Position, m, and direction of each force, by name. Bolts and loads of the model are
+            forces too, by their names, per newton or factor.
+        sensors: Position and direction of each sensor.
+        given: Parameters that differ from their nominal value; the basis is best there.
+
+    Raises:
+        InputError: For an unknown contact, one with springs or without closed pairs, an unknown
+            method, or a number out of range.
+    """
+    joint = LinearJoint(joint) if isinstance(joint, PreloadModel) else joint
+    if method not in ("craig-bampton", "free-interface"):
+        raise InputError(f"method = {method!r}: expected 'craig-bampton' or 'free-interface'.")
+    structure, jumps = joint.structure, joint.jumps
+    _check_uniform(structure)
+    pairs = _kept_pairs(joint, laws)
+    free = joint.change(_released(joint, laws), joint.springs)
+    K, M = free.stiffness(given), free.mass(given)
+    _hold(joint, (K, M), _bubbles(joint, pairs, laws))
+    entries = {n: _entries(jumps, c, kept, laws[n].coupled) for n, (c, kept) in pairs.items()}
+    jump = _Entries(jumps, list(entries.values()))
+    forces, force_loads = _jump_places(joint, "forces", forces)
+    for name in joint.model.forces:
+        if name in forces:
+            raise InputError(f"forces: {name!r} is a bolt or load; expected another name.")
+    bolts = [joint.model.unit_load(name).array_r for name in joint.model.forces]
+    forces = {**forces, **dict.fromkeys(joint.model.forces)}
+    force_loads = np.column_stack([force_loads, *bolts])
+    sensors, sensor_loads = _jump_places(joint, "sensors", sensors)
+    loads = np.hstack([force_loads, sensor_loads])
+    _zero_held(joint, free, pairs, laws, loads)
+    areas = {n: c.areas[kept] for n, (c, kept) in pairs.items()}
+    shift = -((2 * np.pi * _SHIFT_SHARE * joint.dilation_frequency(given)) ** 2)
+    solver = EigenSolver(n_modes, shift=shift)
+    elastic = _with_tangents(K, laws, areas, entries, jumps)
+    if method == "craig-bampton":
+        held = [A.copy() for A in (K, M)]
+        _hold(joint, held, jump.numbers)
+        modes = _columns(solver.solve(*held).shapes)
+        choose = _characteristic(interface_modes, len(jump.numbers))
+        basis = fixed_interface(elastic, M, solver, modes, loads, jump.local, choose)
+        for A in held:
+            A.destroy()
+    else:
+        modes = _columns(solver.solve(elastic, M).shapes)
+        root = np.concatenate([np.repeat(areas[n], e.shape[1]) for n, e in entries.items()]) ** 0.5
+        basis = free_interface(
+            elastic, M, solver, modes, loads, jump.unit(len(modes)) * root,
+            lambda columns: root[:, None] * jump.rows(columns),
+            energy_share(interface_modes, tolerance, len(root)),
+        )  # fmt: skip
+    elastic.destroy(), solver.destroy()
+    columns = basis.columns
+    interfaces, at = [], 0
+    rows = jump.rows(columns)
+    for name, numbers in entries.items():
+        c, kept = pairs[name]
+        part = rows[at : at + numbers.size].reshape(*numbers.shape, -1)
+        at += numbers.size
+        interfaces.append(
+            InterfacePoints(name, laws[name], part, areas[name], laws[name].coupled, c.points[kept])
+        )
+    source = ReducedStructure(structure, joint.displacements(_vectors(K, columns)))
+    K_all, M_all = (_projected(A, columns) for A in (K, M))
+    K_parts, M_parts = source.affine.matrices(structure.values(given))
+    pencil = replace(
+        source.affine, fixed=(K_all - K_parts, M_all - M_parts),
+        fixed_mass=joint.total_mass(given) - structure.total_mass(given),
+    )  # fmt: skip
+    K.destroy(), M.destroy()
+    return _assemble(structure, columns, source, interfaces, pencil, {}, given,
+                     (forces, force_loads), (sensors, sensor_loads))  # fmt: skip
+
+
+def _kept_pairs(joint: LinearJoint, laws) -> dict[str, tuple[Interface, np.ndarray]]:
+    """Contact and rows of the pairs that are the interface, by name."""
+    contacts = {c.name: c for c in joint.jumps.contacts}
+    if not laws:
+        raise InputError(f"laws: expected a law for one of the contacts {', '.join(contacts)}.")
+    found = {}
+    for name, law in laws.items():
+        if name not in contacts:
+            raise InputError(
+                f"laws: there is no contact {name!r}; expected: {', '.join(contacts) or 'none'}."
+            )
+        if name in joint.springs:
+            raise InputError(f"laws: {name} has springs already; expected one or the other.")
+        closed = joint.conditions[name] > OPEN
+        kept = np.flatnonzero(closed | law.coupled)
+        if not len(kept):
+            raise InputError(
+                f"{name}: all its pairs are open; expected closed ones, or a coupled law."
+            )
+        found[name] = (contacts[name], kept)
+    return found
+
+
+def _released(joint: LinearJoint, laws) -> dict[str, np.ndarray]:
+    """Conditions without the interfaces' stress: closed pairs slide, or all are open."""
+    conditions = {n: c for n, c in joint.conditions.items() if n not in joint.springs}
+    for name, law in laws.items():
+        conditions[name] = np.where(law.coupled, OPEN, np.minimum(conditions[name], SLIP))
+    return conditions
+
+
+def _entries(jumps, c: Interface, kept: np.ndarray, coupled: bool) -> np.ndarray:
+    """Global numbers in x of the interface's strains, (P, d)."""
+    slips = jumps.slips(c)
+    numbers = np.column_stack([jumps.opening(c), slips]) if coupled else slips
+    return numbers[kept]
+
+
+def _bubbles(joint: LinearJoint, pairs, laws) -> np.ndarray:
+    """Bubbles between pairs of an interface: its jump is piecewise linear."""
+    found = [np.empty(0, dtype=np.int64)]
+    for c, kept in pairs.values():
+        if len(c.edges):
+            inside = np.isin(c.edges, kept).all(axis=1)
+            found.append(joint.jumps.bubbles(c)[inside].ravel())
+    return np.concatenate(found)
+
+
+def _hold(joint: LinearJoint, pencil, numbers: np.ndarray) -> None:
+    mine = numbers[joint.jumps.owned(numbers)].astype(PETSc.IntType)
+    for A, diagonal in zip(pencil, (1.0, 0.0), strict=True):
+        A.zeroRowsColumns(mine, diag=diagonal)
+
+
+def _zero_held(joint: LinearJoint, free: LinearJoint, pairs, laws, loads: np.ndarray) -> None:
+    """Take loads off entries that are held, in place."""
+    numbers = np.concatenate([free.held(), _bubbles(joint, pairs, laws)])
+    mine = np.union1d(numbers[joint.jumps.owned(numbers)], joint.model.supported)
+    loads[joint.jumps.local(mine)] = 0.0
+
+
+class _Entries:
+    """Single entries of x as strains."""
+
+    def __init__(self, jumps, numbers: list[np.ndarray]):
+        self.numbers = np.concatenate([n.ravel() for n in numbers])
+        self._comm = jumps.comm
+        self._mine = jumps.owned(self.numbers)
+        #: Local row of each entry, or -1 where another rank owns it.
+        self.local = np.where(self._mine, jumps.local(self.numbers), -1)
+
+    def rows(self, columns: np.ndarray) -> np.ndarray:
+        """Entries of columns, (q, m), equal on all ranks."""
+        found = np.zeros((len(self.numbers), columns.shape[1]))
+        found[self._mine] = columns[self.local[self._mine]]
+        self._comm.Allreduce(MPI.IN_PLACE, found)
+        return found
+
+    def unit(self, n_local: int) -> np.ndarray:
+        """A column for each entry, with a one there, (n_local, q)."""
+        columns = np.zeros((n_local, len(self.numbers)))
+        columns[self.local[self._mine], np.flatnonzero(self._mine)] = 1.0
+        return columns
+
+
+def _characteristic(n: int | None, size: int) -> Callable:
+    """All constraint modes, or the n lowest eigenmodes of the elastic interface."""
+    if n is not None and not 1 <= n <= size:
+        raise InputError(
+            f"interface_modes = {n}: expected 1 to {size}, the interface's components."
+        )
+
+    def choose(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+        if n is None:
+            return np.eye(size)
+        vectors = scipy.linalg.eigh(mass, stiffness, subset_by_index=[size - n, size - 1])[1]
+        return vectors[:, ::-1]
+
+    return choose
+
+
+def _with_tangents(K: PETSc.Mat, laws, areas, entries, jumps) -> PETSc.Mat:
+    """K with the laws' tangents at rest as springs between the pairs."""
+    stiff = K.copy()
+    stiff.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    for name, numbers in entries.items():
+        P, d = numbers.shape
+        rows = np.zeros((P, d, 1))
+        points = InterfacePoints(name, laws[name], rows, areas[name], laws[name].coupled)
+        blocks = areas[name][:, None, None] * points.tangent()
+        for number, block in zip(numbers.astype(PETSc.IntType), blocks, strict=True):
+            if jumps.owned(number[:1])[0]:
+                stiff.setValues(number, number, block, PETSc.InsertMode.ADD_VALUES)
+    stiff.assemble()
+    return stiff
+
+
+def _jump_places(joint: LinearJoint, what: str, given: Places | None):
+    """As `_places`, the loads in x."""
+    found, loads = _places(joint.structure, what, given)
+    T = joint.jumps.T
+    transposed = T.transpose(PETSc.Mat())
+    loads = product(transposed, loads) if found else np.zeros((joint.jumps.n_local, 0))
+    transposed.destroy()
+    return found, loads
+
+
+def _projected(A: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
+    matrix = A.comm.tompi4py().allreduce(columns.T @ product(A, columns))
+    return 0.5 * (matrix + matrix.T)
+
+
+def _columns(vectors: list[PETSc.Vec]) -> np.ndarray:
+    return np.column_stack([v.array_r for v in vectors])
 
 
 def _assemble(structure, columns, source, interfaces, pencil, layers, given, forces, sensors):
@@ -366,13 +394,17 @@ def _layer_numbers(structure: Structure, laws: Mapping[str, JointLaw]) -> dict[s
             )
         if law.coupled and structure.regions[names[name]].law.name == "isotropic":
             layer_moduli(structure.regions[names[name]].law, {}, True)
+    _check_uniform(structure)
+    return {name: names[name] for name in laws}
+
+
+def _check_uniform(structure: Structure) -> None:
     for region in structure.regions:
         if any(callable(p) for p in region.properties.values()):
             raise InputError(
                 f"{region.name}: its properties vary in space; expected uniform ones in a model "
                 "with nonlinear interfaces."
             )
-    return {name: names[name] for name in laws}
 
 
 class _LayerStrains:
@@ -464,58 +496,3 @@ def _vectors(K: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:
         v.array[:] = column
         vectors.append(v)
     return vectors
-
-
-def with_modal_damping(
-    model: InterfaceModel, ratios: float | Sequence[float], rest: float = 0.0
-) -> InterfaceModel:
-    """The model with viscous damping of its modes at rest, C = M Phi diag(2 zeta omega) Phi^T M.
-
-    Args:
-        model: The model.
-        ratios: Damping ratio of all modes, or of the first ones, rigid-body modes included.
-        rest: Ratio of the modes beyond those.
-
-    Raises:
-        InputError: If a ratio is negative, or there are more of them than modes.
-    """
-    n = model.n_dofs
-    zeta = np.full(n, float(ratios if np.ndim(ratios) == 0 else rest))
-    if np.ndim(ratios):
-        ratios = np.asarray(ratios, dtype=float)
-        if len(ratios) > n:
-            raise InputError(f"ratios: {len(ratios)} of them; expected at most {n}, one per mode.")
-        zeta[: len(ratios)] = ratios
-    if not np.all(np.isfinite(zeta) & (zeta >= 0)):
-        raise InputError(f"ratios = {ratios}, rest = {rest}: expected damping ratios >= 0.")
-    K, M = model.stiffness_at_rest(), model.M
-    # Scaled by the diagonal and inverted, K + s M is positive definite also for a free body.
-    s = 1e-6 * np.trace(K) / np.trace(M)
-    inverse, X = scipy.linalg.eigh(M, K + s * M)
-    inverse, X = inverse[::-1], X[:, ::-1]
-    # 2 zeta omega / mu with x^T (K + s M) x = 1, mu = x^T M x = 1 / (omega^2 + s).
-    omega = np.sqrt(np.maximum(1.0 - s * inverse, 0.0))
-    # A direction without mass moves with the others' forces; damping of it has no meaning.
-    heavy = inverse > 1e-14 * inverse[0]
-    weight = np.divide(2 * zeta * omega, np.abs(inverse) ** 1.5, out=np.zeros(n), where=heavy)
-    MX = M @ X
-    return replace(model, C=(MX * weight) @ MX.T)
-
-
-def with_rayleigh_damping(
-    model: InterfaceModel, mass: float = 0.0, stiffness: float = 0.0
-) -> InterfaceModel:
-    """The model with C = mass M + stiffness K, K that of small vibrations at rest.
-
-    Args:
-        model: The model.
-        mass: Factor of the mass, 1/s.
-        stiffness: Factor of the stiffness, s.
-
-    Raises:
-        InputError: If a factor is negative or not finite.
-    """
-    for key, value in (("mass", mass), ("stiffness", stiffness)):
-        if not (np.isfinite(value) and value >= 0):
-            raise InputError(f"{key} = {value}: expected a number >= 0.")
-    return replace(model, C=mass * model.M + stiffness * model.stiffness_at_rest())
