@@ -84,8 +84,9 @@ def solve(solver: EigenSolver, loads: np.ndarray) -> np.ndarray:
 
 
 def free_interface(
-    K, M, solver: EigenSolver, modes, loads, stresses, strain: Callable, choose: Callable
-) -> Basis:
+    K, M, solver: EigenSolver, modes, loads, stresses, strain: Callable, choose: Callable,
+    extra: np.ndarray | None = None,
+) -> Basis:  # fmt: skip
     """Modes of the elastic interface with residual attachment modes. Collective.
 
     Args:
@@ -97,7 +98,9 @@ def free_interface(
         stresses: Loads of unit stress at the interface, weighted by the root of the points'
             areas, (n_local, q).
         strain: ``columns -> (q, m)``, the work conjugate of ``stresses``, equal on all ranks.
-        choose: ``energies -> n``, how many interface modes to keep; energies descend.
+        choose: ``energies -> n``, how many interface modes to keep; energies descend. None for
+            no interface modes.
+        extra: Further columns, (n_local, k).
 
     The interface modes are stress patterns of unit norm over the interface in the order of the
     energy that is stored by what the modes leave of their response: a proper orthogonal
@@ -105,6 +108,9 @@ def free_interface(
     any stress at the interface, whatever stiffness was used to find them (Woodbury).
     """
     comm = K.comm.tompi4py()
+    more = [solve(solver, loads)] + ([] if extra is None else [extra])
+    if choose is None:
+        return Basis(K, M, -solver.shift, modes, np.hstack(more))
     response = solve(solver, stresses)
     for _ in range(2):
         against = comm.allreduce(modes.T @ product(M, response))
@@ -112,8 +118,7 @@ def free_interface(
     flexibility = strain(response)
     energies, patterns = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     kept = patterns[:, ::-1][:, : choose(energies[::-1])]
-    more = np.hstack([response @ kept, solve(solver, loads)])
-    return Basis(K, M, -solver.shift, modes, more)
+    return Basis(K, M, -solver.shift, modes, np.hstack([response @ kept, *more]))
 
 
 def fixed_interface(

@@ -44,7 +44,10 @@ from fenics_joints.reduction import ReducedStructure
 from fenics_joints.structure import Structure
 
 __all__ = [
+    "Places",
     "ReducedInterfaceModel",
+    "layer_numbers",
+    "places",
     "reduce_contacts",
     "reduce_layers",
     "with_modal_damping",
@@ -69,6 +72,7 @@ def reduce_layers(
     sensors: Places | None = None,
     given: Mapping[str, float] | None = None,
     points_degree: int | None = None,
+    extra: Sequence[PETSc.Vec] = (),
 ) -> ReducedInterfaceModel:
     """Reduced model of a structure whose thin layers follow nonlinear laws. Collective.
 
@@ -83,23 +87,27 @@ def reduce_layers(
         laws: Law of each layer that becomes nonlinear, by its region's name. A law that is not
             `coupled` takes the shear stress, a coupled one the normal stress too.
         n_modes: Modes of the linear structure, rigid-body modes included.
-        interface_modes: Number of interface modes; by default as many as have this share of energy:
+        interface_modes: Number of interface modes, 0 for none; by default as many as have this
+            share of energy:
         tolerance: Smallest energy of an interface mode, relative to the largest.
         forces: Position, m, and direction of each force, by name.
         sensors: Those of each sensor.
         given: Parameters that differ from their nominal value; the basis is best there.
         points_degree: See `fenics_joints.layer_points.layer_points`.
+        extra: Displacements to keep in the basis, such as
+            `fenics_joints.full_model.loading_shapes`: a dozen of those show it how the layer gives
+            way, which takes interface modes by the hundred.
 
     Raises:
         InputError: For an unknown layer, graded properties, a place outside the mesh, or a number
             out of range.
     """
-    numbers = _layer_numbers(structure, laws)
+    numbers = layer_numbers(structure, laws)
     found = {n: layer_points(structure, i, points_degree) for n, i in numbers.items()}
     values = structure.values(given)
     stretch = {n: structure.field.region_values(i, values)["stretch"] for n, i in numbers.items()}
-    forces, force_loads = _places(structure, "forces", forces)
-    sensors, sensor_loads = _places(structure, "sensors", sensors)
+    forces, force_loads = places(structure, "forces", forces)
+    sensors, sensor_loads = places(structure, "sensors", sensors)
     modes = solve_modes(structure, given, n_modes=n_modes)
     M, K = structure.mass(given), structure.stiffness(given)
     strains = _LayerStrains(found, stretch, {n: law.coupled for n, law in laws.items()})
@@ -107,8 +115,9 @@ def reduce_layers(
         K, M, modes.solver,
         _columns(modes.shapes),
         np.hstack([force_loads, sensor_loads]),
-        strains.stresses(), strains,
-        energy_share(interface_modes, tolerance, strains.size),
+        None if interface_modes == 0 else strains.stresses(), strains,
+        None if interface_modes == 0 else energy_share(interface_modes, tolerance, strains.size),
+        _columns(extra) if len(extra) else None,
     )  # fmt: skip
     reduced = ReducedStructure(structure, _vectors(K, basis.columns))
     layers = {}
@@ -351,8 +360,8 @@ def _with_tangents(K: PETSc.Mat, laws, areas, entries, jumps) -> PETSc.Mat:
 
 
 def _jump_places(joint: LinearJoint, what: str, given: Places | None):
-    """As `_places`, the loads in x."""
-    found, loads = _places(joint.structure, what, given)
+    """As `places`, the loads in x."""
+    found, loads = places(joint.structure, what, given)
     T = joint.jumps.T
     transposed = T.transpose(PETSc.Mat())
     loads = product(transposed, loads) if found else np.zeros((joint.jumps.n_local, 0))
@@ -383,7 +392,7 @@ def _assemble(structure, columns, source, interfaces, pencil, layers, given, for
     return model.at({})
 
 
-def _layer_numbers(structure: Structure, laws: Mapping[str, JointLaw]) -> dict[str, int]:
+def layer_numbers(structure: Structure, laws: Mapping[str, JointLaw]) -> dict[str, int]:
     names = {r.name: i for i, r in enumerate(structure.regions) if r.is_joint}
     if not laws:
         raise InputError(f"laws: expected a law for one of the layers {', '.join(names)}.")
@@ -450,7 +459,7 @@ class _LayerStrains:
         return np.hstack(loads)
 
 
-def _places(structure: Structure, what: str, given: Places | None):
+def places(structure: Structure, what: str, given: Places | None):
     """Positions and directions by name, and the unit load of each, (n_local, m)."""
     gdim, found = structure.gdim, {}
     for name, place in (given or {}).items():
