@@ -1,5 +1,6 @@
 """Nonlinear joint laws with memory."""
 
+from fenics_joints.joint_laws.field import JointField
 from fenics_joints.joint_laws.iwan import (
     Backbone,
     Bilinear,
@@ -19,6 +20,11 @@ from fenics_joints.joint_laws.library import (
     Iwan,
     Valanis,
 )
+from fenics_joints.joint_laws.quasi_static import (
+    QuasiStatic,
+    QuasiStaticHistory,
+    solve_quasi_static,
+)
 
 __all__ = [
     "Backbone",
@@ -30,11 +36,16 @@ __all__ = [
     "HarmonicStress",
     "Iwan",
     "IwanLayer",
+    "IwanLayer",
+    "JointField",
     "JointLaw",
     "LawKernel",
+    "QuasiStatic",
+    "QuasiStaticHistory",
     "RichardAbbott",
     "Segalman",
     "Valanis",
     "iwan_sliders",
     "slider_edges",
+    "solve_quasi_static",
 ]
