@@ -99,8 +99,9 @@ class Balance:
         self.mean, found = np.zeros(model.n_dofs), {}
         if np.any(self.static):
             self.mean, found = static_state(model, self.static)
-        states = found if states is None else dict(states)
-        self._shares = [_share(p, states.get(p.name), self.comm) for p in model.interfaces]
+        self._states = found if states is None else dict(states)
+        self._shares = [_share(p, self._states.get(p.name), self.comm) for p in model.interfaces]
+        self._whole = self._shares if self.comm.size == 1 else None
         G = self.fourier.derivative
         self._G, self._G2 = G, G @ G
         self._krons = None
@@ -179,17 +180,13 @@ class Balance:
         return F, self._sum(J).transpose(0, 1, 3, 2).reshape(n * K, n * K) if jacobian else None
 
     def stresses(self, X: np.ndarray) -> dict[str, HarmonicStress]:
-        """Strain and stress of all points over the cycle, by interface, on every rank."""
-        found = {}
-        for points, share in zip(self.model.interfaces, self._shares, strict=True):
-            made = self._harmonic(share, X, False)
-            parts = [made.coefficients, made.strain, made.stress, made.state]
-            if self.comm.size > 1:
-                parts = [np.concatenate(self.comm.allgather(part)) for part in parts]
-            closure = self.comm.allreduce(made.closure, op=MPI.MAX)
-            coefficients, strain, stress, state = parts
-            found[points.name] = HarmonicStress(coefficients, None, strain, stress, state, closure)
-        return found
+        """Strain and stress of all points over the cycle, by interface; any rank alone may ask."""
+        if self._whole is None:
+            self._whole = [
+                _share(p, self._states.get(p.name), MPI.COMM_SELF) for p in self.model.interfaces
+            ]
+        shares = zip(self.model.interfaces, self._whole, strict=True)
+        return {points.name: self._harmonic(share, X, False) for points, share in shares}
 
     def _harmonic(self, share: _Share, X: np.ndarray, jacobian: bool) -> HarmonicStress:
         f = self.fourier

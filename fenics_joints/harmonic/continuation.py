@@ -297,7 +297,8 @@ def _save(path, branch, name, writes) -> None:
 
 def _stopped(branch: Branch, why: str) -> ConvergenceError:
     error = ConvergenceError(
-        f"the branch stopped at its point {len(branch)}, parameter {branch.z[-1, -1]:.6g}: {why}"
+        f"the branch stopped at its point {len(branch)}, parameter {branch.z[-1, -1]:.6g}: {why}; "
+        "more samples or points may help, or some stiffness that is left when a joint slides"
     )
     error.branch = branch
     return error

@@ -279,7 +279,8 @@ def _at_frequencies(balance, load, at, settings, initial, common, progress) -> H
 def _starts(balance: Balance, initial: HarmonicResult | None, frequencies):
     if initial is None:
         return None
-    same = np.array_equal(initial.frequencies_hz, frequencies)
+    theirs = initial.frequencies_hz
+    same = theirs.shape == frequencies.shape and np.allclose(theirs, frequencies, rtol=1e-9, atol=0)
     if not same or initial.coefficients.shape[1:] != balance.shape:
         raise InputError(
             "initial: expected responses at the same frequencies, with as many degrees of freedom "

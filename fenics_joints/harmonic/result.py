@@ -115,7 +115,7 @@ class Periodic:
         return amplitude(c, measure or self.measure)
 
     def loops(self, i: int) -> dict[str, Loops]:
-        """Strain and stress over a cycle at all interfaces, at response ``i``; all ranks call."""
+        """Strain and stress over a cycle at all interfaces, at response ``i``."""
         i = range(len(self))[i]
         if i not in self._loops:
             self._loops[i] = self._make_loops(self.coefficients[i])
@@ -149,7 +149,8 @@ class Periodic:
         return {name: np.array(values) for name, values in energy.items()}
 
     def closure(self, i: int) -> float:
-        """How far the hysteresis loops at response ``i`` are from closed, relative."""
+        """How far the hysteresis loops at response ``i`` are from closed, relative: give more
+        ``cycles`` if that is too far."""
         return max(
             (s.closure for s in self.balance.stresses(self.coefficients[i]).values()), default=0.0
         )
@@ -271,6 +272,13 @@ class HarmonicResult(Periodic):
             {"point": p.index, "frequency_hz": p.frequency_hz, "amplitude_m": p.amplitude}
             for p in self.peaks
         ]
+        made["interfaces_at_peak"] = {
+            name: {
+                "energy_per_cycle_j": loops.energy,
+                "largest_slip_amplitude": float(loops.slip_amplitude.max(initial=0.0)),
+            }
+            for name, loops in self.loops(self.peak.index).items()
+        }
         return made
 
 
