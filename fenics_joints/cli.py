@@ -156,6 +156,34 @@ def diagnose(
     _command(run, case, json, report, debug)
 
 
+@app.command()
+def harmonic(
+    case: CaseArgument,
+    json: JsonOption = None,
+    report: ReportOption = None,
+    branches: Annotated[
+        Path | None,
+        typer.Option(
+            "--branches", metavar="FOLDER",
+            help="Keep every branch there as it grows, and go on from what is there.",
+        ),
+    ] = None,
+    debug: DebugOption = False,
+) -> None:
+    """Nonlinear frequency responses at the case's levels of force, and the mode's backbone.
+
+    JSON: levels (level_n, peak_hz, peak, damping_ratio, joint_energy_j, branch), backbone
+    (frequency_hz and damping_ratio over amplitude), interface_points, frequencies_at_rest_hz.
+    """
+
+    def run(case, comm, progress):
+        from fenics_joints.harmonic_run import run_harmonic
+
+        return run_harmonic(case, comm, progress, branches=branches)
+
+    _command(run, case, json, report, debug)
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"fenics-joints {__version__}")

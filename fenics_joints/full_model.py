@@ -1,34 +1,20 @@
-"""Full finite-element models with nonlinear layers, and how they give way under static loads."""
+"""Full finite-element models with nonlinear layers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import InputError
 from fenics_joints.interface_reduction import Places, layer_moduli, layer_numbers, places
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.layer_points import LayerPoints, layer_points
-from fenics_joints.motion import FullModel, SparseMotion, SparsePoints, point_blocks
-from fenics_joints.preload.options import petsc_defaults
+from fenics_joints.motion import FullModel, SparsePoints, point_blocks
 from fenics_joints.structure import Structure
 
-__all__ = ["full_layers", "loading_shapes"]
-
-_PREFIX = "fenics_joints_loading_"
-#: Compliance over that at rest beyond which a joint is taken to have failed.
-_COLLAPSED = 3.0
-_DEFAULTS = {
-    "snes_type": "newtonls",
-    "snes_rtol": 1e-8,
-    "snes_max_it": 25,
-    "snes_linesearch_type": "bt",
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-}
+__all__ = ["full_layers"]
 
 
 def full_layers(
@@ -97,69 +83,3 @@ def _vector(K: PETSc.Mat, column: np.ndarray) -> PETSc.Vec:
     v = K.createVecRight()
     v.array[:] = column
     return v
-
-
-def loading_shapes(
-    model: FullModel,
-    load: PETSc.Vec,
-    factors: Sequence[float],
-    *,
-    petsc_options: Mapping[str, object] | None = None,
-) -> list[PETSc.Vec]:
-    """Displacements as a load grows from rest: how the joints give way. Collective.
-
-    Put into a reduced basis they show it the slip that unloading and reloading have too: by
-    Masing's rule that is the same shape at half the amplitude. They end where the joint's strength
-    does: at a load that no static response carries, or one that takes `_COLLAPSED` times the work
-    of an elastic joint.
-
-    Args:
-        model: The full model.
-        load: Load, N.
-        factors: Ascending factors of the load.
-        petsc_options: Options of PETSc's SNES and KSP, without prefix.
-
-    Returns:
-        A displacement for each factor up to the joint's strength.
-
-    Raises:
-        ConvergenceError: If not even the first step converges, with PETSc's reason.
-    """
-    motion = SparseMotion(model)
-    still, states, u = motion.vector(), motion.rest(), motion.vector()
-    present = motion.vector()
-    snes = PETSc.SNES().create(comm=motion.comm)
-    snes.setOptionsPrefix(_PREFIX)
-    snes.setFunction(
-        lambda snes, x, f: motion.residual(x, still, still, present, states, f), motion.vector()
-    )
-    matrix = motion.matrix()
-    snes.setJacobian(lambda snes, x, J, P: motion.jacobian(x, states, 0.0, 0.0, P), matrix)
-    with petsc_defaults(_PREFIX, {**_DEFAULTS, **(petsc_options or {})}):
-        snes.setFromOptions()
-    found, first = [], None
-    for factor in factors:
-        load.copy(present)
-        present.scale(float(factor))
-        snes.solve(None, u)
-        if snes.getConvergedReason() < 0:
-            if found:
-                break
-            raise ConvergenceError(
-                f"the static response to {factor:g} times the load was not found; expected a "
-                "smaller first step", _reason(snes),
-            )  # fmt: skip
-        states = [new for _, _, new, _ in motion.step(u, states)]
-        found.append(u.copy())
-        flexibility = u.dot(load) / factor
-        if flexibility > _COLLAPSED * (first := first or flexibility):
-            break
-    snes.destroy(), matrix.destroy()
-    return found
-
-
-def _reason(snes: PETSc.SNES) -> str:
-    for name, value in vars(PETSc.SNES.ConvergedReason).items():
-        if value == snes.getConvergedReason() and not name.startswith("_"):
-            return name.lower().replace("_", " ")
-    return str(snes.getConvergedReason())
