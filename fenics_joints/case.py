@@ -337,6 +337,7 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
             data,
             resolution_hz=_per_mode("resolution", test.resolution, len(data.mode_names)),
             noise=_per_mode("noise", test.noise, len(data.mode_names)),
+            damping_noise=test.damping_noise,
             sensors=case.sensors(),
             shapes=_read_shapes(files["shapes"], data.mode_names),
         )

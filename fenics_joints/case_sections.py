@@ -385,7 +385,10 @@ class ValidationTest(Section):
 
 
 class Test(Section):
-    """``[test]``: the measured data and how good it is."""
+    """``[test]``: the measured data and how good it is.
+
+    ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping.
+    """
 
     __test__ = False
 
@@ -396,6 +399,7 @@ class Test(Section):
     modes: Names | None = None
     resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]
     noise: Annotated[list[Share], BeforeValidator(listed)] = [0.0]
+    damping_noise: quantity("", 0, above=True) = 0.1
     sees: Sees | None = None
     validation: ValidationTest | None = None
 

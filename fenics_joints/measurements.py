@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Table", "TestData", "read_table", "read_test_data"]
 
+#: Units of a level of excitation or response, and words of a condition that is a preload whatever
+#: its unit. Pint's g is a gram.
+_LEVELS, _GRAVITY = ("N", "m", "m/s", "m/s2"), ("g", "gn", "g_n")
+_PRELOADS = re.compile(r"torque|preload|tension|clamp", re.IGNORECASE)
 _HEAD = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\])?\s*")
 
 
@@ -45,6 +49,7 @@ class TestData:
         noise: Relative standard deviation of a frequency, shape (m,).
         sensors: Where and in which direction the test measured, or None if unknown.
         shapes: Measured mode shapes at the sensors, in any scale, shape (n_sensors, m); or None.
+        damping_noise: Relative standard deviation of a damping ratio.
     """
 
     #: Not a test, whatever pytest thinks of the name.
@@ -60,6 +65,7 @@ class TestData:
     noise: np.ndarray | float = 0.0
     sensors: Sensors | None = None
     shapes: np.ndarray | None = None
+    damping_noise: float = 0.1
 
     def __post_init__(self):
         conditions = np.atleast_1d(np.asarray(self.conditions, dtype=float))
@@ -105,6 +111,18 @@ class TestData:
     def __len__(self) -> int:
         return len(self.conditions)
 
+    @property
+    def by_level(self) -> bool:
+        """Whether the condition is a level of force or amplitude, and not a torque or preload.
+
+        The unit decides: that of a force, a length, a velocity or an acceleration (also g) is a
+        level's, unless the name speaks of a torque, preload, tension or clamping.
+        """
+        unit = self.condition_unit
+        if not unit or _PRELOADS.search(self.condition_name):
+            return False
+        return unit in _GRAVITY or any(_measures(unit, level) for level in _LEVELS)
+
     def log_sd(self) -> np.ndarray:
         """Standard deviation of ln f, shape (n, m).
 
@@ -143,6 +161,14 @@ class TestData:
             frequencies_hz=self.frequencies_hz[rows].reshape(len(rows), len(self.mode_names)),
             damping=damping,
         )
+
+
+def _measures(unit: str, kind: str) -> bool:
+    try:
+        factor_to_si(unit, kind)
+    except InputError:
+        return False
+    return True
 
 
 @dataclass(frozen=True)

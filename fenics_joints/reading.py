@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -10,9 +11,11 @@ from typing import TYPE_CHECKING
 from fenics_joints.diagnosis.verdict import UNKNOWN
 
 if TYPE_CHECKING:
-    from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
+    from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult, Silent
 
-__all__ = ["EffectClass", "by_effect", "confusion", "effect_classes", "leading", "plain"]
+__all__ = [
+    "EffectClass", "by_effect", "by_reason", "confusion", "effect_classes", "leading", "plain",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,14 @@ def by_effect(parameters: list[dict]) -> list[tuple[str, list[dict]]]:
     """Fitted parameters that are no nuisances, with the effect they belong to."""
     own = [p for p in parameters if not p["nuisance"]]
     return [(key, list(rows)) for key, rows in groupby(own, key=lambda p: p["effect"])]
+
+
+def by_reason(silent: Iterable[Silent]) -> list[tuple[str, list[str]]]:
+    """Effects that the test says nothing about, by reason, in the order of both."""
+    names: dict[str, list[str]] = {}
+    for s in silent:
+        names.setdefault(s.reason, []).append(s.effect)
+    return list(names.items())
 
 
 def confusion(distance: float) -> float:

@@ -16,7 +16,7 @@ import fenics_joints
 from fenics_joints import formatting, mesh_pictures, pictures
 from fenics_joints.formatting import mode_kinds
 from fenics_joints.gap import Gap
-from fenics_joints.reading import by_effect, confusion, effect_classes, leading, plain
+from fenics_joints.reading import by_effect, by_reason, confusion, effect_classes, leading, plain
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
@@ -59,6 +59,7 @@ def _environment() -> jinja2.Environment:
         plain=plain,
         spread=formatting.spread,
         by_effect=by_effect,
+        by_reason=by_reason,
         at=formatting.condition_value,
     )
     return env

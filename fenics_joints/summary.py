@@ -20,7 +20,7 @@ from fenics_joints.formatting import (
     quantity,
     spread,
 )
-from fenics_joints.reading import by_effect, effect_classes, leading, plain
+from fenics_joints.reading import by_effect, by_reason, effect_classes, leading, plain
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
@@ -113,6 +113,10 @@ def _which(console: Console, d: Diagnosis) -> None:
     for s in [s for s in d.separations if s.class_name in letters][:2]:
         text = f"to split {letters[s.class_name]}, {s.distance:.1f} s.d.: {s.measurement}"
         say(console, text)
+    for reason, names in by_reason(d.silent):
+        console.print(
+            f"silent on {', '.join(names)}: {reason}", style="dim", markup=False, highlight=False
+        )
     console.print()
 
 

@@ -9,11 +9,13 @@ standard deviations from the nominal one it is d sin(alpha) / 2, alpha the angle
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.inference import Evidence, Fit, Forward, Hypothesis
+from fenics_joints.diagnosis.prediction import Prediction
 
 __all__ = ["APART", "classes", "detectable", "distance"]
 
@@ -35,8 +37,8 @@ def distance(a: Fit, b: Fit, evidence: Evidence) -> float:
 
 def _one_way(a: Fit, b: Fit, evidence: Evidence, lower) -> float:
     """Whitened distance from a's prediction to the nearest that b can make."""
-    used = evidence.used
-    residual = np.linalg.solve(lower, (a.log_f - b.log_f)[used])
+    used = evidence.fitted
+    residual = np.linalg.solve(lower, (a.predicted - b.predicted)[used])
     slope = np.linalg.solve(lower, b.jacobian[used.ravel()])
     if slope.shape[1] == 0:
         return float(np.linalg.norm(residual))
@@ -55,20 +57,34 @@ def detectable(
     baseline: dict[str, float],
     nuisances: Sequence[Effect],
 ) -> bool:
-    """Whether the test could see the effect at its expected size on the nominal model.
+    """Whether the test could see the effect at its expected size on a model without it.
 
     The expected size is the prior's median or one standard deviation above it, whichever shows
-    more; its change of the frequencies is to be twice `APART` standard deviations long.
+    more; its change of the frequencies, and of damping where that is used, is to be twice `APART`
+    standard deviations long.
+
+    Args:
+        effect: The effect.
+        forward: Predicts frequencies.
+        evidence: The test.
+        baseline: Parameter values of the model that the effect is put into.
+        nuisances: What is free in any case.
     """
-    bare, with_it = Hypothesis((), tuple(nuisances)), Hypothesis((effect,), tuple(nuisances))
-    start = np.zeros(len(bare.priors))
-    used = evidence.used
+    modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
+    damped = evidence.log_damping is not None
+    bare = Hypothesis((), tuple(nuisances), modes=modes, damped=damped)
+    with_it = replace(bare, effects=(effect,))
+    own, first = len(effect.priors), sum(len(e.priors) for e in nuisances)
+    still = np.zeros(len(bare.priors))
+    used = evidence.fitted
     lower = np.linalg.cholesky(evidence.covariance())
     longest = 0.0
     for size in (0.0, 1.0):
-        z = np.concatenate([start, np.full(len(effect.priors), size)])
+        z = np.zeros(len(with_it.priors))
+        z[first : first + own] = size
         change = [
-            forward(with_it.values(z, c, baseline))[0] - forward(bare.values(start, c, baseline))[0]
+            Prediction(with_it, forward, z, c, baseline).data
+            - Prediction(bare, forward, still, c, baseline).data
             for c in evidence.conditions
         ]
         seen = np.linalg.solve(lower, np.array(change)[used])

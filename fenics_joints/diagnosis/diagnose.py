@@ -17,15 +17,17 @@ from fenics_joints.case import Case
 from fenics_joints.diagnosis.classes import classes, detectable
 from fenics_joints.diagnosis.contact_zones import contact_zones
 from fenics_joints.diagnosis.effects import Effect
-from fenics_joints.diagnosis.inference import Evidence, Fit, Hypothesis, fit
+from fenics_joints.diagnosis.inference import Fit, Hypothesis, evidence_of, fit
 from fenics_joints.diagnosis.library import (
     bonded_values,
+    by_preload,
     case_effects,
     case_nuisances,
     layer_thickness,
     sample_ranges,
 )
 from fenics_joints.diagnosis.localise import cell_map, merge_regions, zone_shares
+from fenics_joints.diagnosis.prediction import Prediction
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import cross_validate, folds
@@ -111,19 +113,12 @@ class _Run:
         )
         self.baseline = bonded_values(case)
         self.thickness = layer_thickness(self.full)
-        conditions = self.data.conditions
-        many = len(conditions) > 1 and np.all(conditions > 0)
-        reference = float(conditions[-1]) if many else None
-        self.effects = (
-            *case_effects(case, self.thickness, reference, self.zones), *self.extra
-        )
+        effects, self.silent = case_effects(case, self.data, self.thickness, self.zones)
+        self.effects = (*effects, *self.extra)
         self.nuisances = case_nuisances(case)
-        self.scatter = case.diagnose.preload_scatter if many else 0.0
+        self.scatter = case.diagnose.preload_scatter if by_preload(self.data) else 0.0
         self.n_test = len(self.data.mode_names)
-        log_f = np.log(self.data.frequencies_hz)
-        self.evidence = Evidence(
-            conditions, log_f, self.data.log_sd(), case.diagnose.discrepancy
-        )
+        self.evidence = evidence_of(self.data, case.diagnose.discrepancy)
         if not self.evidence.used.any():
             raise InputError(f"{case.path}: test.frequencies: all entries are missing.")
 
@@ -212,8 +207,10 @@ class _Run:
     def _hypothesis(self, effects: Sequence[Effect], **kwargs) -> Hypothesis:
         conditions = tuple(float(c) for c in self.evidence.conditions)
         return Hypothesis(
-            tuple(effects), self.nuisances, scatter=self.scatter, conditions=conditions, **kwargs
-        )
+            tuple(effects), self.nuisances, scatter=self.scatter, conditions=conditions,
+            modes=tuple(self.data.mode_names), damped=self.evidence.log_damping is not None,
+            **kwargs,
+        )  # fmt: skip
 
     def _fit(self, hypothesis: Hypothesis, starts=()) -> Fit:
         return fit(
@@ -256,13 +253,13 @@ class _Run:
 
     def _start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
         """The parent's parameters, with a zero for each of the effect that is added."""
-        tightenings = len(parent.hypothesis.tightenings)
-        own = len(parent.z) - tightenings
-        added = np.zeros(len(effects[-1].priors))
-        tail = parent.z[own:]
-        if not tightenings and self._hypothesis(effects).tightenings:
-            tail = np.zeros(len(self.evidence.conditions))
-        return np.concatenate([parent.z[:own], added, tail])
+        own = parent.hypothesis.places
+        first = min(place.start for place in own.values())
+        tail = [
+            parent.z[own[name]] if len(parent.hypothesis.shared[name]) else np.zeros(len(group))
+            for name, group in self._hypothesis(effects).shared.items()
+        ]
+        return np.concatenate([parent.z[:first], np.zeros(len(effects[-1].priors)), *tail])
 
     def _log_prior(self, fits: Sequence[Fit]) -> np.ndarray:
         """Logarithm of each hypothesis' prior weight: the same odds for each of its effects."""
@@ -307,8 +304,8 @@ class _Run:
         order = np.argsort(-probability)
         fits, probability = [fits[i] for i in order], probability[order]
         grouped = classes(fits, probability, self.evidence)
-        effects = self._effects(fits, probability, grouped)
         leader = self._leader(fits)
+        effects = self._effects(fits, probability, grouped, leader)
         verdict, summary = decide(fits, probability, effects, leader, self._gap(leader.log_f))
         shrink = self._shrink(fits, leader, grouped)
         self.progress.step("localising the gap")
@@ -335,6 +332,9 @@ class _Run:
             separations=self._separations(fits, probability, grouped, leader),
             cells=cells,
             model_error=self.model_error,
+            silent=self.silent,
+            by_level=self.data.by_level,
+            damping=self._damping(leader),
             model={
                 "dofs": self.full.n_dofs,
                 "basis": self.surrogate.model.n_dofs,
@@ -359,6 +359,11 @@ class _Run:
         data = self.data
         return Gap(data.conditions, data.mode_names, data.frequencies_hz, np.exp(log_f))
 
+    def _damping(self, leader: Fit) -> tuple[np.ndarray, np.ndarray] | None:
+        if leader.log_damping is None:
+            return None
+        return self.data.damping, np.exp(leader.log_damping)
+
     def _hypotheses(self, fits, probability) -> list[HypothesisResult]:
         return [
             HypothesisResult(
@@ -374,11 +379,20 @@ class _Run:
             for f, p in zip(fits, probability, strict=True)
         ]
 
-    def _effects(self, fits, probability, grouped) -> list[EffectResult]:
+    def _beneath(self, effect: Effect, leader: Fit) -> dict[str, float]:
+        """The model that an effect is looked for in: the nominal one, but for an effect of the
+        level the leader without such, for nothing slips in a joint that is as one."""
+        if not effect.by_level:
+            return self.baseline
+        lowest = float(self.evidence.conditions[0])
+        return leader.hypothesis.still(leader.z, lowest, self.baseline)
+
+    def _effects(self, fits, probability, grouped, leader) -> list[EffectResult]:
         found = []
         for effect in self.effects:
             inside = [effect in f.hypothesis.effects for f in fits]
-            seen = detectable(effect, self.forward, self.evidence, self.baseline, self.nuisances)
+            base = self._beneath(effect, leader)
+            seen = detectable(effect, self.forward, self.evidence, base, self.nuisances)
             total = float(np.sum(probability[inside]))
             found.append(
                 EffectResult(
@@ -445,7 +459,7 @@ class _Run:
         before = np.array([self.forward(self.baseline)[0]] * len(data))
         after = np.array(
             [
-                self.forward(leader.hypothesis.values(leader.z, c, self.baseline))[0]
+                Prediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f
                 for c in data.conditions
             ]
         )

@@ -69,8 +69,13 @@ class Effect:
         apply: ``(values, theta, condition) -> None``: puts the effect with parameters ``theta``
             into the model's parameter values, in place. Effects can be put in one after another.
         describe: One sentence for the report.
-        depends_on_condition: Whether it changes with the torque.
+        depends_on_condition: Whether it changes with the condition, a torque or a level.
         family: Effects of one family stand for each other and are never put in together.
+        by_level: Whether its condition is the level of excitation or response, which is another in
+            each mode; it is put in after all other effects.
+        loss: ``(theta, condition) -> {parameter: loss factor}``: what it dissipates in the part of
+            the structure whose stiffness is proportional to that parameter of the model, ``""``
+            being all of it; None if it dissipates nothing.
     """
 
     name: str
@@ -80,6 +85,8 @@ class Effect:
     describe: str = ""
     depends_on_condition: bool = False
     family: str = ""
+    by_level: bool = False
+    loss: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
 
     @property
     def key(self) -> str:

@@ -1,120 +1,31 @@
 """Fits a hypothesis to the test and weighs it: non-linear least squares, then Laplace evidence.
 
 Every parameter is worked on as z, its distance from its prior median in prior standard deviations,
-so that the prior is standard normal in all of them. The data are the logarithms of frequencies.
+so that the prior is standard normal in all of them. The data are the logarithms of frequencies
+and, of a test at several levels, those of damping ratios.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.integrate import trapezoid
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from fenics_joints.diagnosis.effects import Effect, Prior
+from fenics_joints.diagnosis.amplitude import has_damping
+from fenics_joints.diagnosis.hypothesis import Hypothesis
+from fenics_joints.diagnosis.prediction import Prediction
 from fenics_joints.errors import InputError
+from fenics_joints.measurements import TestData
 from fenics_joints.surrogate import Forward
 
-__all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "fit"]
+__all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "evidence_of", "fit"]
 
-_DIFFERENCE = 1e-5
 #: Standard deviations of the prior beyond which a scanned parameter is not looked for.
 _FARTHEST = 4.0
-
-#: Stands for the scatter of the preload in tables of parameters.
-_TIGHTENING = Effect("preload scatter", "bolts", (), lambda values, theta, condition: None)
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """The nominal model plus effects, with what is uncertain in any case.
-
-    Attributes:
-        effects: The effects; none for "no gap".
-        nuisances: Effects within tolerance, free in every hypothesis.
-        name: Name for people; by default the effects'.
-        unknown: Whether this is the hypothesis that something else is at work: no effect of the
-            library, and a wide discrepancy instead.
-        scatter: Standard deviation of ln(preload / torque) from one tightening to the next, for
-            effects that depend on the torque; about 0.2 with a torque wrench (VDI 2230).
-        conditions: The torques of the test, each with a tightening of its own.
-    """
-
-    effects: tuple[Effect, ...]
-    nuisances: tuple[Effect, ...] = ()
-    name: str = ""
-    unknown: bool = False
-    scatter: float = 0.0
-    conditions: tuple[float, ...] = ()
-
-    @property
-    def label(self) -> str:
-        return self.name or " + ".join(effect.name for effect in self.effects)
-
-    @cached_property
-    def tightenings(self) -> tuple[Prior, ...]:
-        """A factor on each torque, where the effects depend on it."""
-        if self.scatter <= 0 or not any(e.depends_on_condition for e in self.effects):
-            return ()
-        return tuple(
-            Prior(f"preload at {c:g}", 1.0, self.scatter, "", True, (0.2, 5.0))
-            for c in self.conditions
-        )
-
-    @cached_property
-    def priors(self) -> list[tuple[Effect, Prior]]:
-        """Every free parameter with its effect: nuisances, effects, then tightenings."""
-        own = [(e, p) for e in (*self.nuisances, *self.effects) for p in e.priors]
-        return own + [(_TIGHTENING, p) for p in self.tightenings]
-
-    def values(
-        self, z: np.ndarray, condition: float, baseline: dict[str, float], row: int | None = None
-    ) -> dict:
-        """The model's parameter values at ``z`` and a torque.
-
-        Args:
-            z: Parameters in prior standard deviations, in the order of `priors`.
-            condition: The torque.
-            baseline: Parameter values of the nominal model.
-            row: Which of ``conditions`` it is; None for a tightening that was not measured.
-        """
-        values = dict(baseline)
-        tightenings = self.tightenings
-        if tightenings and row is not None:
-            first = len(z) - len(tightenings)
-            condition = condition * tightenings[row].value(z[first + row])
-        at = 0
-        for effect in (*self.nuisances, *self.effects):
-            theta = {}
-            for prior in effect.priors:
-                theta[prior.name] = prior.value(z[at])
-                at += 1
-            effect.apply(values, theta, condition)
-        return values
-
-    def table(self, z: np.ndarray, covariance: np.ndarray) -> list[dict]:
-        """The fitted parameters for people, with one-sigma intervals."""
-        rows = []
-        for i, (effect, prior) in enumerate(self.priors):
-            sd = float(np.sqrt(covariance[i, i]))
-            low, high = prior.value(z[i] - sd), prior.value(z[i] + sd)
-            rows.append(
-                {
-                    "effect": effect.key,
-                    "name": prior.name,
-                    "value": float(prior.value(z[i])),
-                    "low": float(low),
-                    "high": float(high),
-                    "unit": prior.unit,
-                    "nuisance": effect in (*self.nuisances, _TIGHTENING),
-                    "prior_sigmas": float(z[i]),
-                }
-            )
-        return rows
 
 
 @dataclass(frozen=True)
@@ -122,13 +33,18 @@ class Evidence:
     """The test as the inference sees it.
 
     Attributes:
-        conditions: Torque of each row, shape (n,).
+        conditions: Torque or level of each row, shape (n,).
         log_f: ln of the measured frequencies, shape (n, m); nan where missing.
         log_sd: Their standard deviations from noise and resolution, shape (n, m).
         discrepancy: Standard deviation, of ln f, of the error that every model of this structure
-            has. Half of its variance is the same at all torques and half changes slowly with the
-            torque, so that more torques do not average it out.
+            has. Part of its variance is the same at all conditions and part changes slowly with
+            the condition, so that more of them do not average it out.
         used: Which entries are fitted, shape (n, m); the others are held out.
+        changing: The share of the discrepancy's variance that changes with the condition: half for
+            torques; next to nothing for levels, between which nobody touched the structure.
+        log_damping: ln of the measured damping ratios, shape (n, m), nan where missing; None if
+            they are not used.
+        damping_sd: Their standard deviation from noise.
     """
 
     conditions: np.ndarray
@@ -136,35 +52,77 @@ class Evidence:
     log_sd: np.ndarray
     discrepancy: float
     used: np.ndarray = field(default=None)
+    changing: float = 0.5
+    log_damping: np.ndarray | None = None
+    damping_sd: float = 0.1
 
     def __post_init__(self):
         if self.used is None:
             object.__setattr__(self, "used", np.isfinite(self.log_f))
 
+    @property
+    def data(self) -> np.ndarray:
+        """Everything measured: ln f, and beside it ln damping if used; (n, m) or (n, 2 m)."""
+        if self.log_damping is None:
+            return self.log_f
+        return np.hstack([self.log_f, self.log_damping])
+
+    @property
+    def fitted(self) -> np.ndarray:
+        """Which of `data` are fitted; a mode held out at a condition is so with its damping."""
+        if self.log_damping is None:
+            return self.used
+        return np.hstack([self.used, self.used & np.isfinite(self.log_damping)])
+
     def without(self, held_out: np.ndarray) -> Evidence:
         """The same test with some entries held out, mask of shape (n, m)."""
-        used = self.used & ~held_out
-        return Evidence(self.conditions, self.log_f, self.log_sd, self.discrepancy, used)
+        return replace(self, used=self.used & ~held_out)
 
     def covariance(self, unknown: bool = False) -> np.ndarray:
         """Covariance of the fitted entries, shape (k, k)."""
         n, m = self.log_f.shape
-        mode = np.tile(np.arange(m), n)
+        sd, columns = self.log_sd, m
+        if self.log_damping is not None:
+            sd, columns = np.hstack([sd, np.full((n, m), self.damping_sd)]), 2 * m
+        mode = np.tile(np.arange(columns), n)
         same_mode = mode[:, None] == mode[None, :]
-        total = np.diag(self.log_sd.ravel() ** 2)
-        total = total + self.discrepancy**2 * _slow(self.conditions, m) * same_mode
+        is_f = (mode < m)[:, None]
+        total = np.diag(sd.ravel() ** 2)
+        slow = _slow(self.conditions, columns, self.changing)
+        total = total + np.where(is_f, self.discrepancy**2 * slow, 0.0) * same_mode
         if unknown:
-            total = total + _wide(self.conditions, m) * same_mode
-        used = self.used.ravel()
+            wide = _wide(self.conditions, columns)
+            total = total + np.where(is_f, wide, _UNKNOWN_DAMPING**2 * wide) * same_mode
+        used = self.fitted.ravel()
         return total[np.ix_(used, used)]
 
 
+#: Share of the discrepancy that changes from level to level.
+_BETWEEN_LEVELS = 0.02
+
+
+def evidence_of(data: TestData, discrepancy: float) -> Evidence:
+    """A test as the inference sees it: its damping only if it was measured at several levels."""
+    log_f = np.log(data.frequencies_hz)
+    if not data.by_level:
+        return Evidence(data.conditions, log_f, data.log_sd(), discrepancy)
+    log_damping = None
+    if has_damping(data):
+        ratios = data.damping
+        log_damping = np.log(ratios, where=ratios > 0, out=np.full(ratios.shape, np.nan))
+    return Evidence(
+        data.conditions, log_f, data.log_sd(), discrepancy, changing=_BETWEEN_LEVELS,
+        log_damping=log_damping, damping_sd=data.damping_noise,
+    )  # fmt: skip
+
+
 #: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
-#: of the torque (5 % per factor e), and a bend of it (2 %).
+#: of the condition (5 % per factor e), and a bend of it (2 %); and how much more to its damping.
 _UNKNOWN = (0.10, 0.05, 0.02)
+_UNKNOWN_DAMPING = 10.0
 
 
-#: Change of the logarithm of the torque over which a model's error forgets itself.
+#: Change of the logarithm of the condition over which a model's error forgets itself.
 _MEMORY = 0.7
 
 
@@ -175,9 +133,9 @@ def _log(conditions: np.ndarray) -> np.ndarray:
     return np.log(conditions) - np.mean(np.log(conditions))
 
 
-def _slow(conditions: np.ndarray, m: int) -> np.ndarray:
+def _slow(conditions: np.ndarray, m: int, changing: float) -> np.ndarray:
     x = _log(conditions)
-    rows = 0.5 + 0.5 * np.exp(-0.5 * ((x[:, None] - x[None, :]) / _MEMORY) ** 2)
+    rows = (1 - changing) + changing * np.exp(-0.5 * ((x[:, None] - x[None, :]) / _MEMORY) ** 2)
     return np.kron(rows, np.ones((m, m)))
 
 
@@ -196,8 +154,9 @@ class Fit:
         hypothesis: The hypothesis.
         z: Parameters in prior standard deviations, shape (d,).
         covariance: Posterior covariance of z (Laplace), shape (d, d).
-        log_f: Predicted ln f at all conditions, held out or not, shape (n, m).
-        jacobian: Derivative of all predictions by z, shape (n * m, d).
+        predicted: Everything predicted at all conditions, held out or not, as `Evidence.data`.
+        log_f: The predicted ln f, shape (n, m).
+        jacobian: Derivative of all predictions by z, shape (predicted.size, d).
         log_evidence: ln of the marginal likelihood of the fitted entries.
         misfit: Squared whitened residual of the fitted entries.
         n_data: Number of fitted entries.
@@ -207,12 +166,22 @@ class Fit:
     hypothesis: Hypothesis
     z: np.ndarray
     covariance: np.ndarray
-    log_f: np.ndarray
+    predicted: np.ndarray
+    n_modes: int
     jacobian: np.ndarray
     log_evidence: float
     misfit: float
     n_data: int
     at_bound: tuple[str, ...] = ()
+
+    @property
+    def log_f(self) -> np.ndarray:
+        return self.predicted[:, : self.n_modes]
+
+    @property
+    def log_damping(self) -> np.ndarray | None:
+        """Predicted ln of the damping ratios, shape (n, m); None if they are not predicted."""
+        return self.predicted[:, self.n_modes :] if self.hypothesis.damped else None
 
     @property
     def p_value(self) -> float:
@@ -320,40 +289,23 @@ class _Problem:
             return self._last[1:]
         rows, slopes = [], []
         for row, condition in enumerate(self.evidence.conditions):
-            values = self.hypothesis.values(z, condition, self.baseline, row)
-            log_f, by_values = self.forward(values)
-            rows.append(log_f)
-            slopes.append(by_values @ self._chain(z, condition, row))
+            prediction = Prediction(self.hypothesis, self.forward, z, condition, self.baseline, row)
+            rows.append(prediction.data)
+            slopes.append(prediction.slopes())
         self._last = (z.copy(), np.array(rows), np.concatenate(slopes))
         return self._last[1:]
-
-    def _chain(self, z, condition, row) -> np.ndarray:
-        """Derivative of the model's values by z, shape (n_parameters, d): central differences of
-        formulas, no model solution."""
-        names = list(self.forward.model.parameters)
-        chain = np.zeros((len(names), len(z)))
-        first = len(z) - len(self.hypothesis.tightenings)
-        for j in range(len(z)):
-            if j >= first and j != first + row:
-                continue  # another tightening's scatter
-            step = np.zeros(len(z))
-            step[j] = _DIFFERENCE
-            up = self.hypothesis.values(z + step, condition, self.baseline, row)
-            down = self.hypothesis.values(z - step, condition, self.baseline, row)
-            chain[:, j] = [(up[n] - down[n]) / (2 * _DIFFERENCE) for n in names]
-        return chain
 
     def _whiten(self, a):
         return np.linalg.solve(self.lower, a)
 
     def residual(self, z):
-        log_f, _ = self.predict(z)
-        used = self.evidence.used
-        return np.concatenate([self._whiten(log_f[used] - self.evidence.log_f[used]), z])
+        predicted, _ = self.predict(z)
+        used = self.evidence.fitted
+        return np.concatenate([self._whiten(predicted[used] - self.evidence.data[used]), z])
 
     def slope(self, z):
         _, jacobian = self.predict(z)
-        whitened = self._whiten(jacobian[self.evidence.used.ravel()])
+        whitened = self._whiten(jacobian[self.evidence.fitted.ravel()])
         return np.concatenate([whitened, np.eye(len(z))])
 
     def scan(self, index: int, limits) -> _Scan:
@@ -387,7 +339,7 @@ class _Problem:
         )
 
     def finish(self, z, bounds) -> Fit:
-        log_f, jacobian = self.predict(z)
+        predicted, jacobian = self.predict(z)
         residual = self.residual(z)
         slope = self.slope(z)
         n = len(residual) - len(z)
@@ -409,6 +361,6 @@ class _Problem:
             raise InputError(f"{label}: the evidence is not finite; check the data.")
         covariance = np.linalg.inv(hessian) if len(z) else np.zeros((0, 0))
         return Fit(
-            self.hypothesis, z, covariance, log_f, jacobian,
+            self.hypothesis, z, covariance, predicted, self.evidence.log_f.shape[1], jacobian,
             float(log_evidence), misfit, n, at_bound,
         )  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.case_sections import AttachedMass
+from fenics_joints.diagnosis.amplitude import NAMES, amplitude_effects
 from fenics_joints.diagnosis.contact_zones import ContactZones
 from fenics_joints.diagnosis.effects import (
     Effect,
@@ -20,11 +21,16 @@ from fenics_joints.diagnosis.effects import (
     relative_error,
     two_zones,
 )
+from fenics_joints.diagnosis.result import Silent
 from fenics_joints.errors import InputError
 from fenics_joints.forms import lame_parameters
+from fenics_joints.measurements import TestData
 from fenics_joints.structure import Structure
 
-__all__ = ["bonded_values", "case_effects", "case_nuisances", "layer_thickness", "sample_ranges"]
+__all__ = [
+    "bonded_values", "by_preload", "case_effects", "case_nuisances", "layer_thickness",
+    "sample_ranges",
+]  # fmt: skip
 
 #: Spread of a part's property as a cause, far beyond its tolerance: a wrong material or gauge.
 _CAUSE = {"E": 0.15, "rho": 0.10, "thickness": 0.10}
@@ -81,35 +87,42 @@ def case_nuisances(case: Case) -> tuple[Effect, ...]:
 
 def case_effects(
     case: Case,
+    data: TestData,
     thickness: dict[str, float],
-    reference: float | None,
     zones: ContactZones | None = None,
-) -> tuple[Effect, ...]:
-    """The effects of the library that this case can hold.
+) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+    """The effects of the library that this case can hold, and those its test cannot speak of.
 
     Args:
         case: The case.
+        data: The test.
         thickness: Layer thickness of each joint, m.
-        reference: Torque at which stiffnesses are stated; None if the test has one torque.
         zones: The contact whose zones the joints are; None if they are layers of the case's own.
 
     Raises:
         InputError: If the case asks for an effect that is not there.
     """
+    reference = float(data.conditions[-1]) if by_preload(data) else None
     joints = _joint_effects(case, thickness, reference, zones)
-    effects = (*joints, *_part_effects(case))
-    effects = (*effects, *_attached_effects(case))
+    by_level, silent = amplitude_effects(data, tuple(case.joints))
+    effects = (*joints, *_part_effects(case), *_attached_effects(case), *by_level)
     wanted = case.diagnose.effects
     if wanted is None:
-        return effects
-    names = {effect.name for effect in effects}
+        return effects, silent
+    names = {effect.name for effect in effects} | set(NAMES)
     for name in wanted:
         if name not in names:
             raise InputError(
                 f"{case.path}: diagnose.effects: {name!r} does not exist; expected some of: "
                 f"{', '.join(sorted(names))}."
             )
-    return tuple(effect for effect in effects if effect.name in wanted)
+    silent = tuple(s for s in silent if s.effect in wanted)
+    return tuple(effect for effect in effects if effect.name in wanted), silent
+
+
+def by_preload(data: TestData) -> bool:
+    """Whether the test has several torques (or other preloads), by which joints may stiffen."""
+    return len(data) > 1 and bool(np.all(data.conditions > 0)) and not data.by_level
 
 
 def _joint_effects(case: Case, thickness, reference, contact) -> list[Effect]:

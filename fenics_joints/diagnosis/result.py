@@ -8,7 +8,9 @@ import numpy as np
 
 from fenics_joints.gap import Gap
 
-__all__ = ["CellMap", "Diagnosis", "EffectResult", "HypothesisResult", "Separation", "ZoneShare"]
+__all__ = [
+    "CellMap", "Diagnosis", "EffectResult", "HypothesisResult", "Separation", "Silent", "ZoneShare",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,19 @@ class Separation:
 
 
 @dataclass(frozen=True)
+class Silent:
+    """An effect of the library that this test can say nothing about.
+
+    Attributes:
+        effect: Its name.
+        reason: Why, and what it would need.
+    """
+
+    effect: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class CellMap:
     """Where stiffness would have to change to close the gap, cell by cell; on rank 0 only.
 
@@ -125,6 +140,10 @@ class Diagnosis:
         cells: Map over the structure, on rank 0.
         model_error: Largest relative frequency error of the reduced model against the full one.
         model: Facts on the model: dofs, basis, samples, seconds.
+        silent: Effects that were left out, with the reason.
+        by_level: Whether the condition is a level of force or amplitude.
+        damping: Measured and, by the leading hypothesis, predicted damping ratios, each of shape
+            (n, m); None if damping was not used.
     """
 
     title: str
@@ -147,6 +166,9 @@ class Diagnosis:
     cells: CellMap | None
     model_error: float
     model: dict
+    silent: tuple[Silent, ...] = ()
+    by_level: bool = False
+    damping: tuple[np.ndarray, np.ndarray] | None = None
 
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --json``."""
@@ -186,6 +208,7 @@ class Diagnosis:
                 }
                 for h in self.hypotheses
             ],
+            "silent": [{"effect": s.effect, "reason": s.reason} for s in self.silent],
             "separations": [
                 {
                     "class": s.class_name,
@@ -209,6 +232,9 @@ class Diagnosis:
             },
             "model": {**self.model, "frequency_error": self.model_error},
         }
+        if self.damping is not None:
+            test, after = self.damping
+            out["damping"] = {"test": _rows(test), "after": _rows(after)}
         if self.validation is not None:
             before, after = self.validation
             out["validation"] = {

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fenics_joints.diagnosis.inference import Fit
+from fenics_joints.diagnosis.prediction import Prediction
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.gap import VISIBLE
 from fenics_joints.modal import Modes, solve_modes
@@ -17,6 +18,8 @@ __all__ = ["best_measurement"]
 
 #: Added mass, as a share of the structure's.
 _ADDED = 0.05
+#: Relative standard deviation of a damping ratio in a usual test.
+_DAMPING_NOISE = 0.1
 #: Further modes of each kind that a longer test would see.
 _MORE = 3
 
@@ -42,8 +45,9 @@ def best_measurement(
     """The measurement with the largest expected separation of two hypotheses fitted to the test.
 
     Offered are: the modes that the test did not see, the next ones it would see, an added known
-    mass at the best sensor, and conditions outside the tested range. The first three come from the
-    full model at the middle condition.
+    mass at the best sensor, conditions outside the tested range, and damping, where it would
+    change with the level and was not measured. The first three come from the full model at the
+    middle condition.
 
     Args:
         class_name: Name of the class.
@@ -72,6 +76,7 @@ def best_measurement(
     candidates = _modes(first, second, sensors, n_test, absolute)
     candidates += _added_mass(first, second, sensors, n_test, noise * np.sqrt(2))
     candidates += _conditions(a, b, surrogate.forward, baseline, condition, conditions, absolute)
+    candidates += _damping(a, b, surrogate.forward, baseline, condition)
     scored = [(float(np.linalg.norm(c.change) / c.sd / 2), c.name) for c in candidates]
     distance, name = max(scored)
     return Separation(class_name, tuple(members), name, distance)
@@ -139,10 +144,28 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
             follow = Forward(forward.model, forward.sensors, forward.n_test, forward.n_modes)
             follow.reference = forward.reference
             follow.track(f.hypothesis.values(f.z, float(near), baseline))
-            log_f.append(follow(f.hypothesis.values(f.z, float(value), baseline))[0])
+            log_f.append(Prediction(f.hypothesis, follow, f.z, float(value), baseline).log_f)
         name = f"the same modes at {word} {condition[0]} ({value:g} {condition[1]})"
         found.append(_Candidate(name, log_f[0] - log_f[1], sd))
     return found
+
+
+def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[_Candidate]:
+    """How damping grows over the tested levels; its value at rest is free in every mode."""
+    known = a.hypothesis.damped or not any(e.by_level for e in a.hypothesis.effects)
+    if known or len(a.hypothesis.conditions) < 2:
+        return []
+    grown = []
+    for f in (a, b):
+        hypothesis = replace(f.hypothesis, damped=True)
+        z = np.concatenate([f.z, np.zeros(len(hypothesis.dampings))])
+        rows = [
+            Prediction(hypothesis, forward, z, c, baseline).data[f.n_modes :]
+            for c in hypothesis.conditions
+        ]
+        grown.append(np.array(rows) - np.mean(rows, axis=0))
+    name = f"the damping ratios of the same modes, at the same values of the {condition[0]}"
+    return [_Candidate(name, (grown[0] - grown[1]).ravel(), _DAMPING_NOISE)]
 
 
 def _next_modes(n: int) -> str:
