@@ -139,7 +139,7 @@ def loops_chart(r: HarmonicReport, loops: list[dict], name: str) -> str:
     component = int(np.argmax(work))
     normal = points.normal and component == 0
     with style():
-        figure = new_figure(5.2, 3.6)
+        figure = new_figure(7.6, 3.4)
         axes = figure.subplots()
         for shade, level, f in zip(_cycle(), loops, r.facts, strict=False):
             strain, stress = (
@@ -147,8 +147,10 @@ def loops_chart(r: HarmonicReport, loops: list[dict], name: str) -> str:
                 (level[name].strain, level[name].stress)
             )  # fmt: skip
             axes.plot(strain, stress / 1e3, color=shade, lw=1.5, label=quantity(f.level, "N"))
+        layer = name in r.case.joints
+        words = ("normal strain", "shear strain") if layer else ("opening, m", "slip, m")
         axes.set(
-            xlabel="opening or normal strain" if normal else "slip or shear strain",
+            xlabel=words[0] if normal else words[1],
             ylabel=f"{'normal' if normal else 'shear'} stress, kPa",
         )
         axes.legend(loc="best")
@@ -165,12 +167,13 @@ def interface_map(r: HarmonicReport, points, made) -> str:
     spread = np.ptp(points.points, axis=0)
     along, across = np.argsort(-spread)[:2]
     plan = spread[across] > 1e-3 * spread[along]
+    per = "m²" if points.name in r.case.contacts else "m³"
     with style():
         figure = new_figure(7.6, 3.0)
         pair = figure.subplots(1, 2)
         shown = (
-            (pair[0], made.slip_amplitude, "slip or shear strain"),
-            (pair[1], made.dissipation, "energy per cycle and area or volume"),
+            (pair[0], made.slip_amplitude, "slip, m" if per == "m²" else "shear strain"),
+            (pair[1], made.dissipation, f"energy per cycle, J/{per}"),
         )
         for axes, values, words in shown:
             (_plan if plan else _line)(figure, axes, 1e3 * points.points, along, across, values)
@@ -185,7 +188,7 @@ def interface_map(r: HarmonicReport, points, made) -> str:
 
 def _plan(figure: Figure, axes, x, along, across, values) -> None:
     shown = axes.tripcolor(x[:, along], x[:, across], values, shading="gouraud", rasterized=True)
-    figure.colorbar(shown, ax=axes, shrink=0.8)
+    figure.colorbar(shown, ax=axes, location="bottom", shrink=0.8)
     axes.set(xlabel=f"{'xyz'[along]}, mm", ylabel=f"{'xyz'[across]}, mm", aspect="equal")
 
 
