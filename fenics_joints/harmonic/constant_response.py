@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.balance import Balance
-from fenics_joints.harmonic.continuation import Settings, follow, locate
+from fenics_joints.harmonic.continuation import Settings, follow
 from fenics_joints.harmonic.fourier import KINDS
 from fenics_joints.harmonic.frf import (
     ForcedResponse,
@@ -23,6 +23,7 @@ from fenics_joints.harmonic.frf import (
     linear_response,
     moving_size,
     telling,
+    with_extremes,
 )
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
 from fenics_joints.interface_model import InterfaceModel
@@ -88,10 +89,7 @@ def solve_constant_response(
         name=fingerprint(balance, *words), writes=balance.comm.rank == 0,
         on_point=telling(progress, f"force for {kind} {amplitude:g} at {sensor}"),
     )  # fmt: skip
-    slopes = [_softer(z, t) for z, t in zip(branch.z, branch.tangents, strict=True)]
-    for i in reversed(range(len(branch) - 1)):
-        if slopes[i] > 0 > slopes[i + 1]:
-            branch = locate(problem, branch, i, _softer, settings)
+    branch = with_extremes(problem, branch, _softer, settings)
     return HarmonicResult(
         balance=balance,
         frequencies_hz=branch.z[:, -1] / (2 * np.pi),

@@ -8,7 +8,7 @@ parameter that is bounded; nothing else distinguishes it, so turning points are 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -16,6 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.files import check_writable
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
 
 __all__ = ["Point", "Problem", "Settings", "correct", "follow", "locate"]
@@ -241,7 +242,9 @@ def follow(
     on_point: Callable[[np.ndarray], None] | None = None,
     writes: bool = True,
 ) -> Branch:
-    """Follow a branch until its parameter leaves the bounds; the last point is on a bound.
+    """Follow a branch until its parameter leaves the bounds.
+
+    The last point is on a bound, unless Newton's method fails there: then a step short of it.
 
     Args:
         problem: The equations.
@@ -268,6 +271,8 @@ def follow(
         )
     if direction not in (1, -1):
         raise InputError(f"direction = {direction}: expected 1 or -1.")
+    if checkpoint is not None:
+        check_writable(checkpoint, "checkpoint")
     branch = load_branch(checkpoint, name) if resume and checkpoint is not None else None
     kept = None
     if branch is None:
@@ -363,9 +368,12 @@ def _bad(point: Point, z, scales, direction, step, small: bool) -> str:
 
 
 def _ended(problem, branch, beyond: Point, tangent, bound, settings, scales) -> Branch:
-    """The branch with its last point, on a bound."""
+    """The branch with its last point, on a bound; a step short of it if that is not found."""
     cubic = _Cubic(branch.z[-1], branch.tangents[-1], beyond.z, tangent, scales)
-    point = _correct(problem, cubic.where(bound), None, settings, beyond.jacobian)
+    try:
+        point = _correct(problem, cubic.where(bound), None, settings, beyond.jacobian)
+    except _Failed:
+        return replace(branch, complete=True)
     last = point.tangent
     if np.dot(last / scales, tangent / scales) < 0:
         last = -last

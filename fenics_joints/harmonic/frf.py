@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -241,10 +242,19 @@ def with_maxima(problem, branch: Branch, row: np.ndarray, measure: str, settings
         c, change = (row @ v[: balance.size].reshape(balance.shape) for v in (z, tangent))
         return float(amplitude_gradient(c, measure) @ change)
 
+    return with_extremes(problem, branch, slope, settings)
+
+
+def with_extremes(problem, branch: Branch, slope, settings: Settings) -> Branch:
+    """The branch with the points where a slope along it goes from positive to negative.
+
+    Where Newton's method fails between two points, as it may at a kink, they have to do.
+    """
     slopes = [slope(z, t) for z, t in zip(branch.z, branch.tangents, strict=True)]
     for i in reversed(range(len(branch) - 1)):
         if slopes[i] > 0 > slopes[i + 1]:
-            branch = locate(problem, branch, i, slope, settings)
+            with suppress(ConvergenceError):
+                branch = locate(problem, branch, i, slope, settings)
     return branch
 
 
