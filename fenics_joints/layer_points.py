@@ -1,7 +1,7 @@
 """Points on the middle plane of a thin layer, and the rows that make its strains there.
 
-Through the thickness one point is enough: the jump between the faces is the shear that a joint law
-speaks of, and what varies about it is left to the elastic layer (`interface_reduction`).
+Through the thickness one point is enough: the jump between the faces over the thickness is the
+strain that a joint law speaks of.
 """
 
 from __future__ import annotations

@@ -9,83 +9,41 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.affine import AffinePencil, slopes
+from fenics_joints.affine import AffinePencil
 from fenics_joints.components import Parameter
 from fenics_joints.errors import InputError
 from fenics_joints.interface_model import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.laws import Law
 from fenics_joints.points import Sensors
 from fenics_joints.reduction import ReducedStructure
 
 __all__ = [
     "LayerTerm",
     "ReducedInterfaceModel",
-    "layer_moduli",
     "with_modal_damping",
     "with_rayleigh_damping",
 ]
 
 
-def layer_moduli(law: Law, q: Mapping[str, float], normal: bool) -> np.ndarray:
-    """Moduli, Pa, of a linear layer's normal (if asked for) and shear stress.
-
-    Raises:
-        InputError: For the normal stress of a layer where other strains have a part in it.
-    """
-    if not normal:
-        return np.array([q["G"]])
-    if law.name == "uncoupled":
-        return np.array([q["E"], q["G"]])
-    if law.name == "constrained":
-        # lambda + 2 mu, the first of its scalars at unit stretch.
-        return np.array([law.stiffness_terms({**q, "stretch": 1.0})[0], q["G"]])
-    raise InputError(
-        f"a coupled law cannot take the place of the normal stress of a layer with the law "
-        f"{law.name!r}; expected 'uncoupled' or 'constrained'."
-    )
-
-
 @dataclass(frozen=True)
 class LayerTerm:
-    """What a nonlinear layer takes out of the linear stiffness.
+    """Strains of a nonlinear layer, whose stretch may change.
 
     Attributes:
         region: Its index in the pencil's regions.
         thin: Strain rows of the gradient across the meshed layer, (P, d, n).
         flat: Those of the gradient in its plane, (P, d, n).
         volumes: Volume as meshed of each point, m3, (P,).
-        normal: Whether the normal strain is among the rows.
     """
 
     region: int
     thin: np.ndarray
     flat: np.ndarray
     volumes: np.ndarray
-    normal: bool
 
     def rows(self, stretch: float) -> np.ndarray:
         """Strain rows at a stretch, (P, d, n)."""
         return self.thin / stretch + self.flat
-
-    def scalars(self, law: Law, q: Mapping[str, float]) -> np.ndarray:
-        """Scalars of `stiffness`, for each modulus: c / s, c and c s."""
-        s = q["stretch"]
-        return np.array([c * f for c in layer_moduli(law, q, self.normal) for f in (1 / s, 1, s)])
-
-    def products(self) -> np.ndarray:
-        """Matrices that go with `scalars`, (n_scalars, n, n)."""
-        found, normal = [], int(self.normal)
-        for part in ([slice(0, 1)] if normal else []) + [slice(normal, None)]:
-            thin, flat = self.thin[:, part], self.flat[:, part]
-            mixed = self._product(thin, flat)
-            found += [self._product(thin, thin), mixed + mixed.T, self._product(flat, flat)]
-        return np.array(found)
-
-    def _product(self, left, right) -> np.ndarray:
-        n = left.shape[2]
-        weighted = self.volumes[:, None, None] * left
-        return weighted.reshape(-1, n).T @ right.reshape(-1, n)
 
 
 @dataclass(frozen=True)
@@ -95,8 +53,8 @@ class ReducedInterfaceModel(InterfaceModel):
     As a structure it is the model of small vibrations, with the laws' tangents at rest.
 
     Attributes:
-        pencil: Linear K(p) and M(p), layers included.
-        layers: What nonlinear layers take out of it, by the interface's name.
+        pencil: K(p) without the interfaces' stress, and M(p).
+        layers: Strains of interfaces that are layers, by name.
         given: Parameters that differ from their nominal value.
         scale_hz: The structure's dilation frequency, see `ReducedStructure`.
         places: Position, m, and direction of each sensor, by name, (2, gdim).
@@ -132,9 +90,11 @@ class ReducedInterfaceModel(InterfaceModel):
             InputError: For an unknown parameter, or a value out of range.
         """
         values = self.values(given)
-        K, M = self._matrices(values)
+        K, M = self.pencil.matrices(values)
         interfaces = tuple(self._at(points, values) for points in self.interfaces)
-        return replace(self, K=K, M=M, interfaces=interfaces, given={**self.given, **given})
+        return replace(
+            self, K=0.5 * (K + K.T), M=M, interfaces=interfaces, given={**self.given, **given}
+        )
 
     def _at(self, points: InterfacePoints, values) -> InterfacePoints:
         if points.name not in self.layers:
@@ -142,14 +102,6 @@ class ReducedInterfaceModel(InterfaceModel):
         layer = self.layers[points.name]
         s = self.pencil.regions[layer.region].values(values)["stretch"]
         return replace(points, rows=layer.rows(s), weights=layer.volumes * s)
-
-    def _matrices(self, values) -> tuple[np.ndarray, np.ndarray]:
-        K, M = self.pencil.matrices(values)
-        for layer in self.layers.values():
-            region = self.pencil.regions[layer.region]
-            scalars = layer.scalars(region.law, region.values(values))
-            K = K - np.tensordot(scalars, layer.products(), axes=1)
-        return 0.5 * (K + K.T), M
 
     def with_laws(self, **laws: JointLaw) -> ReducedInterfaceModel:
         """See `InterfaceModel.with_laws`; a coupled law cannot take an uncoupled one's place.
@@ -192,22 +144,13 @@ class ReducedInterfaceModel(InterfaceModel):
         """
         values = self.values(given)
         gradient = self.pencil.gradients(shapes, eigenvalues, values)
-        position = {name: i for i, name in enumerate(self.parameters)}
         for points in self.interfaces:
-            if points.name not in self.layers:
-                continue
-            layer = self.layers[points.name]
-            region = self.pencil.regions[layer.region]
-            q = region.values(values)
-            products = layer.products()
-            for key, name in region.properties.items():
-                if not isinstance(name, str):
-                    continue
-                change = slopes(lambda q, r=region, y=layer: y.scalars(r.law, q), q, key)
-                taken = np.tensordot(change, products, axes=1)
-                gradient[:, position[name]] -= np.sum(shapes * (taken @ shapes), axis=0)
-                if key == "stretch":
-                    gradient[:, position[name]] += _stretching(points, layer, q[key], shapes)
+            layer = self.layers.get(points.name)
+            region = None if layer is None else self.pencil.regions[layer.region]
+            if region is not None and isinstance(region.properties["stretch"], str):
+                column = list(self.parameters).index(region.properties["stretch"])
+                s = region.values(values)["stretch"]
+                gradient[:, column] += _stretching(points, layer, s, shapes)
         return gradient
 
     def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
