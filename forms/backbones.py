@@ -34,13 +34,13 @@ def richard_abbott(strain, E_e, E_p, S_y, n):
         S_y: Yield stress, Pa.
         n: Sharpness of the knee, > 0. For derivatives at rest by UFL it has to be above 1.
     """
-    x = abs((E_e - E_p) * strain / S_y)
+    x = _size((E_e - E_p) * strain / S_y)
     return (E_p + (E_e - E_p) * (1 + x**n) ** (-1 / n)) * strain
 
 
 def richard_abbott_slope(strain, E_e, E_p, S_y, n):
     """Slope, Pa, of `richard_abbott`, whose arguments it takes."""
-    x = abs((E_e - E_p) * strain / S_y)
+    x = _size((E_e - E_p) * strain / S_y)
     return E_p + (E_e - E_p) * (1 + x**n) ** (-1 / n - 1)
 
 
@@ -68,7 +68,7 @@ def segalman(slip, F_S, K_T, chi, beta):
     """
     phi_max, R = segalman_limits(F_S, K_T, chi, beta)
     lower = ufl.min_value if _is_ufl(slip, F_S, K_T, chi, beta) else np.minimum
-    reached = lower(abs(slip), phi_max)
+    reached = lower(_size(slip), phi_max)
     force = K_T * reached - R * reached ** (chi + 2) / ((chi + 1) * (chi + 2))
     return _sign(slip) * force
 
@@ -76,25 +76,30 @@ def segalman(slip, F_S, K_T, chi, beta):
 def segalman_slope(slip, F_S, K_T, chi, beta):
     """Slope, N/m, of `segalman`; zero beyond phi_max, the one before it at phi_max itself."""
     phi_max, R = segalman_limits(F_S, K_T, chi, beta)
-    slope = K_T - R * abs(slip) ** (chi + 1) / (chi + 1)
-    return _where(abs(slip), phi_max, slope, 0.0)
+    slope = K_T - R * _size(slip) ** (chi + 1) / (chi + 1)
+    return _where(_size(slip), phi_max, slope, 0.0)
 
 
 def bilinear(strain, E_e, E_p, S_y):
     """Stress, Pa, of slope E_e up to the yield stress S_y, and E_p, Pa, beyond."""
     yielded = S_y / E_e
     return _where(
-        abs(strain), yielded, E_e * strain, E_p * strain + _sign(strain) * (E_e - E_p) * yielded
+        _size(strain), yielded, E_e * strain, E_p * strain + _sign(strain) * (E_e - E_p) * yielded
     )
 
 
 def bilinear_slope(strain, E_e, E_p, S_y):
     """Slope, Pa, of `bilinear`; E_e at the knee itself."""
-    return _where(abs(strain), S_y / E_e, E_e, E_p)
+    return _where(_size(strain), S_y / E_e, E_e, E_p)
 
 
 def _is_ufl(*values) -> bool:
     return any(isinstance(value, Expr) for value in values)
+
+
+def _size(value):
+    # UFL's derivative of abs holds a real part, which not all of its compilers know.
+    return ufl.conditional(ufl.lt(value, 0), -value, value) if _is_ufl(value) else np.abs(value)
 
 
 def _sign(value):
