@@ -464,6 +464,31 @@ def test_prescribed_frequencies_and_derivatives():
         assert np.allclose(gradient[:, j], expected, rtol=2e-3, atol=1e-4 * np.abs(expected).max())
 
 
+def test_derivatives_go_through_the_preload():
+    """The state that friction remembers of it changes with the parameters too."""
+    base, load = block(), np.array([-1.0, 0.05, 0.0])
+    values, step, at = {"normal": 3.0, "friction": 0.3, "stiffness": 1.0}, 1e-5, [0.2, 0.23, 0.28]
+
+    def change(v):
+        law = CoulombStick(v["normal"], 2.0, v["friction"])
+        return replace(base.with_laws(floor=law), K=v["stiffness"] * base.K)
+
+    def solve(v, initial=None):
+        exact = Settings(tolerance=1e-9)
+        return solve_harmonic(
+            change(v), "x", 0.3, at=at, static=load, settings=exact, harmonics=3, samples=64,
+            initial=initial,
+        )  # fmt: skip
+
+    found = solve(values)
+    gradient = found.by_parameters(change, values).amplitude("x")
+    for j, key in enumerate(values):
+        up, down = (
+            solve({**values, key: values[key] * (1 + s * step)}, found).amplitude() for s in (1, -1)
+        )
+        assert np.allclose(gradient[:, j], (up - down) / (2 * step * values[key]), rtol=1e-4)
+
+
 def test_results_for_people(tmp_path):
     """JSON holds what the result says."""
     import json

@@ -213,13 +213,10 @@ def _evaluate(problem, z, *, jacobian: bool = True):
 
 def _factors(J, scales, weights, normal):
     A = np.vstack([weights[:, None] * J * scales, normal])
-    try:
-        factors = scipy.linalg.lu_factor(A, check_finite=False, overwrite_a=True)
-    except (scipy.linalg.LinAlgError, ValueError) as failure:
-        raise _Failed(str(failure)) from None
-    if not np.all(np.diag(factors[0])):
+    lu, pivots, singular = scipy.linalg.lapack.dgetrf(A)
+    if singular:
         raise _Failed("the Jacobian is singular")
-    return factors
+    return lu, pivots
 
 
 def _backsubstitute(factors, right):
@@ -302,8 +299,7 @@ def _save(path, branch, name, writes) -> None:
 
 def _stopped(branch: Branch, why: str) -> ConvergenceError:
     error = ConvergenceError(
-        f"the branch stopped at its point {len(branch)}, parameter {branch.z[-1, -1]:.6g}: {why}; "
-        "more samples or points may help, or some stiffness that is left when a joint slides"
+        f"the branch stopped at its point {len(branch)}, parameter {branch.z[-1, -1]:.6g}: {why}"
     )
     error.branch = branch
     return error
@@ -337,7 +333,10 @@ def _grown(problem, branch: Branch, bounds, settings, kept):
             break
         step /= 2
     else:
-        raise _Failed(f"no step down to {settings.min_step:.1g} led on ({why})")
+        raise _Failed(
+            f"no step down to {settings.min_step:.1g} led on ({why}); more samples may "
+            "help, or some stiffness that is left when a joint slides"
+        )
     new, tangent = point.z, point.tangent
     if np.dot(tangent / scales, direction) < 0:
         tangent = -tangent
