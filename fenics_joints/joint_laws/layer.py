@@ -76,6 +76,7 @@ class IwanLayer(JointLaw):
         """
         G = values.pop("G", self.G)
         other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)  # the compiled kernels too
         backbone = self.backbone.change(**values)
         other._make(backbone, G, self.n_sliders, self.edges, self.thickness)
         return other

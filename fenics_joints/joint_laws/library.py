@@ -97,6 +97,7 @@ class Iwan(JointLaw):
             InputError: For an unknown parameter or one out of range.
         """
         other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)  # the compiled kernels too
         other._make(self.backbone.change(**values), self.n_sliders, self.edges, self.thickness)
         return other
 
