@@ -25,8 +25,7 @@ A law of one's own gives its parameters to the constructor, and writes `JointLaw
 whatever UFL can say, ready-made steps of `fenics_joints.forms.hysteresis` included::
 
     class WornSlider(JointLaw):
-        """A slider whose strength falls with the way it is from home."""
-
+        # A slider whose strength falls with its distance from home.
         def state_size(self, n_slip):
             return n_slip
 
