@@ -22,6 +22,9 @@ __all__ = ["Basis", "fixed_interface", "free_interface"]
 
 #: Columns that are solved for at once: memory against the factor's traffic.
 _CHUNK = 64
+#: Share of its stiffness that the interface keeps in modes of sliding; the next one where points
+#: that integrate too little leave the structure no longer positive definite.
+_SLIDING = (0.01, 0.1, 1.0)
 #: Directions of a basis with less than this share of the largest energy are dependent.
 _DEPENDENT = 1e-9
 
@@ -84,9 +87,17 @@ def solve(solver: EigenSolver, loads: np.ndarray) -> np.ndarray:
 
 
 def free_interface(
-    K, M, solver: EigenSolver, modes, loads, stresses, strain: Callable, choose: Callable,
+    K,
+    M,
+    solver: EigenSolver,
+    modes,
+    loads,
+    stresses,
+    strain: Callable,
+    tangent,
+    choose: Callable,
     extra: np.ndarray | None = None,
-) -> Basis:  # fmt: skip
+) -> Basis:
     """Modes of the elastic interface with residual attachment modes. Collective.
 
     Args:
@@ -98,14 +109,15 @@ def free_interface(
         stresses: Loads of unit stress at the interface, weighted by the root of the points'
             areas, (n_local, q).
         strain: ``columns -> (q, m)``, the work conjugate of ``stresses``, equal on all ranks.
+        tangent: The interface's stiffness that is in K, stress by strain, (q, q).
         choose: ``energies -> n``, how many interface modes to keep; energies descend. None for
             no interface modes.
         extra: Further columns, (n_local, k).
 
-    The interface modes are stress patterns of unit norm over the interface in the order of the
-    energy that is stored by what the modes leave of their response: a proper orthogonal
-    decomposition of the attachment modes. All of them together hold the exact static response to
-    any stress at the interface, whatever stiffness was used to find them (Woodbury).
+    All attachment modes together hold the exact static response to any stress at the interface,
+    whatever stiffness was used to find them (Woodbury). Of their span are kept, half and half, the
+    lowest modes of the interface when it slides, and a proper orthogonal decomposition of the rest:
+    stress patterns of unit norm in the order of the energy that their response stores.
     """
     comm = K.comm.tompi4py()
     more = [solve(solver, loads)] + ([] if extra is None else [extra])
@@ -117,8 +129,41 @@ def free_interface(
         response = response - modes @ against
     flexibility = strain(response)
     energies, patterns = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
-    kept = patterns[:, ::-1][:, : choose(energies[::-1])]
-    return Basis(K, M, -solver.shift, modes, np.hstack([response @ kept, *more]))
+    energies, patterns = energies[::-1], patterns[:, ::-1]
+    n, real = choose(energies), energies > _DEPENDENT * energies[0]
+    root = np.sqrt(energies[real])
+    span = response @ (patterns[:, real] / root)
+    sliding = _sliding(K, M, -solver.shift, modes, span, strain, tangent)
+    kept = sliding[:, : (n + 1) // 2]
+    rest = root[:, None] * np.eye(len(root))
+    rest = rest - kept @ (kept.T @ rest)
+    kept = np.hstack([kept, np.linalg.svd(rest)[0]])
+    more.append(span @ kept[:, :n])
+    return Basis(K, M, -solver.shift, modes, np.hstack(more))
+
+
+def _sliding(K, M, shift: float, modes, span, strain: Callable, tangent) -> np.ndarray:
+    """What modes of the sliding interface have of a span, as orthonormal coordinates in it.
+
+    The span is orthonormal in K + shift M and orthogonal to the modes. Of the lowest modes of
+    sliding, as many as there are modes, those come first that have most of their energy there,
+    the low ones before the high.
+    """
+    comm, k = K.comm.tompi4py(), modes.shape[1]
+    both = np.hstack([modes, span])
+    stiff = np.eye(both.shape[1])
+    stiff[:k, :k] = comm.allreduce(modes.T @ (product(K, modes) + shift * product(M, modes)))
+    heavy = comm.allreduce(both.T @ product(M, both))
+    rows = strain(both)
+    own = rows.T @ tangent @ rows
+    for share in _SLIDING:
+        soft = stiff - (1 - share) * own
+        if np.linalg.eigvalsh(soft)[0] > 0:
+            break
+    inverse, vectors = scipy.linalg.eigh(0.5 * (heavy + heavy.T), 0.5 * (soft + soft.T))
+    # Of unit energy over frequency: the lowest weigh most.
+    weighted = (vectors * np.sqrt(np.maximum(inverse, 0.0)))[k:, ::-1][:, :k]
+    return np.linalg.svd(weighted, full_matrices=False)[0]
 
 
 def fixed_interface(
@@ -152,7 +197,7 @@ def fixed_interface(
     return Basis(K, M, shift, modes, more)
 
 
-def energy_share(n: int | None, tolerance: float, size: int) -> Callable:
+def energy_share(n: int | None, tolerance: float | None, default: int, size: int) -> Callable:
     """How many interface modes to keep: a number, or all above a share of the largest energy.
 
     Raises:
@@ -162,10 +207,12 @@ def energy_share(n: int | None, tolerance: float, size: int) -> Callable:
         raise InputError(
             f"interface_modes = {n}: expected 1 to {size}, the interface's components."
         )
-    if not 0.0 <= tolerance < 1.0:
+    if tolerance is not None and not 0.0 <= tolerance < 1.0:
         raise InputError(f"tolerance = {tolerance}: expected a number from 0 to 1.")
 
     def choose(energies: np.ndarray) -> int:
-        return n if n is not None else int(np.sum(energies > tolerance * energies[0]))
+        if n is None and tolerance is not None:
+            return int(np.sum(energies > tolerance * energies[0]))
+        return min(default, size) if n is None else n
 
     return choose

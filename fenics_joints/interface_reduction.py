@@ -71,7 +71,7 @@ def reduce_layers(
     *,
     n_modes: int = 20,
     interface_modes: int | None = None,
-    tolerance: float = 1e-4,
+    tolerance: float | None = None,
     forces: Places | None = None,
     sensors: Places | None = None,
     given: Mapping[str, float] | None = None,
@@ -92,9 +92,9 @@ def reduce_layers(
         laws: Law of each layer that becomes nonlinear, by its region's name. A law that is not
             `coupled` takes the shear stress, a coupled one the normal stress too.
         n_modes: Modes of the linear structure, rigid-body modes included.
-        interface_modes: Number of interface modes, 0 for none; by default as many as have this
-            share of energy:
-        tolerance: Smallest energy of an interface mode, relative to the largest.
+        interface_modes: Number of interface modes, 0 for none; by default as many as modes.
+        tolerance: Instead of a number, the least energy of an interface mode under unit stress,
+            relative to the largest.
         forces: Position, m, and direction of each force, by name.
         sensors: Those of each sensor.
         given: Parameters that differ from their nominal value; the basis is best there.
@@ -115,13 +115,16 @@ def reduce_layers(
     sensors, sensor_loads = places(structure, "sensors", sensors)
     modes = solve_modes(structure, given, n_modes=n_modes)
     M, K = structure.mass(given), structure.stiffness(given)
-    strains = _LayerStrains(found, stretch, {n: law.coupled for n, law in laws.items()})
+    strains = _LayerStrains(found, numbers, stretch, {n: law.coupled for n, law in laws.items()})
     basis = free_interface(
         K, M, modes.solver,
         _columns(modes.shapes),
         np.hstack([force_loads, sensor_loads]),
         None if interface_modes == 0 else strains.stresses(), strains,
-        None if interface_modes == 0 else energy_share(interface_modes, tolerance, strains.size),
+        strains.tangent(structure, values),
+        None if interface_modes == 0 else energy_share(
+            interface_modes, tolerance, n_modes, strains.size
+        ),
         _columns(extra) if len(extra) else None,
     )  # fmt: skip
     reduced = ReducedStructure(structure, _vectors(K, basis.columns))
@@ -153,7 +156,7 @@ def reduce_contacts(
     method: str = "craig-bampton",
     n_modes: int = 20,
     interface_modes: int | None = None,
-    tolerance: float = 1e-4,
+    tolerance: float | None = None,
     forces: Places | None = None,
     sensors: Places | None = None,
     given: Mapping[str, float] | None = None,
@@ -172,9 +175,10 @@ def reduce_contacts(
             characteristic constraint modes as `interface_modes`, with the laws' tangents at rest;
             ``"free-interface"``: modes with those tangents, and interface modes.
         n_modes: Modes, rigid-body modes included.
-        interface_modes: Number of interface modes; by default all constraint modes, or those with
-            the following share of energy of a free interface:
-        tolerance: Smallest energy of an interface mode, relative to the largest.
+        interface_modes: Number of interface modes; by default all constraint modes, or of a free
+            interface as many as modes.
+        tolerance: Instead of a number, of a free interface: the least energy of an interface mode
+            under unit stress, relative to the largest.
         forces: Position, m, and direction of each force, by name. Bolts and loads of the model are
             forces too, by their names, per newton or factor.
         sensors: Position and direction of each sensor.
@@ -222,8 +226,8 @@ def reduce_contacts(
         root = np.concatenate([np.repeat(areas[n], e.shape[1]) for n, e in entries.items()]) ** 0.5
         basis = free_interface(
             elastic, M, solver, modes, loads, jump.unit(len(modes)) * root,
-            lambda columns: root[:, None] * jump.rows(columns),
-            energy_share(interface_modes, tolerance, len(root)),
+            lambda columns: root[:, None] * jump.rows(columns), _tangents(laws, areas, entries),
+            energy_share(interface_modes, tolerance, n_modes, len(root)),
         )  # fmt: skip
     elastic.destroy(), solver.destroy()
     columns = basis.columns
@@ -353,16 +357,25 @@ def _with_tangents(K: PETSc.Mat, laws, areas, entries, jumps) -> PETSc.Mat:
     """K with the laws' tangents at rest as springs between the pairs."""
     stiff = K.copy()
     stiff.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-    for name, numbers in entries.items():
-        P, d = numbers.shape
-        rows = np.zeros((P, d, 1))
-        points = InterfacePoints(name, laws[name], rows, areas[name], laws[name].coupled)
-        blocks = areas[name][:, None, None] * points.tangent()
-        for number, block in zip(numbers.astype(PETSc.IntType), blocks, strict=True):
-            if jumps.owned(number[:1])[0]:
-                stiff.setValues(number, number, block, PETSc.InsertMode.ADD_VALUES)
+    blocks = _tangents(laws, areas, entries)
+    numbers = np.concatenate([e.ravel() for e in entries.values()]).astype(PETSc.IntType)
+    root = np.concatenate([np.repeat(areas[n], e.shape[1]) for n, e in entries.items()]) ** 0.5
+    for i, j in np.argwhere(blocks):
+        if jumps.owned(numbers[i : i + 1])[0]:
+            value = root[i] * blocks[i, j] * root[j]
+            stiff.setValue(numbers[i], numbers[j], value, PETSc.InsertMode.ADD_VALUES)
     stiff.assemble()
     return stiff
+
+
+def _tangents(laws, areas, entries) -> np.ndarray:
+    """Stress by strain at rest of all interfaces' components, (q, q)."""
+    blocks = []
+    for name, numbers in entries.items():
+        rows = np.zeros((*numbers.shape, 1))
+        points = InterfacePoints(name, laws[name], rows, areas[name], laws[name].coupled)
+        blocks.extend(points.tangent())
+    return scipy.linalg.block_diag(*blocks)
 
 
 def _jump_places(joint: LinearJoint, what: str, given: Places | None):
@@ -441,8 +454,8 @@ def _check_uniform(structure: Structure) -> None:
 class _LayerStrains:
     """Strains of all layers as one list of components, weighted by the root of their volume."""
 
-    def __init__(self, found: Mapping[str, LayerPoints], stretch, normal):
-        self.parts = []
+    def __init__(self, found: Mapping[str, LayerPoints], numbers, stretch, normal):
+        self.parts, self.numbers = [], [numbers[name] for name in found]
         for name, p in found.items():
             s = stretch[name]
             B = p.thin.copy()
@@ -458,6 +471,17 @@ class _LayerStrains:
             strain = root[:, None, None] * p.gather(product(B, columns))[:, first:]
             rows.append(strain.reshape(-1, columns.shape[1]))
         return np.concatenate(rows)
+
+    def tangent(self, structure: Structure, values) -> np.ndarray:
+        """The linear layers' stress by strain of these components, (size, size)."""
+        moduli = []
+        for (p, _, _, first), number in zip(self.parts, self.numbers, strict=True):
+            q = structure.field.region_values(number, values)
+            # At unit stretch the first scalar of these laws is the normal modulus.
+            normal = structure.regions[number].law.stiffness_terms({**q, "stretch": 1.0})[0]
+            each = [normal] + [q["G"]] * (p.points.shape[1] - 1)
+            moduli.append(np.tile(each[first:], len(p.points)))
+        return np.diag(np.concatenate(moduli))
 
     def stresses(self) -> np.ndarray:
         """Loads of unit stress in every component, (n_local, size)."""
@@ -488,7 +512,7 @@ def places(structure: Structure, what: str, given: Places | None):
         try:
             point, direction = (np.asarray(part, dtype=float)[:gdim] for part in place)
             one = Sensors(point, direction)
-        except (TypeError, ValueError) as error:
+        except (IndexError, TypeError, ValueError) as error:
             raise InputError(
                 f"{what}[{name!r}] = {place}: expected (position, direction), each of {gdim} "
                 f"numbers, the direction not zero."
