@@ -470,7 +470,9 @@ def test_derivatives_go_through_the_preload():
     values, step, at = {"normal": 3.0, "friction": 0.3, "stiffness": 1.0}, 1e-5, [0.2, 0.23, 0.28]
 
     def change(v):
-        law = CoulombStick(v["normal"], 2.0, v["friction"])
+        law = base.interfaces[0].law.with_values(
+            normal_stiffness=v["normal"], friction=v["friction"]
+        )
         return replace(base.with_laws(floor=law), K=v["stiffness"] * base.K)
 
     def solve(v, initial=None):
