@@ -469,6 +469,8 @@ def test_derivatives_go_through_the_preload():
     base, load = block(), np.array([-1.0, 0.05, 0.0])
     values, step, at = {"normal": 3.0, "friction": 0.3, "stiffness": 1.0}, 1e-5, [0.2, 0.23, 0.28]
 
+    base.stiffness_at_rest()  # compiles the laws; those changed from them are of the same form
+
     def change(v):
         law = base.interfaces[0].law.with_values(
             normal_stiffness=v["normal"], friction=v["friction"]
