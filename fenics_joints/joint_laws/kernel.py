@@ -28,14 +28,15 @@ from fenics_joints.joint_laws.law import JointLaw
 __all__ = ["HarmonicStress", "LawKernel"]
 
 _DECLARATIONS = """
-void law_step(int P, int E, const double *e, const double *s, const double *p, double *f,
-              double *sn, double *tangent);
-void law_history(int P, int T, int E, const double *e, double *s, const double *p, double *f);
+int law_step(int P, int E, const double *e, const double *s, const double *p, double *f,
+             double *sn, double *tangent);
+int law_history(int P, int T, int E, const double *e, double *s, const double *p, double *f);
 int law_harmonic(int P, int E, int K, int T, int cycles, const double *X, const double *synthesis,
                  const double *analysis, const double *p, double *s, double *begun, double *e,
                  double *f, double *F, double *J);
 """
-_FLAGS = ["-O3", "-fno-math-errno"]
+# Without traps both sides of a conditional may be computed, and so elements side by side.
+_FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
 _CPU = Path("/proc/cpuinfo")
 _kernels: dict[str, LawKernel] = {}
 
@@ -144,9 +145,8 @@ class LawKernel:
         self._expect(strain, (P, self.d))
         stress, new = np.empty((P, self.d)), np.empty_like(state)
         tangent = np.empty((P, self.d, self.d))
-        self._library.lib.law_step(
-            P, values.shape[1], *map(self._pointer, (strain, state, values, stress, new, tangent))
-        )
+        arrays = (strain, state, values, stress, new, tangent)
+        self._check(self._library.lib.law_step(P, values.shape[1], *map(self._pointer, arrays)))
         return stress, new, tangent
 
     def history(self, strain, state, values):
@@ -158,9 +158,9 @@ class LawKernel:
         P, T, _ = strain.shape
         self._expect(strain, (P, T, self.d))
         stress = np.empty_like(strain)
-        self._library.lib.law_history(
-            P, T, values.shape[1], *map(self._pointer, (strain, state, values, stress))
-        )
+        arrays = (strain, state, values, stress)
+        failed = self._library.lib.law_history(P, T, values.shape[1], *map(self._pointer, arrays))
+        self._check(failed)
         return stress, state
 
     def harmonic(
@@ -200,9 +200,13 @@ class LawKernel:
             P, values.shape[1], K, T, cycles if self.m else 1, *map(self._pointer, arrays),
             self._pointer(J) if jacobian else self._library.ffi.NULL,
         )  # fmt: skip
+        self._check(failed)
+        return HarmonicStress(F, J, e, f, state, _closure(begun, state))
+
+    @staticmethod
+    def _check(failed: int) -> None:
         if failed:
             raise JointsError("out of memory in a joint law")
-        return HarmonicStress(F, J, e, f, state, _closure(begun, state))
 
     def _pointer(self, array: np.ndarray):
         return self._library.ffi.cast("double *", array.ctypes.data)
