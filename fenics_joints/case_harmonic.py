@@ -20,6 +20,7 @@ from fenics_joints.case_sections import (
     listed,
     quantity,
 )
+from fenics_joints.units import to_si
 
 if TYPE_CHECKING:
     from fenics_joints.case import Case
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CoulombSection", "HarmonicSection", "IdentifySection", "NonlinearSection", "Place",
-    "check_harmonic", "identifiable",
+    "check_harmonic", "identifiable", "identification_start",
 ]  # fmt: skip
 
 Force = quantity("N", 0, above=True)
@@ -185,7 +186,9 @@ class Place(Section):
 class IdentifySection(Section):
     """``[harmonic.identify]``: parameters of the laws from the curves of one level.
 
-    The objective is the seed's eq. 6, or with ``method = "gradient"`` its squares.
+    The objective is the seed's eq. 6, or with ``method = "gradient"`` its squares. Loops of force
+    against response, in a table of their own, enter beside the curve. ``start`` is the case's own
+    numbers by default.
     """
 
     level: Force
@@ -193,6 +196,8 @@ class IdentifySection(Section):
     start: dict[str, float | str] = {}
     method: Literal["direct", "gradient", "both"] = "both"
     points: Annotated[int, Field(ge=3, strict=True)] = 9
+    loops: str | None = None
+    noise: Share = 0.01
 
 
 class HarmonicSection(Section):
@@ -255,6 +260,7 @@ def check_harmonic(case: Case) -> list[str]:
             key = f"harmonic.identify.start.{name}"
             value = identify.start[name]
             errors.append(said(key, value, f"is not in identify.parameters{hint}"))
+    errors += _check_start(case, known) if identify else []
     if identify is not None and case.harmonic.measured is None:
         errors.append("harmonic.identify: expected measured curves, harmonic.measured = 'FILE.csv'")
     return errors
@@ -275,6 +281,27 @@ def _check_nonlinear(case: Case, name: str, section) -> list[str]:
     if isinstance(section, CoulombSection):
         return [said(f"{key}.law", "coulomb", "expected a contact of that name, not a layer")]
     return []
+
+
+def _check_start(case: Case, known) -> list[str]:
+    errors, identify = [], case.harmonic.identify
+    for name, value in identify.start.items():
+        if name in known:
+            try:
+                to_si(value, known[name][1])
+            except ValueError as error:
+                errors.append(said(f"harmonic.identify.start.{name}", value, str(error)))
+    if identify.loops is not None and not (case.folder / identify.loops).is_file():
+        expected = f"no such file, expected a table at {case.folder / identify.loops}"
+        errors.append(said("harmonic.identify.loops", identify.loops, expected))
+    return errors
+
+
+def identification_start(case: Case) -> dict[str, float]:
+    """Values, SI, that the identification of a case starts from, by parameter."""
+    known, identify = identifiable(case), case.harmonic.identify
+    given = {name: to_si(value, known[name][1]) for name, value in identify.start.items()}
+    return {name: given.get(name, known[name][0]) for name in identify.parameters}
 
 
 def identifiable(case: Case) -> dict[str, tuple[float, str]]:

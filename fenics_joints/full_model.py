@@ -8,13 +8,17 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.interface_reduction import Places, layer_moduli, layer_numbers, places
+from fenics_joints.interface_reduction import Places, layer_numbers, places
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.layer_points import LayerPoints, layer_points
-from fenics_joints.motion import FullModel, SparsePoints, point_blocks
+from fenics_joints.motion import FullModel, SparsePoints
 from fenics_joints.structure import Structure
 
 __all__ = ["full_layers"]
+
+#: Share of a layer's elastic stiffness that stays beside its law.
+_LEFT = 1e-6
+_SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
 def full_layers(
@@ -29,7 +33,8 @@ def full_layers(
     """A structure whose thin layers follow nonlinear laws, not reduced. Collective.
 
     Arguments as `fenics_joints.interface_reduction.reduce_layers`, which makes the reduced model of
-    the same equations.
+    the same equations. A millionth of the layer's elastic stiffness stays, which holds the nodes
+    within the layer: its points do not feel them.
 
     Raises:
         InputError: As there.
@@ -40,16 +45,9 @@ def full_layers(
     interfaces = []
     for name, number in numbers.items():
         q, law = structure.field.region_values(number, values), laws[name]
-        points = _points(name, law, layer_points(structure, number, points_degree), q["stretch"])
-        moduli = layer_moduli(structure.regions[number].law, q, law.coupled)
-        shear = points.n_components - law.coupled
-        elastic = np.diag(np.append(moduli[:-1], np.repeat(moduli[-1], shear)))
-        block = point_blocks(points, points.weights[:, None, None] * elastic)
-        taken = block.ptap(points.rows)
-        K.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        K.axpy(-1.0, taken, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        taken.destroy(), block.destroy()
-        interfaces.append(points)
+        K.axpy(-1.0, _replaced(structure, number, q, law.coupled), structure=_SUBSET)
+        points = layer_points(structure, number, points_degree)
+        interfaces.append(_points(name, law, points, q["stretch"]))
     placed = [
         {name: _vector(K, column) for name, column in zip(found, loads.T, strict=True)}
         for found, loads in (
@@ -57,6 +55,23 @@ def full_layers(
         )
     ]  # fmt: skip
     return FullModel(M, K, tuple(interfaces), None, *placed)
+
+
+def _replaced(structure: Structure, number: int, q: Mapping[str, float], normal: bool):
+    """Stiffness that a law takes the place of: of shear, and of the normal strain if asked for."""
+    E, G = ((1 - _LEFT) * q[key] for key in ("E", "G"))
+    if not normal:
+        # Of a constrained layer the normal modulus is lambda + 2 G, zero for E = 4 G.
+        E = 4 * G if structure.regions[number].law.name == "constrained" else 0.0
+    K, _ = structure.region_matrices(number, {**q, "E": E, "G": G})
+    held = [bc.dof_indices()[0] for bc in structure.bcs]
+    if held:
+        imap = structure.V.dofmap.index_map
+        dofs = np.unique(np.concatenate(held))
+        blocks = imap.local_to_global((dofs // structure.gdim).astype(np.int32))
+        numbers = (blocks * structure.gdim + dofs % structure.gdim).astype(PETSc.IntType)
+        K.zeroRowsColumns(numbers, diag=0.0)
+    return K
 
 
 def _points(name: str, law: JointLaw, found: LayerPoints, stretch: float) -> SparsePoints:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from fenics_joints.case_harmonic import identifiable
 from fenics_joints.formatting import hertz, number, percent, quantity
 from fenics_joints.harmonic_model import SENSOR
 from fenics_joints.measured_curves import UNITS
@@ -40,6 +41,7 @@ def harmonic_html(r: HarmonicReport) -> str:
         "harmonic.html", r=r, title=r.case.title or r.case.path.parent.name, rows=_rows(r),
         unit=_unit(r), pictures=[(words, svg(chart)) for words, chart in pictures],
         points=sum(len(p) for p in r.built.model.interfaces),
+        identified=_identified(r), predictions=_predictions(r),
         rest=hertz(r.built.frequencies_hz[r.built.mode]),
     )  # fmt: skip
 
@@ -68,6 +70,36 @@ def _rows(r: HarmonicReport) -> list[list[str]]:
             ]  # fmt: skip
         rows.append(row)
     return rows
+
+
+def _identified(r: HarmonicReport) -> list[list[str]]:
+    """A row for each parameter and method."""
+    known, rows = identifiable(r.case), []
+    for found in r.identified:
+        for name, value in found.values.items():
+            unit = known[name][1]
+            spread = found.sd[name]
+            rows.append(
+                [
+                    name, found.method, quantity(found.start[name], unit, 4),
+                    quantity(value, unit, 4), percent(spread, 1) if spread < 1 else "open",
+                    f"{found.start_objective:.3f}", f"{found.objective:.4f}",
+                    str(found.evaluations), str(found.solutions),
+                ]
+            )  # fmt: skip
+    return rows
+
+
+def _predictions(r: HarmonicReport) -> list[list[str]]:
+    fitted = {found.level for found in r.identified}
+    return [
+        [
+            quantity(p.level, "N"), "fitted" if p.level in fitted else "predicted",
+            percent(p.frequency_error, sign=True), percent(p.amplitude_error, sign=True),
+            percent(p.mean_error),
+        ]
+        for p in r.predictions
+    ]  # fmt: skip
 
 
 def responses_chart(r: HarmonicReport) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +12,13 @@ from mpi4py import MPI
 
 import fenics_joints
 from fenics_joints.case import Case
+from fenics_joints.case_harmonic import identification_start
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import Backbone, HarmonicResult, solve_backbone, solve_harmonic
 from fenics_joints.harmonic_model import FORCE, SENSOR, HarmonicModel, harmonic_model
+from fenics_joints.identification import IdentificationResult, Prediction, identify, predict
 from fenics_joints.measured_curves import UNITS, MeasuredCurves
+from fenics_joints.measured_loops import read_loops
 from fenics_joints.progress import Progress
 
 if TYPE_CHECKING:
@@ -70,6 +73,9 @@ class HarmonicReport:
         curves: What was measured, or None.
         seconds: Time of the responses, s.
         rank: Rank of this process: pictures are rank 0's.
+        identified: Parameters from the curve of one level, by each method; the responses are those
+            of the last.
+        predictions: What that model makes of every measured curve.
     """
 
     case: Case
@@ -80,6 +86,8 @@ class HarmonicReport:
     curves: MeasuredCurves | None
     seconds: float
     rank: int
+    identified: tuple[IdentificationResult, ...] = ()
+    predictions: tuple[Prediction, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -91,7 +99,7 @@ class HarmonicReport:
 
         Keys: ``version``, ``title``, ``dofs``, ``basis``, ``interface_points``,
         ``frequencies_at_rest_hz``, ``response``, ``levels`` (each with the facts of `LevelFacts`
-        and its ``branch``), ``backbone``.
+        and its ``branch``), ``backbone``, ``identified`` and ``predictions``.
         """
         model = self.built.model
         return {
@@ -107,6 +115,8 @@ class HarmonicReport:
                 for facts, response in zip(self.facts, self.responses, strict=True)
             ],
             "backbone": None if self.backbone is None else self.backbone.to_dict(),
+            "identified": [found.to_dict() for found in self.identified],
+            "predictions": [made.to_dict() for made in self.predictions],
         }
 
     def html(self) -> str:
@@ -152,8 +162,11 @@ def run_harmonic(
         JointsError: If the case, the mesh or a solution fails.
     """
     built = harmonic_model(case, comm, progress)
-    h = case.harmonic
+    h, curves = case.harmonic, case.curves()
     started = time.perf_counter()
+    identified = _identify(case, built, comm, progress)
+    if identified:
+        built = replace(built, model=identified[-1].model)
     common = {
         "harmonics": h.harmonics, "samples": h.samples, "sensor": SENSOR, "comm": comm,
         "progress": progress,
@@ -164,7 +177,6 @@ def run_harmonic(
         )
         for level in sorted(h.levels)
     )
-    curves = case.curves()
     facts = tuple(_facts(r, h.response, curves) for r in responses)
     backbone = None
     if h.backbone:
@@ -173,8 +185,43 @@ def run_harmonic(
             built.model, (_BELOW * min(reach), _ABOVE * max(reach)),
             near=float(built.frequencies_hz[built.mode]), **common, **_kept(branches, "backbone"),
         )  # fmt: skip
+    predictions = ()
+    if curves is not None:
+        progress.step("responses at the measured frequencies", len(curves.levels))
+        predictions = predict(built.model, curves, **_equations(case, comm))
     seconds = time.perf_counter() - started
-    return HarmonicReport(case, built, responses, facts, backbone, curves, seconds, comm.rank)
+    return HarmonicReport(
+        case, built, responses, facts, backbone, curves, seconds, comm.rank, identified, predictions
+    )
+
+
+def _equations(case: Case, comm) -> dict:
+    h = case.harmonic
+    return {
+        "force": FORCE, "sensor": SENSOR, "harmonics": h.harmonics, "samples": h.samples,
+        "comm": comm,
+    }  # fmt: skip
+
+
+def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[IdentificationResult, ...]:
+    """The laws' parameters by each method that the case asks for."""
+    wanted = case.harmonic.identify
+    if wanted is None:
+        return ()
+    loops = ()
+    if wanted.loops is not None:
+        loops = read_loops(case.folder / wanted.loops, case.harmonic.response)
+    found = []
+    for method in ("direct", "gradient") if wanted.method == "both" else (wanted.method,):
+        progress.step(f"identifying {', '.join(wanted.parameters)}, {method}")
+        found.append(
+            identify(
+                built.model, case.curves(), wanted.level, identification_start(case),
+                method=method, points=wanted.points, noise=wanted.noise, loops=loops,
+                **_equations(case, comm),
+            )
+        )  # fmt: skip
+    return tuple(found)
 
 
 def _kept(folder: Path | None, name: str) -> dict:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from fenics_joints.case_harmonic import identifiable
 from fenics_joints.formatting import hertz, number, percent, quantity
 from fenics_joints.measured_curves import UNITS
 from fenics_joints.summary import new_table, say
@@ -47,7 +48,54 @@ def harmonic(console: Console, r: HarmonicReport) -> None:
             ]  # fmt: skip
         rows.add_row(*cells)
     console.print(rows)
+    if r.identified:
+        _identified(console, r)
+    if r.predictions:
+        _predictions(console, r)
     steps = sum(len(response) for response in r.responses)
     say(console, f"{steps} points of the responses, {r.seconds:.0f} s in all")
     if any(f.turning_points for f in r.facts):
         say(console, "some responses turn back in frequency: a swept test would jump there")
+
+
+def _identified(console: Console, r: HarmonicReport) -> None:
+    """The parameters found, by each method."""
+    console.print()
+    known = identifiable(r.case)
+    first = r.identified[0]
+    say(console, f"identified from the curve at {quantity(first.level, 'N')}", "bold")
+    rows = new_table(
+        "method", *(f">{name}" for name in first.values), ">eq. 6", ">responses", ">solutions"
+    )
+    for found in r.identified:
+        cells = [_value(found, name, known[name][1]) for name in found.values]
+        rows.add_row(
+            found.method, *cells, f"{found.start_objective:.3f} -> {found.objective:.4f}",
+            str(found.evaluations), str(found.solutions),
+        )  # fmt: skip
+    console.print(rows)
+    if left := r.identified[-1].undetermined:
+        say(console, f"not determined by these data: {', '.join(left)}")
+
+
+def _value(found, name: str, unit: str) -> str:
+    spread = found.sd[name]
+    text = quantity(found.values[name], unit, 4)
+    return f"{text} ± {percent(spread, 1)}" if spread < 1 else f"{text} (open)"
+
+
+def _predictions(console: Console, r: HarmonicReport) -> None:
+    """How far the model is from every measured curve."""
+    console.print()
+    fitted = {found.level for found in r.identified}
+    rows = new_table("measured curve", ">peak, Hz", ">error", f">peak, {UNITS[r.kind]}", ">error",
+                     ">mean error near the peak")  # fmt: skip
+    for p in r.predictions:
+        (hz, amplitude), _ = p.peaks
+        word = "fitted" if p.level in fitted else "predicted"
+        rows.add_row(
+            f"{quantity(p.level, 'N')}, {word}" if fitted else quantity(p.level, "N"),
+            f"{hz:.3f}", percent(p.frequency_error, sign=True), number(amplitude, 4),
+            percent(p.amplitude_error, sign=True), percent(p.mean_error),
+        )  # fmt: skip
+    console.print(rows)

@@ -19,13 +19,15 @@ __all__ = ["condense", "loading_shapes"]
 _PREFIX = "fenics_joints_loading_"
 #: Compliance over that at rest beyond which a joint is taken to have failed.
 _COLLAPSED = 3.0
+#: How often the step to a load that is too large is halved.
+_HALVINGS = 4
 #: Directions with less than this share of the largest energy are dependent.
 _DEPENDENT = 1e-10
 _DEFAULTS = {
     "snes_type": "newtonls",
     "snes_rtol": 1e-8,
-    "snes_max_it": 25,
-    "snes_linesearch_type": "bt",
+    "snes_max_it": 40,
+    "snes_linesearch_type": "cp",
     "ksp_type": "preonly",
     "pc_type": "lu",
 }
@@ -42,7 +44,7 @@ def loading_shapes(
 
     Put into a reduced basis they show it the slip that unloading and reloading have too: by
     Masing's rule that is the same shape at half the amplitude. They end where the joint's strength
-    does: at a load that no static response carries, or one that meets three times the compliance
+    does: near a load that no static response carries, or that meets three times the compliance
     at rest.
 
     Args:
@@ -52,7 +54,7 @@ def loading_shapes(
         petsc_options: Options of PETSc's SNES and KSP, without prefix.
 
     Returns:
-        A displacement for each factor up to the joint's strength.
+        A displacement for each factor up to the joint's strength, and a few more near it.
 
     Raises:
         ConvergenceError: If not even the first step converges, with PETSc's reason.
@@ -71,24 +73,30 @@ def loading_shapes(
     direct = {"pc_factor_mat_solver_type": "mumps"} if isinstance(motion, SparseMotion) else {}
     with petsc_defaults(_PREFIX, {**_DEFAULTS, **direct, **(petsc_options or {})}):
         snes.setFromOptions()
-    found, first = [], None
-    for factor in factors:
+    found, first, last, pending, halvings = [], None, 0.0, [float(f) for f in factors], 0
+    while pending:
         whole.copy(present)
-        present.scale(float(factor))
+        present.scale(pending[0])
         snes.solve(None, u)
-        if snes.getConvergedReason() < 0:
-            if found:
-                break
+        failed = snes.getConvergedReason() < 0
+        if failed and not found:
             raise ConvergenceError(
-                f"the static response to {factor:g} times the load was not found; expected a "
+                f"the static response to {pending[0]:g} times the load was not found; expected a "
                 "smaller first step", _reason(snes),
             )  # fmt: skip
+        compliance = u.dot(whole) / pending[0]
+        first = first or compliance
+        if failed or compliance > _COLLAPSED * first:
+            if halvings == _HALVINGS:
+                break
+            # Nearer to the joint's strength its shapes change most.
+            halvings += 1
+            pending.insert(0, np.sqrt(last * pending[0]))
+            found[-1].copy(u)
+            continue
         states = [new for _, _, new, _ in motion.step(u, states)]
         found.append(u.copy())
-        compliance = u.dot(whole) / factor
-        first = first or compliance
-        if compliance > _COLLAPSED * first:
-            break
+        last = pending.pop(0)
     snes.destroy(), matrix.destroy()
     return found
 
