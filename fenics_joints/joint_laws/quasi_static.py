@@ -20,7 +20,7 @@ __all__ = ["QuasiStatic", "QuasiStaticHistory", "solve_quasi_static"]
 _OPTIONS = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "bt",
-    "snes_rtol": 1e-10,
+    "snes_rtol": 1e-9,
     "snes_atol": 1e-12,
     "snes_stol": 0.0,
     "snes_max_it": 30,
@@ -63,7 +63,8 @@ class QuasiStatic:
         joints: The joints, which are updated after each converged step.
         tangent: Its derivative; ``ufl.derivative(residual, u)`` by default.
         petsc_options: SNES, KSP and PC options without prefix, over the defaults: Newton with a
-            backtracking line search, and MUMPS.
+            backtracking line search, and MUMPS. ``snes_rtol`` is relative to the first residual of
+            the step, or to the largest first residual of the steps before if that is larger.
         prefix: Options prefix of ``solver``.
 
     Attributes:
@@ -90,6 +91,7 @@ class QuasiStatic:
         self._b, self._x = self._A.createVecLeft(), self._A.createVecRight()
         self.residuals: np.ndarray = np.empty(0)
         self.solver = self._snes({**_OPTIONS, **(petsc_options or {})}, prefix)
+        self._atol, self._largest = self.solver.getTolerances()[1], 0.0
 
     def _snes(self, options: Mapping[str, object], prefix: str) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.u.function_space.mesh.comm)
@@ -137,6 +139,9 @@ class QuasiStatic:
         """
         before = self.u.x.array.copy()
         self._x.array[:] = before[: len(self._x.array_r)]
+        # A step that hardly changes the load starts at round-off: no falling further from there.
+        rtol = self.solver.getTolerances()[0]
+        self.solver.setTolerances(atol=max(self._atol, rtol * self._largest))
         self.solver.solve(None, self._x)
         reason = self.solver.getConvergedReason()
         norms = np.array(self.solver.getConvergenceHistory()[0])
@@ -147,6 +152,7 @@ class QuasiStatic:
             )
         self._set(self._x)
         self.residuals = norms[-(self.solver.getIterationNumber() + 1) :]
+        self._largest = max(self._largest, self.residuals[0])
         for joint in self.joints:
             joint.update()
         return self.solver.getIterationNumber()
