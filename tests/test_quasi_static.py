@@ -65,6 +65,8 @@ class Blocks:
         self.moved = fem.Constant(msh, np.zeros(self.gdim))
         self.load = fem.Constant(msh, np.zeros(self.gdim))
         up = [0.0] * (self.gdim - 1) + [1.0]
+        if "values" in options:
+            options["values"] = options["values"](msh)
         if layer:
             dx = ufl.Measure("dx", msh, subdomain_data=self.tags(0, SIZE, 2 * SIZE))
             self.joint = JointField.layer(law, self.u, up, dx(2), **options)
@@ -247,6 +249,31 @@ def test_friction_follows_the_pressure_on_facets():
         expected.append(k_s * (x - z))
     assert np.allclose(found.outputs["n"], -pressure, rtol=1e-3, atol=1e-3 * pressure.max())
     assert np.allclose(found.outputs["0"], expected, rtol=0, atol=1e-3 * pressure.max())
+
+
+def test_stretched_layer_with_a_parameter_that_varies():
+    """Half as thick as meshed; pressure, and so friction, grows along the layer."""
+    k_n, k_s, mu, p0 = 5e8, 2e8, 0.3, 4e5
+    blocks = Blocks(
+        "quad", CoulombStick(k_n, k_s, mu, p0), True, degree=4, stretch=0.5,
+        values=lambda msh: {"pressure": p0 * ufl.SpatialCoordinate(msh)[0] / SIZE},
+    )  # fmt: skip
+    steps = SIZE * np.array([[1e-4, 0.0], [2e-3, 0.0], [1e-3, 0.0]])
+    found = blocks.move(steps)
+    x, w = np.polynomial.legendre.leggauss(3)
+    limits = []
+    for centre in (0.5, 1.5):  # two cells along the layer, each with its own points
+        limits += [(mu * p0 * (centre + 0.5 * a), 0.25 * b) for a, b in zip(x, w, strict=True)]
+    expected, heat = np.zeros(3), 0.0
+    for limit, share in limits:
+        z = 0.0
+        for i, strain in enumerate(steps[:, 0] / (0.5 * SIZE)):
+            new = np.clip(z, strain - limit / k_s, strain + limit / k_s)
+            heat += share * limit * abs(new - z)
+            z = new
+            expected[i] += share * k_s * (strain - z)
+    assert np.allclose(found.outputs["0"], expected, rtol=1e-4)
+    assert found.dissipated[-1] == pytest.approx(heat * 0.5 * blocks.volume, rel=1e-4)
 
 
 class Sticky(JointLaw):
