@@ -82,6 +82,7 @@ class DenseMotion:
         self._loads = [
             (p.rows * p.weights[:, None, None]).reshape(-1, n).T.copy() for p in model.interfaces
         ]
+        self._last = None
 
     def vector(self) -> PETSc.Vec:
         """A vector of zeros."""
@@ -103,12 +104,17 @@ class DenseMotion:
 
     def step(self, u: PETSc.Vec, states) -> list[tuple]:
         """(strain, stress, new state, tangent) of every interface after a step to u."""
+        # A solver asks for residual and Jacobian, and at last the step itself, at the same place.
+        place, known = u.array_r, self._last
+        if known is not None and known[0] is states and np.array_equal(known[1], place):
+            return known[2]
         found = []
         for kernel, values, rows, state in zip(
             self._kernels, self._values, self._flat, states, strict=True
         ):
-            strain = (rows @ u.array_r).reshape(-1, kernel.d)
+            strain = (rows @ place).reshape(-1, kernel.d)
             found.append((strain, *kernel.step(strain, state, values)))
+        self._last = states, place.copy(), found
         return found
 
     def residual(self, u, v, a, load, states, out: PETSc.Vec) -> None:
