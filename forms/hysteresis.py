@@ -137,8 +137,10 @@ def dilatant_coulomb(opening, slip, position, opened, k_n, k_s, mu, pressure=0.0
     Associated plasticity with f = |tau| + mu sigma, and its closest-point return in closed form:
     with H = k_n mu^2 + k_s (eq. 2) and f of the trial stress, tau falls by k_s f / H along itself
     and sigma by k_n mu f / H. Where that would turn tau around, the stress is at the apex: zero.
-    What has opened stays open, as in the seed's equations; a joint that comes apart and closes
-    again wants `coulomb_stick`.
+    What has opened stays open, as in the seed's equations, and sliding dissipates nothing: its work
+    tau dz + sigma dw is f times the way, which is zero, so that what friction takes goes into
+    pressing the sides apart. A joint that damps, or comes apart and closes again, wants
+    `coulomb_stick`.
 
     Args:
         opened: Opening by sliding so far, scalar. Other arguments as in `coulomb_stick`.

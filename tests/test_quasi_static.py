@@ -14,7 +14,9 @@ from fenics_joints import forms
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.joint_laws import (
     CoulombStick,
+    DilatantCoulomb,
     Iwan,
+    IwanLayer,
     JointField,
     JointLaw,
     RichardAbbott,
@@ -300,6 +302,34 @@ def test_energy_of_a_closed_loop():
     area = np.sum(0.5 * (stress[1:] + stress[:-1]) * np.diff(strain))
     assert loop == pytest.approx(area, rel=1e-4)
     assert np.isnan(found.stored[0])
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        CoulombStick(2e10, 1e10, 0.3, 1e6),
+        DilatantCoulomb(2e10, 1e10, 0.3, 1e6),
+        IwanLayer(CURVE, 6e7, 3, thickness=SIZE),
+        Valanis(1e10, 1e8, 5e4),
+    ],
+    ids=lambda law: law.name,
+)
+def test_work_is_stored_or_lost(law):
+    """Opening and slip out of phase: the balance closes as steps shrink, and heat never falls."""
+    normal = {} if law.coupled else {"normal_modulus": 2e10}
+    gaps = []
+    for number in (60, 240):
+        blocks = Blocks("quad", law, False, **normal)
+        t = np.linspace(0, 2.5 * np.pi, number + 1)[1:]
+        steps = 1e-4 * np.column_stack([np.sin(t), 0.3 * np.sin(1.7 * t)])
+        found = blocks.move(steps)
+        scale = np.abs(found.work).max()
+        gaps.append(np.abs(found.stored + found.dissipated - found.work).max() / scale)
+        assert np.diff(found.dissipated).min() > -1e-6 * scale
+    # Valanis' heat is what the balance leaves, and only has to grow.
+    assert gaps[1] < 0.02 and gaps[1] < max(0.5 * gaps[0], 1e-12)
+    # Sliding that opens gives back, against the pressure, all that friction takes.
+    assert (found.dissipated[-1] > 0.05 * scale) != (law.name == "dilatant_coulomb")
 
 
 def test_bad_input_is_named():

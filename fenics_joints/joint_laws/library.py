@@ -129,7 +129,8 @@ class CoulombStick(JointLaw):
         normal_stiffness: k_n, Pa/m (zero thickness) or Pa (layer).
         tangential_stiffness: k_s, alike.
         friction: Coefficient of friction, >= 0.
-        pressure: Pressure, Pa, in the state of rest; a number or one for each point, (P, 1).
+        pressure: Pressure, Pa, in the state of rest; a number or one for each point, (P, 1). Where
+            a gap is open it is negative: minus k_n times the gap.
     """
 
     name = "coulomb"
@@ -149,7 +150,7 @@ class CoulombStick(JointLaw):
             pressure=pressure,
         )
         _positive(self, "normal_stiffness", "tangential_stiffness")
-        _not_negative(self, "friction", "pressure")
+        _not_negative(self, "friction")
 
     def state_size(self, n_slip: int) -> int:
         return n_slip
@@ -159,12 +160,12 @@ class CoulombStick(JointLaw):
             normal, slip, state, p["normal_stiffness"], p["tangential_stiffness"], p["friction"],
             p["pressure"],
         )  # fmt: skip
-        return sigma + p["pressure"], traction, state
+        return sigma + ufl.max_value(p["pressure"], 0.0), traction, state
 
     def stored(self, normal, slip, state, p):
         """Energy per area in the springs, above that of the state of rest without tension."""
-        k_n, rest = p["normal_stiffness"], p["pressure"]
-        pressed = ufl.max_value(rest - k_n * normal, 0.0)
+        k_n, rest = p["normal_stiffness"], ufl.max_value(p["pressure"], 0.0)
+        pressed = ufl.max_value(p["pressure"] - k_n * normal, 0.0)
         work = (pressed**2 - rest**2) / (2.0 * k_n) + rest * normal
         return work + slider_energy(slip, state, p["tangential_stiffness"])
 
@@ -176,7 +177,8 @@ class CoulombStick(JointLaw):
 class DilatantCoulomb(CoulombStick):
     """Coulomb friction whose sliding opens the interface: seed 003, eqs. 1-2 (associated).
 
-    Arguments as `CoulombStick`; see `fenics_joints.forms.hysteresis.dilatant_coulomb`.
+    It dissipates nothing, for the pressure gets back what friction takes. Arguments as
+    `CoulombStick`; see `fenics_joints.forms.hysteresis.dilatant_coulomb`.
     """
 
     name = "dilatant_coulomb"
@@ -192,7 +194,7 @@ class DilatantCoulomb(CoulombStick):
             p["friction"], p["pressure"],
         )  # fmt: skip
         new = ufl.as_vector([*(position[i] for i in range(n)), opened])
-        return sigma + p["pressure"], traction, new
+        return sigma + ufl.max_value(p["pressure"], 0.0), traction, new
 
     def stored(self, normal, slip, state, p):
         """Energy per area in the springs, above that of the state of rest."""
