@@ -21,7 +21,7 @@ from fenics_joints.interface_reduction import (
 from fenics_joints.joint_laws import CoulombStick, JointLaw
 from fenics_joints.loading import loading_shapes
 from fenics_joints.modal import Modes, solve_modes
-from fenics_joints.preload import PreloadSolver
+from fenics_joints.preload import ContactState, PreloadSolver
 from fenics_joints.preload.linear_joint import LinearJoint
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Structure
@@ -139,17 +139,17 @@ def _loadings(case: Case, structure: Structure, laws, places, modes: Modes) -> l
 def _with_contacts(case: Case, comm, progress: Progress):
     progress.step("building the model")
     preload = build_preload(case, comm)
-    pressures = {}
+    states = {}
     if case.bolts:
         progress.step(f"contact of {preload.jumps.n} degrees of freedom under preload")
         result = PreloadSolver(preload).solve(monitor=lambda i, norm: progress.advance())
-        pressures = {name: state.pressure for name, state in result.contacts.items()}
+        states = result.contacts
     h, laws = case.harmonic, {}
     for name, section in case.nonlinear.items():
         if name not in case.contacts:
             continue
         if isinstance(section, CoulombSection):
-            pressure = pressures.get(name, np.zeros(1))[:, None]
+            pressure = _pressure(states[name], section) if name in states else 0.0
             laws[name] = CoulombStick(
                 section.normal_stiffness, section.tangential_stiffness, section.friction, pressure
             )
@@ -162,3 +162,9 @@ def _with_contacts(case: Case, comm, progress: Progress):
     )
     modes = solve_modes(model, n_modes=min(h.modes, model.n_dofs))
     return model, preload.jumps.n, modes
+
+
+def _pressure(state: ContactState, section: CoulombSection) -> np.ndarray:
+    """Pressure of every pair, Pa, (P, 1); where one is open, what would close it, negative."""
+    gap = np.maximum(state.gap, 0.0)
+    return np.where(gap > 0, -section.normal_stiffness * gap, state.pressure)[:, None]
