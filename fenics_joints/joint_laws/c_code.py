@@ -16,6 +16,7 @@ from ufl.classes import (
     Abs,
     AndCondition,
     Conditional,
+    Conj,
     Constant,
     Division,
     Indexed,
@@ -25,6 +26,7 @@ from ufl.classes import (
     OrCondition,
     Power,
     Product,
+    Real,
     ScalarValue,
     Sum,
     Variable,
@@ -72,7 +74,7 @@ class _Writer:
 
     def name(self, expression) -> str:
         """Name or number of an expression's value; writes the statements that it needs."""
-        while isinstance(expression, Variable):
+        while isinstance(expression, Variable | Real | Conj):
             expression = expression.ufl_operands[0]
         if expression not in self.known:
             self.known[expression] = self._write(expression)

@@ -233,9 +233,12 @@ def _source(law: JointLaw, n_slip: int, normal: bool) -> str:
     state = ufl.Constant(domain, shape=(max(m, 1),), count=1)
     p = {key: ufl.Constant(domain, count=2 + i) for i, key in enumerate(law.parameters)}
     names = {strain: "e", state: "s"} | {c: f"p[{i}]" for i, c in enumerate(p.values())}
-    e, s = ufl.variable(strain), ufl.variable(state)
+    # By components: UFL shares what scalars share, and writes out what vectors do.
+    e = [ufl.variable(strain[i]) for i in range(d)]
+    s = [ufl.variable(state[i]) for i in range(m)]
     slip = ufl.as_vector([e[i] for i in range(int(normal), d)])
-    made = law.element(e[0] if normal else ufl.as_ufl(0.0), slip, s if m else None, p)
+    opening = e[0] if normal else ufl.as_ufl(0.0)
+    made = law.element(opening, slip, ufl.as_vector(s) if m else None, p)
     stress, new = _checked(law, made, n_slip, m)
     stress = ([stress[0]] if normal else []) + [stress[1][i] for i in range(n_slip)]
     values = [(f"f[{i}]", scalar(f)) for i, f in enumerate(stress)]
@@ -277,8 +280,10 @@ def _checked(law: JointLaw, made, n_slip: int, m: int):
 def _slopes(target: str, functions, variable, n: int) -> list:
     found = []
     for i, function in enumerate(functions):
-        derivative = ufl.diff(ufl.as_ufl(function), variable) if n else None
-        found += [(f"{target}[{i * n + j}]", scalar(derivative[j])) for j in range(n)]
+        found += [
+            (f"{target}[{i * n + j}]", scalar(ufl.diff(ufl.as_ufl(function), variable[j])))
+            for j in range(n)
+        ]
     return found
 
 
