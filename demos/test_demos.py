@@ -12,6 +12,10 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from fenics_joints.joint_laws import RichardAbbott
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DEMOS = sorted(Path(__file__).parent.glob("*/demo_*.py"))
@@ -60,7 +64,7 @@ def test_demo(demo, run_script, tmp_path):
 @pytest.mark.smoke
 def test_readme_form(run_script, tmp_path):
     """The README's form gives the stiffness that E A / h says, and prints what the README says."""
-    (script,) = [b for b in blocks("python") if "fenics_joints.forms" in b]
+    (script,) = [b for b in blocks("python") if "uncoupled_layer" in b]
     path = tmp_path / "readme_form.py"
     path.write_text(script, encoding="utf-8")
     found, by_hand = numbers(run_script(path).replace("E A / h", ""))
@@ -78,6 +82,24 @@ def test_readme_preload(run_script, tmp_path):
     assert 23.3 < radius < 24.2
     assert force == pytest.approx(25e3, abs=1e-3)
     assert mean * np.pi * (radius**2 - 6.75**2) == pytest.approx(25e3, rel=0.02)
+
+
+def test_readme_slip(run_script, tmp_path):
+    """Between rigid plates the README's layer dissipates what its backbone says."""
+    (script,) = [b for b in blocks("python") if "solve_quasi_static(" in b]
+    path = tmp_path / "readme_slip.py"
+    path.write_text(script, encoding="utf-8")
+    edit(path, ("69e9", "69e13"))
+    dissipated, stored = numbers(run_script(path))
+    backbone = RichardAbbott(168.13e6, 1.01e5, 5.7426e5, 2.5)
+    area = 0.08 * 0.08
+    strain = brentq(lambda a: backbone.value(a) - 3000 / area, 0, 0.1)
+    # The first loading is a quarter of a loop; a whole one follows.
+    loop = area * 0.5e-3 * float(backbone.dissipation(strain))
+    assert 1e-3 * dissipated == pytest.approx(1.25 * loop, rel=0.04)
+    # At the peak the layer has had the backbone's work, but for what it dissipated on the way.
+    work = area * 0.5e-3 * quad(backbone.value, 0, strain)[0]
+    assert 1e-3 * stored == pytest.approx(work - loop / 4, rel=0.04)
 
 
 def test_readme_effect(run_script, tmp_path):

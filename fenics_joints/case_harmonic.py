@@ -46,7 +46,7 @@ class Hysteretic(Section):
     """
 
     stress: Literal["shear", "equivalent"] = "shear"
-    sliders: Annotated[int, Field(ge=1, le=200, strict=True)] = 12
+    sliders: Annotated[int, Field(ge=1, le=200, strict=True)] = 24
     thickness: Size | None = None
 
     def make(self, E: float | None, G: float | None, meshed: float) -> JointLaw:
@@ -219,7 +219,7 @@ class HarmonicSection(Section):
     harmonics: Annotated[int, Field(ge=1, le=51, strict=True)] = 5
     samples: Annotated[int, Field(ge=8, strict=True)] = 128
     modes: Count = 12
-    interface_modes: Annotated[int, Field(ge=0, strict=True)] = 12
+    interface_modes: Annotated[int, Field(ge=0, strict=True)] = 24
     identify: IdentifySection | None = None
 
     @model_validator(mode="after")
