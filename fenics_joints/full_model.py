@@ -8,15 +8,17 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.interface_reduction import Places, layer_numbers, places
+from fenics_joints.interface_assembly import as_vectors
+from fenics_joints.interface_places import Places, place_loads
 from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.laws import Law
 from fenics_joints.layer_points import LayerPoints, layer_points
-from fenics_joints.motion import FullModel, SparsePoints
+from fenics_joints.motion import FullModel, SparsePoints, point_blocks
 from fenics_joints.structure import Structure
 
 __all__ = ["full_layers"]
 
-#: Share of a layer's elastic stiffness that stays beside its law.
+#: Share of a layer's shear stiffness that stays beside its law.
 _LEFT = 1e-6
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
@@ -33,7 +35,7 @@ def full_layers(
     """A structure whose thin layers follow nonlinear laws, not reduced. Collective.
 
     Arguments as `fenics_joints.interface_reduction.reduce_layers`, which makes the reduced model of
-    the same equations. A millionth of the layer's elastic stiffness stays, which holds the nodes
+    the same equations. A millionth of the layer's shear stiffness stays, which holds the nodes
     within the layer: its points do not feel them.
 
     Raises:
@@ -45,24 +47,27 @@ def full_layers(
     interfaces = []
     for name, number in numbers.items():
         q, law = structure.field.region_values(number, values), laws[name]
-        K.axpy(-1.0, _replaced(structure, number, q, law.coupled), structure=_SUBSET)
-        points = layer_points(structure, number, points_degree)
-        interfaces.append(_points(name, law, points, q["stretch"]))
+        K.axpy(-1.0, _shear_stiffness(structure, number, q), structure=_SUBSET)
+        found = layer_points(structure, number, points_degree)
+        points = _points(name, law, found, q["stretch"])
+        if law.coupled:
+            _take_normal(K, points, _normal_modulus(structure.regions[number].law, q))
+        interfaces.append(points)
     placed = [
-        {name: _vector(K, column) for name, column in zip(found, loads.T, strict=True)}
+        dict(zip(found, as_vectors(K, loads), strict=True))
         for found, loads in (
-            places(structure, "forces", forces), places(structure, "sensors", sensors)
+            place_loads(structure, "forces", forces),
+            place_loads(structure, "sensors", sensors),
         )
-    ]  # fmt: skip
+    ]
     return FullModel(M, K, tuple(interfaces), None, *placed)
 
 
-def _replaced(structure: Structure, number: int, q: Mapping[str, float], normal: bool):
-    """Stiffness that a law takes the place of: of shear, and of the normal strain if asked for."""
-    E, G = ((1 - _LEFT) * q[key] for key in ("E", "G"))
-    if not normal:
-        # Of a constrained layer the normal modulus is lambda + 2 G, zero for E = 4 G.
-        E = 4 * G if structure.regions[number].law.name == "constrained" else 0.0
+def _shear_stiffness(structure: Structure, number: int, q: Mapping[str, float]) -> PETSc.Mat:
+    """Stiffness of a layer's shear, but for the share that stays."""
+    G = (1 - _LEFT) * q["G"]
+    # Of a constrained layer the normal modulus is lambda + 2 G, zero for E = 4 G.
+    E = 4 * G if structure.regions[number].law.name == "constrained" else 0.0
     K, _ = structure.region_matrices(number, {**q, "E": E, "G": G})
     held = [bc.dof_indices()[0] for bc in structure.bcs]
     if held:
@@ -72,6 +77,26 @@ def _replaced(structure: Structure, number: int, q: Mapping[str, float], normal:
         numbers = (blocks * structure.gdim + dofs % structure.gdim).astype(PETSc.IntType)
         K.zeroRowsColumns(numbers, diag=0.0)
     return K
+
+
+def _normal_modulus(law: Law, q: Mapping[str, float]) -> float:
+    """Modulus, Pa, of a linear layer's normal strain: the first of its scalars, unstretched."""
+    return float(law.stiffness_terms({**q, "stretch": 1.0})[0])
+
+
+def _take_normal(K: PETSc.Mat, points: SparsePoints, modulus: float) -> None:
+    """Take the normal stress at the points out of K.
+
+    What the points do not see, strain that varies through the thickness, stays elastic: without it
+    the nodes within the layer would be free, and shape themselves so that there is no shear.
+    """
+    normal = np.zeros((points.n_components,) * 2)
+    normal[0, 0] = modulus
+    block = point_blocks(points, points.weights[:, None, None] * normal)
+    taken = block.ptap(points.rows)
+    K.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    K.axpy(-1.0, taken, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    taken.destroy(), block.destroy()
 
 
 def _points(name: str, law: JointLaw, found: LayerPoints, stretch: float) -> SparsePoints:
@@ -92,9 +117,3 @@ def _points(name: str, law: JointLaw, found: LayerPoints, stretch: float) -> Spa
         name, law, rows, found.weights[mine] * stretch, gdim - (not law.coupled), law.coupled,
         found.points[mine],
     )  # fmt: skip
-
-
-def _vector(K: PETSc.Mat, column: np.ndarray) -> PETSc.Vec:
-    v = K.createVecRight()
-    v.array[:] = column
-    return v
