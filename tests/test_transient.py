@@ -8,8 +8,9 @@ from petsc4py import PETSc
 from scipy.integrate import solve_ivp
 
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.harmonic import solve_backbone
 from fenics_joints.interface_model import InterfaceModel, InterfacePoints
-from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.joint_laws import Iwan, JointLaw, Segalman
 from fenics_joints.motion import FullModel, SparsePoints
 from fenics_joints.transient import solve_transient, steady_harmonics, stepped_sine
 
@@ -80,6 +81,27 @@ def test_ring_down_of_a_linear_oscillator_has_its_frequency_and_damping():
     decay = run.ring_down("mass")
     assert decay.frequencies_hz * 2 * np.pi == pytest.approx(np.sqrt(1 - 1e-4), rel=1e-4)
     assert decay.damping == pytest.approx(0.01, rel=1e-3)
+
+
+def test_ring_down_of_a_slipping_joint_follows_the_nonlinear_mode():
+    """Frequency and damping over amplitude: by decay, and by the mode of harmonic balance.
+
+    With forty sliders both are smooth; each cycle of the decay has a range of amplitudes.
+    """
+    law = Iwan(Segalman(1.0, 1.0, -0.5, 0.5), 40, amplitudes=(0.02, 1.4))
+    model = oscillator(c=0.002, law=law)
+    run = solve_transient(model, step=0.02, n_steps=15000, initial=([0.7], None, None))
+    decay = run.ring_down("mass")
+    mode = solve_backbone(model, (0.05, 0.7), harmonics=3, samples=256)
+    size = np.log(mode.amplitude("mass"))
+    inside = (decay.amplitudes > 0.06) & (decay.amplitudes < 0.6)
+    at = np.log(decay.amplitudes[inside])
+    frequency = np.interp(at, size, mode.frequencies_hz)
+    damping = np.interp(at, size, mode.damping_ratios)
+    assert np.sum(inside) > 10 and damping.max() > 3 * damping.min()
+    assert decay.frequencies_hz[inside] == pytest.approx(frequency, rel=5e-3)
+    assert decay.damping[inside] == pytest.approx(damping, rel=0.1)
+    assert np.mean(decay.damping[inside] / damping) == pytest.approx(1, abs=0.03)
 
 
 def test_slider_agrees_with_an_integrator_that_stops_at_every_change_of_stick_and_slip():
