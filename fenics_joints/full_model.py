@@ -14,6 +14,7 @@ from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.laws import Law
 from fenics_joints.layer_points import LayerPoints, layer_points
 from fenics_joints.motion import FullModel, SparsePoints, point_blocks
+from fenics_joints.reduced_layers import layer_numbers
 from fenics_joints.structure import Structure
 
 __all__ = ["full_layers"]
