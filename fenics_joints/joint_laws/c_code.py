@@ -122,7 +122,9 @@ class _Writer:
         if isinstance(e, Abs):
             return f"fabs({o[0]})"
         if isinstance(e, MinValue | MaxValue):
-            return f"{'fmin' if isinstance(e, MinValue) else 'fmax'}({o[0]}, {o[1]})"
+            # Not fmin and fmax, which are calls because of what they do with nan.
+            sign = "<" if isinstance(e, MinValue) else ">"
+            return f"{o[0]} {sign} {o[1]} ? {o[0]} : {o[1]}"
         if isinstance(e, AndCondition | OrCondition):
             return f"{o[0]} {'&&' if isinstance(e, AndCondition) else '||'} {o[1]}"
         if isinstance(e, NotCondition):
