@@ -17,6 +17,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.harmonic import Backbone, HarmonicResult, solve_backbone, solve_harmonic
 from fenics_joints.harmonic_model import FORCE, SENSOR, HarmonicModel, harmonic_model
 from fenics_joints.identification import IdentificationResult, Prediction, identify, predict
+from fenics_joints.kept_model import kept_model
 from fenics_joints.measured_curves import UNITS, MeasuredCurves
 from fenics_joints.measured_loops import read_loops
 from fenics_joints.progress import Progress
@@ -156,13 +157,16 @@ def run_harmonic(
         case: The case.
         comm: Communicator; the joints' points are shared out over its ranks.
         progress: Told what is being done, point by point.
-        branches: Folder in which every branch is kept as it grows, and gone on from if it is there.
+        branches: Folder in which every branch is kept as it grows, and gone on from if it is there;
+            with it the model whose basis they are in.
 
     Raises:
         JointsError: If the case, the mesh or a solution fails.
     """
     built = harmonic_model(case, comm, progress)
     h, curves = case.harmonic, case.curves()
+    if branches is not None:
+        built = replace(built, model=kept_model(built.model, _folder(branches), h.band, comm))
     started = time.perf_counter()
     identified = _identify(case, built, comm, progress)
     if identified:
@@ -224,12 +228,16 @@ def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[Identif
     return tuple(found)
 
 
+def _folder(folder: Path) -> Path:
+    if not folder.is_dir():
+        raise InputError(f"--branches {folder}: no such folder; expected one that exists")
+    return folder
+
+
 def _kept(folder: Path | None, name: str) -> dict:
     """Where a branch is kept, as arguments of the solvers."""
     if folder is None:
         return {}
-    if not folder.is_dir():
-        raise InputError(f"--branches {folder}: no such folder; expected one that exists")
     return {"checkpoint": folder / f"{name}.npz", "resume": True}
 
 
