@@ -111,8 +111,8 @@ def _points(name: str, law: JointLaw, found: LayerPoints, stretch: float) -> Spa
     if law.n_points is not None:
         raise InputError(f"{law.label}: expected the same parameters at all points of a layer.")
     if not law.coupled:
-        kept = np.arange(first * gdim, last * gdim)
-        index = PETSc.IS().createGeneral(kept[kept % gdim > 0].astype(np.int32), comm=rows.comm)
+        kept = np.arange(first * gdim, last * gdim, dtype=PETSc.IntType)
+        index = PETSc.IS().createGeneral(kept[kept % gdim > 0], comm=rows.comm)
         rows = rows.createSubMatrix(index)
     return SparsePoints(
         name, law, rows, found.weights[mine] * stretch, gdim - (not law.coupled), law.coupled,

@@ -274,6 +274,6 @@ def _fill(block: PETSc.Mat, tangents: np.ndarray) -> None:
     first, _ = block.getOwnershipRange()
     d = tangents.shape[1]
     for i, values in enumerate(tangents):
-        at = np.arange(first + i * d, first + (i + 1) * d, dtype=np.int32)
+        at = np.arange(first + i * d, first + (i + 1) * d, dtype=PETSc.IntType)
         block.setValues(at, at, values)
     block.assemble()

@@ -41,7 +41,8 @@ class TransientResult:
         times: s, (n + 1,); the start included.
         displacements: At each sensor by name, m, (n + 1,).
         velocities: Likewise, m/s.
-        accelerations: Likewise, m/s2.
+        accelerations: Likewise, m/s2; those of the method, of first order: they belong to a time
+            that is (1 - r) / (1 + r) steps away, r being the spectral radius.
         work: Work of the load, J, (n + 1,).
         damped: Work that the viscous damping took, J, (n + 1,).
         joint_work: Work put into each interface's points so far, stored or dissipated, J, (n + 1,),
@@ -195,6 +196,7 @@ class _Integration:
         with petsc_defaults(_PREFIX, ours | dict(petsc_options or {})):
             ts.setFromOptions()
             ts.getSNES().setFromOptions()
+            self._gamma = _newmark_gamma(PETSc.Options(_PREFIX))
 
     def _loaded(self, t: float) -> PETSc.Vec | None:
         if not self.places:
@@ -217,8 +219,7 @@ class _Integration:
             self.states = states
         acceleration = self._acceleration(u, v, start)
         record.add(start, u, v, acceleration, self._loaded(start), self.motion.step(u, self.states))
-        before = v.copy(), acceleration
-        gamma = self._gamma()
+        before, gamma = (v.copy(), acceleration), self._gamma
 
         def after(ts):
             t, (x, w) = ts.getTime(), ts.getSolution2()
@@ -256,13 +257,6 @@ class _Integration:
             f"time integration stopped at t = {t:.6g} s; try a smaller step", reason
         )
 
-    def _gamma(self) -> float:
-        """Newmark's gamma of the method, from its spectral radius or as it was set."""
-        try:
-            return float(self.solver.getAlphaParams()[2])
-        except (PETSc.Error, IndexError, TypeError):
-            return 0.5
-
     def _start(self, given) -> PETSc.Vec:
         vector = self.motion.vector()
         if given is not None:
@@ -283,8 +277,22 @@ class _Integration:
         ksp.setTolerances(rtol=1e-8)
         r.scale(-1.0)
         ksp.solve(r, a)
+        reason = ksp.getConvergedReason()
         ksp.destroy()
+        if reason < 0:
+            raise ConvergenceError("the acceleration at the start was not found", str(reason))
         return a
+
+
+def _newmark_gamma(options: PETSc.Options) -> float:
+    """Newmark's gamma of generalised alpha, as PETSc takes it from its options.
+
+    From the spectral radius r: alpha_m = (2 - r) / (1 + r), alpha_f = 1 / (1 + r), gamma = 1/2 +
+    alpha_m - alpha_f (Chung and Hulbert, J. Appl. Mech. 60, 1993). PETSc tells of this type what
+    it solved, but not its parameters.
+    """
+    radius = options.getReal("ts_alpha_radius", 1.0)
+    return options.getReal("ts_alpha_gamma", 0.5 + (1 - radius) / (1 + radius))
 
 
 def _reason(ts: PETSc.TS) -> str:

@@ -66,14 +66,18 @@ def chain(comm=None, n=6):
 
 @pytest.mark.smoke
 def test_free_decay_converges_with_second_order():
-    errors = []
+    errors, other = [], []
     for step in (0.1, 0.05, 0.025):
         n_steps = round(20 / step)
         run = solve_transient(oscillator(), step=step, n_steps=n_steps, initial=([1.0], None, None))
         t, w = run.times, np.sqrt(1 - 1e-4)
         exact = np.exp(-0.01 * t) * (np.cos(w * t) + 0.01 / w * np.sin(w * t))
         errors.append(np.abs(run.displacements["mass"] - exact).max())
+        by_force = -run.displacements["mass"] - 0.02 * run.velocities["mass"]
+        other.append(np.abs(run.accelerations["mass"] - by_force).max())
     assert np.diff(np.log2(errors)) == pytest.approx([-2, -2], abs=0.1)
+    # The method's acceleration is that of a time (1 - r) / (1 + r) steps away, r = 0.9.
+    assert other == pytest.approx(np.array([0.1, 0.05, 0.025]) * 0.1 / 1.9, rel=0.05)
 
 
 def test_ring_down_of_a_linear_oscillator_has_its_frequency_and_damping():
