@@ -73,6 +73,7 @@ class LawKernel:
         law: The law; only its UFL and the names of its parameters matter here.
         n_slip: Number of tangential components, 1 or 2.
         normal: Whether the strain has a normal component.
+        source: The law's C source, if it has been written already, which takes a second.
 
     Attributes:
         d: Components of strain.
@@ -80,10 +81,10 @@ class LawKernel:
         n_parameters: Number of parameters of an element.
     """
 
-    def __init__(self, law: JointLaw, n_slip: int, normal: bool):
+    def __init__(self, law: JointLaw, n_slip: int, normal: bool, source: str | None = None):
         self.d, self.m = n_slip + normal, law.state_size(n_slip)
         self.n_parameters = len(law.parameters)
-        self._library = _compile(_source(law, n_slip, normal))
+        self._library = _compile(source or _source(law, n_slip, normal))
 
     @staticmethod
     def of(law: JointLaw, n_slip: int, normal: bool) -> LawKernel:
@@ -97,7 +98,7 @@ class LawKernel:
         if kernel is None:
             source = _source(law, n_slip, normal)
             if source not in _kernels:
-                _kernels[source] = LawKernel(law, n_slip, normal)
+                _kernels[source] = LawKernel(law, n_slip, normal, source)
             kernel = law.__dict__[_key(n_slip, normal)] = _kernels[source]
         return kernel
 
