@@ -205,7 +205,9 @@ class HarmonicSection(Section):
 
     ``levels`` are amplitudes of the force; ``damping`` the ratios of the modes at rest, the last
     one for all further modes; ``measured`` a table with the columns ``level``, ``frequency`` and
-    ``amplitude``, of the ``response`` at the sensor.
+    ``amplitude``, of the ``response`` at the sensor. ``interface_modes`` go into the reduced model
+    beside the ``modes``: none in layers, which show how they give way under static load instead,
+    and 60 in contacts, or all they have, unless the case says so.
     """
 
     force: Place

@@ -31,6 +31,8 @@ __all__ = ["FORCE", "SENSOR", "HarmonicModel", "harmonic_model"]
 FORCE, SENSOR = "force", "sensor"
 #: Static loads whose shapes go into the basis: as many, the least as a share of the largest.
 _LOADINGS, _LEAST = 12, 0.01
+#: Interface modes of contacts, unless the case says how many.
+_CONTACT_MODES = 60
 
 
 @dataclass(frozen=True)
@@ -117,8 +119,9 @@ def _with_layers(case: Case, comm, progress: Progress):
     shapes = _loadings(case, structure, laws, places, modes)
     progress.step(f"reducing {structure.n_dofs} degrees of freedom")
     model = reduce_layers(
-        structure, laws, n_modes=h.modes, interface_modes=h.interface_modes, extra=shapes, **places
-    )
+        structure, laws, n_modes=h.modes, interface_modes=h.interface_modes or 0, extra=shapes,
+        **places,
+    )  # fmt: skip
     return model, structure.n_dofs, modes
 
 
@@ -157,8 +160,10 @@ def _with_contacts(case: Case, comm, progress: Progress):
             laws[name] = section.make(None, None, 1.0)
     joint = LinearJoint(preload)
     progress.step(f"reducing {preload.jumps.n} degrees of freedom")
+    jumps = sum(len(c) * preload.structure.gdim for c in preload.jumps.contacts if c.name in laws)
+    modes = min(jumps, _CONTACT_MODES) if h.interface_modes is None else h.interface_modes
     model = reduce_contacts(
-        joint, laws, n_modes=h.modes, interface_modes=h.interface_modes, **_places(case)
+        joint, laws, n_modes=h.modes, interface_modes=modes, **_places(case)
     )
     modes = solve_modes(model, n_modes=min(h.modes, model.n_dofs))
     return model, preload.jumps.n, modes

@@ -58,7 +58,6 @@ band = ["25 Hz", "31 Hz"]
 damping = "1 %"
 harmonics = 3
 samples = 64
-interface_modes = 0
 measured = "frf.csv"
 """
 CURVES = "level [N],frequency [Hz],amplitude [m/s2]\n10,27,40\n10,27.8,90\n10,29,50\n"
@@ -84,7 +83,8 @@ tangential_stiffness = "30 GPa/m"
 friction = 0.02
 [harmonic]
 """
-    + LAYER.split("[harmonic]\n")[1].replace("interface_modes = 0\n", "interface_modes = 12\n")
+    + LAYER.split("[harmonic]\n")[1]
+    + "interface_modes = 30\n"
 )
 
 
