@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.interface_model import InterfaceModel
 from fenics_joints.motion import FullModel, SparseMotion, motion_of
-from fenics_joints.preload.options import petsc_defaults
+from fenics_joints.petsc_options import petsc_defaults
 
 __all__ = ["condense", "loading_shapes"]
 
@@ -57,8 +57,11 @@ def loading_shapes(
         A displacement for each factor up to the joint's strength, and a few more near it.
 
     Raises:
+        InputError: If the factors do not ascend from above zero.
         ConvergenceError: If not even the first step converges, with PETSc's reason.
     """
+    if np.any(np.diff([0.0, *factors]) <= 0):
+        raise InputError(f"factors = {list(factors)}: expected ascending numbers > 0.")
     motion = motion_of(model)
     still, states, u = motion.vector(), motion.rest(), motion.vector()
     whole, present = motion.vector(), motion.vector()

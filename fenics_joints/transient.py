@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.motion import DenseMotion, SparseMotion, motion_of
-from fenics_joints.preload.options import petsc_defaults
+from fenics_joints.petsc_options import petsc_defaults
 from fenics_joints.ring_down import RingDown, ring_down
 
 __all__ = ["TransientResult", "solve_transient", "steady_harmonics", "stepped_sine"]
@@ -161,7 +161,8 @@ def solve_transient(
         progress: Called with the number of steps done, after each.
 
     Raises:
-        InputError: For a step or number out of range, or an unknown place.
+        InputError: For a step or number out of range, an unknown place, or a start that does not
+            fit.
         ConvergenceError: If a step does not converge, with PETSc's reason.
     """
     if not step > 0:
@@ -260,7 +261,12 @@ class _Integration:
     def _start(self, given) -> PETSc.Vec:
         vector = self.motion.vector()
         if given is not None:
-            vector.array[:] = given.array_r if isinstance(given, PETSc.Vec) else given
+            given = given.array_r if isinstance(given, PETSc.Vec) else np.asarray(given)
+            if given.shape != vector.array_r.shape:
+                raise InputError(
+                    f"initial: a vector has shape {given.shape}: expected {vector.array_r.shape}."
+                )
+            vector.array[:] = given
         return vector
 
     def _acceleration(self, u, v, t) -> PETSc.Vec:

@@ -261,7 +261,8 @@ def with_extremes(problem, branch: Branch, slope, settings: Settings) -> Branch:
 def _at_frequencies(balance, load, at, settings, initial, common, progress) -> HarmonicResult:
     """Responses at given frequencies, each from that of the frequency below it."""
     frequencies = np.asarray(at, dtype=float)
-    if frequencies.ndim != 1 or not len(frequencies) or not np.all(frequencies > 0):
+    usable = (frequencies > 0) & np.isfinite(frequencies)
+    if frequencies.ndim != 1 or not len(frequencies) or not np.all(usable):
         raise InputError(f"at = {at}: expected positive frequencies, Hz.")
     starts = _starts(balance, initial, frequencies)
     omegas = 2 * np.pi * frequencies

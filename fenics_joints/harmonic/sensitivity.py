@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import amplitude_gradient, differentiated
 from fenics_joints.interface_model import InterfaceModel
@@ -82,6 +82,7 @@ def response_gradient(
 
     Raises:
         InputError: If a value is zero, or the changed model has another size.
+        ConvergenceError: At a turning point, where there are none.
     """
     pairs = {}
     for key, value in values.items():
@@ -97,7 +98,13 @@ def response_gradient(
         for j, (key, (up, down)) in enumerate(pairs.items()):
             difference = _residual(up, X, omega, load) - _residual(down, X, omega, load)
             by_values[:, j] = difference.reshape(-1) / (2 * step * values[key])
-        found[i] = -scipy.linalg.solve(J, by_values).reshape(*X.shape, -1)
+        try:
+            found[i] = -scipy.linalg.solve(J, by_values).reshape(*X.shape, -1)
+        except scipy.linalg.LinAlgError as error:
+            raise ConvergenceError(
+                f"the response at {omega / (2 * np.pi):.6g} Hz has no derivatives: it is at a "
+                "turning point", str(error),
+            ) from error  # fmt: skip
     return found
 
 

@@ -318,15 +318,20 @@ def _build(name: str, source: str, folder: Path, flags: list[str]) -> Path:
     ffi = cffi.FFI()
     ffi.cdef(_DECLARATIONS)
     ffi.set_source(name, source, extra_compile_args=flags)
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        try:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
             built = Path(ffi.compile(tmpdir=scratch))
-        except cffi.VerificationError as error:
-            raise JointsError(f"a joint law could not be compiled: {error}") from error
-        # Whole or not there, whoever else compiles the same law at this moment.
-        final = folder / built.name
-        os.replace(built, final)
+            # Whole or not there, whoever else compiles the same law at this moment.
+            final = folder / built.name
+            os.replace(built, final)
+    except cffi.VerificationError as error:
+        raise JointsError(f"a joint law could not be compiled: {error}") from error
+    except OSError as error:
+        raise JointsError(
+            f"{folder}: a compiled joint law cannot be written there ({error.strerror}); expected "
+            "a folder to write to, or set XDG_CACHE_HOME to one"
+        ) from error
     return final
 
 

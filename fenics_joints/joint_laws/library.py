@@ -200,8 +200,8 @@ class DilatantCoulomb(CoulombStick):
         """Energy per area in the springs, above that of the state of rest."""
         n = slip.ufl_shape[0]
         position, _ = _split(state, n)
-        k_n, rest = p["normal_stiffness"], p["pressure"]
-        pressed = rest - k_n * (normal - state[n])
+        k_n, rest = p["normal_stiffness"], ufl.max_value(p["pressure"], 0.0)
+        pressed = ufl.max_value(p["pressure"] - k_n * (normal - state[n]), 0.0)
         work = (pressed**2 - rest**2) / (2.0 * k_n) + rest * normal
         return work + slider_energy(slip, position, p["tangential_stiffness"])
 

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.joint_laws.field import JointField
+from fenics_joints.petsc_options import petsc_defaults
 
 __all__ = ["QuasiStatic", "QuasiStaticHistory", "solve_quasi_static"]
 
@@ -98,12 +99,8 @@ class QuasiStatic:
         snes.setOptionsPrefix(prefix)
         snes.setFunction(self._function, self._b)
         snes.setJacobian(self._jacobian, self._A)
-        known = PETSc.Options()
-        for key, value in options.items():
-            known[prefix + key] = value
-        snes.setFromOptions()
-        for key in options:
-            known.delValue(prefix + key)
+        with petsc_defaults(prefix, options):
+            snes.setFromOptions()
         snes.setConvergenceHistory()
         return snes
 

@@ -9,13 +9,13 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.petsc_options import petsc_defaults
 from fenics_joints.preload.conditions import Pairs, Penalty
 from fenics_joints.preload.hold import Hold, find_hold
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.jumps import Jumps
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner
-from fenics_joints.preload.options import petsc_defaults
 from fenics_joints.preload.result import PreloadResult
 
 __all__ = ["METHODS", "PreloadSolver", "solve_preload"]
