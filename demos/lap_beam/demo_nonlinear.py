@@ -26,6 +26,7 @@ import numpy as np
 from stage_two import (
     COMM,
     HERE,
+    POINTS,
     H,
     beams,
     bolt_and_accelerometer,
@@ -71,7 +72,7 @@ start = {"lap.E_p": 0.02 * E, "lap.S_y": 6e4}
 model = nonlinear_model(
     structure, layer_law(E, G, *start.values(), 2.5), E, G, test.shaker, test.damping
 )
-linear = predict(law_at(model, {"lap.S_y": 1e9}), curves, **options())
+linear = predict(law_at(model, {"lap.S_y": 1e9}), curves, points=POINTS, **options())
 found, predictions = identified(model, curves, start, "gradient")
 say("", "a layer that never yields")
 tell_errors(linear)
