@@ -153,9 +153,10 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
     with pytest.raises(InputError, match=r"model.h5: holds another model"):
         run_harmonic(load_case(shared_tmp_path), MPI.COMM_WORLD, QUIET, branches=branches)
     write(shared_tmp_path)
-    peaks = [level["peak"] for level in contents[0]["levels"]]
-    alone = run_harmonic(load_case(shared_tmp_path), MPI.COMM_SELF, QUIET)
-    assert peaks == pytest.approx([f.amplitude for f in alone.facts], rel=1e-5)
+    if MPI.COMM_WORLD.size > 1:
+        peaks = [level["peak"] for level in contents[0]["levels"]]
+        alone = run_harmonic(load_case(shared_tmp_path), MPI.COMM_SELF, QUIET)
+        assert peaks == pytest.approx([f.amplitude for f in alone.facts], rel=1e-5)
     page = (shared_tmp_path / "first.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 4 and "10.0 N" in page
 

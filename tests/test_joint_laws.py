@@ -295,6 +295,7 @@ def test_change_is_smooth():
         (lambda: CoulombStick(1e9, -1e9, 0.3), "tangential_stiffness"),
         (lambda: BoucWen(1e6, 0.1, 1.0, 2.0), "gamma"),
         (lambda: Valanis(1e6, 2e6, 1.0), "E_t"),
+        (lambda: Valanis(1e6, 1e5, 1.0).with_values(E_t=2e6), "E_t"),
     ],
 )
 def test_bad_input_is_named(make, word):

@@ -60,6 +60,15 @@ class JointLaw(ABC):
             raise InputError(
                 f"{self.label}: the shapes of its parameters do not fit together: {shapes}."
             ) from None
+        self.check()
+
+    def check(self) -> None:
+        """Refuse parameters that the law does not allow; every change of them is checked too.
+
+        Raises:
+            InputError: If one is out of range.
+        """
+        return
 
     @property
     def label(self) -> str:
@@ -119,7 +128,7 @@ class JointLaw(ABC):
         """The same law with other values of some of its element parameters.
 
         Raises:
-            InputError: For an unknown parameter.
+            InputError: For an unknown parameter, or a value that the law does not allow.
         """
         unknown = [key for key in values if key not in self.parameters]
         if unknown:

@@ -149,6 +149,8 @@ class CoulombStick(JointLaw):
             friction=friction,
             pressure=pressure,
         )
+
+    def check(self) -> None:
         _positive(self, "normal_stiffness", "tangential_stiffness")
         _not_negative(self, "friction")
 
@@ -239,14 +241,16 @@ class BoucWen(JointLaw):
         substeps: int = 1,
     ):
         super().__init__(stiffness=stiffness, ratio=ratio, beta=beta, gamma=gamma, n=n)
+        if not isinstance(substeps, int) or substeps < 1:
+            raise InputError(f"bouc_wen.substeps = {substeps}: expected a whole number >= 1.")
+        self.substeps = substeps
+
+    def check(self) -> None:
         _positive(self, "stiffness", "beta")
         _not_negative(self, "ratio")
         p = self.parameters
         if np.any(p["ratio"] > 1) or np.any(p["n"] < 1) or np.any(abs(p["gamma"]) > p["beta"]):
             raise InputError("bouc_wen: expected ratio <= 1, n >= 1 and |gamma| <= beta.")
-        if not isinstance(substeps, int) or substeps < 1:
-            raise InputError(f"bouc_wen.substeps = {substeps}: expected a whole number >= 1.")
-        self.substeps = substeps
 
     def state_size(self, n_slip: int) -> int:
         return 2 * n_slip
@@ -275,6 +279,8 @@ class Valanis(JointLaw):
 
     def __init__(self, E_0: ArrayLike, E_t: ArrayLike, rate: ArrayLike):
         super().__init__(E_0=E_0, E_t=E_t, rate=rate)
+
+    def check(self) -> None:
         _positive(self, "E_0", "rate")
         _not_negative(self, "E_t")
         if np.any(self.parameters["E_t"] >= self.parameters["E_0"]):
