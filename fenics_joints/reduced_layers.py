@@ -111,7 +111,7 @@ def reduce_layers(
         )
         for name, layer in layers.items()
     ]  # fmt: skip
-    pencil = _without_stress(reduced.affine, {numbers[n]: law for n, law in laws.items()})
+    pencil = _without_stress(reduced.affine, laws, layers)
     modes.solver.destroy(), strains.destroy()
     for A in (K, M, *(B for p in found.values() for B in (p.thin, p.flat))):
         A.destroy()
@@ -153,15 +153,24 @@ def _layer_term(number: int, p: LayerPoints, columns: np.ndarray, law: JointLaw)
     return LayerTerm(number, thin, flat, p.weights)
 
 
-def _without_stress(pencil: AffinePencil, laws: Mapping[int, JointLaw]) -> AffinePencil:
-    """The pencil without the stress that laws take over, by the region's index."""
+def _without_stress(
+    pencil: AffinePencil, laws: Mapping[str, JointLaw], layers: Mapping[str, LayerTerm]
+) -> AffinePencil:
+    """The pencil without the stress that laws take over.
+
+    Of the normal stress a coupled law takes what its points see. Strain that varies through the
+    thickness stays elastic: without that, nodes within the layer would shape themselves, in a basis
+    that lets them, so that there is no shear.
+    """
     regions = list(pencil.regions)
-    for number, law in laws.items():
+    for name, layer in layers.items():
         # Of these layers the first scalar is the normal modulus', the others the shear modulus'.
-        kept = np.zeros(len(regions[number].stiffness))
-        kept[0] = 0.0 if law.coupled else 1.0
-        stiffness = kept[:, None, None] * regions[number].stiffness
-        regions[number] = replace(regions[number], stiffness=stiffness)
+        stiffness = np.zeros_like(regions[layer.region].stiffness)
+        stiffness[0] = regions[layer.region].stiffness[0]
+        if laws[name].coupled:
+            normal = layer.thin[:, 0]
+            stiffness[0] -= (normal * layer.volumes[:, None]).T @ normal
+        regions[layer.region] = replace(regions[layer.region], stiffness=stiffness)
     return replace(pencil, regions=regions)
 
 

@@ -20,6 +20,7 @@ from fenics_joints.ring_down import RingDown, ring_down
 __all__ = ["TransientResult", "solve_transient", "steady_harmonics", "stepped_sine"]
 
 _PREFIX = "fenics_joints_transient_"
+_SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 _DEFAULTS = {
     "ts_type": "alpha2",
     "ts_alpha_radius": 0.9,
@@ -218,7 +219,7 @@ class _Integration:
         u, v = self._start(u), self._start(v)
         if states is not None:
             self.states = states
-        acceleration = self._acceleration(u, v, start)
+        acceleration = self._acceleration(u, v, start, step)
         record.add(start, u, v, acceleration, self._loaded(start), self.motion.step(u, self.states))
         before, gamma = (v.copy(), acceleration), self._gamma
 
@@ -269,22 +270,28 @@ class _Integration:
             vector.array[:] = given
         return vector
 
-    def _acceleration(self, u, v, t) -> PETSc.Vec:
+    def _acceleration(self, u, v, t, step: float) -> PETSc.Vec:
         """M a = load - C v - K u - f(u) at the start."""
         a, r = self.motion.vector(), self.motion.vector()
         self.motion.residual(u, v, a, self._loaded(t), self.states, r)
         if isinstance(self.motion, DenseMotion):
             a.array[:] = np.linalg.lstsq(self.motion.model.M, -r.array_r, rcond=None)[0]
             return a
+        # Degrees of freedom without mass, as in a layer, have no acceleration of their own; as much
+        # stiffness as a step of a thousandth of the first would bring ties them to the others.
+        A = self.motion.matrix()
+        self.motion.jacobian(u, self.states, 0.0, 1.0, A)
+        A.scale((1e-3 * step) ** 2)
+        A.axpy(1 - (1e-3 * step) ** 2, self.motion.model.M, _SUBSET)
         ksp = PETSc.KSP().create(comm=self.motion.comm)
-        ksp.setOperators(self.motion.model.M)
-        ksp.setType("cg")
-        ksp.getPC().setType("jacobi")
-        ksp.setTolerances(rtol=1e-8)
+        ksp.setOperators(A)
+        ksp.setType("preonly")
+        ksp.getPC().setType("lu")
+        ksp.getPC().setFactorSolverType("mumps")
         r.scale(-1.0)
         ksp.solve(r, a)
         reason = ksp.getConvergedReason()
-        ksp.destroy()
+        ksp.destroy(), A.destroy()
         if reason < 0:
             raise ConvergenceError("the acceleration at the start was not found", str(reason))
         return a
