@@ -192,6 +192,16 @@ def test_duffing_mode_is_the_closed_form():
     assert np.allclose(2 * np.pi * one.frequencies_hz, closed, rtol=1e-9)
 
 
+def test_a_direction_with_next_to_no_mass_is_no_obstacle():
+    """As reduced bases have them."""
+    model, one = duffing(), solve_backbone(duffing(), (0.01, 2.0), harmonics=3)
+    joint = replace(model.interfaces[0], rows=np.array([[[1.0, 0.0]]]))
+    K, C, row = np.eye(2), DAMPING * np.diag([1.0, 0.0]), np.array([1.0, 0.0])
+    light = InterfaceModel(np.diag([1.0, 1e-16]), K, (joint,), C, {"push": row}, {"mass": row})
+    two = solve_backbone(light, (0.01, 2.0), harmonics=3)
+    assert two.frequencies_hz[-1] == pytest.approx(one.frequencies_hz[-1], rel=1e-9)
+
+
 def test_duffing_converges_with_harmonics():
     """Every second harmonic brings more than a decade."""
     peaks = [

@@ -25,8 +25,10 @@ from fenics_joints.progress import Progress
 __all__ = ["Backbone", "solve_backbone", "solve_phase_resonance"]
 
 _LN10 = float(np.log(10.0))
-#: Eigenvalues below this share of the largest are rigid-body motion.
-_RIGID = 1e-10
+#: Eigenvalues below this share of trace(K) / trace(M) are rigid-body motion.
+_RIGID = 1e-8
+#: Directions with this share of the mass per stiffness of the heaviest have none.
+_MASSLESS = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,17 +178,24 @@ def _linear_mode(balance: Balance, near: float | None) -> tuple[float, np.ndarra
     rest = np.zeros(balance.shape)
     rest[:, 0] = balance.mean
     J = balance.interface_force(rest)[1].reshape(*balance.shape, *balance.shape)
-    K = balance.model.K + J[:, 1, :, 1]
+    K, M = balance.model.K + J[:, 1, :, 1], balance.model.M
+    # Inverted, since directions of a reduced basis may have next to no mass.
+    scale = np.trace(K) / np.trace(M)
     try:
-        values, shapes = scipy.linalg.eigh(0.5 * (K + K.T), balance.model.M)
+        inverse, shapes = scipy.linalg.eigh(M, 0.5 * (K + K.T) + scale * M)
     except scipy.linalg.LinAlgError as error:
-        raise InputError(f"M: expected a positive definite matrix ({error}).") from error
-    elastic = np.flatnonzero(values > _RIGID * values[-1])
+        raise InputError(
+            f"M and K at rest: expected positive (semi-)definite matrices ({error})."
+        ) from error
+    heavy = np.flatnonzero(inverse > _MASSLESS * inverse[-1])[::-1]
+    values = 1 / inverse[heavy] - scale
+    elastic = np.flatnonzero(values > _RIGID * scale)
     if not len(elastic):
         raise InputError("the model has no elastic mode; expected some stiffness.")
     omegas = np.sqrt(values[elastic])
     i = 0 if near is None else int(np.argmin(np.abs(omegas - 2 * np.pi * near)))
-    return float(omegas[i]), shapes[:, elastic[i]]
+    number = heavy[elastic[i]]
+    return float(omegas[i]), shapes[:, number] / np.sqrt(inverse[number])
 
 
 class _Mode:
