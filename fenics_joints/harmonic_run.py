@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import fenics_joints
 from fenics_joints.case import Case
-from fenics_joints.case_harmonic import identification_start
+from fenics_joints.case_harmonic import IdentifySection, identification_start
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import Backbone, HarmonicResult, solve_backbone, solve_harmonic
 from fenics_joints.harmonic_model import FORCE, SENSOR, HarmonicModel, harmonic_model
@@ -192,7 +192,8 @@ def run_harmonic(
     predictions = ()
     if curves is not None:
         progress.step("responses at the measured frequencies", len(curves.levels))
-        predictions = predict(built.model, curves, **_equations(case, comm))
+        points = h.identify.points if h.identify else IdentifySection.model_fields["points"].default
+        predictions = predict(built.model, curves, points=points, **_equations(case, comm))
     seconds = time.perf_counter() - started
     return HarmonicReport(
         case, built, responses, facts, backbone, curves, seconds, comm.rank, identified, predictions

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.text import Text
 
 from fenics_joints.case_harmonic import identifiable
 from fenics_joints.formatting import hertz, number, percent, quantity
@@ -29,24 +30,15 @@ def harmonic(console: Console, r: HarmonicReport) -> None:
     )
     say(console, f"{model.n_dofs} after reduction; points of joints: {points}")
     console.print()
-    measured = r.curves is not None
     unit = UNITS[r.kind].replace("s2", "s²")
-    columns = [">force", ">peak, Hz", f">{r.kind}, {unit}", ">damping", ">in joints, per cycle"]
-    if measured:
-        columns += [">test, Hz", f">test, {unit}", ">error, Hz", ">error"]
-    rows = new_table(*columns)
+    rows = new_table(
+        ">force", ">peak, Hz", f">{r.kind}, {unit}", ">damping", ">in joints, per cycle"
+    )
     for f in r.facts:
-        cells = [
+        rows.add_row(
             quantity(f.level, "N"), f"{f.frequency_hz:.3f}", number(f.amplitude, 4),
             percent(f.damping_ratio), quantity(sum(f.joint_energy.values()), "J"),
-        ]  # fmt: skip
-        if measured:
-            cells += ["-"] * 4 if f.measured is None else [
-                f"{f.measured_hz:.3f}", number(f.measured, 4),
-                percent(f.frequency_hz / f.measured_hz - 1, sign=True),
-                percent(f.amplitude / f.measured - 1, sign=True),
-            ]  # fmt: skip
-        rows.add_row(*cells)
+        )  # fmt: skip
     console.print(rows)
     if r.identified:
         _identified(console, r)
@@ -60,42 +52,40 @@ def harmonic(console: Console, r: HarmonicReport) -> None:
 
 def _identified(console: Console, r: HarmonicReport) -> None:
     """The parameters found, by each method."""
-    console.print()
     known = identifiable(r.case)
-    first = r.identified[0]
-    say(console, f"identified from the curve at {quantity(first.level, 'N')}", "bold")
-    rows = new_table(
-        "method", *(f">{name}" for name in first.values), ">eq. 6", ">responses", ">solutions"
-    )
     for found in r.identified:
-        cells = [_value(found, name, known[name][1]) for name in found.values]
-        rows.add_row(
-            found.method, *cells, f"{found.start_objective:.3f} -> {found.objective:.4f}",
-            str(found.evaluations), str(found.solutions),
-        )  # fmt: skip
-    console.print(rows)
-    if left := r.identified[-1].undetermined:
-        say(console, f"not determined by these data: {', '.join(left)}")
-
-
-def _value(found, name: str, unit: str) -> str:
-    spread = found.sd[name]
-    text = quantity(found.values[name], unit, 4)
-    return f"{text} ± {percent(spread, 1)}" if spread < 1 else f"{text} (open)"
+        console.print()
+        say(console, f"identified from the curve at {quantity(found.level, 'N')}, {found.method}: "
+            f"{found.evaluations} responses ({found.solutions} solutions)", "bold")  # fmt: skip
+        say(console, f"sum of errors {found.start_objective:.3f} at the start, "
+            f"{found.objective:.4f} at the end")  # fmt: skip
+        rows = new_table("parameter", ">start", ">found", ">s.d.")
+        for name, value in found.values.items():
+            unit, spread = known[name][1], found.sd[name]
+            rows.add_row(
+                Text(name), quantity(found.start[name], unit, 4), quantity(value, unit, 4),
+                percent(spread, 1) if spread < 1 else "open",
+            )  # fmt: skip
+        console.print(rows)
+        if left := found.undetermined:
+            say(console, f"not determined by these data: {', '.join(left)}")
 
 
 def _predictions(console: Console, r: HarmonicReport) -> None:
     """How far the model is from every measured curve."""
     console.print()
     fitted = {found.level for found in r.identified}
-    rows = new_table("measured curve", ">peak, Hz", ">error", f">peak, {UNITS[r.kind]}", ">error",
-                     ">mean error near the peak")  # fmt: skip
+    unit = UNITS[r.kind].replace("s2", "s²")
+    rows = new_table(
+        ">measured at", "", ">peak, Hz", ">error", f">peak, {unit}", ">error", ">mean error"
+    )
     for p in r.predictions:
         (hz, amplitude), _ = p.peaks
         word = "fitted" if p.level in fitted else "predicted"
         rows.add_row(
-            f"{quantity(p.level, 'N')}, {word}" if fitted else quantity(p.level, "N"),
-            f"{hz:.3f}", percent(p.frequency_error, sign=True), number(amplitude, 4),
+            quantity(p.level, "N"), word if fitted else "", f"{hz:.3f}",
+            percent(p.frequency_error, sign=True), number(amplitude, 4),
             percent(p.amplitude_error, sign=True), percent(p.mean_error),
         )  # fmt: skip
     console.print(rows)
+    say(console, "mean error: of the amplitudes near the peak")
