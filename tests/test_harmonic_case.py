@@ -22,7 +22,7 @@ from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
-QUIET = Progress(silent=True)
+QUIET, SELF = Progress(silent=True), MPI.COMM_SELF
 
 LAYER = """
 title = "Small lap beam"
@@ -106,7 +106,7 @@ def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(s
     case = load_case(write(shared_tmp_path))
     report = run_harmonic(case, MPI.COMM_WORLD, QUIET)
     small, large = report.facts
-    built = harmonic_model(case, MPI.COMM_SELF, QUIET)
+    built = harmonic_model(case, SELF, QUIET)
     modes = solve_modes(built.model, n_modes=3)
     hz = modes.frequencies_hz[built.mode]
     force, sensor = (
@@ -155,10 +155,40 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
     write(shared_tmp_path)
     if MPI.COMM_WORLD.size > 1:
         peaks = [level["peak"] for level in contents[0]["levels"]]
-        alone = run_harmonic(load_case(shared_tmp_path), MPI.COMM_SELF, QUIET)
+        alone = run_harmonic(load_case(shared_tmp_path), SELF, QUIET)
         assert peaks == pytest.approx([f.amplitude for f in alone.facts], rel=1e-5)
     page = (shared_tmp_path / "first.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 4 and "10.0 N" in page
+
+
+@serial
+def test_identification_finds_the_strength_that_made_the_curves(tmp_path):
+    """Curves of one strength, with other sliders; the level that is not fitted is met as well."""
+    one = '"0.01 N", "10 N"]', '"7 N", "10 N"]'
+    no_backbone = "samples = 64", "samples = 64\nbackbone = false"
+    true = ('S_y = "500 kPa"', 'S_y = "400 kPa"\nsliders = 30')
+    made = run_harmonic(load_case(write(tmp_path, LAYER, one, no_backbone, true)), SELF, QUIET)
+    rows = ["level [N],frequency [Hz],amplitude [m/s2]"]
+    for level, r in zip((7, 10), made.responses, strict=True):
+        around = range(max(r.peak.index - 8, 0), r.peak.index + 9)
+        a = r.amplitude("sensor", "acceleration")
+        rows += [f"{level},{r.frequencies_hz[i]:.8g},{a[i]:.8g}" for i in around]
+    wanted = """measured = "frf.csv"
+[harmonic.identify]
+level = "10 N"
+parameters = "lap.S_y"
+method = "gradient"
+"""
+    write(tmp_path, LAYER, one, no_backbone, ('measured = "frf.csv"\n', wanted))
+    (tmp_path / "frf.csv").write_text("\n".join(rows), encoding="utf-8")
+    report = run_harmonic(load_case(tmp_path), SELF, QUIET)
+    (found,) = report.identified
+    assert found.values["lap.S_y"] == pytest.approx(400e3, rel=0.02)
+    assert found.start["lap.S_y"] == 500e3 and found.evaluations < 30
+    unseen, fitted = report.predictions
+    assert unseen.level == 7 and abs(unseen.amplitude_error) < 0.01
+    assert report.json()["identified"][0]["undetermined"] == []
+    assert "predicted" in report.html()
 
 
 @serial
@@ -166,7 +196,7 @@ def test_contact_with_friction_under_preload(tmp_path):
     # 120 N on beams of 6 mm open gaps of nanometres, which the smaller force must not close.
     levels = 'levels = ["0.01 N", "10 N"]', 'levels = ["0.00002 N", "3 N"]'
     case = load_case(write(tmp_path, CONTACT, levels))
-    report = run_harmonic(case, MPI.COMM_SELF, QUIET)
+    report = run_harmonic(case, SELF, QUIET)
     (small, large), built = report.facts, report.built
     # Not all of the lap is pressed: the mode at rest is that of the closed part.
     assert small.frequency_hz == pytest.approx(built.frequencies_hz[built.mode], rel=1e-3)
@@ -213,4 +243,4 @@ def test_mistakes_are_named(tmp_path, old, new, message):
 def test_a_band_without_a_mode_is_named(tmp_path):
     case = load_case(write(tmp_path, LAYER, ('["25 Hz", "31 Hz"]', '["5 Hz", "8 Hz"]')))
     with pytest.raises(InputError, match="no mode is near it"):
-        run_harmonic(case, MPI.COMM_SELF, QUIET)
+        run_harmonic(case, SELF, QUIET)
