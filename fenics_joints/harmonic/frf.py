@@ -326,8 +326,13 @@ def _stepped(problem, last, omega: float, settings):
 
 
 def fingerprint(balance: Balance, *words: object) -> str:
-    """What a branch is a solution of: the model's and the request's numbers, as a short text."""
-    digest = hashlib.sha256(repr(words).encode())
+    """What a branch is a solution of: the model's and the request's numbers, as a short text.
+
+    Numbers of the request and of laws may have been computed, and count to six digits. Matrices
+    count to the last: a branch is coordinates in their basis.
+    """
+    told = [f"{w:.6g}" if isinstance(w, float) else str(w) for w in words]
+    digest = hashlib.sha256(repr(told).encode())
     model = balance.model
     digest.update(
         repr((balance.fourier.harmonics, balance.fourier.samples, balance.cycles)).encode()
@@ -335,7 +340,8 @@ def fingerprint(balance: Balance, *words: object) -> str:
     arrays = [model.M, model.C, model.K, balance.static, *model.forces.values()]
     for points in model.interfaces:
         digest.update(f"{points.law.label} {points.normal}".encode())
-        arrays += [points.rows, points.weights, points.law.values(len(points))]
+        arrays += [points.rows, points.weights]
+        digest.update(points.law.values(len(points)).astype(np.float32).tobytes())
     for array in arrays:
         digest.update(np.ascontiguousarray(array, dtype=float).tobytes())
     return f"{words[0]} {digest.hexdigest()[:16]}"
