@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
+from threadpoolctl import threadpool_limits
 
 import fenics_joints
 from fenics_joints.case import Case
@@ -164,9 +165,16 @@ def run_harmonic(
         JointsError: If the case, the mesh or a solution fails.
     """
     built = harmonic_model(case, comm, progress)
-    h, curves = case.harmonic, case.curves()
     if branches is not None:
-        built = replace(built, model=kept_model(built.model, _folder(branches), h.band, comm))
+        band = case.harmonic.band
+        built = replace(built, model=kept_model(built.model, _folder(branches), band, comm))
+    # The matrices are small: threads only get in each other's way.
+    with threadpool_limits(1):
+        return _solved(case, built, comm, progress, branches)
+
+
+def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> HarmonicReport:
+    h, curves = case.harmonic, case.curves()
     started = time.perf_counter()
     identified = _identify(case, built, comm, progress)
     if identified:
