@@ -44,7 +44,6 @@ class HarmonicModel:
         n_dofs: Degrees of freedom of the full one.
         frequencies_hz: Its modes at rest, Hz.
         mode: The mode that the band holds, by number, rigid-body modes counted.
-        lines: Positions of each interface's points, m, by name, (P, gdim).
     """
 
     model: ReducedInterfaceModel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,9 +10,8 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import read_table
-from fenics_joints.units import to_si
 
-__all__ = ["MeasuredCurves", "read_curves"]
+__all__ = ["UNITS", "MeasuredCurves", "read_curves", "si_columns"]
 
 #: SI unit of each kind of response.
 UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
@@ -49,7 +49,7 @@ class MeasuredCurves:
 def read_curves(path: str | Path, response: str) -> MeasuredCurves:
     """Read curves from a table with the columns ``level``, ``frequency`` and ``amplitude``.
 
-    Units stand in the columns' heads; without, they are N, Hz and SI's for the response.
+    Units stand in the columns' heads, such as ``level [N]``.
 
     Args:
         path: CSV or TOML, as `read_table` reads them.
@@ -58,20 +58,10 @@ def read_curves(path: str | Path, response: str) -> MeasuredCurves:
     Raises:
         InputError: Names the file, the column, and what was expected.
     """
-    table = read_table(path)
-    units = {"level": "N", "frequency": "Hz", "amplitude": UNITS[response]}
-    columns = {}
-    for name, unit in units.items():
-        if name not in table.names:
-            raise InputError(
-                f"{path}: no column {name!r}; expected the columns {', '.join(units)}, got "
-                f"{', '.join(table.names)}"
-            )
-        i = table.names.index(name)
-        values, given = table.values[:, i], table.units[i] or unit
+    columns = si_columns(path, {"level": "N", "frequency": "Hz", "amplitude": UNITS[response]})
+    for name, values in columns.items():
         if not np.all(values > 0):
             raise InputError(f"{path}: column {name!r}: expected numbers above zero in every row")
-        columns[name] = values * _factor(path, name, given, unit)
     levels = tuple(float(level) for level in np.unique(columns["level"]))
     frequencies, amplitudes = [], []
     for level in levels:
@@ -86,8 +76,19 @@ def read_curves(path: str | Path, response: str) -> MeasuredCurves:
     return MeasuredCurves(levels, tuple(frequencies), tuple(amplitudes), response)
 
 
-def _factor(path, name: str, given: str, unit: str) -> float:
-    try:
-        return to_si(f"1 {given}", unit)
-    except ValueError as error:
-        raise InputError(f"{path}: column {name!r}: {error}") from error
+def si_columns(path: str | Path, units: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """Columns of a table by name, in SI units.
+
+    Args:
+        path: CSV or TOML, as `read_table` reads them.
+        units: Name of each column and its SI unit.
+
+    Raises:
+        InputError: If a column is missing, has another unit, or a cell without a number.
+    """
+    table, columns = read_table(path), {}
+    for name, unit in units.items():
+        columns[name] = table.column(name, unit)
+        if not np.all(np.isfinite(columns[name])):
+            raise InputError(f"{path}: column {name!r}: expected a number in every row")
+    return columns

@@ -9,9 +9,7 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic.fourier import basis
-from fenics_joints.measured_curves import UNITS
-from fenics_joints.measurements import read_table
-from fenics_joints.units import factor_to_si
+from fenics_joints.measured_curves import UNITS, si_columns
 
 __all__ = ["MeasuredLoop", "read_loops"]
 
@@ -73,8 +71,8 @@ class MeasuredLoop:
 def read_loops(path: str | Path, response: str) -> tuple[MeasuredLoop, ...]:
     """Read loops from a table: ``frequency``, ``time``, ``force`` and ``response``.
 
-    Units stand in the columns' heads; without, they are Hz, s, N and SI's for the response. Rows
-    of the same frequency are one loop.
+    Units stand in the columns' heads, such as ``time [s]``. Rows of the same frequency are one
+    loop.
 
     Args:
         path: CSV or TOML, as `read_table` reads them.
@@ -85,23 +83,8 @@ def read_loops(path: str | Path, response: str) -> tuple[MeasuredLoop, ...]:
     """
     if response not in UNITS:
         raise InputError(f"response = {response!r}: expected one of: {', '.join(UNITS)}.")
-    table = read_table(path)
     units = {"frequency": "Hz", "time": "s", "force": "N", "response": UNITS[response]}
-    columns = {}
-    for name, unit in units.items():
-        if name not in table.names:
-            raise InputError(
-                f"{path}: no column {name!r}; expected the columns {', '.join(units)}, got "
-                f"{', '.join(table.names)}"
-            )
-        i = table.names.index(name)
-        try:
-            factor = factor_to_si(table.units[i] or unit, unit)
-        except InputError as error:
-            raise InputError(f"{path}: column {name!r}: {error}") from error
-        columns[name] = table.values[:, i] * factor
-        if not np.all(np.isfinite(columns[name])):
-            raise InputError(f"{path}: column {name!r}: expected a number in every row")
+    columns = si_columns(path, units)
     found = []
     for frequency in np.unique(columns["frequency"]):
         rows = columns["frequency"] == frequency

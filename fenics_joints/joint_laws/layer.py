@@ -6,13 +6,13 @@ import numpy as np
 import ufl
 
 from fenics_joints.errors import InputError
-from fenics_joints.joint_laws.iwan import Backbone, iwan_sliders, slider_edges
-from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.joint_laws.iwan import Backbone
+from fenics_joints.joint_laws.library import Iwan
 
 __all__ = ["IwanLayer"]
 
 
-class IwanLayer(JointLaw):
+class IwanLayer(Iwan):
     """Parallel sliders in the space of normal stress and shear, with von Mises' equivalent stress.
 
     It is what a finite-element program makes of seed 003's eq. 4 when it is given as the uniaxial
@@ -48,25 +48,13 @@ class IwanLayer(JointLaw):
         amplitudes: tuple[float, float] | None = None,
         thickness: float = 1.0,
     ):
-        for key, value in (("G", G), ("thickness", thickness)):
-            if not 0 < value < np.inf:
-                raise InputError(f"iwan_layer.{key} = {value}: expected a number > 0.")
-        edges = slider_edges(backbone, n_sliders, amplitudes) / backbone.reference
-        self._make(backbone, G, n_sliders, edges, thickness)
+        if not 0 < G < np.inf:
+            raise InputError(f"{self.name}.G = {G}: expected a number > 0 (Pa).")
+        self.G = G
+        super().__init__(backbone, n_sliders, amplitudes=amplitudes, thickness=thickness)
 
-    def _make(self, backbone, G, n_sliders, edges, thickness) -> None:
-        self.backbone, self.G, self.n_sliders = backbone, G, n_sliders
-        self.edges, self.thickness = edges, thickness
-        stiffness, strength = iwan_sliders(
-            backbone, n_sliders, edges=np.minimum(edges * backbone.reference, backbone.limit)
-        )
-        # The first element carries the spring beside the sliders.
-        spring = np.zeros(len(stiffness))
-        spring[0] = backbone.final_slope
-        super().__init__(
-            stiffness=stiffness / thickness, strength=strength, spring=spring / thickness,
-            ratio=G / float(backbone.slope(0.0)),
-        )  # fmt: skip
+    def _more(self) -> dict[str, float]:
+        return {"ratio": self.G / float(self.backbone.slope(0.0))}
 
     def change(self, **values: float) -> IwanLayer:
         """The same law with other values of G or of some of the backbone's parameters.
@@ -75,10 +63,11 @@ class IwanLayer(JointLaw):
             InputError: For an unknown parameter or one out of range.
         """
         G = values.pop("G", self.G)
+        if not 0 < G < np.inf:
+            raise InputError(f"{self.name}.G = {G}: expected a number > 0 (Pa).")
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)  # the compiled kernels too
-        backbone = self.backbone.change(**values)
-        other._make(backbone, G, self.n_sliders, self.edges, self.thickness)
+        other.__dict__.update(self.__dict__, G=G)  # the compiled kernels too
+        other._make(self.backbone.change(**values))
         return other
 
     def state_size(self, n_slip: int) -> int:

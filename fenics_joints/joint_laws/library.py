@@ -73,22 +73,27 @@ class Iwan(JointLaw):
         thickness: float = 1.0,
     ):
         if not 0 < thickness < np.inf:
-            raise InputError(f"iwan.thickness = {thickness}: expected a number > 0 (m).")
-        edges = slider_edges(backbone, n_sliders, amplitudes) / backbone.reference
-        self._make(backbone, n_sliders, edges, thickness)
+            raise InputError(f"{self.name}.thickness = {thickness}: expected a number > 0 (m).")
+        self.n_sliders, self.thickness = n_sliders, thickness
+        self.edges = slider_edges(backbone, n_sliders, amplitudes) / backbone.reference
+        self._make(backbone)
 
-    def _make(self, backbone, n_sliders, edges, thickness) -> None:
-        self.backbone, self.n_sliders = backbone, n_sliders
-        self.edges, self.thickness = edges, thickness
-        stiffness, strength = iwan_sliders(
-            backbone, n_sliders, edges=np.minimum(edges * backbone.reference, backbone.limit)
-        )
+    def _make(self, backbone: Backbone) -> None:
+        """The elements of a backbone, with the bins that are there."""
+        self.backbone = backbone
+        edges = np.minimum(self.edges * backbone.reference, backbone.limit)
+        stiffness, strength = iwan_sliders(backbone, self.n_sliders, edges=edges)
         # The first element carries the spring beside the sliders.
         spring = np.zeros(len(stiffness))
         spring[0] = backbone.final_slope
-        super().__init__(
-            stiffness=stiffness / thickness, strength=strength, spring=spring / thickness
-        )
+        JointLaw.__init__(
+            self, stiffness=stiffness / self.thickness, strength=strength,
+            spring=spring / self.thickness, **self._more(),
+        )  # fmt: skip
+
+    def _more(self) -> dict[str, float]:
+        """Further element parameters."""
+        return {}
 
     def change(self, **values: float) -> Iwan:
         """The same law with other values of some of the backbone's parameters.
@@ -98,7 +103,7 @@ class Iwan(JointLaw):
         """
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)  # the compiled kernels too
-        other._make(self.backbone.change(**values), self.n_sliders, self.edges, self.thickness)
+        other._make(self.backbone.change(**values))
         return other
 
     def state_size(self, n_slip: int) -> int:
