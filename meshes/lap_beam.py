@@ -146,8 +146,8 @@ def lap_beam_section(
     cells = "'quadrilateral' or 'triangle'"
     _require(cell in ("quadrilateral", "triangle"), "cell", cell, cells)
     form = _LapBeam(
-        length, None, thickness, lap, washer, layer, root, bonded, n_length, n_lap, None, n_thickness,
-        cell,
+        length, None, thickness, lap, washer, layer, root, bonded, n_length, n_lap, None,
+        n_thickness, cell,
     )  # fmt: skip
     return distribute(comm, on_root(comm, form.lists))
 

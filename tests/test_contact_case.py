@@ -59,7 +59,10 @@ def write_beams() -> Callable[..., Path]:
 
 
 MISTAKES = [
-    ('"c_beams"', '"c_beam"', ["mesh.builder = 'c_beam'", "'lap_plates', 'c_beams' or 'lap_beam'", "mean"]),
+    (
+        '"c_beams"', '"c_beam"',
+        ["mesh.builder = 'c_beam'", "'lap_plates', 'c_beams' or 'lap_beam'", "mean"],
+    ),
     ('pad_length = "49.7', 'pad_lenght = "49.7', ["mesh.pad_lenght", "mean 'pad_length'"]),
     ('lower = "interface_lower"', 'lower = "interface"', ["contacts.pads.lower = 'interface'"]),
     ('lower = "washer_1_lower"', 'lower = "washer_lower"', ["bolts.bolt_1.lower", "washer_1_l"]),
