@@ -39,7 +39,7 @@ from fenics_joints.loading import loading_shapes
 from fenics_joints.modal import solve_modes
 from fenics_joints.transient import solve_transient, steady_harmonics
 
-CASE = Path(__file__).parent.parent / "demos" / "lap_beam"
+CASE = Path(__file__).resolve().parent.parent / "demos" / "lap_beam"
 PLACES = {
     "forces": {"force": ((0.1, 0.0, -6e-3), (0, 0, 1))},
     "sensors": {"tip": ((0.415, 0.0, 6e-3), (0, 0, 1))},
@@ -269,6 +269,17 @@ def by_pyharm(c: dict, step: float):
     return x[:, -1], np.hypot(*x[:, end].T), wall, processor
 
 
+def elsewhere(function: Callable, *arguments):
+    """Call in a temporary folder: pyHarm leaves files where it runs."""
+    here = os.getcwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            return function(*arguments)
+        finally:
+            os.chdir(here)
+
+
 def beside_pyharm(args) -> dict | None:
     """The same curve by both, and the times."""
     try:
@@ -370,7 +381,7 @@ def main() -> None:
                         help="a small mesh, to try this out")  # fmt: skip
     parser.add_argument("--json", type=Path, metavar="FILE")
     args = parser.parse_args()
-    found = {name: parts[name](args) for name in args.parts or parts}
+    found = {name: elsewhere(parts[name], args) for name in args.parts or parts}
     if args.json:
         args.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 
