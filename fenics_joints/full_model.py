@@ -70,13 +70,8 @@ def _shear_stiffness(structure: Structure, number: int, q: Mapping[str, float]) 
     # Of a constrained layer the normal modulus is lambda + 2 G, zero for E = 4 G.
     E = 4 * G if structure.regions[number].law.name == "constrained" else 0.0
     K, _ = structure.region_matrices(number, {**q, "E": E, "G": G})
-    held = [bc.dof_indices()[0] for bc in structure.bcs]
-    if held:
-        imap = structure.V.dofmap.index_map
-        dofs = np.unique(np.concatenate(held))
-        blocks = imap.local_to_global((dofs // structure.gdim).astype(np.int32))
-        numbers = (blocks * structure.gdim + dofs % structure.gdim).astype(PETSc.IntType)
-        K.zeroRowsColumns(numbers, diag=0.0)
+    for bc in structure.bcs:
+        K.zeroRowsColumnsLocal(bc.dof_indices()[0], diag=0.0)
     return K
 
 

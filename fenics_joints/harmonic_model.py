@@ -96,7 +96,7 @@ def _places(case: Case) -> dict:
 
 
 def _mode_in_band(case: Case, modes: Modes) -> int:
-    """The elastic mode of a band: nearest to its middle, of those the force and sensor move."""
+    """The elastic mode in or near a band that is nearest to its middle."""
     low, high = case.harmonic.band
     hz = modes.frequencies_hz
     inside = [i for i in range(modes.n_rigid, len(hz)) if 0.8 * low <= hz[i] <= 1.25 * high]
@@ -160,10 +160,8 @@ def _with_contacts(case: Case, comm, progress: Progress):
     joint = LinearJoint(preload)
     progress.step(f"reducing {preload.jumps.n} degrees of freedom")
     jumps = sum(len(c) * preload.structure.gdim for c in preload.jumps.contacts if c.name in laws)
-    modes = min(jumps, _CONTACT_MODES) if h.interface_modes is None else h.interface_modes
-    model = reduce_contacts(
-        joint, laws, n_modes=h.modes, interface_modes=modes, **_places(case)
-    )
+    kept = min(jumps, _CONTACT_MODES) if h.interface_modes is None else h.interface_modes
+    model = reduce_contacts(joint, laws, n_modes=h.modes, interface_modes=kept, **_places(case))
     modes = solve_modes(model, n_modes=min(h.modes, model.n_dofs))
     return model, preload.jumps.n, modes
 
