@@ -189,7 +189,11 @@ class JointBounds(Section):
 
 
 class Joint(Section):
-    """``[joints.NAME]``: a thin layer of cells; ``bolted`` says that it lies under bolts."""
+    """``[joints.NAME]``: a thin layer of cells; ``bolted`` says that it lies under bolts.
+
+    ``bolts`` are points on the axes of the bolts through it or beside it; by default those that the
+    mesh's builder knows. A diagnosis splits the joint into zones around them.
+    """
 
     cells: Names
     law: Literal["isotropic", "uncoupled", "constrained"] = "uncoupled"
@@ -197,6 +201,7 @@ class Joint(Section):
     G: Modulus
     rho: Density | None = None
     bolted: bool = False
+    bolts: Annotated[list[Point], Field(min_length=1)] | None = None
     normal: Direction = (0.0, 0.0, 1.0)
     tolerance: JointTolerance = JointTolerance()
     bounds: JointBounds = JointBounds()
@@ -208,6 +213,15 @@ class Joint(Section):
                 f"E = {self.E:g} Pa and G = {self.G:g} Pa: expected E < 3 G with law = "
                 f"'{self.law}' (nu < 0.5)"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _bolts_apart(self) -> Joint:
+        for i, bolt in enumerate(self.bolts or []):
+            if bolt in self.bolts[:i]:
+                raise ValueError(
+                    f"bolts[{i}] = {list(bolt)} m is there already: expected each bolt once"
+                )
         return self
 
     def nominal(self) -> dict[str, float]:
@@ -387,7 +401,9 @@ class ValidationTest(Section):
 class Test(Section):
     """``[test]``: the measured data and how good it is.
 
-    ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping.
+    ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping,
+    ``shape_noise`` that of a component of a shape, relative to the shape's root mean square, and
+    ``shapes_at`` the condition at which shapes were measured, the last one by default.
     """
 
     __test__ = False
@@ -399,7 +415,9 @@ class Test(Section):
     modes: Names | None = None
     resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]
     noise: Annotated[list[Share], BeforeValidator(listed)] = [0.0]
-    damping_noise: quantity("", 0, above=True) = 0.1
+    damping_noise: quantity("", 0, above=True) | None = None
+    shape_noise: quantity("", 0, above=True) = 0.05
+    shapes_at: float | None = None
     sees: Sees | None = None
     validation: ValidationTest | None = None
 
