@@ -11,7 +11,7 @@ from fenics_joints.components import Parameter, PointMass, Spring, joint, part
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import lap_plates
 from fenics_joints.modal import solve_modes
-from fenics_joints.points import Sensors
+from fenics_joints.points import Sensors, observe_slopes
 from fenics_joints.reduction import ReducedStructure, enrich, reduce
 from fenics_joints.structure import Structure
 
@@ -162,6 +162,22 @@ def test_moving_mass_is_where_it_says(full):
         assert u.array_r.any()
         near = [model.affine.masses[0](travel + d)[0] for d in (-1e-6, 1e-6)]
         assert slope == pytest.approx((near[1] - near[0]) / 2e-6, rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.parallel
+def test_slopes_at_sensors_are_differences_of_what_they_read():
+    """Of the modes' shapes, within cells, each sensor along its own way."""
+    model = build(MPI.COMM_WORLD)
+    modes = solve_modes(model, n_modes=8)
+    points = np.array([[0.031, 0.037, 0.0021], [0.287, 0.011, 0.0127]])
+    reads, ways = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]), np.array([[2.0, 0, 0], [0, 3, 4]])
+    slopes = observe_slopes(model, modes.shapes, Sensors(points, reads), ways)
+    step = 1e-6 * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    ahead, behind = (modes.at(Sensors(points + s * step, reads)) for s in (1, -1))
+    assert slopes == pytest.approx((ahead - behind) / 2e-6, rel=1e-6, abs=1e-6)
+    assert np.abs(slopes).max() > 1.0
+    with pytest.raises(InputError, match="expected non-zero vectors"):
+        observe_slopes(model, modes.shapes, Sensors(points, reads), [0.0, 0.0, 0.0])
 
 
 def test_enriched_basis_holds_the_new_modes(full, checks):
