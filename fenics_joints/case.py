@@ -340,6 +340,8 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
             damping_noise=test.damping_noise,
             sensors=case.sensors(),
             shapes=_read_shapes(files["shapes"], data.mode_names),
+            shape_noise=test.shape_noise,
+            shapes_at=test.shapes_at if files["shapes"] is not None else None,
         )
     except InputError as error:
         raise InputError(f"{key}: {error}") from error

@@ -23,14 +23,16 @@ def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Modal assurance criterion between two sets of shapes (Allemang and Brown, 1982).
 
     Args:
-        a: Shapes at the sensors, shape (n_sensors, n_a).
+        a: Shapes at the sensors, shape (n_sensors, n_a); nan where a sensor was missing.
         b: Shapes at the same sensors, shape (n_sensors, n_b).
 
     Returns:
         Values from 0 to 1, shape (n_a, n_b); 0 for a shape that the sensors do not see at all.
     """
+    there = np.isfinite(a)
+    a = np.where(there, a, 0.0)
     cross = np.abs(np.conj(a).T @ b) ** 2
-    norms = np.outer(np.sum(np.abs(a) ** 2, axis=0), np.sum(np.abs(b) ** 2, axis=0))
+    norms = np.sum(np.abs(a) ** 2, axis=0)[:, None] * (there.T.astype(float) @ np.abs(b) ** 2)
     return np.divide(cross, norms, out=np.zeros_like(cross), where=norms > 0)
 
 

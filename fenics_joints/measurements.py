@@ -31,6 +31,7 @@ __all__ = ["Table", "TestData", "read_table", "read_test_data"]
 #: its unit. Pint's g is a gram.
 _LEVELS, _GRAVITY = ("N", "m", "m/s", "m/s2"), ("g", "gn", "g_n")
 _PRELOADS = re.compile(r"torque|preload|tension|clamp", re.IGNORECASE)
+_DAMPING_NOISE = 0.1
 _HEAD = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\])?\s*")
 
 
@@ -48,8 +49,12 @@ class TestData:
         resolution_hz: Spacing of the analyser's lines, Hz, shape (m,); 0 where it does not matter.
         noise: Relative standard deviation of a frequency, shape (m,).
         sensors: Where and in which direction the test measured, or None if unknown.
-        shapes: Measured mode shapes at the sensors, in any scale, shape (n_sensors, m); or None.
-        damping_noise: Relative standard deviation of a damping ratio.
+        shapes: Measured mode shapes at the sensors, in any scale, shape (n_sensors, m), nan where
+            a sensor was missing; or None.
+        damping_noise: Relative standard deviation of a damping ratio; None if the test does not
+            say it.
+        shape_noise: Standard deviation of a shape's component, relative to its root mean square.
+        shapes_at: The condition that the shapes were measured at; the last by default.
     """
 
     #: Not a test, whatever pytest thinks of the name.
@@ -65,7 +70,9 @@ class TestData:
     noise: np.ndarray | float = 0.0
     sensors: Sensors | None = None
     shapes: np.ndarray | None = None
-    damping_noise: float = 0.1
+    damping_noise: float | None = None
+    shape_noise: float = 0.05
+    shapes_at: float | None = None
 
     def __post_init__(self):
         conditions = np.atleast_1d(np.asarray(self.conditions, dtype=float))
@@ -104,9 +111,24 @@ class TestData:
                 f"shapes have shape {shapes.shape}: expected {expected}, one row for each sensor "
                 "and one column for each mode."
             )
-        if not np.all(np.isfinite(shapes)) or not np.all(np.any(shapes != 0, axis=0)):
-            raise InputError("shapes: expected a finite value in every row, and no mode of zeros.")
+        if np.any(np.isinf(shapes)) or not np.all(np.nansum(shapes**2, axis=0) > 0):
+            raise InputError(
+                "shapes: expected finite values, empty cells for sensors that were missing, and no "
+                "mode of zeros."
+            )
+        if self.shapes_at is not None:
+            self.row(self.shapes_at)
         return shapes
+
+    @property
+    def shape_row(self) -> int:
+        """Row of the condition that the shapes were measured at."""
+        return len(self) - 1 if self.shapes_at is None else self.row(self.shapes_at)
+
+    @property
+    def damping_sd(self) -> float:
+        """Relative standard deviation of a damping ratio: 10 % if the test does not say it."""
+        return _DAMPING_NOISE if self.damping_noise is None else self.damping_noise
 
     def __len__(self) -> int:
         return len(self.conditions)
@@ -155,8 +177,11 @@ class TestData:
     def _rows(self, rows: Sequence[int]) -> TestData:
         rows = np.asarray(rows, dtype=int)
         damping = None if self.damping is None else self.damping[rows]
+        kept = self.shapes is not None and self.shape_row in rows
         return replace(
             self,
+            shapes=self.shapes if kept else None,
+            shapes_at=float(self.conditions[self.shape_row]) if kept else None,
             conditions=self.conditions[rows],
             frequencies_hz=self.frequencies_hz[rows].reshape(len(rows), len(self.mode_names)),
             damping=damping,

@@ -45,6 +45,7 @@ class Forward:
         self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
         self.reference = reference
         self._cache: dict[tuple, tuple] = {}
+        self._shapes: dict[tuple, tuple] = {}
         self.calls = 0
 
     def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -61,6 +62,25 @@ class Forward:
         modes = solve_modes(self.model, values, n_modes=min(self.n_modes, self.model.n_dofs))
         return modes, pair_modes(modes, self.n_test, self.sensors, reference=self.reference)
 
+    def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
+        """Shapes of the test's modes at the sensors, and their derivatives.
+
+        Needs an `ArrayModel` with sensors.
+
+        Returns:
+            Shapes, (n_s, m); the same per metre that the sensors sit further along their line;
+            and the derivatives of both by every parameter, (n_s, m, n_parameters).
+        """
+        key = tuple(values[name] for name in self.model.parameters)
+        if key not in self._shapes:
+            _, pairing = self._solve(values)
+            x, dx = self.model.shape_slopes(pairing.index, values)
+            rows = self.model.sensor_rows, self.model.shift_rows
+            at, along = (r @ x for r in rows)
+            by_at, by_along = (np.einsum("sn,nmp->smp", r, dx) for r in rows)
+            self._shapes[key] = at, along, by_at, by_along
+        return self._shapes[key]
+
     def track(self, values: Mapping[str, float]) -> None:
         """Match modes to those at these values from now on."""
         if self.sensors is not None:
@@ -70,6 +90,7 @@ class Forward:
     def forget(self) -> None:
         """Drop what was computed, after the model has changed."""
         self._cache.clear()
+        self._shapes.clear()
 
 
 class Surrogate:

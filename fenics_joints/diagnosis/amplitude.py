@@ -85,7 +85,7 @@ def micro_slip(zones: Sequence[str], reference: float) -> Effect:
         for zone in zones:
             values[f"{zone}.G"] *= 1 - drop(theta, level)
 
-    def loss(theta, level):
+    def loss(theta, level, hz):
         eta = theta["loss"] * iwan_loss_factor(drop(theta, level), theta["chi"])
         return dict.fromkeys((f"{zone}.G" for zone in zones), eta)
 
@@ -127,7 +127,7 @@ def growing_damping(reference: float) -> Effect:
     def apply(values, theta, level):
         pass
 
-    def loss(theta, level):
+    def loss(theta, level, hz):
         return {"": theta["eta"] * (level / reference) ** theta["power"]}
 
     priors = (_log("eta", _GROWN), _normal("power", _GROWTH))

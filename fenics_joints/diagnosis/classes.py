@@ -15,7 +15,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.inference import Evidence, Fit, Forward, Hypothesis
-from fenics_joints.diagnosis.prediction import Prediction
+from fenics_joints.diagnosis.prediction import predict
 
 __all__ = ["APART", "classes", "detectable", "distance"]
 
@@ -39,7 +39,7 @@ def _one_way(a: Fit, b: Fit, evidence: Evidence, lower) -> float:
     """Whitened distance from a's prediction to the nearest that b can make."""
     used = evidence.fitted
     residual = np.linalg.solve(lower, (a.predicted - b.predicted)[used])
-    slope = np.linalg.solve(lower, b.jacobian[used.ravel()])
+    slope = np.linalg.solve(lower, b.jacobian[used])
     if slope.shape[1] == 0:
         return float(np.linalg.norm(residual))
     # |residual - slope d|^2 + |z + d|^2 - |z|^2: what b loses of its prior counts as well.
@@ -78,16 +78,12 @@ def detectable(
     still = np.zeros(len(bare.priors))
     used = evidence.fitted
     lower = np.linalg.cholesky(evidence.covariance())
-    longest = 0.0
+    longest, (without, _) = 0.0, predict(bare, forward, evidence, still, baseline)
     for size in (0.0, 1.0):
         z = np.zeros(len(with_it.priors))
         z[first : first + own] = size
-        change = [
-            Prediction(with_it, forward, z, c, baseline).data
-            - Prediction(bare, forward, still, c, baseline).data
-            for c in evidence.conditions
-        ]
-        seen = np.linalg.solve(lower, np.array(change)[used])
+        there, _ = predict(with_it, forward, evidence, z, baseline)
+        seen = np.linalg.solve(lower, (there - without)[used])
         longest = max(longest, float(np.linalg.norm(seen)))
     return longest >= 2 * APART
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.diagnosis.sensing import Sensing
+
 __all__ = [
     "Effect", "Prior", "attached", "compliance", "lost_contact", "placed", "pressed_compliance",
     "relative_error", "two_zones",
@@ -73,20 +75,25 @@ class Effect:
         family: Effects of one family stand for each other and are never put in together.
         by_level: Whether its condition is the level of excitation or response, which is another in
             each mode; it is put in after all other effects.
-        loss: ``(theta, condition) -> {parameter: loss factor}``: what it dissipates in the part of
-            the structure whose stiffness is proportional to that parameter of the model, ``""``
-            being all of it; None if it dissipates nothing.
+        loss: ``(theta, condition, hz) -> {parameter: loss factor}``: what it dissipates at a
+            frequency in the part of the structure whose stiffness is proportional to that parameter
+            of the model, ``""`` being all of it; None if it dissipates nothing.
+        weight: Prior odds relative to other effects: one of n places has 1/n.
+        sensing: ``(sensing, theta) -> None``: for a cause in the test, what it changes of how the
+            test reads the structure, in place.
     """
 
     name: str
     region: str
     priors: tuple[Prior, ...]
-    apply: Callable[[dict[str, float], Mapping[str, float], float], None]
+    apply: Callable[[dict[str, float], Mapping[str, float], float], None] | None
     describe: str = ""
     depends_on_condition: bool = False
     family: str = ""
     by_level: bool = False
-    loss: Callable[[Mapping[str, float], float], dict[str, float]] | None = None
+    loss: Callable[[Mapping[str, float], float, float], dict[str, float]] | None = None
+    weight: float = 1.0
+    sensing: Callable[[Sensing, Mapping[str, float]], None] | None = None
 
     @property
     def key(self) -> str:

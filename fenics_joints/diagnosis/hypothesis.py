@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.diagnosis.effects import Effect, Prior
+from fenics_joints.diagnosis.sensing import Sensing
 
 __all__ = ["Hypothesis"]
 
@@ -136,8 +137,22 @@ class Hypothesis:
         condition = self._condition(z, condition, row, mode)
         acting = list(self._acting(z))
         for effect, theta in sorted(acting, key=lambda pair: pair[0].by_level):
-            effect.apply(values, theta, condition)
+            if effect.apply is not None:
+                effect.apply(values, theta, condition)
         return values
+
+    @cached_property
+    def senses(self) -> bool:
+        """Whether an effect changes how the test reads the structure."""
+        return any(effect.sensing is not None for effect in (*self.nuisances, *self.effects))
+
+    def sensing(self, z: np.ndarray, n_modes: int, n_sensors: int = 0) -> Sensing:
+        """How the test reads the structure at ``z``."""
+        found = Sensing.true(n_modes, n_sensors)
+        for effect, theta in self._acting(z) if self.senses else ():
+            if effect.sensing is not None:
+                effect.sensing(found, theta)
+        return found
 
     def acts(self, j: int, row: int | None, mode: int | None) -> bool:
         """Whether parameter ``j`` of z acts on the model at a row and as a mode sees it."""
@@ -148,12 +163,15 @@ class Hypothesis:
             return bool(mode) and j == moved.start + mode - 1
         return not damped.start <= j < damped.stop
 
-    def losses(self, z: np.ndarray, condition: float, mode: int | None = None) -> dict[str, float]:
-        """Loss factors by parameter of the model, at ``z`` and a level; see `Effect.loss`."""
+    def losses(
+        self, z: np.ndarray, condition: float, hz: float, mode: int | None = None
+    ) -> dict[str, float]:
+        """Loss factors by parameter of the model, at ``z``, a condition and a frequency, Hz; see
+        `Effect.loss`."""
         condition, total = self._condition(z, condition, None, mode), {}
         for effect, theta in self._acting(z):
             if effect.loss is not None:
-                for key, eta in effect.loss(theta, condition).items():
+                for key, eta in effect.loss(theta, condition, hz).items():
                     total[key] = total.get(key, 0.0) + eta
         return total
 
@@ -163,7 +181,7 @@ class Hypothesis:
         """The model's parameter values at ``z`` and a condition, without effects of the level."""
         values = dict(baseline)
         for effect, theta in self._acting(z):
-            if not effect.by_level:
+            if not effect.by_level and effect.apply is not None:
                 effect.apply(values, theta, condition)
         return values
 

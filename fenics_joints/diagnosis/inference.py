@@ -1,149 +1,31 @@
 """Fits a hypothesis to the test and weighs it: non-linear least squares, then Laplace evidence.
 
 Every parameter is worked on as z, its distance from its prior median in prior standard deviations,
-so that the prior is standard normal in all of them. The data are the logarithms of frequencies
-and, of a test at several levels, those of damping ratios.
+so that the prior is standard normal in all of them. The data are those of
+`fenics_joints.diagnosis.evidence`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import trapezoid
+from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from fenics_joints.diagnosis.amplitude import has_damping
+from fenics_joints.diagnosis.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.hypothesis import Hypothesis
-from fenics_joints.diagnosis.prediction import Prediction
+from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.errors import InputError
-from fenics_joints.measurements import TestData
 from fenics_joints.surrogate import Forward
 
 __all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "evidence_of", "fit"]
 
 #: Standard deviations of the prior beyond which a scanned parameter is not looked for.
 _FARTHEST = 4.0
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """The test as the inference sees it.
-
-    Attributes:
-        conditions: Torque or level of each row, shape (n,).
-        log_f: ln of the measured frequencies, shape (n, m); nan where missing.
-        log_sd: Their standard deviations from noise and resolution, shape (n, m).
-        discrepancy: Standard deviation, of ln f, of the error that every model of this structure
-            has. Part of its variance is the same at all conditions and part changes slowly with
-            the condition, so that more of them do not average it out.
-        used: Which entries are fitted, shape (n, m); the others are held out.
-        changing: The share of the discrepancy's variance that changes with the condition: half for
-            torques; next to nothing for levels, between which nobody touched the structure.
-        log_damping: ln of the measured damping ratios, shape (n, m), nan where missing; None if
-            they are not used.
-        damping_sd: Their standard deviation from noise.
-    """
-
-    conditions: np.ndarray
-    log_f: np.ndarray
-    log_sd: np.ndarray
-    discrepancy: float
-    used: np.ndarray = field(default=None)
-    changing: float = 0.5
-    log_damping: np.ndarray | None = None
-    damping_sd: float = 0.1
-
-    def __post_init__(self):
-        if self.used is None:
-            object.__setattr__(self, "used", np.isfinite(self.log_f))
-
-    @property
-    def data(self) -> np.ndarray:
-        """Everything measured: ln f, and beside it ln damping if used; (n, m) or (n, 2 m)."""
-        if self.log_damping is None:
-            return self.log_f
-        return np.hstack([self.log_f, self.log_damping])
-
-    @property
-    def fitted(self) -> np.ndarray:
-        """Which of `data` are fitted; a mode held out at a condition is so with its damping."""
-        if self.log_damping is None:
-            return self.used
-        return np.hstack([self.used, self.used & np.isfinite(self.log_damping)])
-
-    def without(self, held_out: np.ndarray) -> Evidence:
-        """The same test with some entries held out, mask of shape (n, m)."""
-        return replace(self, used=self.used & ~held_out)
-
-    def covariance(self, unknown: bool = False) -> np.ndarray:
-        """Covariance of the fitted entries, shape (k, k)."""
-        n, m = self.log_f.shape
-        sd, columns = self.log_sd, m
-        if self.log_damping is not None:
-            sd, columns = np.hstack([sd, np.full((n, m), self.damping_sd)]), 2 * m
-        mode = np.tile(np.arange(columns), n)
-        same_mode = mode[:, None] == mode[None, :]
-        is_f = (mode < m)[:, None]
-        total = np.diag(sd.ravel() ** 2)
-        slow = _slow(self.conditions, columns, self.changing)
-        total = total + np.where(is_f, self.discrepancy**2 * slow, 0.0) * same_mode
-        if unknown:
-            wide = _wide(self.conditions, columns)
-            total = total + np.where(is_f, wide, _UNKNOWN_DAMPING**2 * wide) * same_mode
-        used = self.fitted.ravel()
-        return total[np.ix_(used, used)]
-
-
-#: Share of the discrepancy that changes from level to level.
-_BETWEEN_LEVELS = 0.02
-
-
-def evidence_of(data: TestData, discrepancy: float) -> Evidence:
-    """A test as the inference sees it: its damping only if it was measured at several levels."""
-    log_f = np.log(data.frequencies_hz)
-    if not data.by_level:
-        return Evidence(data.conditions, log_f, data.log_sd(), discrepancy)
-    log_damping = None
-    if has_damping(data):
-        ratios = data.damping
-        log_damping = np.log(ratios, where=ratios > 0, out=np.full(ratios.shape, np.nan))
-    return Evidence(
-        data.conditions, log_f, data.log_sd(), discrepancy, changing=_BETWEEN_LEVELS,
-        log_damping=log_damping, damping_sd=data.damping_noise,
-    )  # fmt: skip
-
-
-#: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
-#: of the condition (5 % per factor e), and a bend of it (2 %); and how much more to its damping.
-_UNKNOWN = (0.10, 0.05, 0.02)
-_UNKNOWN_DAMPING = 10.0
-
-
-#: Change of the logarithm of the condition over which a model's error forgets itself.
-_MEMORY = 0.7
-
-
-def _log(conditions: np.ndarray) -> np.ndarray:
-    """Centred logarithm of the conditions; zero when they are not all positive."""
-    if len(conditions) < 2 or np.any(conditions <= 0):
-        return np.zeros(len(conditions))
-    return np.log(conditions) - np.mean(np.log(conditions))
-
-
-def _slow(conditions: np.ndarray, m: int, changing: float) -> np.ndarray:
-    x = _log(conditions)
-    rows = (1 - changing) + changing * np.exp(-0.5 * ((x[:, None] - x[None, :]) / _MEMORY) ** 2)
-    return np.kron(rows, np.ones((m, m)))
-
-
-def _wide(conditions: np.ndarray, m: int) -> np.ndarray:
-    shift, trend, bend = _UNKNOWN
-    x = _log(conditions)
-    rows = shift**2 + trend**2 * np.outer(x, x) + bend**2 * np.outer(x**2, x**2)
-    return np.kron(rows, np.ones((m, m)))
 
 
 @dataclass(frozen=True)
@@ -154,9 +36,9 @@ class Fit:
         hypothesis: The hypothesis.
         z: Parameters in prior standard deviations, shape (d,).
         covariance: Posterior covariance of z (Laplace), shape (d, d).
-        predicted: Everything predicted at all conditions, held out or not, as `Evidence.data`.
-        log_f: The predicted ln f, shape (n, m).
-        jacobian: Derivative of all predictions by z, shape (predicted.size, d).
+        predicted: Everything predicted, held out or not, as `Evidence.data`, shape (N,).
+        shape: Numbers of conditions and modes, (n, m).
+        jacobian: Derivative of `predicted` by z, shape (N, d).
         log_evidence: ln of the marginal likelihood of the fitted entries.
         misfit: Squared whitened residual of the fitted entries.
         n_data: Number of fitted entries.
@@ -167,7 +49,7 @@ class Fit:
     z: np.ndarray
     covariance: np.ndarray
     predicted: np.ndarray
-    n_modes: int
+    shape: tuple[int, int]
     jacobian: np.ndarray
     log_evidence: float
     misfit: float
@@ -176,12 +58,17 @@ class Fit:
 
     @property
     def log_f(self) -> np.ndarray:
-        return self.predicted[:, : self.n_modes]
+        """Predicted ln f, shape (n, m)."""
+        n, m = self.shape
+        return self.predicted[: n * m].reshape(n, m)
 
     @property
     def log_damping(self) -> np.ndarray | None:
         """Predicted ln of the damping ratios, shape (n, m); None if they are not predicted."""
-        return self.predicted[:, self.n_modes :] if self.hypothesis.damped else None
+        n, m = self.shape
+        if not self.hypothesis.damped:
+            return None
+        return self.predicted[n * m : 2 * n * m].reshape(n, m)
 
     @property
     def p_value(self) -> float:
@@ -285,18 +172,13 @@ class _Problem:
         self._last: tuple | None = None
 
     def predict(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if self._last is not None and np.array_equal(self._last[0], z):
-            return self._last[1:]
-        rows, slopes = [], []
-        for row, condition in enumerate(self.evidence.conditions):
-            prediction = Prediction(self.hypothesis, self.forward, z, condition, self.baseline, row)
-            rows.append(prediction.data)
-            slopes.append(prediction.slopes())
-        self._last = (z.copy(), np.array(rows), np.concatenate(slopes))
+        if self._last is None or not np.array_equal(self._last[0], z):
+            found = predict(self.hypothesis, self.forward, self.evidence, z, self.baseline)
+            self._last = (z.copy(), *found)
         return self._last[1:]
 
     def _whiten(self, a):
-        return np.linalg.solve(self.lower, a)
+        return solve_triangular(self.lower, a, lower=True, check_finite=False)
 
     def residual(self, z):
         predicted, _ = self.predict(z)
@@ -305,7 +187,7 @@ class _Problem:
 
     def slope(self, z):
         _, jacobian = self.predict(z)
-        whitened = self._whiten(jacobian[self.evidence.fitted.ravel()])
+        whitened = self._whiten(jacobian[self.evidence.fitted])
         return np.concatenate([whitened, np.eye(len(z))])
 
     def scan(self, index: int, limits) -> _Scan:
@@ -361,6 +243,6 @@ class _Problem:
             raise InputError(f"{label}: the evidence is not finite; check the data.")
         covariance = np.linalg.inv(hessian) if len(z) else np.zeros((0, 0))
         return Fit(
-            self.hypothesis, z, covariance, predicted, self.evidence.log_f.shape[1], jacobian,
+            self.hypothesis, z, covariance, predicted, self.evidence.log_f.shape, jacobian,
             float(log_evidence), misfit, n, at_bound,
         )  # fmt: skip

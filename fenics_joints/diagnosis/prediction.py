@@ -1,19 +1,58 @@
-"""What a hypothesis predicts of one row of a test: frequencies, damping, and their derivatives."""
+"""What a hypothesis predicts of a test: frequencies, damping, shapes, and their derivatives."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from fenics_joints.diagnosis.evidence import Evidence
     from fenics_joints.diagnosis.hypothesis import Hypothesis
+    from fenics_joints.diagnosis.sensing import Sensing
     from fenics_joints.surrogate import Forward
 
-__all__ = ["Prediction"]
+__all__ = ["Prediction", "predict"]
 
 _DIFFERENCE = 1e-5
+
+
+def predict(
+    hypothesis: Hypothesis,
+    forward: Forward,
+    evidence: Evidence,
+    z: np.ndarray,
+    baseline: dict[str, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Everything in `Evidence.data` as a hypothesis predicts it, held out or not.
+
+    Args:
+        hypothesis: The hypothesis.
+        forward: Predicts frequencies and shapes.
+        evidence: The test.
+        z: Parameters in prior standard deviations, shape (d,).
+        baseline: Parameter values of the nominal model.
+
+    Returns:
+        The prediction, shape (N,), and its derivative by z, shape (N, d).
+    """
+    m = evidence.log_f.shape[1]
+    rows, slopes, shapes = [], [], []
+    for row, condition in enumerate(evidence.conditions):
+        prediction = Prediction(hypothesis, forward, z, condition, baseline, row)
+        rows.append(prediction.data)
+        slopes.append(prediction.slopes())
+        if evidence.shapes is not None and row == evidence.shape_row:
+            shapes = [prediction.shapes(evidence.shapes)]
+    # Frequencies of all conditions first, then damping of all: as `Evidence.data`.
+    rows, slopes = np.array(rows), np.array(slopes)
+    kinds = [slice(k, k + m) for k in range(0, rows.shape[1], m)]
+    values = [rows[:, kind].ravel() for kind in kinds] + [s[0].ravel() for s in shapes]
+    by_z = [slopes[:, kind].reshape(len(rows) * m, len(z)) for kind in kinds]
+    by_z += [s[1].reshape(s[0].size, len(z)) for s in shapes]
+    return np.concatenate(values), np.concatenate(by_z)
 
 
 @dataclass(frozen=True)
@@ -49,7 +88,7 @@ class Prediction:
         row: Which of the hypothesis' conditions it is; None for one that was not measured.
 
     Attributes:
-        log_f: ln of the frequencies, shape (m,).
+        log_f: ln of the frequencies in the order of the test's columns, shape (m,).
     """
 
     def __init__(
@@ -64,11 +103,18 @@ class Prediction:
         self._hypothesis, self._forward, self._z = hypothesis, forward, z
         self._condition, self._baseline, self._row = condition, baseline, row
         looks = [self._look(None)]
-        self.log_f = looks[0].log_f
+        log_f = looks[0].log_f
         if hypothesis.amplitudes:
-            looks += [self._look(i) for i in range(1, len(self.log_f))]
-            self.log_f = np.array([look.log_f[i] for i, look in enumerate(looks)])
-        self._looks = looks
+            looks += [self._look(i) for i in range(1, len(log_f))]
+            log_f = np.array([look.log_f[i] for i, look in enumerate(looks)])
+        self._looks, self._log_f = looks, log_f
+        sensing = self._sensing(z)
+        self._order = None if sensing is None else sensing.order
+        self.log_f = self._ordered(log_f)
+
+    def _ordered(self, by_mode: np.ndarray) -> np.ndarray:
+        """Rows for the model's modes as rows for the test's columns."""
+        return by_mode if self._order is None else by_mode[self._order]
 
     def _look(self, mode: int | None) -> _Look:
         values = self._values(self._z, mode)
@@ -86,7 +132,9 @@ class Prediction:
         """ln f, and behind it ln damping if the hypothesis predicts it; (m,) or (2 m,)."""
         if not self._hypothesis.damped:
             return self.log_f
-        return np.concatenate([self.log_f, np.log(self._at_rest() + self._lost())])
+        return np.concatenate(
+            [self.log_f, self._ordered(np.log(self._at_rest() + self._lost()))]
+        )
 
     def slopes(self) -> np.ndarray:
         """Derivative of `data` by z, shape (data.size, d)."""
@@ -96,14 +144,16 @@ class Prediction:
         else:
             pairs = enumerate(zip(self._looks, chains, strict=True))
             by_z = np.array([look.by_values[i] @ chain for i, (look, chain) in pairs])
+        by_z = self._ordered(by_z)
         if not self._hypothesis.damped:
             return by_z
-        return np.concatenate([by_z, self._damping_slopes(chains)])
+        return np.concatenate([by_z, self._ordered(self._damping_slopes(chains))])
 
     def _chain(self, mode: int | None) -> np.ndarray:
         """Derivative of the model's values by z, shape (n_parameters, d): central differences of
         formulas, no model solution."""
         names = list(self._forward.model.parameters)
+        pick = itemgetter(*names) if len(names) > 1 else lambda values: (values[names[0]],)
         chain = np.zeros((len(names), len(self._z)))
         for j in range(len(self._z)):
             if not self._hypothesis.acts(j, self._row, mode):
@@ -111,8 +161,60 @@ class Prediction:
             step = np.zeros(len(self._z))
             step[j] = _DIFFERENCE
             up, down = self._values(self._z + step, mode), self._values(self._z - step, mode)
-            chain[:, j] = [(up[n] - down[n]) / (2 * _DIFFERENCE) for n in names]
+            chain[:, j] = np.subtract(pick(up), pick(down)) / (2 * _DIFFERENCE)
         return chain
+
+    # -- shapes --------------------------------------------------------------------------------
+
+    def shapes(self, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes at the sensors, each scaled to the measured one, and their derivatives by z.
+
+        A shape's own scale is not known: it is chosen to leave the least residual, and with it
+        the derivative loses its part along the shape.
+
+        Args:
+            measured: Shape (n_s, m), nan where a sensor was missing.
+
+        Returns:
+            Shapes, (n_s, m), and derivatives, (n_s, m, d).
+        """
+        at, along, by_at, by_along = self._forward.shapes(self._looks[0].values)
+        chain = self._chain(self._looks[0].mode)
+        read = self._read(self._z, at, along)
+        slope = np.einsum("ijp,pk->ijk", by_at, chain)
+        sensing = self._sensing(self._z)
+        if sensing is not None:
+            slope = slope + sensing.shifts[:, None, None] * np.einsum(
+                "ijp,pk->ijk", by_along, chain
+            )
+            slope = sensing.gains[:, None, None] * slope + self._sensing_slopes(at, along)
+        return _scaled_to(measured, read, slope)
+
+    def _sensing(self, z) -> Sensing | None:
+        """How the test reads the structure; None if as it is."""
+        if not self._hypothesis.senses:
+            return None
+        sensors = self._forward.sensors
+        count = 0 if sensors is None else len(sensors)
+        return self._hypothesis.sensing(z, len(self._log_f), count)
+
+    def _read(self, z, at, along) -> np.ndarray:
+        """What the sensors say, (n_s, m)."""
+        sensing = self._sensing(z)
+        if sensing is None:
+            return at
+        return sensing.gains[:, None] * (at + sensing.shifts[:, None] * along)
+
+    def _sensing_slopes(self, at, along) -> np.ndarray:
+        """Derivative of what the sensors say by z, the structure unmoved, (n_s, m, d)."""
+        slope = np.zeros((*at.shape, len(self._z)))
+        for j, (effect, _) in enumerate(self._hypothesis.priors):
+            if effect.sensing is not None:
+                step = np.zeros(len(self._z))
+                step[j] = _DIFFERENCE
+                up, down = (self._read(self._z + s, at, along) for s in (step, -step))
+                slope[:, :, j] = (up - down) / (2 * _DIFFERENCE)
+        return slope
 
     # -- damping -------------------------------------------------------------------------------
 
@@ -122,15 +224,16 @@ class Prediction:
         priors = self._hypothesis.dampings
         return np.array([p.value(z) for p, z in zip(priors, self._z[place], strict=True)])
 
-    def _losses(self, z, mode) -> dict[str, float]:
-        return self._hypothesis.losses(z, self._condition, mode)
+    def _losses(self, z, i: int, mode) -> dict[str, float]:
+        hz = float(np.exp(self._log_f[i]))
+        return self._hypothesis.losses(z, self._condition, hz, mode)
 
     def _lost(self) -> np.ndarray:
         """Damping ratio of every mode from the effects, (m,)."""
-        total = np.zeros(len(self.log_f))
+        total = np.zeros(len(self._log_f))
         for i in range(len(total)):
             look = self._seen(i)
-            for key, eta in self._losses(self._z, look.mode).items():
+            for key, eta in self._losses(self._z, i, look.mode).items():
                 total[i] += 0.5 * eta * self._share(look, i, key)
         return total
 
@@ -154,7 +257,7 @@ class Prediction:
         for i in range(len(lost)):
             look = self._seen(i)
             chain = chains[i if len(chains) > 1 else 0]
-            losses = self._losses(self._z, look.mode)
+            losses = self._losses(self._z, i, look.mode)
             if losses:
                 slopes[i] = self._loss_slopes(look, i)
             shares = {key: self._share(look, i, key) for key in losses if key}
@@ -175,7 +278,20 @@ class Prediction:
                 continue
             step = np.zeros(len(self._z))
             step[j] = _DIFFERENCE
-            up, down = (self._losses(self._z + s, look.mode) for s in (step, -step))
+            up, down = (self._losses(self._z + s, i, look.mode) for s in (step, -step))
             by_z = {key: (up[key] - down[key]) / (2 * _DIFFERENCE) for key in up}
             slope[j] = sum(0.5 * eta * self._share(look, i, key) for key, eta in by_z.items())
         return slope
+
+
+def _scaled_to(measured, read, slope) -> tuple[np.ndarray, np.ndarray]:
+    """Columns scaled to the measured ones, and derivatives without their part along them."""
+    there = np.isfinite(measured)
+    y = np.where(there, measured, 0.0)
+    x = np.where(there, read, 0.0)
+    square = np.maximum(np.sum(x**2, axis=0), 1e-300)
+    scale = np.sum(x * y, axis=0) / square
+    dx = np.where(there[:, :, None], slope, 0.0)
+    by_x, by_y = np.einsum("im,imk->mk", x, dx), np.einsum("im,imk->mk", y, dx)
+    by_scale = (by_y - 2 * scale[:, None] * by_x) / square[:, None]
+    return read * scale, scale[None, :, None] * slope + read[:, :, None] * by_scale[None]

@@ -160,7 +160,7 @@ def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[_Candidate]:
         hypothesis = replace(f.hypothesis, damped=True)
         z = np.concatenate([f.z, np.zeros(len(hypothesis.dampings))])
         rows = [
-            Prediction(hypothesis, forward, z, c, baseline).data[f.n_modes :]
+            Prediction(hypothesis, forward, z, c, baseline).data[f.shape[1] :]
             for c in hypothesis.conditions
         ]
         grown.append(np.array(rows) - np.mean(rows, axis=0))
