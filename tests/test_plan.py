@@ -1,0 +1,106 @@
+"""Plans before any data: separations against simulated classifications, and on a case."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from fenics_joints.diagnosis.effects import Effect, Prior
+from fenics_joints.diagnosis.hypothesis import Hypothesis
+from fenics_joints.diagnosis.plan import Measurement, Study, combination, groups
+
+TOY_SD = 0.01
+
+
+def shift(index, spread, log=False):
+    """An effect that adds a normal amount to parameter ``index``, or multiplies its exponential."""
+
+    def apply(values, theta, condition):
+        values[f"p{index}"] += np.log(theta["d"]) if log else theta["d"]
+
+    prior = Prior("d", 1.0 if log else 0.0, spread, log=log)
+    return Effect(f"effect {index}", "", (prior,), apply)
+
+
+def toy(matrix, nuisances=(), curve=0.0):
+    """y = A p + curve (A p)^2, white noise; every parameter of a hypothesis adds to some p."""
+    matrix = np.asarray(matrix, dtype=float)
+    names = [f"p{i}" for i in range(matrix.shape[1])]
+
+    def predict(hypothesis, z, baseline):
+        def at(z):
+            values = hypothesis.values(z, 1.0, dict(baseline))
+            y = matrix @ [values[name] for name in names]
+            return y + curve * y**2
+
+        steps = 1e-6 * np.eye(len(z))
+        columns = [(at(z + s) - at(z - s)) / 2e-6 for s in steps]
+        return at(z), np.array(columns).reshape(len(z), len(matrix)).T
+
+    bare = Hypothesis((), tuple(nuisances), conditions=(1.0,))
+    return Measurement(bare, predict, TOY_SD**2 * np.eye(len(matrix))), dict.fromkeys(names, 0.0)
+
+
+@pytest.mark.parametrize("angle_deg", [15.0, 30.0])
+def test_confusion_is_how_often_data_are_taken_for_the_other(angle_deg):
+    """Phi(-D) against 400 000 tests: whichever of the two, refitted with the nuisance, is nearer.
+
+    Refitting both moves D from d sin(alpha) / 2 to d sin(alpha / 2), 1 % here and 3 % there.
+    """
+    a = np.radians(angle_deg)
+    matrix = np.array([[1.0, np.cos(a), 0.3], [0.0, np.sin(a), -0.4], [0.0, 0.0, 0.8]])
+    size = 0.05 if angle_deg > 20 else 0.1
+    effects = [shift(0, size), shift(1, 10.0)]
+    test, baseline = toy(matrix, nuisances=[shift(2, 0.02)])
+    study = Study(test, effects, baseline)
+    D = study.distances[0, 1]
+    blurred = test.covariance + 0.02**2 * np.outer(matrix[:, 2], matrix[:, 2])
+    lower = np.linalg.cholesky(blurred)
+    one, other = np.linalg.solve(lower, matrix[:, :2]).T
+    # The effect is one standard deviation long: that is its expected size.
+    assert study.expected[0].d == pytest.approx(size * np.linalg.norm(one), rel=1e-3)
+    foot = size * (one - other * (one @ other) / (other @ other))
+    assert pytest.approx(np.linalg.norm(foot) / 2, rel=1e-2) == D
+    data = size * one + np.random.default_rng(1).standard_normal((400_000, 3))
+    explained = [(data @ s) ** 2 / (s @ s) for s in (one, other)]
+    assert norm.cdf(-D) == pytest.approx(np.mean(explained[1] > explained[0]), rel=0.12)
+    # Taken for the nearest prediction itself, not for any on its line: no approximation at all.
+    nearest = size * one - foot
+    taken = np.sum((data - nearest) ** 2, axis=1) < np.sum((data - size * one) ** 2, axis=1)
+    assert norm.cdf(-D) == pytest.approx(np.mean(taken), rel=0.05)
+
+
+def test_nearest_prediction_is_found_on_a_curve():
+    """Against a search over all values of the rival's parameter."""
+    matrix = np.array([[1.0, 0.6], [0.2, 0.5], [-0.4, 0.3]])
+    test, baseline = toy(matrix, curve=1.5)
+    effects = [shift(0, 0.4), shift(1, 0.5)]
+    study = Study(test, effects, baseline)
+    truth = study.expected[0]
+    z = np.linspace(-5, 5, 20001)
+    y = np.outer(z * 0.5, matrix[:, 1])
+    y = y + 1.5 * y**2
+    cost = np.sum(((y - truth.predicted) / TOY_SD) ** 2, axis=1) + z**2
+    best = int(np.argmin(cost))
+    misfit = cost[best] - z[best] ** 2 + max(z[best] ** 2 - 1.0, 0.0)
+    assert study.distances[0, 1] == pytest.approx(np.sqrt(misfit) / 2, rel=1e-3)
+
+
+def test_classes_and_what_cancels():
+    """Two effects along one line, one square to them, one too small to be seen."""
+    matrix = np.array([[1.0, 2.0, 0.0, 0.0], [0.5, 1.0, 0.0, 0.0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    test, baseline = toy(matrix)
+    study = Study(test, [shift(0, 0.2), shift(1, 0.2), shift(2, 0.2), shift(3, 0.02)], baseline)
+    seen = [s.d / 2 > 2.33 for s in study.expected]
+    assert seen == [True, True, True, False]
+    assert groups(study.distances, seen) == [[0, 1], [2]]
+    pair = combination([study.whitened(s) for s in study.expected[:2]])
+    assert pair.index > 1e3 and pair.left < 1e-2
+    # Half of the one's size, twice as strong, undoes the other's.
+    sizes = [s.own[0] for s in study.expected[:2]]
+    assert pair.factors[0] * sizes[0] == pytest.approx(-2 * pair.factors[1] * sizes[1])
+    square = combination([study.whitened(study.expected[i]) for i in (0, 2)])
+    assert square.index == pytest.approx(1.0, abs=1e-6)
