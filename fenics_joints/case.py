@@ -89,6 +89,7 @@ class Case(Section):
     _path: Path = PrivateAttr(Path("case.toml"))
     _coarse: Mesh | None = PrivateAttr(None)
     _measured: TestData | None = PrivateAttr(None)
+    _planned: TestData | None = PrivateAttr(None)
     _validation: TestData | None = PrivateAttr(None)
     _curves: MeasuredCurves | None = PrivateAttr(None)
     _start: dict[str, float] = PrivateAttr(default_factory=dict)
@@ -112,11 +113,26 @@ class Case(Section):
         """The measured data.
 
         Raises:
+            InputError: If the case has no test, or only a planned one.
+        """
+        if self.test is None:
+            raise InputError(f"{self._path}: test is missing, expected a section [test]")
+        if self._measured is None:
+            raise InputError(
+                f"{self._path}: test.frequencies is missing: expected measured data; the test is "
+                "planned only, which is enough for diagnose --plan"
+            )
+        return self._measured
+
+    def planned(self) -> TestData:
+        """The planned test, or what was measured; nothing but its layout and noise count.
+
+        The frequencies (and damping ratios) of a planned test are placeholders.
+
+        Raises:
             InputError: If the case has no test.
         """
-        if self._measured is None:
-            raise InputError(f"{self._path}: test is missing, expected a section [test]")
-        return self._measured
+        return self.measurements() if self._planned is None else self._planned
 
     def validation(self) -> TestData | None:
         """The data that is never fitted, or None."""
@@ -285,6 +301,10 @@ def _read_tests(case: Case) -> list[str]:
     if test is None:
         return []
     try:
+        if test.planned is not None:
+            case._planned = _plan_test(case, test)
+        if test.frequencies is None:
+            return []
         case._measured = _read_test(case, "test", test)
         if test.validation is not None:
             case._validation = _read_test(case, "test.validation", test.validation)
@@ -345,6 +365,22 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
         )
     except InputError as error:
         raise InputError(f"{key}: {error}") from error
+
+
+def _plan_test(case: Case, test: Test) -> TestData:
+    """The layout of the planned test, its values placeholders."""
+    names, (condition, unit) = test.planned.names(), test.planned.head()
+    conditions = sorted(test.planned.conditions)
+    values = np.ones((len(conditions), len(names)))
+    return TestData(
+        conditions, values, names, condition, unit,
+        damping=1e-3 * values if test.planned.damping else None,
+        resolution_hz=_per_mode("resolution", test.resolution, len(names)),
+        noise=_per_mode("noise", test.noise, len(names)),
+        damping_noise=test.damping_noise,
+        shape_noise=test.shape_noise,
+        sensors=case.sensors(),
+    )  # fmt: skip
 
 
 def _read_shapes(file: Path | None, modes) -> np.ndarray | None:

@@ -33,6 +33,7 @@ __all__ = [
     "Joint",
     "MassSection",
     "Part",
+    "PlannedTest",
     "Section",
     "SpringSection",
     "SupportSection",
@@ -398,17 +399,63 @@ class ValidationTest(Section):
     damping: str | None = None
 
 
+#: The head of a column, such as ``torque [N·m]``: a name and a unit.
+_COLUMN = r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*"
+
+
+class PlannedTest(Section):
+    """``[test.planned]``: a test that has not been made, for ``diagnose --plan``.
+
+    ``condition`` is written as the head of a column, ``"torque [N·m]"``, and ``modes`` are names,
+    or how many of the lowest that the sensors see.
+    """
+
+    condition: str | None = None
+    conditions: Annotated[list[float], BeforeValidator(listed), Field(min_length=1)] = [1.0]
+    modes: Count | Names
+    damping: bool = False
+    shapes: bool = False
+
+    @model_validator(mode="after")
+    def _clear(self) -> PlannedTest:
+        if self.condition is not None and not re.fullmatch(_COLUMN, self.condition):
+            raise ValueError(f"condition = {self.condition!r}: expected 'NAME [UNIT]'")
+        if self.condition is None and len(self.conditions) > 1:
+            raise ValueError("expected condition too, such as 'torque [N·m]'")
+        if len(set(self.conditions)) != len(self.conditions):
+            raise ValueError(f"conditions = {self.conditions}: expected each value once")
+        if not all(math.isfinite(c) for c in self.conditions):
+            raise ValueError(f"conditions = {self.conditions}: expected finite numbers")
+        if len(set(self.names())) != len(self.names()):
+            raise ValueError(f"modes = {self.modes}: expected each name once")
+        return self
+
+    def names(self) -> tuple[str, ...]:
+        """Names of the modes."""
+        if isinstance(self.modes, int):
+            return tuple(f"mode {i + 1}" for i in range(self.modes))
+        return tuple(self.modes)
+
+    def head(self) -> tuple[str, str]:
+        """Name and unit of the condition."""
+        if self.condition is None:
+            return "row", ""
+        name, unit = re.fullmatch(_COLUMN, self.condition).groups()
+        return name, (unit or "").strip()
+
+
 class Test(Section):
     """``[test]``: the measured data and how good it is.
 
     ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping,
     ``shape_noise`` that of a component of a shape, relative to the shape's root mean square, and
-    ``shapes_at`` the condition at which shapes were measured, the last one by default.
+    ``shapes_at`` the condition at which shapes were measured, the last one by default. A test that
+    has not been made yet has a section ``planned`` in place of ``frequencies``.
     """
 
     __test__ = False
 
-    frequencies: str
+    frequencies: str | None = None
     damping: str | None = None
     shapes: str | None = None
     condition: str | None = None
@@ -420,6 +467,18 @@ class Test(Section):
     shapes_at: float | None = None
     sees: Sees | None = None
     validation: ValidationTest | None = None
+    planned: PlannedTest | None = None
+
+    @model_validator(mode="after")
+    def _measured_or_planned(self) -> Test:
+        if self.frequencies is None and self.planned is None:
+            raise ValueError("expected frequencies, or a section [test.planned]")
+        for key in ("damping", "shapes", "validation"):
+            if self.frequencies is None and getattr(self, key) is not None:
+                raise ValueError(f"{key}: expected frequencies too")
+        if self.planned is not None and self.planned.shapes and self.sees is None:
+            raise ValueError("planned.shapes: expected a section [test.sees] too")
+        return self
 
 
 class Published(Section):

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.stats import norm
 
+from fenics_joints.case import load_case
 from fenics_joints.diagnosis.effects import Effect, Prior
 from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.plan import Measurement, Study, combination, groups
+from fenics_joints.errors import InputError
 
 TOY_SD = 0.01
 
@@ -104,3 +104,68 @@ def test_classes_and_what_cancels():
     assert pair.factors[0] * sizes[0] == pytest.approx(-2 * pair.factors[1] * sizes[1])
     square = combination([study.whitened(study.expected[i]) for i in (0, 2)])
     assert square.index == pytest.approx(1.0, abs=1e-6)
+
+
+# -- a case ----------------------------------------------------------------------------------------
+
+MEASURED = """frequencies = "frequencies.csv"
+damping = "damping.csv"
+condition = "torque"
+modes = ["bending 1", "bending 2", "bending 3", "bending 4"]
+resolution = ["12.5 Hz", "12.5 Hz", "0 Hz", "0 Hz"]
+"""
+PLANNED = """[test.planned]
+condition = "torque [N·m]"
+conditions = [20, 5]
+modes = ["bending 1", "bending 2", "bending 3", "bending 4"]
+
+[test.sees]"""
+VALIDATION = """[test.validation]
+frequencies = "frequencies_28Nm.csv"
+"""
+UPDATE = """at = 20
+parameters = ["near.E", "near.G", "away.E", "away.G"]
+start = { "near.E" = "3 GPa" }
+hold_out = [4, 8, 12]
+"""
+
+
+@pytest.fixture
+def planned(write_case):
+    """A function that puts the lap plates with a planned test, and no data, into a folder."""
+
+    def write(folder, *edits):
+        write_case(
+            folder, (MEASURED, ""), (VALIDATION, ""), ("[test.sees]", PLANNED),
+            (UPDATE, 'parameters = ["near.E"]\n'), *edits,
+        )  # fmt: skip
+        for table in folder.glob("*.csv"):
+            table.unlink()
+        return folder
+
+    return write
+
+
+def test_planned_test_needs_no_data(tmp_path, planned):
+    case = load_case(planned(tmp_path))
+    layout = case.planned()
+    assert layout.conditions.tolist() == [5.0, 20.0] and layout.condition_unit == "N·m"
+    assert len(layout.mode_names) == 4 and layout.sensors is not None and not layout.by_level
+    with pytest.raises(InputError, match=r"test\.frequencies is missing.*--plan"):
+        case.measurements()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[20, 5]", "[20, 20]", ["test.planned", "each value once"]),
+        ('"torque [N·m]"', '"torque [N·m"', ["condition = 'torque [N·m'", "NAME [UNIT]"]),
+        ("[test.planned]", "[test.plan]", ["test.plan", "planned"]),
+        ('["bending 1", "bending 2", "bending 3", "bending 4"]', "0", ["test.planned.modes"]),
+    ],
+)
+def test_planned_test_says_what_is_wrong(tmp_path, planned, old, new, said):
+    with pytest.raises(InputError) as error:
+        load_case(planned(tmp_path, (old, new)))
+    for fragment in said:
+        assert fragment in str(error.value)

@@ -31,9 +31,7 @@ _BEST, _STEPS = 2, 12
 #: Relative fall of the cost below which the search ends.
 _DONE = 1e-3
 
-Predict = Callable[
-    [Hypothesis, np.ndarray, Mapping[str, float]], tuple[np.ndarray, np.ndarray]
-]
+Predict = Callable[[Hypothesis, np.ndarray, Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
