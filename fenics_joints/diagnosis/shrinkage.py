@@ -1,52 +1,186 @@
-"""How far the gap shrinks on data that were neither fitted nor used to choose."""
+"""How far the gap shrinks on data that were neither fitted nor used to choose.
+
+The measure is S* = (E_before - E_after) / (E_before - E_noise): 1 if what was chosen and fitted
+without the held-out data predicts them as well as noise lets anything, 0 if it is no better than
+the nominal model. What each fold will show is stated before its data are looked at.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
-from fenics_joints.diagnosis.inference import Evidence, Fit, Forward, fit
+from fenics_joints.diagnosis.evidence import FREQUENCY, Evidence
+from fenics_joints.diagnosis.hypothesis import Hypothesis
+from fenics_joints.diagnosis.inference import Fit, Forward, fit
+from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.gap import rms
 
-__all__ = ["Shrinkage", "cross_validate", "folds"]
+__all__ = [
+    "Fold", "Forecast", "Shrinkage", "blinded", "cross_validate", "folds", "forecast", "shrink",
+]  # fmt: skip
 
 #: Far below what a held-out error is known to.
 _TOLERANCE = 1e-3
+#: Probability of the intervals; their lower ends are exceeded with 95 %.
+_PROBABILITY = 0.9
+_DRAWS = 2000
+_SEED = 1
+#: S* is not told apart beyond these: all of what could go is gone; as much again has come.
+_LEAST, _MOST = -1.0, 1.0
+#: With this many modes or more the highest third of them is held out together.
+_BAND = 4
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a fold will show, stated without its held-out data.
+
+    Attributes:
+        after: Interval (90 %) of the relative RMS error that is left.
+        shrink: Interval (90 %) of S*.
+        low: Lower ends of the intervals (90 %) of each held-out ln f, shape (k,).
+        high: Upper ends.
+        weights: Share of each hypothesis in the mixture, by label.
+    """
+
+    after: Interval
+    shrink: Interval
+    low: np.ndarray
+    high: np.ndarray
+    weights: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One fold: what was forecast, and what its held-out frequencies said.
+
+    Attributes:
+        name: What was held out.
+        n: Number of held-out frequencies.
+        chosen: Hypothesis chosen without them.
+        placebo_chosen: Best wrong one, chosen likewise; "" if there is none.
+        before: Relative RMS error of the nominal model.
+        after: That of the chosen hypothesis.
+        placebo: That of the placebo; as before if there is none.
+        noise: What noise, and scatter of the preload that the fit cannot know, allow.
+        shrink: S*; nan if the nominal model is as good as noise allows.
+        shrink_interval: Its interval (90 %) by bootstrap over the entries.
+        placebo_shrink: S* of the placebo.
+        predicted_after: Interval (90 %) stated of ``after``.
+        predicted_shrink: Interval (90 %) stated of ``shrink``.
+        covered: Whether ``after`` lies in the stated interval.
+        shrink_covered: Whether ``shrink`` does; None if it is nan.
+        entries_covered: Share of the held-out frequencies in their own stated intervals.
+        weights: Shares of the hypotheses in the mixture behind the stated intervals.
+    """
+
+    name: str
+    n: int
+    chosen: str
+    placebo_chosen: str
+    before: float
+    after: float
+    placebo: float
+    noise: float
+    shrink: float
+    shrink_interval: Interval
+    placebo_shrink: float
+    predicted_after: Interval
+    predicted_shrink: Interval
+    covered: bool
+    shrink_covered: bool | None
+    entries_covered: float
+    weights: dict[str, float]
 
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """Relative RMS errors on held-out data, pooled over folds; and each fold.
+    """How far the gap shrinks, pooled over folds; and each fold.
+
+    Errors are relative RMS errors of held-out frequencies. Folds overlap (a mode at a torque is
+    held out with its mode and with its torque), so that the bootstrap, which takes them as
+    independent, is a guide; intervals are of 90 %.
 
     Attributes:
         before: Of the nominal model.
         after: Of what was chosen and fitted without the held-out data.
         placebo: Of the best wrong effect, chosen and fitted likewise.
-        rows: A dict for each fold: name, n, before, after, placebo, chosen.
+        noise: What noise, and scatter of the preload that the fit cannot know, allow.
+        shrink: S*, pooled; nan if the nominal model is as good as noise allows.
+        shrink_interval: Its interval by bootstrap over folds and entries in them.
+        placebo_shrink: S* of the placebo.
+        placebo_interval: Its interval.
+        excess: S* less that of the placebo.
+        excess_interval: Its interval; both are of the same resampled data.
+        claimed: Whether the excess is above zero with 95 %: the lower end of its interval is.
+        coverage: Share of folds whose ``after`` lay in the interval stated before.
+        shrink_coverage: Share of folds whose S* did.
+        entries_coverage: Share of all held-out frequencies in their own stated intervals.
+        folds: The folds.
     """
 
-    before: float
-    after: float
-    placebo: float
-    rows: list[dict]
+    before: float = np.nan
+    after: float = np.nan
+    placebo: float = np.nan
+    noise: float = np.nan
+    shrink: float = np.nan
+    shrink_interval: Interval = (np.nan, np.nan)
+    placebo_shrink: float = np.nan
+    placebo_interval: Interval = (np.nan, np.nan)
+    excess: float = np.nan
+    excess_interval: Interval = (np.nan, np.nan)
+    claimed: bool = False
+    coverage: float = np.nan
+    shrink_coverage: float = np.nan
+    entries_coverage: float = np.nan
+    folds: list[Fold] = field(default_factory=list)
+
+    @property
+    def rows(self) -> list[dict]:
+        """The folds as dicts."""
+        return [asdict(f) for f in self.folds]
+
+    def to_json(self) -> dict:
+        """All of it for `json.dumps`; what is not a number is None."""
+        return _plain(asdict(self))
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {key: _plain(v) for key, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value
 
 
 def folds(
     conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str], blocks: int = 3
 ) -> list[tuple[str, np.ndarray]]:
-    """Masks (n, m) of what to hold out: each mode in turn, and the conditions in blocks.
+    """Masks (n, m) of what to hold out: each mode in turn, the highest third of the modes together
+    if there are four or more, and the conditions in blocks.
 
-    Blocks are neighbours in the condition, so that the outer ones ask for extrapolation.
+    Blocks are neighbours in the condition, so that the outer ones ask for extrapolation, as the
+    top band does.
     """
     n, m = len(conditions), len(mode_names)
     found = []
     if m > 1:
         for j, name in enumerate(mode_names):
-            mask = np.zeros((n, m), dtype=bool)
-            mask[:, j] = True
-            found.append((name if name.startswith("mode") else f"mode {name}", mask))
+            found.append((name if name.startswith("mode") else f"mode {name}", _columns(n, m, [j])))
+    if m >= _BAND:
+        top = range(m - int(np.ceil(m / 3)), m)
+        name = f"top band, {mode_names[top[0]]} to {mode_names[-1]}"
+        found.append((name, _columns(n, m, top)))
     if n > 1:
         for block in np.array_split(np.arange(n), min(blocks, n)):
             mask = np.zeros((n, m), dtype=bool)
@@ -55,6 +189,147 @@ def folds(
             span = f"{low:g}" if low == high else f"{low:g} to {high:g}"
             found.append((f"{condition[0]} {span} {condition[1]}".strip(), mask))
     return found
+
+
+def _columns(n, m, columns) -> np.ndarray:
+    mask = np.zeros((n, m), dtype=bool)
+    mask[:, list(columns)] = True
+    return mask
+
+
+def shrink(before: float, after: float, noise: float) -> float:
+    """S* = (before - after) / (before - noise), between -1 and 1; nan if nothing could shrink."""
+    if not before > noise:
+        return float("nan")
+    return float(np.clip((before - after) / (before - noise), _LEAST, _MOST))
+
+
+def blinded(evidence: Evidence, held_out: np.ndarray) -> Evidence:
+    """A test without the values that are held out: they are not in it any more.
+
+    Args:
+        evidence: The test.
+        held_out: Mask, shape (n, m); a mode's damping goes with its frequency, and its shape with
+            that at the condition at which it was measured.
+    """
+    hidden = evidence.without(held_out)
+    new = {"log_f": np.where(held_out, np.nan, evidence.log_f)}
+    if evidence.log_damping is not None:
+        new["log_damping"] = np.where(held_out, np.nan, evidence.log_damping)
+    if evidence.shapes is not None:
+        new["shapes"] = np.where(held_out[evidence.shape_row], np.nan, evidence.shapes)
+    return replace(hidden, **new)
+
+
+# -- before the data are looked at -----------------------------------------------------------------
+
+
+def forecast(
+    refits: Sequence[Fit],
+    weights: np.ndarray,
+    chosen: Fit,
+    nominal: np.ndarray,
+    blind: Evidence,
+    scored: np.ndarray,
+    noise: float,
+    *,
+    draws: int = _DRAWS,
+    seed: int = _SEED,
+) -> Forecast:
+    """What the held-out frequencies will show, from all that is known without them.
+
+    They are drawn from the mixture of the hypotheses' predictive distributions, and the nominal
+    model and the chosen one are scored on the draws as they will be on the data.
+
+    Args:
+        refits: Hypotheses fitted without the held-out data.
+        weights: Their probabilities.
+        chosen: The one whose prediction will be scored.
+        nominal: ln f of the nominal model at the scored entries, shape (k,).
+        blind: The test without the held-out values, from `blinded`.
+        scored: Which entries will be scored, shape (N,); k of them.
+        noise: E_noise of the fold.
+        draws: Number of draws.
+        seed: Of the random numbers.
+    """
+    rng = np.random.default_rng(seed)
+    counts = rng.multinomial(draws, weights / np.sum(weights))
+    parts = []
+    for refit, count in zip(refits, counts, strict=True):
+        if count:
+            mean, root = _predictive(refit, blind, scored)
+            parts.append(mean + rng.standard_normal((count, len(mean))) @ root.T)
+    drawn = np.concatenate(parts)
+    after = _rms_rows(np.expm1(chosen.predicted[scored] - drawn))
+    before = _rms_rows(np.expm1(nominal - drawn))
+    gained = [shrink(b, a, noise) for b, a in zip(before, after, strict=True)]
+    low, high = np.quantile(drawn, _ends(), axis=0)
+    shares = {f.hypothesis.label: float(w) for f, w in zip(refits, weights, strict=True)}
+    return Forecast(_interval(after), _interval(gained), low, high, shares)
+
+
+def _predictive(refit: Fit, blind: Evidence, scored: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and a square root of the covariance of the scored entries given the fitted ones.
+
+    With r = data - prediction of the fitted entries, G = S_sf S_ff^-1 and S the covariance of
+    noise and discrepancy, the scored entries are prediction_s + G r + (J_s - G J_f) dz + e,
+    dz ~ N(0, C) the posterior and e ~ N(0, S_ss - G S_fs): Gaussian regression about the model.
+    """
+    fitted = blind.fitted
+    total = blind.full_covariance(refit.hypothesis.unknown)
+    cross = total[np.ix_(scored, fitted)]
+    gain = np.linalg.solve(total[np.ix_(fitted, fitted)], cross.T).T
+    mean = refit.predicted[scored] + gain @ (blind.data[fitted] - refit.predicted[fitted])
+    slope = refit.jacobian[scored] - gain @ refit.jacobian[fitted]
+    covariance = total[np.ix_(scored, scored)] - gain @ cross.T + slope @ refit.covariance @ slope.T
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    return mean, vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _noise_variance(
+    chosen: Fit, evidence: Evidence, scored: np.ndarray, reassembly: bool
+) -> np.ndarray:
+    """Variance of each scored ln f that no model can undercut, shape (k,).
+
+    That of the measurement; and of the tightenings' scatter what the fit leaves open, all of it at
+    a torque that is held out.
+    """
+    e = evidence.entries
+    variance = evidence.log_sd[e.row[scored], e.mode[scored]] ** 2
+    place = chosen.hypothesis.places["tightenings"]
+    if not reassembly or place.stop == place.start:
+        return variance
+    slope = chosen.jacobian[scored, place]
+    return variance + np.einsum("ij,jk,ik->i", slope, chosen.covariance[place, place], slope)
+
+
+# -- choosing, fitting, opening --------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Relative errors of the scored entries of a fold, (k,) each; the noise as a variance."""
+
+    before: np.ndarray
+    after: np.ndarray
+    placebo: np.ndarray
+    noise: np.ndarray
+
+    def take(self, index) -> _Errors:
+        return _Errors(
+            self.before[index], self.after[index], self.placebo[index], self.noise[index]
+        )
+
+    def summary(self) -> tuple[float, float, float, float]:
+        """E of the nominal model, of the choice, of the placebo, and of noise."""
+        noise = float(np.sqrt(np.mean(self.noise)))
+        return rms(self.before), rms(self.after), rms(self.placebo), noise
+
+    def shrinks(self) -> tuple[float, float, float]:
+        """S*, the placebo's, and the excess."""
+        before, after, placebo, noise = self.summary()
+        own, wrong = shrink(before, after, noise), shrink(before, placebo, noise)
+        return own, wrong, own - wrong
 
 
 def cross_validate(
@@ -66,48 +341,168 @@ def cross_validate(
     baseline: dict[str, float],
     masks: Sequence[tuple[str, np.ndarray]],
     *,
+    reassembly: bool = True,
     progress: Callable[[], None] | None = None,
 ) -> Shrinkage:
-    """Choose and fit anew without each fold, and predict it.
+    """Choose and fit anew without each fold, state what it will show, and open it.
 
     Args:
-        candidates: Hypotheses, fitted to all data (their parameters are starting points only).
+        candidates: Hypotheses, fitted to all data (their parameters are starting points only). One
+            of an unknown cause is never chosen, having no prediction of its own, but widens the
+            stated intervals by its weight.
         log_prior: ln of their prior probabilities.
         is_wrong: Whether a hypothesis counts as placebo.
         forward: Predicts frequencies.
         evidence: The test.
         baseline: Parameter values of the nominal model.
         masks: From `folds`.
+        reassembly: Whether the scatter of the preload counts as noise, as far as a fit cannot know
+            it.
         progress: Called after each fold.
     """
-    nominal = np.array([forward(baseline)[0]] * len(evidence.conditions))
-    rows, errors = [], {"before": [], "after": [], "placebo": []}
+    nominal = _nominal(forward, evidence, baseline)
+    opened, errors = [], []
     for name, mask in masks:
-        held = mask & evidence.used
-        left = evidence.without(mask)
-        if not held.any() or not left.used.any():
-            continue
-        refits = [
-            fit(c.hypothesis, forward, left, baseline, starts=[c.z], tolerance=_TOLERANCE)
-            for c in candidates
-        ]
-        score = np.array([f.log_evidence for f in refits]) + np.asarray(log_prior)
-        wrong = np.array([is_wrong(f) for f in refits])
-        best = refits[int(np.argmax(score))]
-        placebo = refits[int(np.argmax(np.where(wrong, score, -np.inf)))] if wrong.any() else None
-        row = {"name": name, "n": int(held.sum()), "chosen": best.hypothesis.label}
-        for key, log_f in (
-            ("before", nominal),
-            ("after", best.log_f),
-            ("placebo", nominal if placebo is None else placebo.log_f),
-        ):
-            relative = np.expm1((log_f - evidence.log_f)[held])
-            errors[key].append(relative)
-            row[key] = rms(relative)
-        rows.append(row)
+        scored = _scored(evidence, mask)
+        blind = blinded(evidence, mask)
+        if scored.any() and blind.used.any():
+            refits = [_refit(c, forward, blind, baseline) for c in candidates]
+            closed = _close(refits, log_prior, is_wrong, nominal, blind, scored, reassembly)
+            fold, error = _open(name, closed, nominal, evidence, scored)
+            opened.append(fold)
+            errors.append(error)
         if progress:
             progress()
-    if not rows:
-        return Shrinkage(np.nan, np.nan, np.nan, [])
-    pooled = {key: rms(np.concatenate(parts)) for key, parts in errors.items()}
-    return Shrinkage(pooled["before"], pooled["after"], pooled["placebo"], rows)
+    return _pooled(opened, errors) if opened else Shrinkage()
+
+
+def _refit(candidate: Fit, forward, blind, baseline) -> Fit:
+    return fit(
+        candidate.hypothesis, forward, blind, baseline, starts=[candidate.z], tolerance=_TOLERANCE
+    )
+
+
+def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:
+    """What the nominal model predicts, shape (N,); nan but for frequencies."""
+    predicted = np.full(len(evidence.data), np.nan)
+    is_f = evidence.entries.kind == FREQUENCY
+    plain = replace(evidence, log_damping=None, shapes=None)
+    predicted[is_f] = predict(Hypothesis(()), forward, plain, np.zeros(0), baseline)[0]
+    return predicted
+
+
+def _scored(evidence: Evidence, mask: np.ndarray) -> np.ndarray:
+    """The held-out frequencies that were measured, as a mask of shape (N,)."""
+    e = evidence.entries
+    return (e.kind == FREQUENCY) & (mask & evidence.used)[e.row, e.mode]
+
+
+@dataclass(frozen=True)
+class _Closed:
+    """All that a fold says before its data are looked at."""
+
+    chosen: Fit
+    placebo: Fit | None
+    noise: np.ndarray
+    forecast: Forecast
+
+
+def _close(refits, log_prior, is_wrong, nominal, blind, scored, reassembly) -> _Closed:
+    """Choice and forecast of a fold; nothing that it is given holds the held-out values."""
+    score = np.array([f.log_evidence for f in refits]) + np.asarray(log_prior)
+    weights = np.exp(score - logsumexp(score))
+    known = np.array([not f.hypothesis.unknown for f in refits])
+    wrong = np.array([is_wrong(f) for f in refits]) & known
+    chosen = refits[int(np.argmax(np.where(known, score, -np.inf)))]
+    placebo = refits[int(np.argmax(np.where(wrong, score, -np.inf)))] if wrong.any() else None
+    noise = _noise_variance(chosen, blind, scored, reassembly)
+    stated = forecast(
+        refits, weights, chosen, nominal[scored], blind, scored, float(np.sqrt(np.mean(noise)))
+    )
+    return _Closed(chosen, placebo, noise, stated)
+
+
+def _open(name, closed: _Closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
+    """Score what was stated on the held-out values."""
+    data, stated = evidence.data[scored], closed.forecast
+    wrong = nominal if closed.placebo is None else closed.placebo.predicted
+    errors = _Errors(
+        *(np.expm1(p[scored] - data) for p in (nominal, closed.chosen.predicted, wrong)),
+        closed.noise,
+    )
+    before, after, placebo, noise = errors.summary()
+    own, placebo_own, _ = errors.shrinks()
+    rng = np.random.default_rng(_SEED)
+    resampled = [errors.take(rng.integers(len(data), size=len(data))) for _ in range(_DRAWS // 4)]
+    fold = Fold(
+        name=name,
+        n=len(data),
+        chosen=closed.chosen.hypothesis.label,
+        placebo_chosen="" if closed.placebo is None else closed.placebo.hypothesis.label,
+        before=before,
+        after=after,
+        placebo=placebo,
+        noise=noise,
+        shrink=own,
+        shrink_interval=_interval([e.shrinks()[0] for e in resampled]),
+        placebo_shrink=placebo_own,
+        predicted_after=stated.after,
+        predicted_shrink=stated.shrink,
+        covered=_inside(after, stated.after),
+        shrink_covered=_inside(own, stated.shrink) if np.isfinite(own) else None,
+        entries_covered=float(np.mean((stated.low <= data) & (data <= stated.high))),
+        weights=stated.weights,
+    )
+    return fold, errors
+
+
+def _pooled(opened: list[Fold], errors: list[_Errors]) -> Shrinkage:
+    before, after, placebo, noise = _joined(errors).summary()
+    own, wrong, excess = _joined(errors).shrinks()
+    draws = np.array([_joined(part).shrinks() for part in _resampled(errors)])
+    own_90, wrong_90, excess_90 = (_interval(column) for column in draws.T)
+    sized = [f for f in opened if f.shrink_covered is not None]
+    entries = sum(f.entries_covered * f.n for f in opened) / sum(f.n for f in opened)
+    return Shrinkage(
+        before, after, placebo, noise, own, own_90, wrong, wrong_90, excess, excess_90,
+        claimed=bool(excess_90[0] > 0),
+        coverage=float(np.mean([f.covered for f in opened])),
+        shrink_coverage=float(np.mean([f.shrink_covered for f in sized])) if sized else np.nan,
+        entries_coverage=float(entries),
+        folds=opened,
+    )  # fmt: skip
+
+
+def _joined(parts: Sequence[_Errors]) -> _Errors:
+    names = ("before", "after", "placebo", "noise")
+    return _Errors(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+
+def _resampled(errors: Sequence[_Errors]):
+    """Folds drawn with replacement, and entries within each."""
+    rng = np.random.default_rng(_SEED)
+    for _ in range(_DRAWS // 2):
+        chosen = [errors[i] for i in rng.integers(len(errors), size=len(errors))]
+        yield [e.take(rng.integers(len(e.noise), size=len(e.noise))) for e in chosen]
+
+
+def _rms_rows(a: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(a**2, axis=1))
+
+
+def _ends() -> Interval:
+    return (1 - _PROBABILITY) / 2, (1 + _PROBABILITY) / 2
+
+
+def _interval(values) -> Interval:
+    """Interval of 90 %; draws in which nothing could shrink are left out."""
+    values = np.asarray(values, dtype=float)
+    values = values[np.isfinite(values)]
+    if len(values) == 0:
+        return float("nan"), float("nan")
+    low, high = np.quantile(values, _ends())
+    return float(low), float(high)
+
+
+def _inside(value: float, interval: Interval) -> bool:
+    return bool(interval[0] <= value <= interval[1])

@@ -1,0 +1,295 @@
+"""A still smaller model for one hypothesis: of the modes that its own parameters can make.
+
+A reduced model serves all hypotheses, so that its basis is several times as large as one of them
+needs. Nested sampling asks for the frequencies at ten thousands of parameter values; here they are
+had for many values at a time, from a basis of twenty to forty vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from fenics_joints.affine import AffinePencil
+from fenics_joints.array_model import ArrayModel
+from fenics_joints.errors import InputError
+from fenics_joints.gap import VISIBLE, mac
+from fenics_joints.modal import solve_modes
+from fenics_joints.surrogate import Forward
+
+__all__ = [
+    "LeanForward", "arrays_of", "frequency_error", "lean_forward", "modes_at", "pod", "project",
+]  # fmt: skip
+
+#: As in `fenics_joints.modal`: the shift below zero, and what counts as rigid.
+_SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
+
+
+def arrays_of(forward: Forward) -> ArrayModel | None:
+    """The model behind a forward as arrays; None if it is not one of affine terms alone."""
+    model = forward.model
+    if isinstance(model, ArrayModel):
+        return model
+    pencil = getattr(model, "affine", None)
+    if pencil is None or len(pencil.regions) < len(model.full.regions):
+        return None  # a graded region is assembled anew at each value
+    rows = None if forward.sensors is None else model.observe(np.eye(model.n_dofs), forward.sensors)
+    return ArrayModel(pencil, model.scale_hz, rows)
+
+
+def project(model: ArrayModel, basis: np.ndarray) -> ArrayModel:
+    """The model on fewer vectors.
+
+    Args:
+        model: A reduced model.
+        basis: Vectors as columns, in its coordinates, shape (n_dofs, k).
+    """
+    pencil = model.pencil
+    if pencil.fixed is not None:
+        fixed = tuple(basis.T @ A @ basis for A in pencil.fixed)
+    else:
+        fixed = None
+    lean = AffinePencil(
+        pencil.parameters,
+        [
+            replace(
+                r, stiffness=basis.T @ r.stiffness @ basis, inertia=basis.T @ r.inertia @ basis
+            )
+            for r in pencil.regions
+        ],
+        [replace(s, row=s.row @ basis) for s in pencil.springs],
+        [replace(m, rows=m.rows @ basis) for m in pencil.masses],
+        fixed,
+        pencil.fixed_mass,
+    )
+    rows = [None if a is None else a @ basis for a in (model.sensor_rows, model.shift_rows)]
+    return replace(model, pencil=lean, sensor_rows=rows[0], shift_rows=rows[1])
+
+
+def pod(
+    model: ArrayModel, snapshots: np.ndarray, weights: np.ndarray, given: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors that hold most of the snapshots' energy, best first.
+
+    Args:
+        model: The model that the snapshots are of.
+        snapshots: As columns, shape (n_dofs, n).
+        weights: Of the snapshots, shape (n,).
+        given: Parameter values whose K + omega^2 M measures the energy.
+
+    Returns:
+        Vectors orthonormal in that energy, (n_dofs, k), and their singular values, (k,).
+    """
+    K, M = model.stiffness(given), model.mass(given)
+    upper = np.linalg.cholesky(K + np.trace(K) / np.trace(M) * M).T
+    energetic = upper @ snapshots
+    energetic *= weights / np.linalg.norm(energetic, axis=0)
+    left, sizes, _ = np.linalg.svd(energetic, full_matrices=False)
+    return np.linalg.solve(upper, left), sizes
+
+
+class LeanForward(Forward):
+    """A forward of a lean model that solves for many parameter values at a time.
+
+    Args:
+        forward: The one whose modes it follows.
+        model: Its model on fewer vectors.
+    """
+
+    def __init__(self, forward: Forward, model: ArrayModel):
+        n_modes = min(forward.n_modes, model.n_dofs)
+        super().__init__(model, forward.sensors, forward.n_test, n_modes, forward.reference)
+        self._ready: dict[tuple, tuple] = {}
+        self._terms = _Terms(model)
+
+    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """See `Forward`; from `prepare` where that knows the values."""
+        ready = self._ready.get(self._key(values))
+        return super().__call__(values) if ready is None else ready
+
+    def _key(self, values) -> tuple:
+        return tuple(values[name] for name in self.model.parameters)
+
+    def prepare(self, wanted: Sequence[Mapping[str, float]], slopes: bool) -> None:
+        """Solve at all these values together, and forget what was prepared before.
+
+        Args:
+            wanted: Parameter values.
+            slopes: Whether derivatives by the values are needed; they are nan otherwise. ln f is
+                nan where the model has too few modes that the test could see.
+        """
+        unique = {self._key(values): values for values in wanted}
+        self._ready = {}
+        self._shapes.clear()
+        table = np.array(list(unique))
+        values = dict(zip(self.model.parameters, table.T, strict=True))
+        eigenvalues, vectors = self._modes(values, len(table))
+        index, good = self._paired(values, eigenvalues, vectors)
+        lam = np.where(good[:, None], np.take_along_axis(eigenvalues, index, axis=1), np.nan)
+        with np.errstate(invalid="ignore"):
+            log_f = 0.5 * np.log(lam) - np.log(2 * np.pi)
+        blank = np.full((index.shape[1], table.shape[1]), np.nan)
+        for i, key in enumerate(unique):
+            by_values = blank
+            if slopes and good[i]:
+                x = vectors[i][:, index[i]]
+                gradients = self.model.pencil_gradients(x, lam[i], unique[key])
+                by_values = gradients / (2 * lam[i][:, None])
+            self._ready[key] = log_f[i], by_values
+
+    def _modes(self, values, count) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest eigenvalues, (b, n_modes), and M-normalised vectors, (b, n_dofs, n_modes)."""
+        K, M = self._terms.matrices(values, count)
+        shift = (2 * np.pi * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        inverse_root = np.linalg.inv(np.linalg.cholesky(K + shift * M))
+        root_t = np.swapaxes(inverse_root, 1, 2)
+        inverse, vectors = np.linalg.eigh(inverse_root @ M @ root_t)
+        inverse = inverse[:, : -self.n_modes - 1 : -1]
+        vectors = vectors[:, :, : -self.n_modes - 1 : -1]
+        return 1 / inverse - shift, root_t @ (vectors / np.sqrt(inverse)[:, None, :])
+
+    def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
+        """Index of the model's mode of each of the test's, (b, m), and whether there are enough.
+
+        As `fenics_joints.gap.pair_modes`. If each test mode is most like another model mode, these
+        are the assignment; only the rest needs an assignment problem.
+        """
+        b, m = len(eigenvalues), self.n_test
+        rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        n_rigid = np.sum(np.abs(eigenvalues) < rigid, axis=1)
+        seen = np.arange(self.n_modes)[None, :] >= n_rigid[:, None]
+        if self.sensors is not None:
+            shapes = self.model.sensor_rows @ vectors
+            mass = self._terms.total_mass(values, b)
+            seen &= np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None]) > VISIBLE
+        good = np.sum(seen, axis=1) >= m
+        index = np.zeros((b, m), dtype=int)
+        if self.sensors is None or self.reference is None:
+            for i in np.flatnonzero(good):
+                index[i] = np.flatnonzero(seen[i])[:m]
+            return index, good
+        flat = mac(self.reference, np.concatenate(shapes, axis=1))
+        match = np.where(seen[:, None, :], flat.reshape(m, b, -1).transpose(1, 0, 2), -1.0)
+        index = np.argmax(match, axis=2)
+        ordered = np.sort(index, axis=1)
+        for i in np.flatnonzero(good & np.any(ordered[:, 1:] == ordered[:, :-1], axis=1)):
+            index[i] = linear_sum_assignment(-match[i])[1]
+        return index, good
+
+
+class _Terms:
+    """An affine pencil at many values at a time."""
+
+    def __init__(self, model: ArrayModel):
+        self.pencil, self.n = model.pencil, model.n_dofs
+        regions, size = self.pencil.regions, self.n**2
+        self.stiff = np.concatenate([r.stiffness.reshape(-1, size) for r in regions])
+        self.heavy = np.array([r.inertia.ravel() for r in regions])
+
+    def matrices(self, values: Mapping[str, np.ndarray], count: int):
+        """K and M, (count, n, n) each, at parameter values of shape (count,) each."""
+        theta, rho = [], []
+        for region in self.pencil.regions:
+            q = self._properties(region, values, count)
+            region.law.check(region.name, q)
+            theta.append(region.law.stiffness_terms(q))
+            rho.append(region.law.inertia_terms(q))
+        K = np.concatenate(theta).T @ self.stiff
+        M = np.concatenate(rho).T @ self.heavy
+        K, M = K.reshape(count, self.n, self.n), M.reshape(count, self.n, self.n)
+        for spring in self.pencil.springs:
+            k = spring.share * _numbers(spring.stiffness, values, count)
+            K += k[:, None, None] * np.outer(spring.row, spring.row)
+        for mass in self.pencil.masses:
+            weight = mass.share * _numbers(mass.mass, values, count)
+            M += weight[:, None, None] * self._moved(mass, values)
+        if self.pencil.fixed is not None:
+            K, M = K + self.pencil.fixed[0], M + self.pencil.fixed[1]
+        return K, M
+
+    @staticmethod
+    def _moved(mass, values) -> np.ndarray:
+        """Projection of a unit point mass, (count, n, n) or (1, n, n)."""
+        if not isinstance(mass.travel, str):
+            at = mass.rows[:1]
+        else:
+            travels, back = np.unique(values[mass.travel], return_inverse=True)
+            at = np.array([mass(t)[0] for t in travels])[back]
+        return np.swapaxes(at, 1, 2) @ at
+
+    @staticmethod
+    def _properties(region, values, count) -> dict[str, np.ndarray]:
+        return {
+            key: _numbers(region.properties[key], values, count) for key in region.law.properties
+        }
+
+    def total_mass(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+        """Mass, kg, (count,)."""
+        total = np.full(count, self.pencil.fixed_mass)
+        for mass in self.pencil.masses:
+            total += mass.share * _numbers(mass.mass, values, count)
+        for region in self.pencil.regions:
+            q = self._properties(region, values, count)
+            total += region.law.inertia_terms(q)[0] * region.volume
+        return total
+
+
+def _numbers(value: float | str, values, count: int) -> np.ndarray:
+    """A component's number at each of the values."""
+    return values[value] if isinstance(value, str) else np.full(count, float(value))
+
+
+def lean_forward(
+    forward: Forward,
+    model: ArrayModel,
+    given: Mapping[str, float],
+    snapshots: np.ndarray,
+    weights: np.ndarray,
+    checks: Sequence[Mapping[str, float]],
+    limit: float,
+    sizes: Sequence[int] = (16, 22, 30, 40, 60),
+) -> tuple[LeanForward, float]:
+    """The leanest forward whose frequencies are good enough.
+
+    Args:
+        forward: The reduced model's.
+        model: That model.
+        given: The most probable parameter values.
+        snapshots: Modes of the reduced model, (n_dofs, n).
+        weights: Of the snapshots, (n,).
+        checks: Parameter values at which frequencies are compared.
+        limit: Error of ln f that is good enough.
+        sizes: Sizes of the basis to try.
+
+    Returns:
+        The forward, and its largest error of ln f at the checks: above ``limit`` if even the
+        largest basis is not good enough.
+    """
+    vectors, energies = pod(model, snapshots, weights, given)
+    most = int(np.sum(energies > 1e-7 * energies[0]))
+    exact = np.array([forward(values)[0] for values in checks])
+    tried = [s for s in sizes if max(6 + forward.n_test, forward.n_modes) <= s < most] + [most]
+    for size in tried:
+        lean = LeanForward(forward, project(model, vectors[:, :size]))
+        error = frequency_error(lean, checks, exact)
+        if error <= limit:
+            break
+    return lean, error
+
+
+def frequency_error(lean: LeanForward, checks, exact: np.ndarray) -> float:
+    """Largest error of ln f at parameter values; infinite if the lean model lacks a mode."""
+    try:
+        found = np.array([lean(values)[0] for values in checks])
+    except InputError:
+        return np.inf
+    return float(np.max(np.abs(found - exact)))
+
+
+def modes_at(forward: Forward, values: Mapping[str, float]) -> np.ndarray:
+    """Modes of the reduced model, shape (n_dofs, n_modes)."""
+    n_modes = min(forward.n_modes, forward.model.n_dofs)
+    return solve_modes(forward.model, values, n_modes=n_modes).shapes
