@@ -16,8 +16,18 @@ from fenics_joints.case_sections import (
     MassSection,
     Part,
     SpringSection,
+    SupportSection,
 )
-from fenics_joints.components import Parameter, PointMass, Region, Spring, Support, joint, part
+from fenics_joints.components import (
+    ElasticSupport,
+    Parameter,
+    PointMass,
+    Region,
+    Spring,
+    Support,
+    joint,
+    part,
+)
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import TaggedMesh, read_msh
 from fenics_joints.preload import (
@@ -29,7 +39,7 @@ from fenics_joints.preload import (
 )
 from fenics_joints.structure import Structure
 
-__all__ = ["build_mesh", "build_preload", "build_structure", "parameters"]
+__all__ = ["RIGID_SUPPORT", "build_mesh", "build_preload", "build_structure", "parameters"]
 
 _UNITS = {
     "E": "Pa",
@@ -38,6 +48,8 @@ _UNITS = {
     "mass": "kg",
     "stiffness": "N/m",
     "travel": "m",
+    "k_n": "Pa/m",
+    "k_t": "Pa/m",
 }
 #: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
 _JOINT_MODULUS = (1e2, 1e14)
@@ -45,6 +57,10 @@ _JOINT_MODULUS = (1e2, 1e14)
 _KNOWN = 3.0
 _THICKNESS = (0.5, 2.0)
 _NU = (0.0, 0.49)
+#: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
+#: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
+RIGID_SUPPORT = 1e19
+_SUPPORT = (1e6, 1e21)
 #: How much heavier or stiffer than the case says something attached may be.
 _ATTACHED = {"mass": 10.0, "stiffness": 1e3}
 
@@ -77,6 +93,8 @@ def build_structure(
     law: str | None = None,
     attached: bool = False,
     tagged: TaggedMesh | None = None,
+    width: bool = False,
+    elastic_supports: bool = False,
 ) -> Structure:
     """The structure of a case, all its numbers as parameters. Collective.
 
@@ -91,6 +109,10 @@ def build_structure(
             ``NAME.mass`` is the total of all points, ``NAME.stiffness`` that of each spring, and
             ``NAME.travel`` the distance from the points in the case.
         tagged: The case's mesh, if it exists already.
+        width: Whether the parts' widths, relative to the mesh's, are parameters NAME.width too.
+            They double the terms that a reduced model has of a part.
+        elastic_supports: Whether the ``[supports]`` that hold all directions are springs spread
+            over their facets, as good as rigid at their nominal NAME.k_n and NAME.k_t.
 
     Raises:
         InputError: For a value that is out of range.
@@ -100,15 +122,12 @@ def build_structure(
     pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
     masses = [m for name, section in pointed.items() for m in _masses(name, section)]
     springs = [s for name, section in pointed.items() for s in _springs(name, section)]
-    supports = [
-        Support(s.facets, tuple(AXES.index(d) for d in s.directions))
-        for s in case.supports.values()
-    ]
+    supports = [_support(name, s, elastic_supports) for name, s in case.supports.items()]
     try:
         return Structure(
             tagged,
-            [*_parts(case), *_joints(case, law)],
-            parameters(case, attached=attached),
+            [*_parts(case, width), *_joints(case, law)],
+            parameters(case, attached=attached, width=width, elastic_supports=elastic_supports),
             masses=masses,
             springs=springs,
             supports=supports,
@@ -158,13 +177,32 @@ def _bolt(name: str, section) -> BeamBolt | PretensionSection | WasherForce:
     return WasherForce(*ends, section.axis)
 
 
-def parameters(case: Case, *, attached: bool = False) -> list[Parameter]:
+def parameters(
+    case: Case, *, attached: bool = False, width: bool = False, elastic_supports: bool = False
+) -> list[Parameter]:
     """The parameters of a case's structure, with units and bounds, in order."""
     bounds = _bounds(case)
+    values = case.nominal(attached, width)
+    if elastic_supports:
+        for name, section in case.supports.items():
+            if _holds_all(section):
+                for key in ("k_n", "k_t"):
+                    values[f"{name}.{key}"] = RIGID_SUPPORT
+                    bounds[f"{name}.{key}"] = _SUPPORT
     return [
         Parameter(name, value, _unit(name), *bounds[name], log=_is_log(name, value))
-        for name, value in case.nominal(attached).items()
+        for name, value in values.items()
     ]
+
+
+def _holds_all(section: SupportSection) -> bool:
+    return set(section.directions) == set(AXES)
+
+
+def _support(name: str, section: SupportSection, elastic: bool) -> Support | ElasticSupport:
+    if elastic and _holds_all(section):
+        return ElasticSupport(name, section.facets, f"{name}.k_n", f"{name}.k_t")
+    return Support(section.facets, tuple(AXES.index(d) for d in section.directions))
 
 
 def _unit(name: str) -> str:
@@ -179,7 +217,8 @@ def _bounds(case: Case) -> dict[str, tuple[float, float]]:
     bounds = {}
     for name, section in {**case.parts, **case.joints}.items():
         given = section.bounds.model_dump(exclude_none=True)
-        for key, value in section.nominal().items():
+        values = section.nominal(width=True) if isinstance(section, Part) else section.nominal()
+        for key, value in values.items():
             bounds[f"{name}.{key}"] = given.get(key) or _usual(section, key, value)
     for name, section in {**case.masses, **case.springs}.items():
         for key, value in section.nominal().items():
@@ -198,7 +237,7 @@ def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]
     """Bounds for a property whose section gives none."""
     if key == "nu":
         low, high = _NU
-    elif key == "thickness":
+    elif key in ("thickness", "width"):
         low, high = _THICKNESS
     elif isinstance(section, Joint) and key in ("E", "G"):
         low, high = _JOINT_MODULUS
@@ -207,7 +246,7 @@ def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]
     return min(low, value), max(high, value)
 
 
-def _parts(case: Case) -> list[Region]:
+def _parts(case: Case, width: bool) -> list[Region]:
     return [
         part(
             name,
@@ -217,6 +256,8 @@ def _parts(case: Case) -> list[Region]:
             rho=f"{name}.rho",
             stretch=f"{name}.thickness",
             normal=p.normal,
+            width=f"{name}.width" if width else 1.0,
+            across=p.widens(),
         )
         for name, p in case.parts.items()
     ]

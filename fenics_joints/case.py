@@ -158,14 +158,16 @@ class Case(Section):
         """Somebody's values of the parameters, SI; those in ``update.published.parameters``."""
         return dict(self._published)
 
-    def nominal(self, attached: bool = False) -> dict[str, float]:
+    def nominal(self, attached: bool = False, width: bool = False) -> dict[str, float]:
         """Value of every parameter of the model, SI, by name (``near.E``), in order.
 
         Args:
             attached: Whether to add those of ``[attached]``, at zero: not there.
+            width: Whether to add the widths of the parts, relative to the mesh's: 1.
         """
-        sections = {**self.parts, **self.joints, **self.masses, **self.springs}
-        values = {name: section.nominal() for name, section in sections.items()}
+        values = {name: part.nominal(width) for name, part in self.parts.items()}
+        sections = {**self.joints, **self.masses, **self.springs}
+        values |= {name: section.nominal() for name, section in sections.items()}
         if attached:
             values |= {name: section.absent() for name, section in self.attached.items()}
         return {f"{name}.{key}": v for name, own in values.items() for key, v in own.items()}
@@ -251,7 +253,7 @@ def _check_names(case: Case) -> list[str]:
 
 
 def _check_bounds(key: str, section: Part | Joint) -> list[str]:
-    values = section.nominal()
+    values = section.nominal() | ({"width": 1.0} if isinstance(section, Part) else {})
     return [
         said(f"{key}.bounds.{name}", list(pair), f"expected a range that holds {values[name]:g}")
         for name, pair in section.bounds.model_dump(exclude_none=True).items()

@@ -82,6 +82,12 @@ def _nonzero(vector: list[float]) -> list[float]:
     return vector
 
 
+def _parallel(a, b) -> bool:
+    """Whether two vectors in space span less than a thousandth of a right angle, about."""
+    cosine = sum(x * y for x, y in zip(a, b, strict=True)) / (math.hypot(*a) * math.hypot(*b))
+    return abs(cosine) > 1 - 1e-6
+
+
 def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
     if not pair[0] < pair[1]:
         raise ValueError("expected [low, high] with low < high")
@@ -131,19 +137,24 @@ class PartTolerance(Section):
     nu: Share | None = None
     rho: Share | None = None
     thickness: Share | None = None
+    width: Share | None = None
 
 
 class PartBounds(Section):
-    """Bounds of a part's parameters; the thickness as actual over nominal."""
+    """Bounds of a part's parameters; thickness and width as actual over nominal."""
 
     E: ascending(Modulus) | None = None
     nu: ascending(Poisson) | None = None
     rho: ascending(Density) | None = None
     thickness: ascending(Positive) | None = None
+    width: ascending(Positive) | None = None
 
 
 class Part(Section):
-    """``[parts.NAME]``: cells of a solid material, with E and one of G and nu."""
+    """``[parts.NAME]``: cells of a solid material, with E and one of G and nu.
+
+    Its thickness is along ``normal`` and its width along ``across``: y, or z if the normal is y.
+    """
 
     cells: Names
     E: Modulus
@@ -151,6 +162,7 @@ class Part(Section):
     nu: Poisson | None = None
     rho: Density
     normal: Direction = (0.0, 0.0, 1.0)
+    across: Direction | None = None
     tolerance: PartTolerance = PartTolerance()
     bounds: PartBounds = PartBounds()
 
@@ -165,10 +177,27 @@ class Part(Section):
             )
         return self
 
-    def nominal(self) -> dict[str, float]:
-        """Value of each parameter; the thickness is relative to the mesh's."""
+    @model_validator(mode="after")
+    def _across_the_normal(self) -> Part:
+        if self.across is not None and _parallel(self.across, self.normal):
+            raise ValueError(
+                f"across = {list(self.across)}: expected a direction that is not parallel to "
+                f"normal = {list(self.normal)}"
+            )
+        return self
+
+    def nominal(self, width: bool = False) -> dict[str, float]:
+        """Value of each parameter; thickness, and width if asked for, relative to the mesh's."""
         nu = self.E / (2 * self.G) - 1 if self.nu is None else self.nu
-        return {"E": self.E, "nu": nu, "rho": self.rho, "thickness": 1.0}
+        values = {"E": self.E, "nu": nu, "rho": self.rho, "thickness": 1.0}
+        return values | ({"width": 1.0} if width else {})
+
+    def widens(self) -> tuple[float, ...]:
+        """Direction of the width."""
+        if self.across is not None:
+            return self.across
+        y, z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+        return z if _parallel(y, self.normal) else y
 
 
 class JointTolerance(Section):
@@ -535,7 +564,7 @@ class Diagnose(Section):
 
     ``zones`` is the number of zones of equal pressure that a contact is split into, and ``mesh``
     what its mesh has otherwise than ``[mesh]``, such as larger elements: a diagnosis solves many
-    models.
+    models. ``nested`` is the number of leading hypotheses whose evidence is sampled.
     """
 
     n_modes: Count = 20
@@ -546,6 +575,7 @@ class Diagnose(Section):
     zones: Annotated[int, Field(ge=3, le=40, strict=True)] = 12
     mesh: dict[str, Any] = {}
     samples: Annotated[int, Field(ge=4, strict=True)] = 16
+    nested: Annotated[int, Field(ge=0, le=50, strict=True)] = 6
 
 
 def _names(table: Any) -> Any:

@@ -13,9 +13,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.laws import LAYER_LAWS, SOLID, Law
+from fenics_joints.laws import LAYER_LAWS, SOLID, WIDE_SOLID, Law
 
-__all__ = ["Parameter", "PointMass", "Region", "Spring", "Support", "joint", "part"]
+__all__ = [
+    "ElasticSupport",
+    "Parameter",
+    "PointMass",
+    "Region",
+    "Spring",
+    "Support",
+    "joint",
+    "part",
+]
 
 Value = float | str
 Property = float | str | Callable
@@ -66,6 +75,8 @@ class Region:
         law: Material law.
         properties: A value for each of the law's properties.
         normal: Unit normal of the layer, or direction in which a part's thickness stretches.
+        across: Direction in which a part's width stretches, at right angles to ``normal``; None
+            where the law has no width.
     """
 
     name: str
@@ -73,6 +84,7 @@ class Region:
     law: Law
     properties: Mapping[str, Property]
     normal: tuple[float, ...] = (0.0, 0.0, 1.0)
+    across: tuple[float, ...] | None = None
 
     @property
     def is_joint(self) -> bool:
@@ -95,8 +107,13 @@ def part(
     rho: Property,
     stretch: Property = 1.0,
     normal=(0.0, 0.0, 1.0),
+    width: Property = 1.0,
+    across=(0.0, 1.0, 0.0),
 ) -> Region:
     """A solid, isotropic part.
+
+    A width other than the number 1 doubles the terms of a reduced model. Springs, masses and
+    supports keep their places whatever the thickness and the width.
 
     Args:
         name: Name of the part.
@@ -106,10 +123,32 @@ def part(
         rho: Density, kg/m3.
         stretch: Actual over meshed thickness along ``normal``.
         normal: Direction of the thickness, shape (gdim,).
+        width: Actual over meshed width along ``across``.
+        across: Direction of the width; what it has along ``normal`` is left out.
+
+    Raises:
+        InputError: If a width is given along the normal.
     """
     cells = (cells,) if isinstance(cells, str) else tuple(cells)
     properties = {"E": E, "nu": nu, "rho": rho, "stretch": stretch}
-    return Region(name, cells, SOLID, properties, _unit(normal, name))
+    if isinstance(width, int | float) and width == 1:
+        return Region(name, cells, SOLID, properties, _unit(normal, name))
+    normal = _unit(normal, name)
+    across = _at_right_angles(across, normal, name)
+    return Region(name, cells, WIDE_SOLID, properties | {"width": width}, normal, across)
+
+
+def _at_right_angles(across, normal, name) -> tuple[float, ...]:
+    n, a = (np.asarray(_unit(v, name), dtype=float) for v in (normal, across))
+    if n.shape == a.shape:
+        rest = a - (a @ n) * n
+        length = float(np.linalg.norm(rest))
+        if length > 1e-3:
+            return tuple((rest / length).tolist())
+    raise InputError(
+        f"{name}.across = {list(across)}: expected a vector of {len(n)} components that is not "
+        f"parallel to the normal {list(normal)}."
+    )
 
 
 def joint(
@@ -196,3 +235,20 @@ class Support:
 
     facets: str
     directions: tuple[int, ...] = field(default=(0, 1, 2))
+
+
+@dataclass(frozen=True)
+class ElasticSupport:
+    """Facets on springs to the ground that are spread evenly over them.
+
+    Attributes:
+        name: Name in messages and reports.
+        facets: Name of a group of facets on the surface.
+        k_n: Stiffness along the facets' normal, Pa/m, or a parameter's name.
+        k_t: Stiffness in their plane, Pa/m, or a parameter's name.
+    """
+
+    name: str
+    facets: str
+    k_n: Value
+    k_t: Value

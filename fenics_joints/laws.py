@@ -16,7 +16,15 @@ import ufl
 from fenics_joints import forms
 from fenics_joints.errors import InputError
 
-__all__ = ["AXISYMMETRIC_SOLID", "LAYER_LAWS", "SOLID", "Law"]
+__all__ = [
+    "AXISYMMETRIC_SOLID",
+    "ELASTIC_SUPPORT",
+    "LAYER_LAWS",
+    "LINEAR_LAWS",
+    "SOLID",
+    "WIDE_SOLID",
+    "Law",
+]
 
 Properties = Mapping[str, object]
 
@@ -28,7 +36,8 @@ class Law:
     Attributes:
         name: Name in case files and messages.
         properties: Names of the properties, in the order of the property field.
-        stiffness: ``(u, v, q, normal, dx) -> Form`` with ``q`` the properties by name.
+        stiffness: ``(u, v, q, normal, dx) -> Form`` with ``q`` the properties by name; that of a
+            law with a ``width`` takes its direction ``across`` besides.
         stiffness_terms: ``q -> (n,)`` scalars theta_i(q) such that the stiffness is
             sum theta_i(q) K_i with K_i independent of q; works on numpy arrays, complex too.
         samples: As many property sets as there are scalars, for which these are independent.
@@ -51,6 +60,23 @@ class Law:
     def inertia_terms(self, q: Properties) -> np.ndarray:
         """The scalars in which the mass is linear, like ``stiffness_terms``."""
         return np.array([q["rho"] * q["stretch"]])
+
+
+class _WideLaw(Law):
+    """A law with a width besides a thickness."""
+
+    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
+        return forms.mass(u, v, q["rho"], dx, stretch=q["stretch"], width=q["width"])
+
+    def inertia_terms(self, q: Properties) -> np.ndarray:
+        return np.array([q["rho"] * q["stretch"] * q["width"]])
+
+
+class _SupportLaw(Law):
+    """Springs spread over facets, Pa/m, which have no mass; no law of cells."""
+
+    def inertia_terms(self, q: Properties) -> np.ndarray:
+        return np.array([0.0 * q["k_n"]])
 
 
 class _RingLaw(Law):
@@ -82,6 +108,16 @@ def _check_solid(where: str, q: Properties) -> None:
     _require(where, "nu", nu, (nu > -1) & (nu < 0.5), "-1 < nu < 0.5")
 
 
+def _check_wide(where: str, q: Properties) -> None:
+    _check_solid(where, q)
+    _require(where, "width", q["width"], np.asarray(q["width"]) > 0, "width > 0")
+
+
+def _check_support(where: str, q: Properties) -> None:
+    for key in ("k_n", "k_t"):
+        _require(where, key, q[key], np.asarray(q[key]) >= 0, f"{key} >= 0 (Pa/m)")
+
+
 def _check_uncoupled(where: str, q: Properties) -> None:
     _check_common(where, q)
     _require(where, "G", q["G"], np.asarray(q["G"]) > 0, "G > 0 (Pa)")
@@ -111,6 +147,22 @@ def _evaluate(moduli, q):
 
 def _solid_stiffness(u, v, q, normal, dx):
     return forms.elasticity(u, v, q["E"], q["nu"], dx, normal=normal, stretch=q["stretch"])
+
+
+def _wide_stiffness(u, v, q, normal, dx, *, across):
+    more = {"normal": normal, "stretch": q["stretch"], "across": across, "width": q["width"]}
+    return forms.elasticity(u, v, q["E"], q["nu"], dx, **more)
+
+
+def _support_stiffness(u, v, q, normal, ds):
+    return forms.spring_interface(u, v, normal, q["k_n"], q["k_t"], ds)
+
+
+def _wide_terms(q: Properties) -> np.ndarray:
+    """Both Lamé parameters times s w over the stretches of the two gradients that meet."""
+    s, w = q["stretch"], q["width"]
+    factors = (s * w, w, s, w / s, s / w, 1.0)
+    return np.array([m * f for m in forms.lame_parameters(q["E"], q["nu"]) for f in factors])
 
 
 def _axisymmetric_stiffness(u, v, q, normal, dx):
@@ -159,6 +211,20 @@ SOLID = Law(
     _check_solid,
 )
 
+#: A solid whose width is a property too: twice as many scalars, so only where it is wanted.
+WIDE_SOLID = _WideLaw(
+    "wide solid",
+    (*SOLID.properties, "width"),
+    _wide_stiffness,
+    _wide_terms,
+    tuple(
+        {"E": 2.0, "nu": nu, "rho": 1.0, "stretch": s, "width": w}
+        for nu in (0.0, 0.3)
+        for s, w in ((1.0, 1.0), (2.0, 1.0), (0.5, 1.0), (1.0, 2.0), (1.0, 0.5), (2.0, 2.0))
+    ),
+    _check_wide,
+)
+
 # Stretched along its axis a body of revolution has the same scalars as any solid.
 AXISYMMETRIC_SOLID = _RingLaw(
     SOLID.name,
@@ -205,3 +271,16 @@ LAYER_LAWS = {
         ),
     )
 }
+
+#: Springs spread over a face, along its normal and in its plane; they hold facets, not cells.
+ELASTIC_SUPPORT = _SupportLaw(
+    "elastic support",
+    ("k_n", "k_t"),
+    _support_stiffness,
+    lambda q: np.array([q["k_n"], q["k_t"]]),
+    ({"k_n": 1.0, "k_t": 0.0}, {"k_n": 0.0, "k_t": 1.0}),
+    _check_support,
+)
+
+#: Of a body of revolution the law of a part is another object with the same scalars.
+LINEAR_LAWS = {law.name: law for law in (SOLID, WIDE_SOLID, ELASTIC_SUPPORT, *LAYER_LAWS.values())}

@@ -19,10 +19,17 @@ from petsc4py import PETSc
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.affine import parameter_values
-from fenics_joints.components import Parameter, PointMass, Region, Spring, Support
+from fenics_joints.components import (
+    ElasticSupport,
+    Parameter,
+    PointMass,
+    Region,
+    Spring,
+    Support,
+)
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.forms import circumference
-from fenics_joints.laws import AXISYMMETRIC_SOLID
+from fenics_joints.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.points import PointRows, Sensors, locate, observe
 from fenics_joints.properties import PropertyField
@@ -47,7 +54,7 @@ class Structure:
         parameters: The parameters that the components name.
         masses: Point masses.
         springs: Grounding springs.
-        supports: Held facets.
+        supports: Held facets, and ones on springs that are spread over them.
         degree: Degree of the displacement, 1 or 2; on quadrilaterals and hexahedra degree 2 is
             the serendipity element.
         quadrature_degree: Degree of the cell quadrature; 2 * degree by default, which is exact for
@@ -73,7 +80,7 @@ class Structure:
         *,
         masses: Iterable[PointMass] = (),
         springs: Iterable[Spring] = (),
-        supports: Iterable[Support] = (),
+        supports: Iterable[Support | ElasticSupport] = (),
         degree: int = 2,
         quadrature_degree: int | None = None,
         axisymmetric: bool = False,
@@ -87,7 +94,10 @@ class Structure:
                 raise InputError(f"parameter {parameter.name} is given twice; expected once.")
             self.parameters[parameter.name] = parameter
         self.regions, self.masses = tuple(regions), tuple(masses)
-        self.springs, self.supports = tuple(springs), tuple(supports)
+        supports = tuple(supports)
+        self.springs = tuple(springs)
+        self.supports = tuple(s for s in supports if isinstance(s, Support))
+        self.elastic_supports = tuple(s for s in supports if isinstance(s, ElasticSupport))
         self._check_names()
         self.axisymmetric, self.weight = axisymmetric, 1.0
         if axisymmetric:
@@ -101,11 +111,12 @@ class Structure:
         self._stiffness = self._inertia = self._gradient = self._weight = None
         self._rows: dict[bytes, PointRows] = {}
         self._region_forms: dict[int, list] = {}
+        self._support_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
 
     # -- set-up ------------------------------------------------------------------------------
 
     def _check_names(self) -> None:
-        names = [c.name for c in (*self.regions, *self.masses, *self.springs)]
+        names = [c.name for c in self._components()]
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"component {name} is given twice; expected unique names.")
@@ -115,6 +126,9 @@ class Structure:
                     f"{owner}.{key} names the parameter {value!r}, which does not exist; "
                     f"expected a number or one of: {', '.join(self.parameters) or 'none'}."
                 )
+
+    def _components(self) -> tuple:
+        return (*self.regions, *self.masses, *self.springs, *self.elastic_supports)
 
     def _make_axisymmetric(self) -> None:
         """Give the parts their law in a body of revolution; refuse what has none."""
@@ -128,6 +142,10 @@ class Structure:
                 raise InputError(
                     f"{region.name}: a thin layer is not available in an axisymmetric structure; "
                     "expected parts only."
+                )
+            if region.law is WIDE_SOLID:
+                raise InputError(
+                    f"{region.name}: a width is not available in an axisymmetric structure."
                 )
             if region.properties["stretch"] != 1.0 and abs(region.normal[1]) != 1.0:
                 raise InputError(
@@ -146,6 +164,9 @@ class Structure:
             yield mass.name, "travel", mass.travel
         for spring in self.springs:
             yield spring.name, "stiffness", spring.stiffness
+        for support in self.elastic_supports:
+            yield support.name, "k_n", support.k_n
+            yield support.name, "k_t", support.k_t
 
     def _region_cells(self) -> list[tuple[Region, np.ndarray]]:
         """Local cells, ghosts included, of each region."""
@@ -194,13 +215,23 @@ class Structure:
     # -- forms -------------------------------------------------------------------------------
 
     def _groups(self):
-        """Regions that share a law and a normal, with their tags: one integral each."""
+        """Regions that share a law and its directions, with their tags: one integral each."""
         groups: dict[tuple, list[int]] = {}
         for region in self.regions:
             tags = [self.tagged.cell_tag(name) for name in region.cells]
-            groups.setdefault((region.law, region.normal), []).extend(tags)
-        for (law, normal), tags in groups.items():
-            yield law, normal, tuple(sorted(tags))
+            key = region.law, region.normal, region.across
+            groups.setdefault(key, []).extend(tags)
+        for key, tags in groups.items():
+            yield *key, tuple(sorted(tags))
+
+    def _directions(self, normal, across) -> tuple[ufl.core.expr.Expr, dict]:
+        """A law's normal, and what else of directions it takes."""
+        n, *rest = (
+            ufl.as_vector([float(c) for c in way[: self.gdim]])
+            for way in (normal, across)
+            if way is not None
+        )
+        return n, {"across": rest[0]} if rest else {}
 
     def _dx(self, tags):
         return ufl.Measure(
@@ -212,19 +243,18 @@ class Structure:
 
     def stiffness_form(self, u, v) -> ufl.Form:
         """Stiffness of all parts and joints, as UFL over the property field."""
-        return self._sum(lambda law, q, n, dx: law.stiffness(u, v, q, n, dx))
+        return self._sum(lambda law, q, n, ways, dx: law.stiffness(u, v, q, n, dx, **ways))
 
     def inertia_form(self, u, v) -> ufl.Form:
         """Consistent mass of all parts and joints, as UFL over the property field."""
-        return self._sum(lambda law, q, n, dx: law.inertia(u, v, q, dx))
+        return self._sum(lambda law, q, n, ways, dx: law.inertia(u, v, q, dx))
 
     def _sum(self, make) -> ufl.Form:
-        gdim = self.mesh.geometry.dim
         total = None
-        for law, normal, tags in self._groups():
+        for law, normal, across, tags in self._groups():
             q = {name: self.field.q[i] for i, name in enumerate(law.properties)}
-            n = ufl.as_vector([float(c) for c in normal[:gdim]])
-            form = make(law, q, n, self._dx(tags))
+            n, ways = self._directions(normal, across)
+            form = make(law, q, n, ways, self._dx(tags))
             total = form if total is None else total + form
         return total
 
@@ -248,9 +278,10 @@ class Structure:
             u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
             tags = tuple(self.tagged.cell_tag(name) for name in region.cells)
             slots = {name: self.field.q[i] for i, name in enumerate(region.law.properties)}
-            n, dx = ufl.as_vector(list(region.normal[: self.gdim])), self._dx(tags)
+            n, ways = self._directions(region.normal, region.across)
+            dx = self._dx(tags)
             forms = [
-                fem.form(region.law.stiffness(u, v, slots, n, dx)),
+                fem.form(region.law.stiffness(u, v, slots, n, dx, **ways)),
                 fem.form(region.law.inertia(u, v, slots, dx)),
             ]
             self._region_forms[number] = [(f, fem_petsc.create_matrix(f)) for f in forms]
@@ -263,6 +294,51 @@ class Structure:
             A.assemble()
             matrices.append(A)
         return tuple(matrices)
+
+    def support_matrices(self, number: int) -> tuple[PETSc.Mat, PETSc.Mat]:
+        """Stiffness of an elastic support at k_n = 1 Pa/m and at k_t = 1 Pa/m, m2; kept.
+
+        Rows and columns of held DOFs are zero.
+
+        Args:
+            number: Index of the support in `elastic_supports`.
+
+        Raises:
+            MeshError: If its facets are not there, or not on the surface.
+        """
+        if number not in self._support_matrices:
+            support = self.elastic_supports[number]
+            tag = self.tagged.facet_tag(support.facets)
+            ds = ufl.Measure(
+                "ds",
+                domain=self.mesh,
+                subdomain_data=self.tagged.facet_tags,
+                metadata={"quadrature_degree": self.quadrature_degree},
+            )(tag)
+            area = fem.assemble_scalar(fem.form(fem.Constant(self.mesh, 1.0) * ds))
+            if not self.comm.allreduce(area) > 0:
+                raise MeshError(
+                    f"{support.name}.facets = {support.facets!r}: expected facets on the surface."
+                )
+            self._support_matrices[number] = tuple(
+                self._support_matrix(q, ds) for q in ELASTIC_SUPPORT.samples
+            )
+        return self._support_matrices[number]
+
+    def _support_matrix(self, q: Mapping[str, float], ds) -> PETSc.Mat:
+        u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
+        # As constants, both unit stiffnesses are one compiled form.
+        q = {key: fem.Constant(self.mesh, value) for key, value in q.items()}
+        normal = ufl.FacetNormal(self.mesh)
+        form = fem.form(self.weight * ELASTIC_SUPPORT.stiffness(u, v, q, normal, ds))
+        return self._assemble(form, None, 0.0)
+
+    def _add_supports(self, K: PETSc.Mat, values: Mapping[str, float]) -> None:
+        for i, support in enumerate(self.elastic_supports):
+            q = {key: self.number(getattr(support, key), values) for key in ("k_n", "k_t")}
+            ELASTIC_SUPPORT.check(support.name, q)
+            for k, unit in zip(q.values(), self.support_matrices(i), strict=True):
+                K.axpy(k, unit, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
 
     # -- matrices ----------------------------------------------------------------------------
 
@@ -286,6 +362,7 @@ class Structure:
         for spring in self.springs:
             k = spring.share * self.number(spring.stiffness, values)
             self._add_point(K, spring.point, k * np.outer(spring.direction, spring.direction))
+        self._add_supports(K, values)
         K.assemble()
         return K
 
@@ -404,6 +481,10 @@ class Structure:
             if isinstance(spring.stiffness, str):
                 d = self._at(shape, spring.point) @ np.asarray(spring.direction)[: self.gdim]
                 gradient[position[spring.stiffness]] += spring.share * d**2
+        for i, support in enumerate(self.elastic_supports):
+            for k, unit in zip((support.k_n, support.k_t), self.support_matrices(i), strict=True):
+                if isinstance(k, str):
+                    gradient[position[k]] += shape.dot(unit * shape)
         for mass in self.masses:
             self._mass_gradient(gradient, position, mass, shape, eigenvalue, values)
         return gradient
@@ -452,6 +533,7 @@ class Structure:
         """Frequency, Hz, at which the body would breathe if it grew evenly in all directions.
 
         A Rayleigh quotient, of the order of wave speed over length: a scale for spectral shifts.
+        Supports and springs are left out.
         """
         self._update(given)
         centre = 0.5 * (self._extreme(MPI.MIN) + self._extreme(MPI.MAX))

@@ -59,7 +59,7 @@ def isotropic_stress(eps, lmbda, mu):
     return lmbda * ufl.tr(eps) * ufl.Identity(eps.ufl_shape[0]) + 2 * mu * eps
 
 
-def elasticity(u, v, E, nu, dx=ufl.dx, *, normal=None, stretch=None):
+def elasticity(u, v, E, nu, dx=ufl.dx, *, normal=None, stretch=None, across=None, width=None):
     """Stiffness form of an isotropic solid.
 
     Args:
@@ -70,19 +70,23 @@ def elasticity(u, v, E, nu, dx=ufl.dx, *, normal=None, stretch=None):
         dx: Cell measure, with subdomain and quadrature degree.
         normal: Direction of a thickness stretch, unit vector.
         stretch: Actual over meshed thickness; None is 1.
+        across: Direction of a stretch of the width, unit vector at right angles to ``normal``.
+        width: Actual over meshed width; None is 1.
 
     Returns:
         Bilinear (or, for given functions, scalar) UFL form, N m for displacements.
     """
-    eps_u = strain(stretched_gradient(u, normal, stretch))
-    eps_v = strain(stretched_gradient(v, normal, stretch))
-    jacobian = 1 if stretch is None else stretch
+    eps_u = strain(stretched_gradient(u, normal, stretch, across, width))
+    eps_v = strain(stretched_gradient(v, normal, stretch, across, width))
+    jacobian = (1 if stretch is None else stretch) * (1 if width is None else width)
     return jacobian * ufl.inner(isotropic_stress(eps_u, *lame_parameters(E, nu)), eps_v) * dx
 
 
-def mass(u, v, rho, dx=ufl.dx, *, stretch=None):
-    """Consistent mass form for density ``rho``, kg/m3, with an optional thickness stretch."""
-    return (rho if stretch is None else rho * stretch) * ufl.inner(u, v) * dx
+def mass(u, v, rho, dx=ufl.dx, *, stretch=None, width=None):
+    """Consistent mass form for density ``rho``, kg/m3, and stretches as of `elasticity`."""
+    factor = rho if stretch is None else rho * stretch
+    factor = factor if width is None else factor * width
+    return factor * ufl.inner(u, v) * dx
 
 
 def attached_mass(u, v, m, area, ds):

@@ -2,7 +2,8 @@
 
 A stretch maps the mesh to a body whose extent along ``normal`` is ``stretch`` times the mesh's, so
 that a plate's or a layer's thickness becomes a parameter of the form, with an exact derivative and
-no new mesh. With F = I + (stretch - 1) n n^T: grad_x u = grad_X u F^-1 and dx = stretch dX.
+no new mesh. With F = I + (stretch - 1) n n^T: grad_x u = grad_X u F^-1 and dx = stretch dX. A width
+along a direction at right angles to ``normal`` is a second factor of the same kind.
 """
 
 from __future__ import annotations
@@ -14,13 +15,15 @@ from fenics_joints.errors import InputError
 __all__ = ["layer_strain", "strain", "stretched_gradient"]
 
 
-def stretched_gradient(u, normal=None, stretch=None):
-    """Displacement gradient in the stretched geometry.
+def stretched_gradient(u, normal=None, stretch=None, across=None, width=None):
+    """Displacement gradient in the geometry stretched along one or two directions.
 
     Args:
         u: Displacement, shape (gdim,), m.
         normal: Unit direction of the stretch, shape (gdim,); not needed without a stretch.
         stretch: Ratio of actual to meshed extent along ``normal``, scalar > 0; None is 1.
+        across: Unit direction of a second stretch, at right angles to ``normal``, shape (gdim,).
+        width: Ratio of actual to meshed extent along ``across``, scalar > 0; None is 1.
 
     Returns:
         UFL expression of shape (gdim, gdim), row i the gradient of component i.
@@ -29,11 +32,16 @@ def stretched_gradient(u, normal=None, stretch=None):
         InputError: A stretch without its direction.
     """
     gradient = ufl.grad(u)
-    if stretch is None:
-        return gradient
-    if normal is None:
+    if stretch is not None and normal is None:
         raise InputError("stretch is given without normal: it needs the direction of the stretch")
-    return gradient + (1 / stretch - 1) * ufl.outer(gradient * normal, normal)
+    if width is not None and across is None:
+        raise InputError("width is given without across: it needs the direction of the width")
+    stretched = gradient
+    if stretch is not None:
+        stretched += (1 / stretch - 1) * ufl.outer(gradient * normal, normal)
+    if width is not None:
+        stretched += (1 / width - 1) * ufl.outer(gradient * across, across)
+    return stretched
 
 
 def strain(gradient):
