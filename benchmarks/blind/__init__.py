@@ -1,0 +1,1 @@
+"""Blind check: cases of a world of its own, sealed, diagnosed, unsealed, scored."""

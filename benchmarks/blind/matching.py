@@ -1,0 +1,41 @@
+"""When an effect of the world and one of the diagnosis' library are the same thing.
+
+The two were named by different people. The table says which names of the library are right for an
+effect of the world; it is part of the rules, so it must not change once a final check is sealed.
+"""
+
+from __future__ import annotations
+
+import re
+from fnmatch import fnmatchcase
+
+__all__ = ["LIBRARY", "cause_of", "same_cause", "same_region"]
+
+#: Patterns of the library's names, by the world's name; a name that is not here stands for itself.
+LIBRARY: dict[str, tuple[str, ...]] = {}
+
+
+def same_cause(world: str, library: str) -> bool:
+    """Whether an effect of the library, by its name, is that effect of the world."""
+    patterns = LIBRARY.get(world, (plain_name(world),))
+    return any(fnmatchcase(plain_name(library), pattern) for pattern in patterns)
+
+
+def cause_of(library: str) -> str:
+    """The world's name of an effect of the library; its own if the world has none such."""
+    return next((name for name in LIBRARY if same_cause(name, library)), library)
+
+
+def same_region(world: str | list[str], library: str) -> bool:
+    """Whether the library's region is the world's: one of several that are right, or its equal.
+
+    An effect of the whole structure (no region on either side) is in the right place anywhere.
+    """
+    allowed = [world] if isinstance(world, str) else list(world)
+    given = plain_name(library)
+    return not given or any(not a or plain_name(a) == given for a in allowed)
+
+
+def plain_name(text: str) -> str:
+    """Lower case, with single spaces for all else that is no letter, digit or pattern."""
+    return " ".join(re.sub(r"[^a-z0-9]+", " ", text.lower()).split())

@@ -1,0 +1,88 @@
+"""What was asked of the diagnosis beside what it reached."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from benchmarks.blind.score import APART
+
+__all__ = ["Target", "targets"]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A row of the table.
+
+    Attributes:
+        what: The score in words.
+        asked: What was asked: a number that it must reach, or stay below.
+        at_least: Whether larger is better.
+        value: What was reached; None without cases.
+        low, high: Its 95 % interval.
+        n: Cases it rests on.
+        percent: Whether it is a share.
+    """
+
+    what: str
+    asked: float
+    at_least: bool
+    value: float | None
+    low: float | None
+    high: float | None
+    n: int
+    percent: bool = True
+
+    @property
+    def outcome(self) -> str:
+        """``shown`` if the whole interval does, ``reached``, ``missed``, or ``no cases``."""
+        if self.value is None:
+            return "no cases"
+        if not self._meets(self.value):
+            return "missed"
+        return "shown" if self._meets(self.low if self.at_least else self.high) else "reached"
+
+    def _meets(self, x: float) -> bool:
+        return x >= self.asked if self.at_least else x <= self.asked
+
+    def to_json(self) -> dict:
+        """Keys what, asked, at_least, value, low, high, n, outcome."""
+        return {
+            "what": self.what, "asked": self.asked, "at_least": self.at_least,
+            "value": self.value, "low": self.low, "high": self.high, "n": self.n,
+            "outcome": self.outcome,
+        }  # fmt: skip
+
+
+def targets(summary: Mapping) -> list[Target]:
+    """The table, from `score.summary`."""
+    apart, shrink = summary["single_apart"], summary["shrinkage"]
+    said = f"single effects with D ≥ {APART}"
+    return [
+        _rate(f"{said}: cause first", 0.90, apart["top1_cause"]),
+        _rate(f"{said}: class first", 0.90, apart["top1_class"]),
+        _rate(f"{said}: cause among the first two", 0.97, apart["top2_cause"]),
+        _rate(f"{said}: class among the first two", 0.97, apart["top2_class"]),
+        _rate("no effect: any verdict but “no gap”", 0.03, summary["none"]["alarm"], False),
+        _rate("unknown caught, at 5 % false", 0.80, summary["unknown"]["caught"]),
+        _error("expected calibration error, by cause", summary["calibration"]["cause"]),
+        _error("expected calibration error, by class", summary["calibration"]["class"]),
+        _median("S* on held-out data, median", 0.8, shrink["s"]),
+        _median("S* above the placebo's, median", 0.0, shrink["excess"]),
+    ]
+
+
+def _rate(what: str, asked: float, rate: Mapping, at_least: bool = True) -> Target:
+    return Target(what, asked, at_least, rate["value"], rate["low"], rate["high"], rate["n"])
+
+
+def _error(what: str, found: Mapping | None) -> Target:
+    if found is None:
+        return Target(what, 0.05, False, None, None, None, 0, False)
+    return Target(what, 0.05, False, found["ece"], found["low"], found["high"], found["n"], False)
+
+
+def _median(what: str, asked: float, found: Mapping) -> Target:
+    return Target(
+        what, asked, True, found["median"], found["low"], found["high"], found["n"], False
+    )
