@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.array_model import ArrayModel
 from fenics_joints.components import Parameter
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable
@@ -22,24 +23,25 @@ from fenics_joints.interface_model import InterfacePoints
 from fenics_joints.joint_laws.iwan import Backbone
 from fenics_joints.joint_laws.kernel import LawKernel
 from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.laws import LAYER_LAWS, SOLID, Law
+from fenics_joints.laws import LINEAR_LAWS, Law
 from fenics_joints.reduced_interface import LayerTerm, ReducedInterfaceModel
 
-__all__ = ["read_interface_model", "write_interface_model"]
+__all__ = [
+    "read_array_model", "read_interface_model", "write_array_model", "write_interface_model",
+]  # fmt: skip
 
 _FORMAT = "fenics_joints interface model"
+_ARRAYS = "fenics_joints reduced model"
 _VERSION = 1
 _CLASSES = {
     c.__name__: c
     for c in (
-        AffinePencil, InterfacePoints, LayerTerm, MassTerm, Parameter, ReducedInterfaceModel,
-        RegionTerm, SpringTerm,
+        AffinePencil, ArrayModel, InterfacePoints, LayerTerm, MassTerm, Parameter,
+        ReducedInterfaceModel, RegionTerm, SpringTerm,
     )
 }  # fmt: skip
 #: What is not written: a mesh does not belong in the file.
 _LEFT_OUT = {"source"}
-#: Of a body of revolution the law of a part is another object with the same scalars.
-_LINEAR_LAWS = {law.name: law for law in (SOLID, *LAYER_LAWS.values())}
 
 
 def write_interface_model(model: ReducedInterfaceModel, path: str | Path) -> None:
@@ -56,7 +58,7 @@ def write_interface_model(model: ReducedInterfaceModel, path: str | Path) -> Non
     message = None
     if comm is None or comm.rank == 0:
         try:
-            _write(model, Path(path))
+            _write(model, Path(path), _FORMAT)
         except InputError as error:
             message = str(error)
     message = message if comm is None else comm.bcast(message)
@@ -64,14 +66,32 @@ def write_interface_model(model: ReducedInterfaceModel, path: str | Path) -> Non
         raise InputError(message)
 
 
-def _write(model: ReducedInterfaceModel, path: Path) -> None:
+def write_array_model(model: ArrayModel, path: str | Path) -> None:
+    """Write a linear reduced model to an HDF5 file, whole or not at all; on one rank.
+
+    Raises:
+        InputError: If it cannot be written.
+    """
+    _write(model, Path(path), _ARRAYS)
+
+
+def read_array_model(path: str | Path) -> ArrayModel:
+    """Read what `write_array_model` wrote. Any rank may do so by itself.
+
+    Raises:
+        InputError: As `read_interface_model`.
+    """
+    return _read(Path(path), _ARRAYS, ArrayModel)
+
+
+def _write(model, path: Path, what: str) -> None:
     import h5py
 
     path = check_writable(path, "model file").resolve()
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with h5py.File(part, "w") as file:
-            file.attrs["format"], file.attrs["version"] = _FORMAT, _VERSION
+            file.attrs["format"], file.attrs["version"] = what, _VERSION
             _encode(file, "model", model)
         os.replace(part, path)
     except OSError as error:
@@ -87,15 +107,19 @@ def read_interface_model(path: str | Path) -> ReducedInterfaceModel:
         InputError: If there is no such file, it is of another kind, damaged or newer than this
             version, or one of its laws is not known.
     """
+    return _read(Path(path), _FORMAT, ReducedInterfaceModel)
+
+
+def _read(path: Path, what: str, kind: type):
     import h5py
 
-    path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; expected a reduced model in HDF5.")
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != _FORMAT:
-                raise InputError(f"{path}: is no reduced model with nonlinear interfaces.")
+            if file.attrs.get("format") != what:
+                nonlinear = " with nonlinear interfaces" if what == _FORMAT else ""
+                raise InputError(f"{path}: is no reduced model{nonlinear}.")
             version = int(file.attrs["version"])
             if version > _VERSION:
                 raise InputError(
@@ -107,7 +131,7 @@ def read_interface_model(path: str | Path) -> ReducedInterfaceModel:
         raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
     except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: is damaged, or no HDF5 file ({error})") from error
-    if not isinstance(model, ReducedInterfaceModel):
+    if not isinstance(model, kind):
         raise InputError(f"{path}: holds {type(model).__name__}; expected a reduced model.")
     return model
 
@@ -164,7 +188,7 @@ def _fields(value) -> dict:
 def _decode(parent, name: str):
     if name in parent.attrs:
         value = json.loads(parent.attrs[name])
-        return _LINEAR_LAWS[value["linear law"]] if isinstance(value, dict) else value
+        return LINEAR_LAWS[value["linear law"]] if isinstance(value, dict) else value
     item = parent[name]
     if "kind" not in item.attrs:
         return item[()]

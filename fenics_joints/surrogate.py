@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
+from fenics_joints.array_model import ArrayModel
 from fenics_joints.gap import pair_modes
+from fenics_joints.interface_files import read_array_model, write_array_model
+from fenics_joints.meshes.tagged import on_root
 from fenics_joints.modal import Modes, solve_modes
-from fenics_joints.points import Sensors
+from fenics_joints.points import Sensors, observe_slopes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction import enrich, reduce
+from fenics_joints.reduction import ReducedStructure, enrich, reduce
 from fenics_joints.sensitivity import frequency_sensitivity
 from fenics_joints.structure import Structure
 
-__all__ = ["Forward", "Surrogate", "crossing_names"]
+__all__ = ["Forward", "Surrogate", "crossing_names", "line_of"]
 
 #: Least visibility of a mode that enters the basis.
 _SEEN = 0.05
+#: Parameter sets whose frequencies are remembered.
+_MOST = 20000
 #: Modes beyond those that the test saw, so that none is missed when modes change places.
 _SPARE = 3
 
@@ -52,6 +58,8 @@ class Forward:
         """(ln f, d ln f / d values) of the test's modes, shapes (m,) and (m, n_parameters)."""
         key = tuple(values[name] for name in self.model.parameters)
         if key not in self._cache:
+            if len(self._cache) > _MOST:
+                self._cache.clear()
             modes, pairing = self._solve(values)
             log_f = np.log(modes.frequencies_hz[pairing.index])
             self._cache[key] = (log_f, frequency_sensitivity(modes, pairing.index))
@@ -106,6 +114,7 @@ class Surrogate:
         n_test: Number of modes that the test saw.
         n_modes: Number of modes of the full model at a sample.
         travel: Ranges of moving masses, see `ReducedStructure`.
+        keep: File of the reduced model: read if it is there, else written; None for neither.
         progress: Told after each sample.
 
     Attributes:
@@ -126,17 +135,18 @@ class Surrogate:
         n_modes: int,
         shapes: np.ndarray | None = None,
         travel: Mapping[str, tuple[float, float]] | None = None,
+        keep: Path | None = None,
         progress: Progress | None = None,
     ):
+        self.samples, self.progress, self.keep = samples, progress, keep
         self.full, self.sensors, self.n_test = full, sensors, n_test
         self.n_modes, self.travel = n_modes, travel
         self.nominal = solve_modes(full, start, n_modes=n_modes)
         self.pairing = pair_modes(self.nominal, n_test, sensors, reference=shapes)
         self.crossings: set[tuple[int, int]] = set(self.pairing.crossing)
-        self.model = reduce(
-            full, samples, n_modes, travel=travel, keep=self._seen,
-            progress=progress.advance if progress else None,
-        )  # fmt: skip
+        self._reduced: ReducedStructure | None = None
+        kept = keep is not None and full.comm.bcast(keep.is_file() if full.comm.rank == 0 else None)
+        self.model = read_array_model(keep) if kept else self._arrays(self._reduce())
         # With sensors the basis holds what they see alone, besides six rigid-body modes.
         enough = n_modes if sensors is None else 6 + n_test + _SPARE
         reference = self.pairing.shapes if shapes is None else shapes
@@ -167,9 +177,39 @@ class Surrogate:
     def refine(self, modes: Sequence[Modes]) -> None:
         """Take further modes of the full model into the basis."""
         shapes = [m.shape(int(i)) for m in modes for i in self._seen(m)]
-        self.model = enrich(self.model, shapes, self.travel)
-        self.forward.model = self.model
+        known = self._reduce() if self._reduced is None else self._reduced
+        self._reduced = enrich(known, shapes, self.travel)
+        self.model = self.forward.model = self._arrays(self._reduced)
         self.forward.forget()
+
+    def _reduce(self) -> ReducedStructure:
+        """The reduced model on the modes at the samples."""
+        self._reduced = reduce(
+            self.full, self.samples, self.n_modes, travel=self.travel, keep=self._seen,
+            progress=self.progress.advance if self.progress else None,
+        )  # fmt: skip
+        return self._reduced
+
+    def _arrays(self, model: ReducedStructure) -> ArrayModel:
+        """The same model as plain arrays, in the file if one is kept."""
+        rows = shifts = None
+        if self.sensors is not None:
+            rows = self.full.observe(model.basis, self.sensors)
+            line = line_of(self.sensors.points)
+            shifts = observe_slopes(self.full, model.basis, self.sensors, line)
+        found = ArrayModel(model.affine, model.scale_hz, rows, shifts)
+        if self.keep is not None:
+            on_root(self.full.comm, lambda: write_array_model(found, self.keep))
+        return found
+
+
+def line_of(points: np.ndarray) -> np.ndarray:
+    """Direction in which points extend furthest, (gdim,); the first axis for a single point."""
+    spread = points - points.mean(axis=0)
+    if not np.any(spread):
+        return np.eye(points.shape[1])[0]
+    line = np.linalg.svd(spread)[2][0]
+    return line * np.sign(line[np.argmax(np.abs(line))])
 
 
 def crossing_names(surrogate: Surrogate, mode_names: Sequence[str]) -> list[str]:

@@ -17,7 +17,7 @@ from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.inference import Evidence, Fit, Forward, Hypothesis
 from fenics_joints.diagnosis.prediction import predict
 
-__all__ = ["APART", "classes", "detectable", "distance"]
+__all__ = ["APART", "classes", "detectable", "distance", "labels"]
 
 #: 1 % confusion.
 APART = 2.33
@@ -104,10 +104,11 @@ def classes(
         evidence: The test.
 
     Returns:
-        Name of the class by the effect's key: its members' names, joined by " or ".
+        Name of the class by the effect's key: its members' names, joined by " or "; with their
+        regions where effects at several places share a name.
     """
     keys = list(dict.fromkeys(e.key for f in fits for e in f.hypothesis.effects))
-    names = {e.key: e.name for f in fits for e in f.hypothesis.effects}
+    names = labels([e for f in fits for e in f.hypothesis.effects])
     leader = fits[int(np.argmax(probability))]
     lead = {e.key for e in leader.hypothesis.effects}
     parent = {key: key for key in keys}
@@ -141,6 +142,14 @@ def classes(
     for key in keys:
         members.setdefault(root(key), []).append(names[key])
     return {key: " or ".join(dict.fromkeys(members[root(key)])) for key in keys}
+
+
+def labels(effects: Sequence[Effect]) -> dict[str, str]:
+    """What to call each effect, by its key: its name, or the key if places share the name."""
+    regions: dict[str, set[str]] = {}
+    for effect in effects:
+        regions.setdefault(effect.name, set()).add(effect.region)
+    return {e.key: e.name if len(regions[e.name]) == 1 else e.key for e in effects}
 
 
 def _swap(a: Fit, b: Fit) -> tuple[str, str] | None:

@@ -61,6 +61,11 @@ class Hypothesis:
     def label(self) -> str:
         return self.name or " + ".join(effect.name for effect in self.effects)
 
+    @property
+    def label_of_keys(self) -> str:
+        """A name that tells effects of one name at different places apart."""
+        return self.name or " + ".join(effect.key for effect in self.effects)
+
     @cached_property
     def tightenings(self) -> tuple[Prior, ...]:
         """A factor on each torque, where the effects depend on it."""

@@ -11,12 +11,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
+from mpi4py import MPI
 from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.evidence import FREQUENCY, Evidence
 from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.inference import Fit, Forward, fit
 from fenics_joints.diagnosis.prediction import predict
+from fenics_joints.diagnosis.spread import spread
 from fenics_joints.gap import rms
 
 __all__ = [
@@ -342,6 +344,7 @@ def cross_validate(
     masks: Sequence[tuple[str, np.ndarray]],
     *,
     reassembly: bool = True,
+    comm: MPI.Intracomm = MPI.COMM_SELF,
     progress: Callable[[], None] | None = None,
 ) -> Shrinkage:
     """Choose and fit anew without each fold, state what it will show, and open it.
@@ -358,22 +361,26 @@ def cross_validate(
         masks: From `folds`.
         reassembly: Whether the scatter of the preload counts as noise, as far as a fit cannot know
             it.
+        comm: Communicator whose ranks share out the folds; the call is collective.
         progress: Called after each fold.
     """
     nominal = _nominal(forward, evidence, baseline)
-    opened, errors = [], []
-    for name, mask in masks:
+
+    def work(fold):
+        name, mask = fold
         scored = _scored(evidence, mask)
         blind = blinded(evidence, mask)
+        found = None
         if scored.any() and blind.used.any():
             refits = [_refit(c, forward, blind, baseline) for c in candidates]
             closed = _close(refits, log_prior, is_wrong, nominal, blind, scored, reassembly)
-            fold, error = _open(name, closed, nominal, evidence, scored)
-            opened.append(fold)
-            errors.append(error)
+            found = _open(name, closed, nominal, evidence, scored)
         if progress:
             progress()
-    return _pooled(opened, errors) if opened else Shrinkage()
+        return found
+
+    opened = [pair for pair in spread(comm, masks, work) if pair is not None]
+    return _pooled(*map(list, zip(*opened, strict=True))) if opened else Shrinkage()
 
 
 def _refit(candidate: Fit, forward, blind, baseline) -> Fit:

@@ -1,0 +1,70 @@
+"""Finished fits in a file, so that a diagnosis that was stopped goes on where it was."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.diagnosis.evidence import Evidence
+from fenics_joints.errors import InputError
+
+__all__ = ["KeptFits"]
+
+
+class KeptFits:
+    """Where each hypothesis' fit ended, one JSON line for each.
+
+    A line that a stopped run left unfinished is passed over. The file is named by a hash of the
+    test and the nominal model, so that fits to other data are never taken up.
+
+    Args:
+        folder: Where the file stands; None to keep nothing.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+        writes: Whether this rank writes.
+    """
+
+    def __init__(
+        self, folder: Path | None, evidence: Evidence, baseline: Mapping[str, float], writes: bool
+    ):
+        self._path, self._writes = None, writes
+        self._known: dict[str, np.ndarray] = {}
+        if folder is None:
+            return
+        data = np.nan_to_num(evidence.data, nan=-1.0).tobytes()
+        words = json.dumps([dict(baseline), evidence.conditions.tolist()])
+        name = hashlib.sha256(data + words.encode()).hexdigest()[:16]
+        self._path = Path(folder) / f"fits-{name}.jsonl"
+        if self._path.is_file():
+            self._known = dict(_lines(self._path))
+
+    def start(self, label: str, size: int) -> list[np.ndarray]:
+        """Where a fit ended before, in a list; empty if it was not done."""
+        z = self._known.get(label)
+        return [z] if z is not None and len(z) == size else []
+
+    def add(self, fits: Mapping[str, np.ndarray]) -> None:
+        """Keep these: z by the hypothesis' label."""
+        new = {label: z for label, z in fits.items() if label not in self._known}
+        self._known |= new
+        if self._path is None or not self._writes or not new:
+            return
+        lines = [json.dumps({"label": label, "z": list(map(float, z))}) for label, z in new.items()]
+        try:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write("\n".join(lines) + "\n")
+        except OSError as error:
+            raise InputError(f"{self._path}: cannot be written ({error})") from error
+
+
+def _lines(path: Path):
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            item = json.loads(line)
+            yield item["label"], np.array(item["z"], dtype=float)
+        except (ValueError, KeyError, TypeError):
+            continue
