@@ -10,19 +10,26 @@ import scipy.sparse
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.lines import Line2D
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
 from fenics_joints.pictures import new_figure, style, to_svg
 
 if TYPE_CHECKING:
+    from fenics_joints.diagnosis.patches import PatchMap
     from fenics_joints.diagnosis.result import CellMap
 
-__all__ = ["cell_map", "diverging", "mode_shape"]
+__all__ = ["cell_map", "diverging", "mode_shape", "patch_map"]
 
 #: Red to blue through near white, which all kinds of colour vision tell apart.
 diverging = colormaps["RdBu_r"]
+
+#: Near white to dark red, ever darker: it reads in grey as well.
+_rising = LinearSegmentedColormap.from_list(
+    "rising", ["#f4f2ee", "#f6c79b", "#dd6b4a", "#7d1128"]
+)
 
 #: Corners of each face in DOLFINx's (tensor-product) order.
 _FACES = {
@@ -32,6 +39,13 @@ _FACES = {
     "quadrilateral": [(0, 1, 3, 2)],
     "triangle": [(0, 1, 2)],
 }  # fmt: skip
+#: Outlines of a patch: of no note, more than chance, and that alone enough.
+_OUTLINES = (
+    {"colors": "#9aa0a8", "lw": 0.5}, {"colors": "#14181d", "lw": 0.9},
+    {"colors": "#14181d", "lw": 2.6},
+)  # fmt: skip
+#: How far the oblique view is turned to the right, and seen from above.
+_TURN, _TILT = np.radians(-28.0), np.radians(28.0)
 #: More levels than this are no exploded view any more.
 _MOST_LEVELS = 6
 
@@ -249,9 +263,142 @@ def _surface(vertices, motion) -> tuple[np.ndarray, np.ndarray]:
 
 def _oblique(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Parallel projection from the front, the right and above; and how near each face is."""
-    turn, tilt = np.radians(-28.0), np.radians(28.0)
-    right = np.array([np.cos(turn), -np.sin(turn), 0.0])
-    into = np.array([np.sin(turn), np.cos(turn), 0.0]) * np.cos(tilt)
-    into[2] = -np.sin(tilt)
+    right = np.array([np.cos(_TURN), -np.sin(_TURN), 0.0])
+    into = np.array([np.sin(_TURN), np.cos(_TURN), 0.0]) * np.cos(_TILT)
+    into[2] = -np.sin(_TILT)
     upward = np.cross(right, into)
     return np.stack([x @ right, x @ upward], axis=-1), -(x @ into).mean(axis=1)
+
+
+# -- patches ---------------------------------------------------------------------------------
+
+
+def patch_map(cells: PatchMap, name: str = "patches") -> str:
+    """The structure taken apart, seen at an angle, its patches coloured by what they explain.
+
+    Patches that explain more than chance are outlined, heavily where no more than chance is left;
+    bolts are marked where they go through.
+
+    Args:
+        cells: The patches; on rank 0, where they have their cells.
+        name: Unique in the page.
+
+    Raises:
+        InputError: If cells have a shape that the suite does not use, or are on another rank.
+    """
+    if cells.vertices is None:
+        raise InputError("cells.vertices is None: expected the map of rank 0.")
+    x, turned = _upright(1e3 * np.asarray(cells.vertices, dtype=float))
+    levels = _levels(x[:, :, 2], _pieces(_vertex_ids(x), _regions_of(cells)))[::-1]
+    width = np.ptp(x[:, :, 1])
+    gap = 0.0 if len(levels) == 1 else 1.25 * width * np.tan(_TILT) / np.cos(_TURN)
+    norm = Normalize(0.0, max(float(cells.share.max(initial=0.0)), 1e-9))
+    with style():
+        figure = new_figure(7.6, 1.0)
+        axes = figure.subplots()
+        for k, members in enumerate(levels):
+            shifted = x[members] + np.array([0.0, 0.0, k * gap])
+            _patch_level(axes, shifted, cells, members, norm)
+        _bolt_marks(axes, turned(1e3 * cells.bolts), [x[m][:, :, 2] for m in levels], gap)
+        axes.autoscale_view()
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        low, high = axes.get_ylim()
+        tall = 6.6 * (high - low) / np.ptp(axes.get_xlim())
+        figure.set_size_inches(7.6, min(max(tall, 1.2), 6.0) + 1.05)
+        bar = figure.colorbar(
+            ScalarMappable(norm, _rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
+            format=lambda value, _: f"{100 * value:.3g} %",
+        )  # fmt: skip
+        bar.set_label("share of the misfit that a change in this patch alone would explain")
+        bar.outline.set_visible(False)
+        _patch_legend(axes, cells)
+        return to_svg(figure, name, _patches_alt(cells))
+
+
+def _regions_of(cells: PatchMap) -> np.ndarray:
+    """Number of the region of every cell."""
+    _, number = np.unique(np.array(cells.region), return_inverse=True)
+    return number[cells.patch]
+
+
+def _upright(x: np.ndarray):
+    """Corners with the longest direction along x and the thinnest along z; and what turns points.
+
+    The hand is kept: a mirror image would have its bolts on the wrong side.
+    """
+    extent = np.ptp(x.reshape(-1, 3), axis=0)
+    order = np.argsort(-extent, kind="stable")
+    turn = np.eye(3)[order]
+    if np.linalg.det(turn) < 0:
+        turn[1] *= -1
+    return x @ turn.T, lambda points: np.asarray(points) @ turn.T
+
+
+def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, norm) -> None:
+    """One level: its faces towards the viewer, far ones first, and the patches' outlines."""
+    faces = _faces(x)
+    corners, ids = x[:, faces], _vertex_ids(x)[:, faces]
+    patch = np.repeat(cells.patch[members], len(faces))
+    middle = np.repeat(x.mean(axis=1), len(faces), axis=0)
+    corners, ids = (a.reshape(-1, faces.shape[1], *a.shape[3:]) for a in (corners, ids))
+    _, first, count = np.unique(np.sort(ids, axis=1), axis=0, return_index=True, return_counts=True)
+    outer = first[count == 1]
+    flat, depth = _oblique(corners[outer])
+    # Outwards from its cell is towards the viewer: of a flat cell, either way.
+    _, behind = _oblique(middle[outer][:, None])
+    shown = np.flatnonzero(depth >= behind - 1e-9 * np.ptp(x))
+    shown = shown[np.argsort(depth[shown])]
+    colours = _rising(norm(cells.share[patch[outer][shown]]))
+    axes.add_collection(
+        PolyCollection(flat[shown], facecolors=colours, edgecolors=colours, lw=0.3, rasterized=True)
+    )
+    own, ids, flat = patch[outer][shown], ids[outer][shown], flat[shown]
+    for p in np.unique(own):
+        rank = int(cells.significant[p]) + int(cells.sufficient[p])
+        lines = _outline(ids[own == p], flat[own == p])
+        axes.add_collection(LineCollection(lines, zorder=3 + rank, **_OUTLINES[rank]))
+
+
+def _bolt_marks(axes, bolts: np.ndarray, heights: list[np.ndarray], gap: float) -> None:
+    """A broken line along each bolt's axis, and a mark where it enters each level."""
+    for bolt in bolts:
+        z = np.array([h.max() + k * gap for k, h in enumerate(heights)])
+        along = np.column_stack([np.tile(bolt[:2], (len(z), 1)), z])
+        flat, _ = _oblique(along[:, None])
+        u, v = flat[:, 0].T
+        axes.plot(u, v, ls=(0, (4, 3)), lw=0.9, color="#14181d", zorder=5)
+        axes.plot(u, v, "o", ms=6.5, mfc="#ffffff", mec="#14181d", mew=1.0, zorder=6)
+        axes.plot(u, v, "+", ms=5.5, mec="#14181d", mew=1.0, zorder=7)
+
+
+def _patch_legend(axes, cells: PatchMap) -> None:
+    words = [
+        f"patch; none explains more than chance would (p < {cells.level:g}, all considered)",
+        f"explains more than chance would (p < {cells.level:g}, all considered)",
+        "and could be the only one",
+    ]
+    there = [not cells.significant.any(), cells.significant.any(), cells.sufficient.any()]
+    handles = [
+        Line2D([], [], color=style["colors"], lw=style["lw"], label=label)
+        for label, style, shown in zip(words, _OUTLINES, there, strict=True)
+        if shown
+    ]
+    if len(cells.bolts):
+        mark = {"marker": "o", "mfc": "#ffffff", "mec": "#14181d", "ls": (0, (4, 3))}
+        handles.append(Line2D([], [], color="#14181d", lw=0.9, label="bolt", **mark))
+    axes.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=len(handles),
+        columnspacing=1.2, borderaxespad=0.0,
+    )  # fmt: skip
+
+
+def _patches_alt(cells: PatchMap) -> str:
+    best = sorted(cells.tests, key=lambda t: -t.share)[:3]
+    words = "; ".join(f"{t.zone} {100 * t.share:.0f} %" for t in best)
+    return (
+        f"Structure taken apart, in {len(cells.tests)} patches coloured by the share of the misfit "
+        f"that a change there alone would explain. Largest: {words}. "
+        f"More than chance: {int(cells.significant.sum())}; each of these could be the only one: "
+        f"{', '.join(t.zone for t, ok in zip(cells.tests, cells.sufficient, strict=True) if ok)}."
+    )

@@ -47,13 +47,15 @@ def draws(evidence, nuisance, rng, n: int = DRAWS) -> np.ndarray:
 def test_false_alarms_keep_their_level_and_minmax_is_chi_square():
     """Under H0 p is uniform for every zone; any zone significant by Holm in at most 5 %."""
     evidence, zones, nuisance, rng = setting()
-    alarms, p, minmax_p = 0, [], []
+    alarms, p, minmax_p, rest_p = 0, [], [], []
     for r in draws(evidence, nuisance, rng):
         tests = zone_tests(r, zones, nuisance, evidence)
         alarms += any(t.p_adjusted < 0.05 for t in tests)
         p.append([t.p for t in tests])
         minmax_p.append([t.minmax_p for t in tests])
+        rest_p.append(tests[2].rest_p)
     assert alarms <= binom.ppf(0.999, DRAWS, 0.05)
+    assert kstest(rest_p, "uniform").pvalue > 1e-3
     for zone in range(4):
         single = np.sum(np.array(p)[:, zone] < 0.05)
         assert binom.ppf(0.001, DRAWS, 0.05) <= single <= binom.ppf(0.999, DRAWS, 0.05)
@@ -120,7 +122,7 @@ def test_the_change_that_was_made_is_found():
     evidence, zones, nuisance, _ = setting()
     test = zone_tests(zones["c"] @ [0.5, -2.0, 1.0], zones, nuisance, evidence)[2]
     assert test.change == pytest.approx((0.5, -2.0, 1.0), rel=1e-9)
-    assert test.share == pytest.approx(1.0)
+    assert test.share == pytest.approx(1.0) and test.rest_p == pytest.approx(1.0)
 
 
 def test_zones_that_look_alike_are_named():

@@ -52,6 +52,8 @@ class ZoneTest:
         p: Probability of as much by chance.
         p_adjusted: The same by Holm's step-down procedure for the number of zones tested.
         share: ``statistic`` as a share of the whole squared whitened residual, 0 to 1.
+        rest_p: Probability that chance leaves as much unexplained as a change in this zone alone
+            does; small where it cannot be the only one.
         visibility: Length, in standard deviations of the data, of the largest response to a
             change of one of its parameters by the expected size (the sensitivities' columns).
         change: The change that explains most, in columns of the sensitivities, (k,).
@@ -69,6 +71,7 @@ class ZoneTest:
     p: float
     p_adjusted: float
     share: float
+    rest_p: float
     visibility: float
     change: tuple[float, ...]
     minmax: float
@@ -199,6 +202,7 @@ def zone_tests(
                 zone, dof, t, p,
                 p_adjusted=float(adjusted.get(zone, 1.0)),
                 share=float(t / max(r @ r, 1e-300)),
+                rest_p=float(chi2.sf(max(r @ r - t, 0.0), len(r) - dof)) if len(r) > dof else 1.0,
                 visibility=float(lengths[zone].max(initial=0.0)),
                 change=tuple(float(c) for c in change),
                 minmax=least, minmax_dof=least_dof, minmax_p=least_p,
