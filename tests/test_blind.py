@@ -234,6 +234,13 @@ def test_shrinkage():
     assert found["s"]["median"] == pytest.approx(0.75)
     assert found["excess"]["median"] == pytest.approx(0.5)
     assert score.shrinkage_of(said({B: 1.0}, gap=gap | {"noise": 0.03}).diagnosis) is None
+    # Two of three folds within the intervals stated before; the noise is the folds' own.
+    folds = [{"covered": c} for c in (True, True, False)]
+    own = {"before": 0.05, "after": 0.03, "placebo": 0.05, "noise": 0.0, "folds": folds}
+    r = record("single", [("b", "")], score.Forecast(r.forecast.diagnosis | {"shrinkage": own}))
+    found = score.summary([r])["shrinkage"]
+    assert found["s"]["median"] == pytest.approx(0.4)
+    assert (found["predicted_covered"]["k"], found["predicted_covered"]["n"]) == (2, 3)
 
 
 # -- the oracle ------------------------------------------------------------------------------------
@@ -279,7 +286,7 @@ def test_page_of_a_synthetic_check():
                 f"id{i}", r.truth, r.forecast, random.uniform(0.2, 9), {"b": 0.9, "c": 0.1}
             )
         )
-    scores = score.score(records)
+    scores = score.score(records) | {"rules_changed": False}
     json_text(scores)  # no nan, nothing that JSON has not
     assert [t.outcome for t in targets.targets(scores["summary"])].count("no cases") == 0
     text = page.page(scores, {"final": True, "sealed": "today", "commit": "", "not_made": 1})

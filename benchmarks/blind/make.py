@@ -151,6 +151,7 @@ def _publish(folder: Path, key: bytes, state: dict) -> dict:
         "sealed": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "commit": seal.commit(),
         "generator_sha256": seal.source_digest(_WORLD),
+        "rules_sha256": seal.source_digest(*seal.RULES),
         "diagnosis_sha256": seal.source_digest(*seal.DIAGNOSIS),
         "answers_sha256": seal.file_digest(folder / seal.ANSWERS),
         "not_made": len(state["failed"]),

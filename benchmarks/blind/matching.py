@@ -8,22 +8,35 @@ from __future__ import annotations
 
 import re
 from fnmatch import fnmatchcase
+from functools import cache
 
-__all__ = ["LIBRARY", "cause_of", "same_cause", "same_region"]
+__all__ = ["ALSO", "cause_of", "same_cause", "same_region"]
 
-#: Patterns of the library's names, by the world's name; a name that is not here stands for itself.
-LIBRARY: dict[str, tuple[str, ...]] = {}
+#: Further names of the library that are right, beside the world's own list of them; patterns.
+ALSO: dict[str, tuple[str, ...]] = {}
 
 
 def same_cause(world: str, library: str) -> bool:
     """Whether an effect of the library, by its name, is that effect of the world."""
-    patterns = LIBRARY.get(world, (plain_name(world),))
-    return any(fnmatchcase(plain_name(library), pattern) for pattern in patterns)
+    return any(fnmatchcase(plain_name(library), pattern) for pattern in _patterns(world))
+
+
+@cache
+def _patterns(world: str) -> tuple[str, ...]:
+    return (plain_name(_library().get(world, world)), *ALSO.get(world, ()))
+
+
+@cache
+def _library() -> dict[str, str]:
+    """The world's list of what the diagnosis calls its effects."""
+    from benchmarks.blind.world.effects import LIBRARY
+
+    return LIBRARY
 
 
 def cause_of(library: str) -> str:
     """The world's name of an effect of the library; its own if the world has none such."""
-    return next((name for name in LIBRARY if same_cause(name, library)), library)
+    return next((name for name in _library() if same_cause(name, library)), library)
 
 
 def same_region(world: str | list[str], library: str) -> bool:

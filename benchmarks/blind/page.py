@@ -135,7 +135,9 @@ def _separability(rows: list[Mapping]) -> str | None:
         xlabel="separability D, standard deviations",
         ylabel="right first answer",
     )
+    axes.set_xticks([v for v in (0.1, 0.3, 1, 3, 10, 30, 100) if fine[0] <= v <= fine[-1]])
     axes.xaxis.set_major_formatter(lambda v, _: f"{v:g}")
+    axes.minorticks_off()
     axes.legend(loc="lower right")
     alt = "Share of single effects named first against their separability D."
     return pictures.to_svg(figure, "separability", alt)
@@ -172,27 +174,26 @@ def _square(x: float, y: float, colour: str, alpha: float):
 
 
 def _shrinkage(cases: list[Mapping]) -> str | None:
-    """S* of each case with an effect against its placebo's."""
+    """S* of each case with an effect against its placebo's, and by how much it is ahead."""
     rows = [c for c in cases if c["kind"] in ("single", "pair") and c["shrinkage"]]
     if not rows:
         return None
-    figure = pictures.new_figure(5.2, 4.2)
-    axes = figure.add_subplot()
+    figure = pictures.new_figure(8.2, 3.9)
+    axes, beside = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
     least = -1.0
     axes.plot([least, 1], [least, 1], color=NOMINAL, linewidth=1, linestyle="--")
     axes.axhline(0.8, color=NOISE, linewidth=0.8)
-    for kind, mark in (("single", "o"), ("pair", "s")):
+    for kind, mark, colour in (("single", "o", CHOSEN), ("pair", "s", PLACEBO)):
         x = [max(c["shrinkage"]["placebo"], least) for c in rows if c["kind"] == kind]
         y = [max(c["shrinkage"]["s"], least) for c in rows if c["kind"] == kind]
         if x:
-            axes.scatter(x, y, s=22, marker=mark, alpha=0.75, label=kind,
-                         color=CHOSEN if kind == "single" else PLACEBO)  # fmt: skip
-    axes.set(
-        xlim=(least - 0.05, 1.05),
-        ylim=(least - 0.05, 1.05),
-        xlabel="S* of the best wrong effect",
-        ylabel="S* of the chosen",
-    )
-    axes.legend(loc="lower left")
+            axes.scatter(x, y, s=18, marker=mark, alpha=0.7, color=colour, label=kind)
+    limits = (least - 0.05, 1.05)
+    axes.set(xlim=limits, ylim=limits, xlabel="S* of the best wrong effect", ylabel="S* as chosen")
+    axes.legend(loc="lower right")
+    excess = [c["shrinkage"]["s"] - c["shrinkage"]["placebo"] for c in rows]
+    beside.hist(np.clip(excess, -1, 2), bins=np.linspace(-1, 2, 31), color=CHOSEN, alpha=0.8)
+    beside.axvline(0.0, color=NOMINAL, linewidth=1, linestyle="--")
+    beside.set(xlabel="S* less the placebo's", ylabel="cases")
     alt = "Shrinkage on held-out data, chosen hypothesis against placebo, case by case."
     return pictures.to_svg(figure, "shrinkage", alt)

@@ -7,7 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import beta
 
-__all__ = ["Calibration", "Rate", "calibration", "clopper_pearson", "median_interval"]
+__all__ = [
+    "Calibration",
+    "Rate",
+    "calibration",
+    "clopper_pearson",
+    "grouped_rate",
+    "median_interval",
+]
 
 _RESAMPLES = 2000
 
@@ -99,26 +106,33 @@ def calibration(stated, came_true, bins: int = 10, seed: int = 0) -> Calibration
     if len(p) == 0:
         return None
     random = np.random.default_rng(seed)
-    drawn = [random.integers(len(p), size=len(p)) for _ in range(_RESAMPLES)]
-    resampled = [_error(*_bins(p[i], y[i], bins)) for i in drawn]
-    perfect = [_error(*_bins(p, random.random(len(p)) < p, bins)) for _ in range(_RESAMPLES)]
+    drawn = random.integers(len(p), size=(_RESAMPLES, len(p)))
+    resampled = _error(*_bins(p[drawn], y[drawn], bins))
+    perfect = _error(*_bins(np.tile(p, (_RESAMPLES, 1)), random.random(drawn.shape) < p, bins))
     low, high = np.quantile(resampled, [0.025, 0.975])
     s, f, n = _bins(p, y, bins)
     right = np.round(f * n).astype(int)
-    return Calibration(
-        s, f, n, right, _error(s, f, n), float(low), float(high), float(np.median(perfect))
-    )
+    chance = float(np.median(perfect))
+    return Calibration(s, f, n, right, float(_error(s, f, n)), float(low), float(high), chance)
 
 
 def _bins(p: np.ndarray, y: np.ndarray, bins: int):
-    """Mean statement, share and count of each bin; equal statements keep their order."""
-    parts = np.array_split(np.argsort(p, kind="stable"), min(bins, len(p)))
-    means = [(p[i].mean(), y[i].mean(), len(i)) for i in parts]
-    return tuple(np.array(column) for column in zip(*means, strict=True))
+    """Mean statement and share of each bin, (..., b), and counts, (b,), of statements (..., n).
+
+    Equal statements keep their order.
+    """
+    order = np.argsort(p, axis=-1, kind="stable")
+    parts = np.array_split(np.arange(p.shape[-1]), min(bins, p.shape[-1]))
+    first, count = np.array([part[0] for part in parts]), np.array([len(part) for part in parts])
+    sums = [
+        np.add.reduceat(np.take_along_axis(np.asarray(a, dtype=float), order, -1), first, axis=-1)
+        for a in (p, y)
+    ]
+    return sums[0] / count, sums[1] / count, count
 
 
-def _error(stated, found, count) -> float:
-    return float(np.sum(count * np.abs(stated - found)) / np.sum(count))
+def _error(stated, found, count):
+    return np.sum(count * np.abs(stated - found), axis=-1) / np.sum(count)
 
 
 def median_interval(values, level: float = 0.95, seed: int = 0) -> dict:
@@ -132,3 +146,21 @@ def median_interval(values, level: float = 0.95, seed: int = 0) -> dict:
     return {
         "n": len(values), "median": float(np.median(values)), "low": float(low), "high": float(high)
     }  # fmt: skip
+
+
+def grouped_rate(groups, seed: int = 0) -> dict:
+    """Share of hits in groups that belong together, such as the folds of a case.
+
+    Keys as `Rate.to_json`; the 95 % interval resamples whole groups, since the hits within one are
+    not independent.
+    """
+    kept = [[bool(hit) for hit in group] for group in groups if len(group)]
+    if not kept:
+        return Rate(0, 0).to_json()
+    hits = np.array([sum(group) for group in kept])
+    sizes = np.array([len(group) for group in kept])
+    drawn = np.random.default_rng(seed).integers(len(kept), size=(_RESAMPLES, len(kept)))
+    shares = hits[drawn].sum(axis=1) / sizes[drawn].sum(axis=1)
+    low, high = (float(x) for x in np.quantile(shares, [0.025, 0.975]))
+    rate = Rate(int(hits.sum()), int(sizes.sum()))
+    return {"k": rate.k, "n": rate.n, "value": rate.value, "low": low, "high": high}

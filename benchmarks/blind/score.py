@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.blind import seal
 from benchmarks.blind.forecast import LEVELS, NONE, UNKNOWN, Forecast
 from benchmarks.blind.matching import cause_of
-from benchmarks.blind.rates import Rate, calibration, median_interval
+from benchmarks.blind.rates import Rate, calibration, grouped_rate, median_interval
 from benchmarks.blind.seal import SealError
 
 __all__ = ["APART", "Record", "read_records", "score"]
@@ -341,21 +341,21 @@ def _sets(records: Sequence[Record]) -> dict:
 def shrinkage_of(diagnosis: Mapping) -> dict | None:
     """S*, the placebo's, and whether the stated interval held; None where there is no gap.
 
-    S* = (E_before - E_after) / (E_before - E_noise) with root mean squares on held-out data.
+    S* = (E_before - E_after) / (E_before - E_noise) with root mean squares on held-out data, worked
+    out here from these; of each fold, whether its error lay in the interval stated before.
     """
     gap = diagnosis["gap"]
-    before, noise = gap["heldout_before"], gap["noise"]
-    given = diagnosis.get("shrinkage") or {}
-    if before is None or not np.isfinite(before) or before < _VISIBLE * noise:
+    given = diagnosis.get("shrinkage") or {
+        "before": gap["heldout_before"], "after": gap["heldout_after"],
+        "placebo": gap["placebo_after"], "noise": gap["noise"], "folds": [],
+    }  # fmt: skip
+    before, noise = given["before"], given["noise"]
+    if before is None or noise is None or before < _VISIBLE * noise:
         return None
-
-    def share(after: float) -> float:
-        return (before - after) / (before - noise)
-
     return {
-        "s": given.get("S*", share(gap["heldout_after"])),
-        "placebo": given.get("placebo", share(gap["placebo_after"])),
-        "covered": given.get("covered"),
+        "s": (before - given["after"]) / (before - noise),
+        "placebo": (before - given["placebo"]) / (before - noise),
+        "covered": [bool(fold["covered"]) for fold in given["folds"]],
     }
 
 
@@ -367,22 +367,14 @@ def _shrinkage(records: Sequence[Record]) -> dict:
         if r.kind in ("single", "pair") and r.forecast.diagnosis is not None
         and (s := shrinkage_of(r.forecast.diagnosis)) is not None
     ]  # fmt: skip
-    covered = [hit for row in rows for hit in _flat(row["covered"])]
     return {
         "n": len(rows),
         "s": median_interval(row["s"] for row in rows),
         "placebo": median_interval(row["placebo"] for row in rows),
         "excess": median_interval(row["s"] - row["placebo"] for row in rows),
         "above_placebo": Rate.of(row["s"] > row["placebo"] for row in rows).to_json(),
-        "predicted_covered": Rate.of(covered).to_json(),
+        "predicted_covered": grouped_rate([row["covered"] for row in rows]),
     }
-
-
-def _flat(covered) -> list[bool]:
-    """One flag, several (one a fold), or none."""
-    if covered is None:
-        return []
-    return [bool(c) for c in covered] if isinstance(covered, list | tuple) else [bool(covered)]
 
 
 # -- where it goes wrong ---------------------------------------------------------------------------

@@ -30,6 +30,11 @@ ROOT = Path(__file__).resolve().parents[2]
 SEALED, ANSWERS, UNSEALED = "sealed.json", "answers.sealed", "answers.json"
 #: Sources that the diagnosis consists of, frozen with the seal of a final check.
 DIAGNOSIS = ("fenics_joints", "forms", "meshes")
+#: What decides on right and wrong.
+RULES = tuple(
+    f"benchmarks/blind/{name}.py"
+    for name in ("forecast", "matching", "oracle", "rates", "reckoning", "score", "targets")
+)
 _SALT = 32  # bytes
 
 
@@ -170,11 +175,10 @@ def commit() -> str:
 
 
 def source_digest(*folders: str) -> str:
-    """SHA-256 over the names and contents of all Python and C sources in folders of the project."""
-    found = sorted(
-        p for folder in folders for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".c")
-    )
-    return _digest_of(found, ROOT)
+    """SHA-256 over the names and contents of Python and C sources: files, and all in folders."""
+    places = [ROOT / folder for folder in folders]
+    inside = [p for place in places for p in place.rglob("*") if p.suffix in (".py", ".c")]
+    return _digest_of(sorted({*inside, *(p for p in places if p.is_file())}), ROOT)
 
 
 def files_digest(folder: Path) -> str:
