@@ -575,6 +575,7 @@ class Diagnose(Section):
     zones: Annotated[int, Field(ge=3, le=40, strict=True)] = 12
     mesh: dict[str, Any] = {}
     samples: Annotated[int, Field(ge=4, strict=True)] = 16
+    joints: Literal["bonded", "given"] = "bonded"
     nested: Annotated[int, Field(ge=0, le=50, strict=True)] = 6
 
 

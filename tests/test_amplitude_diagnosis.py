@@ -236,7 +236,7 @@ def class_of(result, name: str) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("law", "cause"), [(iwan, "micro-slip in the joint"), (elastic, "softening without slip")]
+    ("law", "cause"), [(iwan, "micro-slip in the joint"), (elastic, "gapping without slip")]
 )
 def test_damping_tells_slip_from_softening(diagnosed, law, cause):
     """The cause is named beside the joint's compliance, and what it does at each level is found."""
@@ -246,7 +246,7 @@ def test_damping_tells_slip_from_softening(diagnosed, law, cause):
     p = probabilities(result)
     assert p[cause] > 0.9 and all(p[other] < 0.1 for other in NAMES if other != cause)
     assert all(e.detectable for e in result.effects if e.name == cause)
-    assert result.silent == ()
+    assert not {s.effect for s in result.silent} & set(NAMES)
     # A level is predicted from the others.
     held_out = {fold["name"]: fold for fold in result.folds}
     middle = held_out["level 2 N"]
@@ -262,7 +262,7 @@ def test_damping_tells_slip_from_softening(diagnosed, law, cause):
 
 def test_without_damping_they_are_one_class(diagnosed):
     result = diagnosed(iwan, damped=False, few=True)
-    both = {"micro-slip in the joint", "softening without slip"}
+    both = {"micro-slip in the joint", "gapping without slip"}
     assert class_of(result, "micro-slip in the joint") == both
     p = probabilities(result)
     assert sum(p[name] for name in both) > 0.9 and max(p[name] for name in both) < 0.9

@@ -17,7 +17,7 @@ from fenics_joints.case import load_case
 from fenics_joints.cutoff import CutoffModel
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.contact_zones import contact_zones
-from fenics_joints.diagnosis.effects import lost_contact
+from fenics_joints.diagnosis.effects_joint import lost_contact
 from fenics_joints.modal import solve_modes
 from fenics_joints.preload import solve_preload
 from fenics_joints.preload.linear_joint import LinearJoint

@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import kstest, multivariate_normal, norm
 
 from fenics_joints.diagnosis.classes import APART, classes, detectable, distance
-from fenics_joints.diagnosis.effects import Effect, Prior, compliance
+from fenics_joints.diagnosis.effects import Effect, Prior
+from fenics_joints.diagnosis.effects_joint import compliance
 from fenics_joints.diagnosis.inference import Evidence, Hypothesis, fit
 from fenics_joints.diagnosis.shrinkage import folds
 

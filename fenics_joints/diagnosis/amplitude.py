@@ -15,12 +15,12 @@ from fenics_joints.diagnosis.result import Silent
 from fenics_joints.measurements import TestData
 
 __all__ = [
-    "NAMES", "amplitude_effects", "growing_damping", "iwan_loss_factor", "micro_slip",
-    "relative_drop", "softening_without_slip",
+    "NAMES", "amplitude_effects", "gapping", "growing_damping", "iwan_loss_factor", "micro_slip",
+    "relative_drop",
 ]  # fmt: skip
 
 MICRO_SLIP = "micro-slip in the joint"
-SOFTENING = "softening without slip"
+SOFTENING = "gapping without slip"
 GROWING = "damping that grows without softening"
 NAMES = (MICRO_SLIP, SOFTENING, GROWING)
 
@@ -96,8 +96,8 @@ def micro_slip(zones: Sequence[str], reference: float) -> Effect:
     )
 
 
-def softening_without_slip(zones: Sequence[str], reference: float) -> Effect:
-    """Elastic softening of the joint, such as a gap that opens: no damping comes with it.
+def gapping(zones: Sequence[str], reference: float) -> Effect:
+    """Gapping, or any other elastic softening of the joint: no damping comes with it.
 
     E and G fall by s = drop (level / reference)^power.
 
@@ -161,7 +161,7 @@ def amplitude_effects(
         return (), tuple(Silent(name, reason) for name in NAMES)
     reference, effects, silent = float(data.conditions[-1]), [], []
     if zones:
-        effects = [micro_slip(zones, reference), softening_without_slip(zones, reference)]
+        effects = [micro_slip(zones, reference), gapping(zones, reference)]
     else:
         silent = [Silent(name, "the model has no joint") for name in (MICRO_SLIP, SOFTENING)]
     if has_damping(data):

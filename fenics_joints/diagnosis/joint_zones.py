@@ -1,6 +1,6 @@
 """Thin layers of a case in zones around their bolts, so that a diagnosis can say where.
 
-Every cell of a joint belongs to its nearest bolt, and to a ring of distances from that bolt's axis.
+Every cell of a joint belongs to its nearest bolt (one half-way to that with less so far), and to a ring of distances from that bolt's axis.
 The rings of a joint share its area equally; their radii are the same at all of its bolts, so that
 ring 2 means the same everywhere.
 """
@@ -13,6 +13,7 @@ import dolfinx.mesh
 import numpy as np
 import ufl
 from dolfinx import fem
+from scipy.spatial import cKDTree
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case
@@ -45,6 +46,7 @@ class JointZones:
         distance: Least and largest distance of the middles of the zone's cells from the bolt's
             axis, m, (n, 2); nan for a joint without bolts.
         area: Area of each zone, m2, (n,).
+        axis: A point on the axis of each zone's bolt, m, (n, 3); nan for a joint without bolts.
     """
 
     case: Case
@@ -55,6 +57,7 @@ class JointZones:
     ring: tuple[int, ...]
     distance: np.ndarray
     area: np.ndarray
+    axis: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,8 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> JointZones:
     for name, layer in layers.items():
         if not len(bolts[name]):
             sections[name] = layer.section
-            found.append((name, name, "", 0, (np.nan, np.nan), layer.areas.sum()))
+            nowhere = (np.nan, np.nan), layer.areas.sum(), [np.nan] * 3
+            found.append((name, name, "", 0, *nowhere))
             continue
         count = min(
             max(1, round(rings * per_bolt[name] / largest)),
@@ -132,11 +136,13 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> JointZones:
     _check_names(case, [row[0] for row in found])
     tags = tagged.cell_tags
     new = dolfinx.mesh.meshtags(tagged.mesh, tags.dim, tags.indices, values)
-    zones, joint, bolt, ring, distance, area = zip(*found, strict=True) if found else [()] * 6
+    columns = zip(*found, strict=True) if found else [()] * 7
+    zones, joint, bolt, ring, distance, area, axis = columns
     return JointZones(
         case.model_copy(update={"joints": sections}),
         replace(tagged, cell_tags=new, cell_names=names),
         zones, joint, bolt, ring, np.array(distance).reshape(-1, 2), np.array(area, dtype=float),
+        np.array(axis, dtype=float).reshape(-1, 3),
     )  # fmt: skip
 
 
@@ -189,12 +195,12 @@ def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _Layer) -> np.ndarr
 
 
 def _split(name: str, layer: _Layer, bolts: np.ndarray, count: int) -> list[tuple]:
-    """Rows (zone, local cells, joint's bolt, ring, distances, area) of the zones of a joint."""
-    nearest, distance = _nearest(layer, layer.middles, bolts)
+    """Rows (zone, local cells, bolt, ring, distances, area, axis) of the zones of a joint."""
+    nearest, distance = _nearest(layer, bolts)
     edges = _radii(distance, layer.areas, count)
     ring = np.searchsorted(edges, distance)
-    own_bolt, own_distance = _nearest(layer, layer.local, bolts)
-    own_ring = np.searchsorted(edges, own_distance)
+    # This rank's cells, ghosts included, among those of all.
+    place = cKDTree(layer.middles).query(layer.local)[1] if len(layer.cells) else np.array([], int)
     rows = []
     for b in range(len(bolts)):
         for r in range(len(edges) + 1):
@@ -202,19 +208,29 @@ def _split(name: str, layer: _Layer, bolts: np.ndarray, count: int) -> list[tupl
             if not mask.any():
                 continue
             zone = f"{name}_r{r + 1}" if len(bolts) == 1 else f"{name}_b{b + 1}_r{r + 1}"
-            local = layer.cells[(own_bolt == b) & (own_ring == r)]
+            local = layer.cells[mask[place]]
             span = distance[mask].min(), distance[mask].max()
-            rows.append((zone, local, f"b{b + 1}", r + 1, span, layer.areas[mask].sum()))
+            area = layer.areas[mask].sum()
+            rows.append((zone, local, f"b{b + 1}", r + 1, span, area, bolts[b]))
     return rows
 
 
-def _nearest(layer: _Layer, middles: np.ndarray, bolts: np.ndarray):
-    """Nearest bolt of middles, the first of equally near ones, and its distance, m."""
-    distances = layer.distances(middles, bolts)
-    least = distances.min(axis=1, keepdims=True)
-    # Relative to the layer, not to this rank's cells: all ranks must decide alike.
-    near = distances <= least + _SAME * np.linalg.norm(layer.high - layer.low)
-    return near.argmax(axis=1), least[:, 0]
+def _nearest(layer: _Layer, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest bolt of all cells and its distance, m; of equally near bolts that with least area."""
+    distances = layer.distances(layer.middles, bolts)
+    least = distances.min(axis=1)
+    size = np.linalg.norm(layer.high - layer.low)
+    near = distances <= least[:, None] + _SAME * size
+    nearest, tied = near.argmax(axis=1), near.sum(axis=1) > 1
+    area = np.bincount(nearest[~tied], layer.areas[~tied], minlength=len(bolts))
+    # By place, since their order depends on the number of ranks; the offset keeps off grid lines.
+    cell = np.floor((layer.middles - layer.low) / (_SAME * size) + 0.318)
+    for i in np.lexsort(cell.T):
+        if tied[i]:
+            share = np.where(near[i], np.round(area / layer.areas.sum(), 9), np.inf)
+            nearest[i] = share.argmin()
+            area[nearest[i]] += layer.areas[i]
+    return nearest, least
 
 
 def _radii(distance: np.ndarray, area: np.ndarray, count: int) -> np.ndarray:

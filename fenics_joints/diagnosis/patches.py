@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.diagnosis.effects import compliance
+from fenics_joints.diagnosis.effects_joint import compliance
 from fenics_joints.diagnosis.evidence import Evidence
 from fenics_joints.diagnosis.library import layer_thickness
 from fenics_joints.diagnosis.where import ZoneTest, zone_tests

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects import Effect, compliance, relative_error
+from fenics_joints.diagnosis.effects import Effect, relative_error
+from fenics_joints.diagnosis.effects_joint import compliance
 from fenics_joints.diagnosis.evidence import Evidence
 from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.prediction import predict
