@@ -44,7 +44,7 @@ def loose_bolt(
         "bolts equally loose are the joint's compliance as a whole."
     )
     prior = Prior("k", median, spread, "Pa/m", True, span)
-    return Effect("one bolt loose", region, (prior,), apply, words, family="bolt", weight=weight)
+    return Effect("loose bolt", region, (prior,), apply, words, family="bolt", weight=weight)
 
 
 def low_preload(region: str, zones: Sequence[str], name: str, weight: float = 1.0) -> Effect:

@@ -13,8 +13,8 @@ from fenics_joints.measurements import TestData
 
 __all__ = ["HYSTERETIC", "VISCOUS", "has_ratios", "hysteretic_damping", "viscous_damping"]
 
-HYSTERETIC = "hysteretic damping in the joint"
-VISCOUS = "viscous damping in the joint"
+HYSTERETIC = "joint hysteretic damping"
+VISCOUS = "joint viscous damping"
 _FAMILY = "joint damping"
 #: Loss factor of a joint's interface at small motion: 0.02, within a factor of 4 either way. With a
 #: tenth of the strain energy in the joint that is a damping ratio of 0.1 %, and bolted structures

@@ -189,7 +189,8 @@ def bell_pressure(low: np.ndarray, high: np.ndarray, radius: float) -> np.ndarra
 def _reach(low: np.ndarray, high: np.ndarray, scan: int = 0) -> Prior:
     """How far from its axis a bolt presses."""
     median, spread = _REACH
-    inner = float(high[np.argmin(high)])
+    # A ring of one cell stands on the axis itself: a distance of nought says nothing of its reach.
+    inner = max(float(np.min(high)), 0.2 * float(np.max(high)))
     # The innermost zone must be pressed, or nothing holds; beyond the last one all is the same.
     span = (1.05 * float(np.min(low)), 3.0 * float(np.max(high)))
     return Prior("radius", median * inner, spread, "m", True, span, scan)
@@ -266,7 +267,7 @@ def lost_beyond(zones: Sequence[str], distance: np.ndarray) -> Effect:
     low, high = np.asarray(distance, dtype=float).T
     middle = 0.5 * (low + high)
     # Of a ring one cell wide too, as its cells are no points.
-    width = np.maximum(high - low, 0.2 * high)
+    width = np.maximum(high - low, 0.1 * np.max(high))
 
     def apply(values, theta, condition):
         for zone, m, w in zip(zones, middle, width, strict=True):
@@ -275,7 +276,7 @@ def lost_beyond(zones: Sequence[str], distance: np.ndarray) -> Effect:
     words = "The faces hold together only near the bolts."
     prior = _reach(low, high, scan=_SCAN)
     return Effect(
-        "contact lost away from the bolts", "joint", (prior,), apply, words, False, _FAMILY
+        "contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY
     )
 
 

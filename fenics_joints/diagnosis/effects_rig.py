@@ -14,7 +14,7 @@ __all__ = [
 ]  # fmt: skip
 
 MISSCALED, MISPLACED = "sensor mis-scaled", "sensor misplaced"
-SWAPPED = "two modes swapped in the test"
+SWAPPED = "mode mis-pairing"
 #: Stiffness of a clamped face per area, Pa/m: that of an interface (1e11 to 1e13), less what the
 #: ground gives way; hence a factor of 30 either way. "Clamped" ends have been seen to be off by
 #: more than 10 % in frequency (Ritto et al.).
@@ -98,8 +98,8 @@ def support_compliance(supports: Sequence[str], weight: float = 1.0) -> Effect:
 
     median, spread, span = _SUPPORT
     priors = tuple(Prior(key, median, spread, "Pa/m", True, span) for key in ("k_n", "k_t"))
-    several = len(supports) > 1
-    name = "compliance of all supports" if several else "support compliance"
+    labels = [support.replace("_", " ") for support in supports]
+    name = "compliance of all supports" if len(labels) > 1 else f"{labels[0]} compliance"
     region = ", ".join(supports)
     words = "What is held as if rigid gives way: the clamp, or the ground under it."
     return Effect(name, region, priors, apply, words, family="boundary", weight=weight)
