@@ -1,8 +1,8 @@
 """Thin layers of a case in zones around their bolts, so that a diagnosis can say where.
 
-Every cell of a joint belongs to its nearest bolt (one half-way to that with less so far), and to a ring of distances from that bolt's axis.
+Every cell of a joint belongs to its nearest bolt, and to a ring of distances from that bolt's axis.
 The rings of a joint share its area equally; their radii are the same at all of its bolts, so that
-ring 2 means the same everywhere.
+ring 2 means the same everywhere. Bolts share the cells that are half-way between them.
 """
 
 from __future__ import annotations
