@@ -137,6 +137,10 @@ def update(
 @app.command()
 def diagnose(
     case: CaseArgument,
+    plan: Annotated[
+        bool,
+        typer.Option("--plan", help="Before any data: which causes the test could tell apart."),
+    ] = False,
     json: JsonOption = None,
     report: ReportOption = None,
     debug: DebugOption = False,
@@ -146,9 +150,18 @@ def diagnose(
     JSON: gap (before, after, heldout_before, heldout_after, placebo_after; relative RMS), where
     (region, share), effects (name, region, probability, class), verdict, frequencies_hz before
     and after.
+
+    With --plan instead: apart (number of causes and groups of them told apart), effects (key,
+    class, seen, size, distance from no gap and its range over the sizes), distance and confusion
+    (by the effect at work and what it is taken for), classes (members, collinearity, combination,
+    left), additions (measurement, apart, seen, mean_gain, largest_gain, pair), the best first.
     """
 
     def run(case, comm, progress):
+        if plan:
+            from fenics_joints.plan_pages import run_plan
+
+            return run_plan(case, comm, progress)
         from fenics_joints.workflow import run_diagnose
 
         return run_diagnose(case, comm, progress)

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from fenics_joints.updating import UpdateReport
 
 __all__ = [
-    "ModePicture", "diagnosis_html", "modes_html", "modes_page", "render", "svg", "update_html",
+    "ModePicture", "diagnosis_html", "facts", "modes_html", "modes_page", "render", "svg",
+    "update_html",
 ]  # fmt: skip
 
 #: Verdicts as headings.
@@ -164,7 +165,7 @@ def diagnosis_html(d: Diagnosis, *, log_sd: np.ndarray | None = None) -> str:
             )
         ),
         far=_FAR,
-        facts=_facts({**d.model, "frequency_error": d.model_error}),
+        facts=facts({**d.model, "frequency_error": d.model_error}),
     )  # fmt: skip
 
 
@@ -197,7 +198,8 @@ _FACTS = {
 }
 
 
-def _facts(model: Mapping[str, object]) -> list[tuple[str, str]]:
+def facts(model: Mapping[str, object]) -> list[tuple[str, str]]:
+    """Facts on a model for the page: names in words, and values."""
     return [(_FACTS.get(key, plain(key)), _fact(key, value)) for key, value in model.items()]
 
 
@@ -242,7 +244,7 @@ def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
         "update.html",
         u=u,
         published=u.published,
-        facts=_facts(u.model),
+        facts=facts(u.model),
         weakest=sorted(
             zip(identifiability.names, np.asarray(identifiability.weakest), strict=True),
             key=lambda pair: -abs(pair[1]),

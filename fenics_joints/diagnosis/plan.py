@@ -19,8 +19,11 @@ from scipy.linalg import solve_triangular
 from fenics_joints.diagnosis.classes import APART
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.hypothesis import Hypothesis
+from fenics_joints.errors import InputError
 
-__all__ = ["Combination", "Measurement", "Signature", "Study", "combination", "groups"]
+__all__ = [
+    "Combination", "Measurement", "Signature", "Study", "combination", "groups", "own_at",
+]  # fmt: skip
 
 #: Sizes of an effect, in prior standard deviations: those it is judged at, and those that a search
 #: for the nearest prediction starts from.
@@ -28,8 +31,8 @@ SIZES = (-1.0, 0.0, 1.0)
 _STARTS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 #: Of the starts the search goes on from this many, for so many steps at most.
 _BEST, _STEPS = 2, 12
-#: Relative fall of the cost below which the search ends.
-_DONE = 1e-3
+#: Relative fall of the cost below which the search ends; and where D is this far above `APART`.
+_DONE, _DONE_FAR, _FAR = 3e-3, 0.3, 3.0
 
 Predict = Callable[[Hypothesis, np.ndarray, Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
 
@@ -104,7 +107,7 @@ class Study:
         baseline: Parameter values of the nominal model.
         beneath: Baselines of effects that are looked for in another model, by their key: slip, say,
             in a joint that is not as one. Whatever is compared with such an effect is put in there.
-        progress: Called after each row of the distances.
+        progress: Called after the sizes of each effect, and after each row of the distances.
     """
 
     def __init__(
@@ -119,6 +122,9 @@ class Study:
         self.measurement, self.effects = measurement, tuple(effects)
         self._baseline, self._beneath = baseline, beneath or {}
         self._progress = progress or (lambda: None)
+        #: Own parameters of the column's effect where it comes nearest to the row's; filled by
+        #: `distances`.
+        self.near: dict[tuple[int, int], np.ndarray] = {}
         self._known: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
 
     def baseline(self, effect: Effect) -> Mapping[str, float]:
@@ -129,8 +135,20 @@ class Study:
 
     @cached_property
     def sizes(self) -> list[list[Signature]]:
-        """Signatures of every effect at `SIZES`."""
-        return [[self.signature(e, own_at(e, size)) for size in SIZES] for e in self.effects]
+        """Signatures of every effect at `SIZES`, those left out that the model cannot have."""
+        return [self._sizes(effect) for effect in self.effects]
+
+    def _sizes(self, effect: Effect) -> list[Signature]:
+        found, problem = [], None
+        for size in SIZES:
+            try:
+                found.append(self.signature(effect, own_at(effect, size)))
+            except InputError as error:
+                problem = error  # such as too few modes that the test could see
+        if not found:
+            raise problem
+        self._progress()
+        return found
 
     @cached_property
     def expected(self) -> list[Signature]:
@@ -159,21 +177,26 @@ class Study:
         D = np.zeros((len(self.effects),) * 2)
         for i, truth in enumerate(self.expected):
             for j, rival in enumerate(self.effects):
-                D[i, j] = 0.0 if i == j else self.distance(truth, rival)
+                if i != j:
+                    square, self.near[i, j] = self.nearest(truth, rival)
+                    D[i, j] = np.sqrt(square) / 2
             self._progress()
         return D
 
-    def distance(self, truth: Signature, rival: Effect | None) -> float:
+    def distance(
+        self, truth: Signature, rival: Effect | None, start: np.ndarray | None = None
+    ) -> float:
         """D: half the distance from a signature to the nearest that a rival can make.
 
         Args:
             truth: The signature.
             rival: The rival; None for "no gap".
+            start: See `nearest`.
         """
-        return float(np.sqrt(self.nearest(truth, rival)[0])) / 2
+        return float(np.sqrt(self.nearest(truth, rival, start)[0])) / 2
 
     def nearest(
-        self, truth: Signature, rival: Effect | None, starts: Sequence[np.ndarray] = ()
+        self, truth: Signature, rival: Effect | None, start: np.ndarray | None = None
     ) -> tuple[float, np.ndarray]:
         """Squared distance to the nearest prediction of a rival, and its own parameters there.
 
@@ -184,16 +207,17 @@ class Study:
         Args:
             truth: The signature.
             rival: The rival; None for "no gap".
-            starts: Own parameters to start from besides.
+            start: Own parameters to start from; by default some all over their prior.
         """
         base = self.baseline(truth.effect)
         hypothesis = self.measurement.hypothesis(*([] if rival is None else [rival]))
         search = _Search(self, hypothesis, base, truth.predicted)
-        if rival is None:
-            at = [np.zeros(0)]
-        else:
-            at = [*starts, *(own_at(rival, s) for s in _STARTS)]
-        places = sorted((search.begin(own) for own in at), key=lambda p: p.cost)
+        at = [np.zeros(0)] if rival is None else [own_at(rival, s) for s in _STARTS]
+        at = at if start is None else [start]
+        places = [place for own in at if (place := search.begin(own)) is not None]
+        if not places:
+            raise InputError(f"{hypothesis.label}: the model has too few modes at all its sizes.")
+        places.sort(key=lambda p: p.cost)
         best = min((search.run(place) for place in places[:_BEST]), key=lambda p: p.cost)
         own = best.z[search.own]
         needed = own @ own - truth.own @ truth.own
@@ -224,12 +248,16 @@ def own_slice(hypothesis: Hypothesis) -> slice:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A point of a search: whitened residual and slopes, and what they cost."""
+    """A point of a search: whitened residual and slopes, and what they cost.
+
+    ``exact`` is the point that it was extrapolated from; None if it is exact itself.
+    """
 
     z: np.ndarray
     residual: np.ndarray
     slopes: np.ndarray
     others: float
+    exact: _Place | None = None
 
     @property
     def misfit(self) -> float:
@@ -250,35 +278,43 @@ class _Search:
         limits = [prior.limits() for _, prior in hypothesis.priors]
         self._limits = np.array(limits).reshape(-1, 2)
 
-    def _place(self, z: np.ndarray) -> _Place:
-        predicted, jacobian = self._study._prediction(self._hypothesis, z, self._baseline)
+    def _place(self, z: np.ndarray) -> _Place | None:
+        """None where the model has no answer, as too few modes that the test could see."""
+        try:
+            predicted, jacobian = self._study._prediction(self._hypothesis, z, self._baseline)
+        except InputError:
+            return None
         lower = self._study.measurement.lower
         residual = solve_triangular(lower, predicted - self._target, lower=True)
         slopes = solve_triangular(lower, jacobian, lower=True)
         rest = np.delete(z, self.own)
         return _Place(z, residual, slopes, float(rest @ rest))
 
-    def begin(self, own: np.ndarray) -> _Place:
+    def begin(self, own: np.ndarray) -> _Place | None:
         """The point of these own parameters, its nuisances refitted linearly to rank it."""
         z = np.zeros(len(self._limits))
         z[self.own] = own
         place = self._place(z)
+        if place is None:
+            return None
         free = np.delete(np.arange(len(z)), np.arange(len(z))[self.own])
         S = place.slopes[:, free]
         step = np.linalg.solve(S.T @ S + np.eye(len(free)), -S.T @ place.residual)
         moved = z.copy()
         moved[free] = step
-        return _Place(moved, place.residual + S @ step, place.slopes, float(step @ step))
+        return _Place(moved, place.residual + S @ step, place.slopes, float(step @ step), place)
 
     def run(self, place: _Place) -> _Place:
         """Gauss-Newton steps within the limits, halved where the cost would not fall."""
-        place = self._place(np.clip(place.z, *self._limits.T))
+        exact = self._place(np.clip(place.z, *self._limits.T))
+        place = place.exact if exact is None or exact.cost > place.exact.cost else exact
         for _ in range(_STEPS):
             better = self._step(place)
             if better is None:
                 break
             gained, place = place.cost - better.cost, better
-            if gained < _DONE * better.cost + 1e-6:
+            far = better.cost > (2 * _FAR * APART) ** 2
+            if gained < (_DONE_FAR if far else _DONE) * better.cost + 1e-6:
                 break
         return place
 
@@ -294,7 +330,7 @@ class _Search:
         way[free] = np.linalg.solve(hessian, downhill[free])
         for factor in (1.0, 0.5, 0.25, 0.1, 0.03):
             there = self._place(np.clip(z + factor * way, low, high))
-            if there.cost < place.cost:
+            if there is not None and there.cost < place.cost:
                 return there
         return None
 
