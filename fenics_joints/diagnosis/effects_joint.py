@@ -275,9 +275,7 @@ def lost_beyond(zones: Sequence[str], distance: np.ndarray) -> Effect:
 
     words = "The faces hold together only near the bolts."
     prior = _reach(low, high, scan=_SCAN)
-    return Effect(
-        "contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY
-    )
+    return Effect("contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY)
 
 
 def _lose(values: dict[str, float], zone: str, t: float) -> None:

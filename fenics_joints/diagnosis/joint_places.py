@@ -145,18 +145,25 @@ def _away(zones: JointZones, bolted: set[str]) -> tuple[str, ...]:
 
 def _groups(zones: JointZones) -> dict[str, tuple[str, ...]]:
     """Zones in a few groups by distance; a joint without bolts is a group of its own."""
-    found, rings = {}, {}
-    for name, joint, bolt, ring in zip(
-        zones.names, zones.joint, zones.bolt, zones.ring, strict=True
-    ):
-        if bolt:
-            rings.setdefault((joint, ring), []).append(name)
-        else:
-            found[joint] = (name,)
-    middle = dict(zip(zones.names, zones.distance.mean(axis=1), strict=True))
-    ordered = sorted(rings.values(), key=lambda group: np.mean([middle[n] for n in group]))
-    parts = np.array_split(np.arange(len(ordered)), min(_GROUPS, max(len(ordered), 1)))
-    near = {}
-    for i, part in enumerate(p for p in parts if len(p)):
-        near[f"ring {i + 1}"] = tuple(name for k in part for name in ordered[k])
-    return near | found
+    found = {
+        joint: (name,)
+        for name, joint, bolt in zip(zones.names, zones.joint, zones.bolt, strict=True)
+        if not bolt
+    }
+    bands = _bands(zones)
+    parts = np.array_split(np.arange(len(bands)), _GROUPS)
+    parts = [[name for k in part for name in bands[k]] for part in parts if len(part)]
+    return {f"ring {i + 1}": tuple(part) for i, part in enumerate(parts)} | found
+
+
+def _bands(zones: JointZones) -> list[list[str]]:
+    """Zones in bands of distances that do not overlap, from the bolts outwards."""
+    bands, end = [], -np.inf
+    for k in np.argsort(zones.distance.mean(axis=1), kind="stable"):
+        if not zones.bolt[k]:
+            continue
+        if zones.distance[k].mean() > end:
+            bands.append([])
+            end = zones.distance[k, 1]
+        bands[-1].append(zones.names[k])
+    return bands

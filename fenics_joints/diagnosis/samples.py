@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 import numpy as np
 from scipy.stats import qmc
@@ -70,6 +70,7 @@ def sample_values(
     conditions: Sequence[float],
     count: int,
     seed: int,
+    known: Container[str] = (),
 ) -> list[dict[str, float]]:
     """Parameter values with effects in them, at places of their priors from a Sobol sequence.
 
@@ -82,8 +83,9 @@ def sample_values(
         conditions: The test's conditions, which take turns too.
         count: Number of samples.
         seed: Of the sequence.
+        known: Parameters that are sampled otherwise; effects that change no others are left out.
     """
-    acting = [e for e in effects if e.apply is not None and e.priors and _changes(e, baseline)]
+    acting = [e for e in effects if _changed(e, baseline, known)]
     if not acting or count < 1:
         return []
     turns = [_turn(acting, i) for i in range(count)]
@@ -100,12 +102,17 @@ def sample_values(
     return found
 
 
-def _changes(effect: Effect, baseline: Mapping[str, float]) -> bool:
-    """Whether an effect changes the model one standard deviation above its medians."""
-    values = dict(baseline)
-    theta = {p.name: p.value(float(np.clip(1.0, *p.limits()))) for p in effect.priors}
-    effect.apply(values, theta, 1.0)
-    return values != dict(baseline)
+def _changed(effect: Effect, baseline: Mapping[str, float], known: Container[str]) -> bool:
+    """Whether an effect one standard deviation from its medians changes a parameter not known."""
+    if effect.apply is None or not effect.priors:
+        return False
+    for z in (1.0, -1.0):
+        values = dict(baseline)
+        theta = {p.name: p.value(float(np.clip(z, *p.limits()))) for p in effect.priors}
+        effect.apply(values, theta, 1.0)
+        if any(values[key] != baseline[key] and key not in known for key in values):
+            return True
+    return False
 
 
 def _turn(effects: Sequence[Effect], i: int) -> tuple[Effect, ...]:
