@@ -1,0 +1,183 @@
+"""Fits every effect, every pair that could matter, and more together; and weighs them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.special import logsumexp
+
+from fenics_joints.diagnosis.effects import Effect
+from fenics_joints.diagnosis.hypothesis import Hypothesis
+from fenics_joints.diagnosis.inference import Fit, fit
+from fenics_joints.diagnosis.kept_fits import KeptFits
+from fenics_joints.diagnosis.prepared import Prepared
+from fenics_joints.diagnosis.screen import near_best, quick_evidence
+from fenics_joints.diagnosis.spread import spread
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
+from fenics_joints.progress import Progress
+
+__all__ = ["Search"]
+
+#: Prior odds, against none, that some one effect is at work, shared out by the effects' weights;
+#: two at once have the product of their odds. And those of an unknown cause.
+_ANY, _UNKNOWN = 1.5, 0.2
+#: A pair this far (in ln) behind the best is not fitted in full; and at most so many are.
+_MARGIN, _MOST = 14.0, 60
+#: Leading hypotheses that a third effect is put beside.
+_LEADERS = 3
+
+
+class Search:
+    """The hypotheses of a diagnosis and their fits.
+
+    Args:
+        model: What is diagnosed, reduced.
+        progress: Told what is being done.
+        kept: Fits of an earlier run.
+    """
+
+    def __init__(self, model: Prepared, progress: Progress, kept: KeptFits):
+        self.model, self.progress, self.kept = model, progress, kept
+        total = sum(effect.weight for effect in model.effects)
+        self._odds = {e.key: np.log(_ANY * e.weight / total) for e in model.effects}
+
+    def run(self) -> list[Fit]:
+        """Nothing, the unknown, each effect, and what is promising of several. Collective."""
+        model = self.model
+        singles = [model.hypothesis((effect,)) for effect in model.effects]
+        plain = [
+            model.hypothesis((), name=NO_GAP), model.hypothesis((), name=UNKNOWN, unknown=True),
+        ]  # fmt: skip
+        self.progress.step("fitting one effect at a time", len(singles) + 2)
+        fits = self.fit_all([*plain, *singles])
+        level = fits[2:]
+        for size in range(2, model.case.diagnose.max_effects + 1):
+            level = self._together(level, fits, size)
+            fits = fits + level
+        return fits
+
+    # -- fits ----------------------------------------------------------------------------------
+
+    def fit_all(self, hypotheses: Sequence[Hypothesis], starts: Sequence | None = None) -> list:
+        """Fit hypotheses, each from its starts and from where an earlier run ended. Collective."""
+        starts = [()] * len(hypotheses) if starts is None else starts
+        done: list[Fit] = []
+        chunk = 8 * self.model.comm.size
+        for first in range(0, len(hypotheses), chunk):
+            tasks = list(zip(hypotheses, starts, strict=True))[first : first + chunk]
+            found = spread(self.model.comm, tasks, self._fit_task, _pack, _unpack)
+            self.kept.add({f.hypothesis.label_of_keys: f.z for f in found})
+            done += found
+            if self.model.comm.size > 1:
+                self.progress.advance(len(found))
+        return done
+
+    def _fit_task(self, task) -> Fit:
+        hypothesis, starts = task
+        before = self.kept.start(hypothesis.label_of_keys, len(hypothesis.priors))
+        alone = self.model.comm.size == 1
+        return fit(
+            hypothesis, self.model.forward, self.model.evidence, self.model.baseline,
+            starts=[*before, *(() if before else starts)],
+            progress=self.progress.advance if alone else None,
+        )  # fmt: skip
+
+    def _together(self, level: Sequence[Fit], known: Sequence[Fit], size: int) -> list[Fit]:
+        """Fits of ``size`` effects at once that a quick look does not rule out."""
+        pairs = self._pairs(level) if size == 2 else self._beside_leaders(level)
+        if not pairs:
+            return []
+        self.progress.step(f"a quick look at {size} effects at a time", len(pairs))
+        lower = np.linalg.cholesky(self.model.evidence.covariance())
+        hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
+        starts = [self._start(effects, parent) for effects, parent in pairs]
+
+        def look(task):
+            model = self.model
+            found = quick_evidence(
+                *task, model.forward, model.evidence, model.baseline, lower
+            )
+            self.progress.advance()
+            return found
+
+        looks = spread(self.model.comm, list(zip(hypotheses, starts, strict=True)), look)
+        scores = np.array([value for value, _ in looks]) + self.log_prior(hypotheses)
+        best = max(f.log_evidence + p for f, p in zip(known, self.log_prior(
+            [f.hypothesis for f in known]), strict=True))  # fmt: skip
+        chosen = [i for i in near_best(scores, _MARGIN, _MOST) if scores[i] > best - _MARGIN]
+        self.progress.step(f"fitting {size} effects at a time", len(chosen))
+        return self.fit_all(
+            [hypotheses[i] for i in chosen], [(starts[i], looks[i][1]) for i in chosen]
+        )
+
+    def _pairs(self, singles: Sequence[Fit]) -> list[tuple[tuple[Effect, ...], Fit]]:
+        """Every two effects of different families, with the better of the two alone."""
+        found = []
+        for a, b in combinations(singles, 2):
+            parent, other = (a, b) if a.log_evidence >= b.log_evidence else (b, a)
+            effects = (*parent.hypothesis.effects, *other.hypothesis.effects)
+            if _compatible(effects):
+                found.append((effects, parent))
+        return found
+
+    def _beside_leaders(self, level: Sequence[Fit]) -> list[tuple[tuple[Effect, ...], Fit]]:
+        """The best of a level with one more effect each."""
+        found, known = [], set()
+        for parent in sorted(level, key=lambda f: -f.log_evidence)[:_LEADERS]:
+            for effect in self.model.effects:
+                effects = (*parent.hypothesis.effects, effect)
+                keys = frozenset(e.key for e in effects)
+                if _compatible(effects) and keys not in known:
+                    known.add(keys)
+                    found.append((effects, parent))
+        return found
+
+    def _start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
+        """The parent's parameters, with a zero for each of the effect that is added."""
+        own = parent.hypothesis.places
+        first = min(place.start for place in own.values())
+        tail = [
+            parent.z[own[name]] if len(parent.hypothesis.shared[name]) else np.zeros(len(group))
+            for name, group in self.model.hypothesis(effects).shared.items()
+        ]
+        return np.concatenate([parent.z[:first], np.zeros(len(effects[-1].priors)), *tail])
+
+    # -- weights -------------------------------------------------------------------------------
+
+    def log_prior(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
+        """ln of each hypothesis' prior odds against none."""
+        return np.array(
+            [
+                np.log(_UNKNOWN) if h.unknown else sum(self._odds[e.key] for e in h.effects)
+                for h in hypotheses
+            ]
+        )
+
+    def probabilities(self, fits: Sequence[Fit]) -> np.ndarray:
+        """Posterior probability of each of the fitted hypotheses."""
+        score = np.array([f.log_evidence for f in fits])
+        score = score + self.log_prior([f.hypothesis for f in fits])
+        return np.exp(score - logsumexp(score))
+
+
+def _compatible(effects: Sequence[Effect]) -> bool:
+    families = [e.family or e.key for e in effects]
+    keys = [e.key for e in effects]
+    return len(set(families)) == len(families) and len(set(keys)) == len(keys)
+
+
+def _pack(found: Fit) -> dict:
+    """A fit without its hypothesis, which holds functions."""
+    return {f.name: getattr(found, f.name) for f in fields(found) if f.name != "hypothesis"}
+
+
+def _unpack(task, packed: dict) -> Fit:
+    return Fit(hypothesis=task[0], **packed)
+
+
+def with_evidence(found: Fit, log_evidence: float) -> Fit:
+    """A fit with the evidence from elsewhere."""
+    return replace(found, log_evidence=log_evidence)
