@@ -565,6 +565,9 @@ class Diagnose(Section):
     ``zones`` is the number of zones of equal pressure that a contact is split into, and ``mesh``
     what its mesh has otherwise than ``[mesh]``, such as larger elements: a diagnosis solves many
     models. ``nested`` is the number of leading hypotheses whose evidence is sampled.
+    ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that
+    nothing of the joints is assumed; or the stiffness ``given`` by ``[joints]``, of which a
+    diagnosis can then say that the preload is below the nominal one.
     """
 
     n_modes: Count = 20
