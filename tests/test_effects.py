@@ -137,10 +137,10 @@ def test_each_effect_changes_what_it_should_and_no_more(case, zones):
         "compliance away from the bolts only (away)": away,
         "joint compliance graded from zone to zone (joint)": E | G,
         "joint compliance that falls with the pressure (joint)": E | G,
-        "compliance at one bolt (b2)": bolt,
-        "loose bolt (b2)": bolt,
+        "compliance at one bolt (bolt 2)": bolt,
+        "loose bolt (bolt 2)": bolt,
         "preload lower than nominal (joint)": E | G,
-        "preload of one bolt lower than nominal (b2)": bolt,
+        "preload of one bolt lower than nominal (bolt 2)": bolt,
         "joint hysteretic damping (joint)": set(),
         "joint viscous damping (joint)": set(),
         "modulus error (upper)": {"upper.E"},
@@ -182,7 +182,7 @@ def test_weights_of_places_sum_to_one(case, zones):
         total[effect.name] = total.get(effect.name, 0.0) + effect.weight
     assert total == pytest.approx(dict.fromkeys(total, 1.0))
     places = {e.region for e in found if e.name == "loose bolt"}
-    assert places == {"b1", "b2", "b3", "b4"}
+    assert places == {"bolt 1", "bolt 2", "bolt 3", "bolt 4"}
     assert {e.region for e in found if e.name == "mode mis-pairing"} == {"a, b", "b, c"}
 
 
@@ -320,11 +320,11 @@ def zones_at(joints, bolts, axes, normals=None):
 def test_bolts_of_stacked_layers_are_one_and_those_of_other_joints_are_not():
     stacked = zones_at(["low", "up"], ["b1", "b1"], [[0.1, 0, 0], [0.1, 0, 0.02]])
     places = joint_places(stacked.case, stacked)
-    assert places.bolts == {"b1": stacked.names} and places.joints == {"low, up": stacked.names}
+    assert places.bolts == {"bolt 1": stacked.names} and places.joints == {"low, up": stacked.names}
     assert places.single() == {}
     apart = zones_at(["left", "right"], ["b1", "b1"], [[0, 0, 0], [0.5, 0, 0]])
     places = joint_places(apart.case, apart)
-    assert places.bolts == {"b1": apart.names[:2], "right b1": apart.names[2:]}
+    assert places.bolts == {"bolt 1": apart.names[:2], "right bolt 1": apart.names[2:]}
     assert places.joints == {"left": apart.names[:2], "right": apart.names[2:]}
     # A joint with one bolt is that bolt's place.
     assert set(places.single()) == {"joint"}

@@ -25,7 +25,7 @@ class JointPlaces:
     Attributes:
         zones: Names of all of them.
         joints: Zones of each joint on its own: layers that no bolt holds together with another.
-        bolts: Zones of each bolt, by its label; empty where no zone has a bolt.
+        bolts: Zones of each bolt, by its name, such as ``bolt 2``; empty where no zone has a bolt.
         distance: Least and largest distance of each zone from its bolt, m, (n, 2); nan without.
         away: Zones away from the bolts, and their joints' names.
         groups: Zones by their distance from the bolts, in a few groups.
@@ -88,7 +88,7 @@ def _by(names, labels) -> dict[str, tuple[str, ...]]:
 
 
 def _labels(zones: JointZones) -> list[str]:
-    """A label for the bolt of each zone: bolts of several joints are one if they are in line."""
+    """The name of the bolt of each zone: bolts of several joints are one if they are in line."""
     scale = _SAME * np.nanmax(zones.distance, initial=0.0)
     known: list[tuple[np.ndarray, str]] = []
     labels = []
@@ -103,8 +103,9 @@ def _labels(zones: JointZones) -> list[str]:
         there = (_off(axis - point, normal) for point, _ in known)
         same = next((k for k, off in enumerate(there) if off <= scale), None)
         if same is None:
-            taken = label in (other for _, other in known)
-            known.append((axis, f"{joint} {label}" if taken else label))
+            words = f"bolt {label.removeprefix('b')}"
+            taken = words in (other for _, other in known)
+            known.append((axis, f"{joint} {words}" if taken else words))
             same = -1
         labels.append(known[same][1])
     return labels
