@@ -40,8 +40,8 @@ def loose_bolt(
 
     median, spread, span = _LEFT
     words = (
-        f"{region[:1].upper() + region[1:]} is loose, or missing: the faces around it only rest on each other. All "
-        "bolts equally loose are the joint's compliance as a whole."
+        f"{region[:1].upper()}{region[1:]} is loose, or missing: the faces around it only rest on "
+        "each other. All bolts equally loose are the joint's compliance as a whole."
     )
     prior = Prior("k", median, spread, "Pa/m", True, span)
     return Effect("loose bolt", region, (prior,), apply, words, family="bolt", weight=weight)
