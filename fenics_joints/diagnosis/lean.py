@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -104,6 +105,8 @@ class LeanForward(Forward):
         super().__init__(model, forward.sensors, forward.n_test, n_modes, forward.reference)
         self._ready: dict[tuple, tuple] = {}
         self._terms = _Terms(model)
+        names = list(model.parameters)
+        self._pick = itemgetter(*names) if len(names) > 1 else lambda v: (v[names[0]],)
 
     def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """See `Forward`; from `prepare` where that knows the values."""
@@ -111,17 +114,20 @@ class LeanForward(Forward):
         return super().__call__(values) if ready is None else ready
 
     def _key(self, values) -> tuple:
-        return tuple(values[name] for name in self.model.parameters)
+        return self._pick(values)
 
-    def prepare(self, wanted: Sequence[Mapping[str, float]], slopes: bool) -> None:
-        """Solve at all these values together, and forget what was prepared before.
+    def prepare(self, wanted: Sequence[Mapping[str, float]], slopes: bool) -> np.ndarray:
+        """ln f at all these values, solved together, shape (len(wanted), m).
+
+        A call finds them ready then; what was prepared before is forgotten.
 
         Args:
             wanted: Parameter values.
             slopes: Whether derivatives by the values are needed; they are nan otherwise. ln f is
                 nan where the model has too few modes that the test could see.
         """
-        unique = {self._key(values): values for values in wanted}
+        keys = [self._key(values) for values in wanted]
+        unique = dict(zip(keys, wanted, strict=True))
         self._ready = {}
         self._shapes.clear()
         table = np.array(list(unique))
@@ -139,6 +145,7 @@ class LeanForward(Forward):
                 gradients = self.model.pencil_gradients(x, lam[i], unique[key])
                 by_values = gradients / (2 * lam[i][:, None])
             self._ready[key] = log_f[i], by_values
+        return np.array([self._ready[key][0] for key in keys])
 
     def _modes(self, values, count) -> tuple[np.ndarray, np.ndarray]:
         """Lowest eigenvalues, (b, n_modes), and M-normalised vectors, (b, n_dofs, n_modes)."""
@@ -250,7 +257,7 @@ def lean_forward(
     weights: np.ndarray,
     checks: Sequence[Mapping[str, float]],
     limit: float,
-    sizes: Sequence[int] = (16, 22, 30, 40, 60),
+    sizes: Sequence[int] = (16, 20, 24, 28, 32, 40, 50, 60),
 ) -> tuple[LeanForward, float]:
     """The leanest forward whose frequencies are good enough.
 

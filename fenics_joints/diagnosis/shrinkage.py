@@ -19,7 +19,6 @@ from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.inference import Fit, Forward, fit
 from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.diagnosis.spread import spread
-from fenics_joints.gap import rms
 
 __all__ = [
     "Fold", "Forecast", "Shrinkage", "blinded", "cross_validate", "folds", "forecast", "shrink",
@@ -27,7 +26,7 @@ __all__ = [
 
 #: Far below what a held-out error is known to.
 _TOLERANCE = 1e-3
-#: Probability of the intervals; their lower ends are exceeded with 95 %.
+#: Probability of the intervals: a lower end above zero is a difference from zero with 95 %.
 _PROBABILITY = 0.9
 _DRAWS = 2000
 _SEED = 1
@@ -199,11 +198,18 @@ def _columns(n, m, columns) -> np.ndarray:
     return mask
 
 
-def shrink(before: float, after: float, noise: float) -> float:
-    """S* = (before - after) / (before - noise), between -1 and 1; nan if nothing could shrink."""
-    if not before > noise:
-        return float("nan")
-    return float(np.clip((before - after) / (before - noise), _LEAST, _MOST))
+def shrink(before, after, noise):
+    """S* = (before - after) / (before - noise), between -1 and 1; nan if nothing could shrink.
+
+    Args:
+        before: Error of the nominal model; a number or an array, as the others.
+        after: Error of what was chosen.
+        noise: Error that noise allows.
+    """
+    room = np.subtract(before, noise)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = np.clip(np.subtract(before, after) / room, _LEAST, _MOST)
+    return np.where(room > 0, found, np.nan)[()]
 
 
 def blinded(evidence: Evidence, held_out: np.ndarray) -> Evidence:
@@ -264,7 +270,7 @@ def forecast(
     drawn = np.concatenate(parts)
     after = _rms_rows(np.expm1(chosen.predicted[scored] - drawn))
     before = _rms_rows(np.expm1(nominal - drawn))
-    gained = [shrink(b, a, noise) for b, a in zip(before, after, strict=True)]
+    gained = shrink(before, after, noise)
     low, high = np.quantile(drawn, _ends(), axis=0)
     shares = {f.hypothesis.label: float(w) for f, w in zip(refits, weights, strict=True)}
     return Forecast(_interval(after), _interval(gained), low, high, shares)
@@ -310,28 +316,30 @@ def _noise_variance(
 
 @dataclass(frozen=True)
 class _Errors:
-    """Relative errors of the scored entries of a fold, (k,) each; the noise as a variance."""
+    """Squares of a fold's scored entries, (4, k): of relative errors of the nominal model, of the
+    choice and of the placebo, and of the noise."""
 
-    before: np.ndarray
-    after: np.ndarray
-    placebo: np.ndarray
-    noise: np.ndarray
+    squares: np.ndarray
 
-    def take(self, index) -> _Errors:
-        return _Errors(
-            self.before[index], self.after[index], self.placebo[index], self.noise[index]
-        )
+    @property
+    def n(self) -> int:
+        return self.squares.shape[1]
 
-    def summary(self) -> tuple[float, float, float, float]:
-        """E of the nominal model, of the choice, of the placebo, and of noise."""
-        noise = float(np.sqrt(np.mean(self.noise)))
-        return rms(self.before), rms(self.after), rms(self.placebo), noise
+    def resampled(self, rng, count: int) -> np.ndarray:
+        """Sums over entries drawn with replacement, (count, 4)."""
+        return self.squares[:, rng.integers(self.n, size=(count, self.n))].sum(axis=2).T
 
-    def shrinks(self) -> tuple[float, float, float]:
-        """S*, the placebo's, and the excess."""
-        before, after, placebo, noise = self.summary()
-        own, wrong = shrink(before, after, noise), shrink(before, placebo, noise)
-        return own, wrong, own - wrong
+
+def _sizes(sums: np.ndarray, n) -> tuple[np.ndarray, ...]:
+    """E of the nominal model, the choice, the placebo and noise, from (..., 4) and (...)."""
+    return tuple(np.moveaxis(np.sqrt(sums / np.asarray(n)[..., None]), -1, 0))
+
+
+def _shrinks(sums: np.ndarray, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """S*, the placebo's, and the excess."""
+    before, after, placebo, noise = _sizes(sums, n)
+    own, wrong = shrink(before, after, noise), shrink(before, placebo, noise)
+    return own, wrong, own - wrong
 
 
 def cross_validate(
@@ -433,14 +441,13 @@ def _open(name, closed: _Closed, nominal, evidence, scored) -> tuple[Fold, _Erro
     """Score what was stated on the held-out values."""
     data, stated = evidence.data[scored], closed.forecast
     wrong = nominal if closed.placebo is None else closed.placebo.predicted
+    predictions = (nominal, closed.chosen.predicted, wrong)
     errors = _Errors(
-        *(np.expm1(p[scored] - data) for p in (nominal, closed.chosen.predicted, wrong)),
-        closed.noise,
+        np.array([np.expm1(p[scored] - data) ** 2 for p in predictions] + [closed.noise])
     )
-    before, after, placebo, noise = errors.summary()
-    own, placebo_own, _ = errors.shrinks()
-    rng = np.random.default_rng(_SEED)
-    resampled = [errors.take(rng.integers(len(data), size=len(data))) for _ in range(_DRAWS // 4)]
+    before, after, placebo, noise = map(float, _sizes(errors.squares.sum(axis=1), errors.n))
+    own, placebo_own, _ = map(float, _shrinks(errors.squares.sum(axis=1), errors.n))
+    resampled = errors.resampled(np.random.default_rng(_SEED), _DRAWS)
     fold = Fold(
         name=name,
         n=len(data),
@@ -451,7 +458,7 @@ def _open(name, closed: _Closed, nominal, evidence, scored) -> tuple[Fold, _Erro
         placebo=placebo,
         noise=noise,
         shrink=own,
-        shrink_interval=_interval([e.shrinks()[0] for e in resampled]),
+        shrink_interval=_interval(_shrinks(resampled, errors.n)[0]),
         placebo_shrink=placebo_own,
         predicted_after=stated.after,
         predicted_shrink=stated.shrink,
@@ -464,10 +471,10 @@ def _open(name, closed: _Closed, nominal, evidence, scored) -> tuple[Fold, _Erro
 
 
 def _pooled(opened: list[Fold], errors: list[_Errors]) -> Shrinkage:
-    before, after, placebo, noise = _joined(errors).summary()
-    own, wrong, excess = _joined(errors).shrinks()
-    draws = np.array([_joined(part).shrinks() for part in _resampled(errors)])
-    own_90, wrong_90, excess_90 = (_interval(column) for column in draws.T)
+    total, n = sum(e.squares.sum(axis=1) for e in errors), sum(e.n for e in errors)
+    before, after, placebo, noise = map(float, _sizes(total, n))
+    own, wrong, excess = map(float, _shrinks(total, n))
+    own_90, wrong_90, excess_90 = map(_interval, _shrinks(*_resampled(errors)))
     sized = [f for f in opened if f.shrink_covered is not None]
     entries = sum(f.entries_covered * f.n for f in opened) / sum(f.n for f in opened)
     return Shrinkage(
@@ -480,17 +487,16 @@ def _pooled(opened: list[Fold], errors: list[_Errors]) -> Shrinkage:
     )  # fmt: skip
 
 
-def _joined(parts: Sequence[_Errors]) -> _Errors:
-    names = ("before", "after", "placebo", "noise")
-    return _Errors(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
-
-
-def _resampled(errors: Sequence[_Errors]):
-    """Folds drawn with replacement, and entries within each."""
+def _resampled(errors: Sequence[_Errors]) -> tuple[np.ndarray, np.ndarray]:
+    """Folds drawn with replacement, and entries within each: sums, (draws, 4), and counts."""
     rng = np.random.default_rng(_SEED)
-    for _ in range(_DRAWS // 2):
-        chosen = [errors[i] for i in rng.integers(len(errors), size=len(errors))]
-        yield [e.take(rng.integers(len(e.noise), size=len(e.noise))) for e in chosen]
+    sums, counts = np.zeros((_DRAWS, 4)), np.zeros(_DRAWS)
+    for chosen in rng.integers(len(errors), size=(len(errors), _DRAWS)):
+        for i, error in enumerate(errors):
+            rows = np.flatnonzero(chosen == i)
+            sums[rows] += error.resampled(rng, len(rows))
+            counts[rows] += error.n
+    return sums, counts
 
 
 def _rms_rows(a: np.ndarray) -> np.ndarray:
