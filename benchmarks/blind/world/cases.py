@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
-from .effects import EFFECTS, FINAL_ONLY, LIBRARY, UNKNOWN, draw, regions
+from .effects import EFFECTS, FINAL_ONLY, LIBRARY, UNKNOWN, draw, number, regions
 from .model import Answer, answer, calibrate_levels
 from .rigs import RIGS
 from .specimen import Spec
@@ -16,6 +16,7 @@ from .specimen import Spec
 __all__ = ["GEOMETRIES", "NOISE", "Truth", "clean", "generate", "nominal_spec", "plan", "signature"]
 
 GEOMETRIES = tuple(RIGS)
+#: Which is for the final check only.
 FINAL_GEOMETRY = "lap_beam"
 #: Relative standard deviations of frequencies, shapes and damping: quiet, usual, poor.
 NOISE = ((2e-4, 0.01, 0.05), (1e-3, 0.05, 0.15), (5e-3, 0.10, 0.40))
@@ -33,18 +34,19 @@ _KINDS = {"none": 0.25, "single": 0.40, "pair": 0.20, "unknown": 0.15}
 _NOMINAL = Path(__file__).resolve().parent.parent / "nominal"
 
 
-@dataclass(frozen=True)
-class Truth:
-    """What is true of a case; never written into its folder.
+class Truth(TypedDict):
+    """What is true of a case, as plain data; never written into its folder.
 
     Attributes:
         geometry: Which structure.
         kind: ``none``, ``single``, ``pair`` or ``unknown``.
         seed: Of everything drawn.
         test: ``torque`` or ``level``.
-        effects: For each ``name`` (in the diagnosis' library; that of the unknown ones is
-            ``unknown``), ``cause`` (our name), ``region``, ``alike`` (regions that symmetry makes
-            the same for these sensors, its own included) and ``params``.
+        effects: For each ``name`` (ours, a key of `LIBRARY` or one of `UNKNOWN`), ``library`` (what
+            the diagnosis calls it, or ``unknown``), ``region`` (or a list of those that symmetry
+            makes the same to these sensors), ``size`` (the gap of all effects together, where each
+            is not told apart) and ``params``.
+        final_only: Whether its geometry or an effect may occur in the final check only.
         noise: Relative standard deviations of frequencies, shapes and damping.
         conditions: Of the rows.
         gap: Root mean square relative change of the frequencies by the effects alone.
@@ -62,7 +64,8 @@ class Truth:
     seed: int
     test: str
     effects: list[dict[str, Any]]
-    noise: tuple[float, float, float]
+    final_only: bool
+    noise: list[float]
     conditions: list[float]
     gap: float
     distances: dict[str, float]
@@ -71,10 +74,6 @@ class Truth:
     damping: list[list[float]]
     shapes: list[list[float]]
     missing: list[int]
-
-    def as_dict(self) -> dict[str, Any]:
-        """As plain data for JSON."""
-        return asdict(self)
 
 
 # -- one case --------------------------------------------------------------------------------------
@@ -100,16 +99,28 @@ def generate(
     spec = _specimen(rng, geometry, names)
     noise = NOISE[int(rng.integers(len(NOISE)))]
     shown = clean(spec)
-    without = clean(_without(spec))
+    without = clean(replace(spec, effects=[])) if names else shown
     missing = _missing(rng, spec)
     conditions = _conditions(spec)
     _write(Path(folder), rng, spec, noise, conditions, shown, missing)
     gap, distances = _distances(shown, without, noise)
     return Truth(
-        geometry, kind, seed, spec.test, [_named(geometry, e) for e in spec.effects], noise,
-        conditions, gap, distances, asdict(spec), shown.frequencies.tolist(),
-        shown.damping.tolist(), shown.shapes.tolist(), missing,
-    )  # fmt: skip
+        geometry=geometry,
+        kind=kind,
+        seed=seed,
+        test=spec.test,
+        effects=[_named(geometry, e) | {"size": gap} for e in spec.effects],
+        final_only=geometry == FINAL_GEOMETRY or not set(names).isdisjoint(FINAL_ONLY),
+        noise=list(noise),
+        conditions=conditions,
+        gap=gap,
+        distances=distances,
+        spec=asdict(spec),
+        frequencies=shown.frequencies.tolist(),
+        damping=shown.damping.tolist(),
+        shapes=shown.shapes.tolist(),
+        missing=missing,
+    )
 
 
 def _names(rng, geometry, kind, effects) -> list[str]:
@@ -163,7 +174,7 @@ def _missing(rng, spec: Spec) -> list[int]:
     n = len(RIGS[spec.geometry].sensors)
     if rng.random() > 0.3:
         return []
-    about = {int(e["region"]) - 1 for e in spec.effects if e["name"].startswith("sensor_")}
+    about = {number(e["region"]) for e in spec.effects if e["name"].startswith("sensor_")}
     rest = sorted(set(range(n)) - about)
     return sorted(rng.choice(rest, size=int(rng.integers(1, 4)), replace=False).tolist())
 
@@ -172,27 +183,21 @@ def _conditions(spec: Spec) -> list[float]:
     return list(spec.levels if spec.test == "level" else RIGS[spec.geometry].torques)
 
 
-def _without(spec: Spec) -> Spec:
-    return replace(spec, effects=[])
-
-
 def _named(geometry: str, effect: dict) -> dict[str, Any]:
-    name = effect["name"]
+    name, alike = effect["name"], _alike(geometry, effect)
     return {
-        "name": LIBRARY.get(name, "unknown"),
-        "cause": name,
-        "region": effect["region"],
-        "alike": _alike(geometry, effect),
+        "name": name,
+        "library": LIBRARY.get(name, "unknown"),
+        "region": alike if len(alike) > 1 else alike[0],
         "params": effect["params"],
     }
 
 
 def _alike(geometry: str, effect: dict) -> list[str]:
     """Bolts side by side are the same to sensors on the middle line."""
-    rig = RIGS[geometry]
     if effect["name"] != "loose_bolt":
         return [effect["region"]]
-    x = {bolt.label: bolt.x for bolt in rig.bolts}
+    x = {f"bolt {bolt.label}": bolt.x for bolt in RIGS[geometry].bolts}
     return [label for label in x if x[label] == x[effect["region"]]]
 
 
@@ -241,9 +246,9 @@ def _write(folder: Path, rng, spec, noise, conditions, shown: Answer, missing) -
 
 def _table(file: Path, head, modes, unit, first, values, form: str) -> None:
     lines = [",".join([head, *(mode + unit for mode in modes)])]
-    for number, row in zip(first, values, strict=True):
+    for name, row in zip(first, values, strict=True):
         cells = ["" if np.isnan(value) else format(value, form) for value in row]
-        lines.append(",".join([f"{number:g}", *cells]))
+        lines.append(",".join([f"{name:g}", *cells]))
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -11,7 +11,10 @@ from .joint import Joint
 from .rigs import RIGS, Rig
 from .whole import BONDED, Build
 
-__all__ = ["EFFECTS", "FINAL_ONLY", "LIBRARY", "UNKNOWN", "Sensing", "apply", "draw", "regions"]
+__all__ = [
+    "EFFECTS", "FINAL_ONLY", "LIBRARY", "UNKNOWN", "Sensing", "apply", "draw", "number",
+    "regions",
+]  # fmt: skip
 
 #: Names of the causes in the diagnosis' library, by our names. `@` stands for a part's name.
 LIBRARY = {
@@ -83,14 +86,19 @@ def regions(geometry: str, name: str) -> list[str]:
     if name in ("modulus", "density", "thickness", "width"):
         return list(rig.parts)
     if name == "loose_bolt":
-        return [bolt.label for bolt in rig.bolts]
+        return [f"bolt {bolt.label}" for bolt in rig.bolts]
     if name in ("sensor_place", "sensor_gain"):
-        return [str(i + 1) for i in range(len(rig.sensors))]
+        return [f"sensor {i + 1}" for i in range(len(rig.sensors))]
     places = {
         "accelerometer": "end accelerometer", "washers": "washers", "suspension": "suspension",
-        "clamp": "clamp", "temperature": "parts", "mis_pairing": "test",
+        "clamp": "clamp", "temperature": "", "mis_pairing": "",
     }  # fmt: skip
-    return [places.get(name, "unknown" if name in UNKNOWN else "joint")]
+    return [places.get(name, "" if name in UNKNOWN else "joint")]
+
+
+def number(region: str) -> int:
+    """Number from 0 of a bolt or sensor, whose names are ``bolt 1`` and so on."""
+    return int(region.split()[-1]) - 1
 
 
 # -- sizes -----------------------------------------------------------------------------------------
@@ -140,17 +148,17 @@ _TOTAL = {"lap_plates": 0.86, "c_beam": 2.7, "lap_beam": 0.57}
 _DRAW: dict[str, Callable] = {
     "normal_and_tangential": _both,
     "tangential": _soft,
-    "graded": lambda rng, rig: {"k": 10 * _soft(rng, rig)["k"], "beta": float(rng.uniform(0.4, 1))},
+    "graded": lambda rng, rig: {"k": 30 * _soft(rng, rig)["k"], "beta": float(rng.uniform(0.4, 1))},
     "lost_contact": lambda rng, rig: {"share": _log(rng, 0.02, 0.35)},
     "loose_bolt": lambda rng, rig: {"k": _log(rng, 1e9, _SOFT[rig.name][0] * 3)},
     "modulus": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.04, 0.3)))},
     "density": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.03, 0.2)))},
     "thickness": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.015, 0.15)))},
-    "width": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.03, 0.15)))},
+    "width": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.05, 0.35)))},
     "accelerometer": _end_mass,
     "washers": lambda rng, rig: {"kg": _TOTAL[rig.name] * _log(rng, 0.02, 0.15)},
     "suspension": lambda rng, rig: {"N/m": _TOTAL[rig.name] * _log(rng, 5e3, 6e5)},
-    "clamp": lambda rng, rig: {"k": _log(rng, 3e10, 3e12)},
+    "clamp": lambda rng, rig: {"k": _log(rng, 1e12, 6e13)},
     "sensor_place": lambda rng, rig: {"m": _sign(rng) * _log(rng, 6e-3, 2.4e-2)},
     "sensor_gain": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.1, 0.7)))},
     "temperature": lambda rng, rig: {
@@ -161,9 +169,9 @@ _DRAW: dict[str, Callable] = {
     "hysteretic": lambda rng, rig: {"eta": _log(rng, 0.02, 0.3)},
     "viscous": lambda rng, rig: {"eta_1kHz": _log(rng, 0.02, 0.3)},
     "micro_slip": lambda rng, rig: {
-        "mu": float(rng.uniform(0.15, 0.5)), "drop": _log(rng, 2e-3, 5e-2)
+        "mu": float(rng.uniform(0.15, 0.5)), "drop": _log(rng, 1e-3, 3e-2)
     },
-    "gapping": lambda rng, rig: {"drop": _log(rng, 2e-3, 3e-2)},
+    "gapping": lambda rng, rig: {"drop": _log(rng, 1e-3, 2e-2)},
     "curvature": lambda rng, rig: {
         "body": int(rng.integers(2)), "m": 2 * rig.outer * _log(rng, 0.1, 0.4)
     },
@@ -172,7 +180,8 @@ _DRAW: dict[str, Callable] = {
         "factor": _log(rng, 0.01, 0.2), "both": bool(rng.integers(2)),
     },
     "stinger": lambda rng, rig: {
-        "sensor": int(rng.integers(len(rig.sensors))), "kg": _TOTAL[rig.name] * _log(rng, 0.01, 0.04),
+        "sensor": int(rng.integers(len(rig.sensors))),
+        "kg": _TOTAL[rig.name] * _log(rng, 0.01, 0.04),
         "N/m": _TOTAL[rig.name] * (2 * np.pi * _log(rng, 200.0, 1200.0)) ** 2
         * (0.04 if rig.clamped else 0.3),
     },
@@ -180,7 +189,8 @@ _DRAW: dict[str, Callable] = {
         "body": int(rng.integers(2)), "slope": _sign(rng) * _log(rng, 0.03, 0.2)
     },
     "cable": lambda rng, rig: {
-        "sensor": int(rng.integers(len(rig.sensors))), "kg": _TOTAL[rig.name] * _log(rng, 0.01, 0.04),
+        "sensor": int(rng.integers(len(rig.sensors))),
+        "kg": _TOTAL[rig.name] * _log(rng, 0.01, 0.04),
         "mode": int(rng.integers(rig.n_modes)), "detuned": float(np.exp(rng.normal(0, 0.1))),
     },
 }  # fmt: skip
@@ -227,14 +237,14 @@ def _to_joint(rig, name, region, p, joint, peak) -> None:
     elif name == "lost_contact":
         joint.cutoff.append(p["share"] * peak)
     else:
-        joint.loose[[bolt.label for bolt in rig.bolts].index(region)] = p["k"]
+        joint.loose[number(region)] = p["k"]
 
 
 def _to_test(name, region, p, sensing) -> None:
     if name == "sensor_place":
-        sensing.shifts[int(region) - 1] = p["m"]
+        sensing.shifts[number(region)] = p["m"]
     elif name == "sensor_gain":
-        sensing.gains[int(region) - 1] = p["factor"]
+        sensing.gains[number(region)] = p["factor"]
     elif name == "mis_pairing":
         sensing.swaps.append(p["mode"])
     else:

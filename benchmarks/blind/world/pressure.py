@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
-from pathlib import Path
-
 import numpy as np
 from scipy import sparse
 
 from .eigen import solver
+from .kept import keep, kept
+from .surfaces import quadrature, rows
 from .whole import Build, Interface, Whole
 
-__all__ = ["CACHE", "pressures"]
+__all__ = ["pressures"]
 
-#: Outside version control; safe to delete.
-CACHE = Path(__file__).resolve().parent.parent / "cache"
 _PENALTY, _STICK = 1e14, 1e12
-_MOST = 60
+#: N of 1 N that the interface may carry otherwise, and iterations at most.
+_ASTRAY, _MOST = 0.03, 60
 
 
 def pressures(whole: Whole) -> np.ndarray:
@@ -26,18 +24,17 @@ def pressures(whole: Whole) -> np.ndarray:
     Without friction, but held along the interface by weak springs.
     """
     rig = whole.rig
-    key = repr((rig, whole.n_dofs, whole.points.round(9).tobytes(), _PENALTY)).encode()
-    file = CACHE / f"pressure_{rig.name}_{hashlib.sha256(key).hexdigest()[:12]}.npz"
+    file = kept("pressure", whole, repr((_PENALTY, _STICK)).encode())
     if file.is_file():
-        return np.load(file)["pressure"]
+        with np.load(file) as data:
+            return data["pressure"]
     build = Build()
     whole.shape(build)
     k, m = whole.matrices(build)
     interface = whole.interface(build)
-    found = [_contact(whole, k, m, interface, bolt) for bolt in rig.bolts]
-    CACHE.mkdir(exist_ok=True)
-    np.savez_compressed(file, pressure=np.array(found))
-    return np.array(found)
+    found = np.array([_contact(whole, k, m, interface, bolt) for bolt in rig.bolts])
+    keep(file, pressure=found)
+    return found
 
 
 def _contact(whole: Whole, k, m, interface: Interface, bolt) -> np.ndarray:
@@ -55,17 +52,17 @@ def _contact(whole: Whole, k, m, interface: Interface, bolt) -> np.ndarray:
         if np.array_equal(now, closed):
             break
         closed = now
+    else:
+        raise RuntimeError(f"{whole.rig.name}: the contact at bolt {bolt.label} does not settle")
     pressure = np.where(closed, -_PENALTY * gap, 0.0)
     carried = float(pressure @ interface.weights)
-    if not 0.97 < carried < 1.03:
+    if abs(carried - 1) > _ASTRAY:
         raise RuntimeError(f"{whole.rig.name}: the interface carries {carried:.3f} N of 1 N")
     return pressure
 
 
 def _force(whole: Whole, bolt) -> np.ndarray:
     """1 N on the outer end of the head and of the nut, towards each other."""
-    from .surfaces import quadrature, rows
-
     total = np.zeros(whole.n_dofs)
     radius = whole.rig.head[0] / 2
     for number, (body, start) in enumerate(zip(whole.bodies, whole.starts, strict=True)):

@@ -106,7 +106,7 @@ _LAP_PLATES = Rig(
         0.04, 0.119,
     ),
     n_modes=5, torques=(4.0, 8.0, 16.0, 24.0), clamped=False,
-    accelerometer=((0.03, 0.04, 0), 0.010), size=0.009, search=26, drive=(0.285, 0.04, 1),
+    accelerometer=((0.03, 0.04, 0), 0.010), size=0.009, search=22, drive=(0.285, 0.04, 1),
 )  # fmt: skip
 
 _L, _PAD = 0.508, 0.0497
@@ -130,7 +130,7 @@ _C_BEAM = Rig(
         for x in (0.006, 0.07, 0.13, 0.19, 0.254, 0.318, 0.378, 0.438, 0.502)
     ),
     n_modes=6, torques=(6.0, 12.0, 18.0, 25.0), clamped=False,
-    accelerometer=((0.254, 0.0, 1), 0.020), size=0.0095, search=22, drive=(0.13, 0.0, 0),
+    accelerometer=((0.254, 0.0, 1), 0.020), size=0.0095, search=20, drive=(0.13, 0.0, 0),
 )  # fmt: skip
 
 _LAP_BEAM = Rig(

@@ -85,7 +85,8 @@ class Body:
         self.E.x.array[:] = np.where(head, _STEEL[0], E)
         self.nu.x.array[:] = np.where(head, _STEEL[1], self.rig.nu)
         self.rho.x.array[:] = np.where(head, head_mass / self._volumes()[head].sum(), rho)
-        return tuple(sparse.csr_matrix(fem.assemble_matrix(f).to_scipy()) for f in (self._k, self._m))
+        made = (fem.assemble_matrix(form).to_scipy() for form in (self._k, self._m))
+        return tuple(sparse.csr_matrix(a) for a in made)
 
     def face(self, z: float) -> tuple[np.ndarray, np.ndarray]:
         """The body's triangles on the plane z as built, heads left out, in the present shape.

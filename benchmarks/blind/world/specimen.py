@@ -1,4 +1,4 @@
-"""A specimen: everything that is true of one test, as plain data that can be kept and read again."""
+"""A specimen: all that is true of one test, as plain data that can be kept and read again."""
 
 from __future__ import annotations
 

@@ -1,0 +1,74 @@
+"""How far the nominal models are from the world in its state without effects or noise.
+
+Run with ``python benchmarks/blind/discrepancy.py [GEOMETRY ...]``. This is what
+``[diagnose] discrepancy`` of the nominal cases must honestly cover.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import world  # noqa: E402
+from world.cases import _write  # noqa: E402
+
+from fenics_joints.build import build_structure  # noqa: E402
+from fenics_joints.case import load_case  # noqa: E402
+from fenics_joints.diagnosis.library import bonded_values  # noqa: E402
+from fenics_joints.gap import pair_modes  # noqa: E402
+from fenics_joints.modal import solve_modes  # noqa: E402
+
+__all__ = ["compare"]
+
+
+def compare(geometry: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies, Hz, of the nominal model and of the world (m,), and the error of the shapes.
+
+    The latter is relative to unit root mean square, (n_s, m).
+    """
+    spec = world.nominal_spec(geometry)
+    truth = world.clean(spec)
+    with tempfile.TemporaryDirectory() as folder:
+        conditions = [float(t) for t in range(1, len(truth.frequencies) + 1)]
+        _write(
+            Path(folder), np.random.default_rng(0), spec, (1e-9, 1e-9, 1e-9), conditions, truth, []
+        )
+        text = (Path(folder) / "case.toml").read_text()
+        # Keys that only a newer diagnosis knows.
+        kept = [x for x in text.splitlines() if not x.startswith(("shapes_at", "shape_noise"))]
+        (Path(folder) / "case.toml").write_text("\n".join(kept))
+        case = load_case(folder)
+        structure = build_structure(case, MPI.COMM_SELF)
+        given = {k: v for k, v in bonded_values(case).items() if k in structure.parameters}
+        modes = solve_modes(structure, given, n_modes=case.diagnose.n_modes)
+        n = truth.frequencies.shape[1]
+        pairing = pair_modes(modes, n, case.sensors())
+    shapes = pairing.shapes / np.sqrt(np.mean(pairing.shapes**2, axis=0))
+    shapes = shapes * np.sign(np.sum(shapes * truth.shapes, axis=0))
+    print(f"{geometry}: {structure.n_dofs} unknowns, {modes.model.total_mass(modes.given):.4f} kg")
+    return modes.frequencies_hz[pairing.index], truth.frequencies[-1], shapes - truth.shapes
+
+
+def main(names: list[str]) -> None:
+    """Print the comparison for each geometry."""
+    for name in names or world.GEOMETRIES:
+        model, truth, error = compare(name)
+        print("  world, Hz ", *(f"{f:9.2f}" for f in truth))
+        print("  nominal   ", *(f"{f:9.2f}" for f in model))
+        change = 100 * (model / truth - 1)
+        print(
+            "  nominal, %",
+            *(f"{c:9.2f}" for c in change),
+            f"  rms {np.sqrt(np.mean(change**2)):.2f}",
+        )
+        print("  shapes, % ", *(f"{100 * e:9.2f}" for e in np.sqrt(np.mean(error**2, axis=0))))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
