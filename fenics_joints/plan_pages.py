@@ -122,7 +122,7 @@ def _write_numbers(axes, D) -> None:
     for i, j in zip(*np.nonzero(~np.ma.getmaskarray(D)), strict=True):
         value = float(D[i, j])
         # Dark on the pale middle, white on the strong ends.
-        ink = "#14181d" if 0.5 * APART < value < 1.55 * APART else "#ffffff"
+        ink = "#14181d" if 0.2 * APART < value < 1.6 * APART else "#ffffff"
         text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
         axes.text(j, i, text, ha="center", va="center", fontsize=7.5, color=ink)
 

@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
 from scipy.stats import norm
+from typer.testing import CliRunner
 
 from fenics_joints.case import load_case
+from fenics_joints.cli import app
+from fenics_joints.diagnosis.added import measurement
 from fenics_joints.diagnosis.effects import Effect, Prior
+from fenics_joints.diagnosis.evidence import evidence_of
 from fenics_joints.diagnosis.hypothesis import Hypothesis
+from fenics_joints.diagnosis.inference import fit
 from fenics_joints.diagnosis.plan import Measurement, Study, combination, groups
+from fenics_joints.diagnosis.prepared import prepare
 from fenics_joints.errors import InputError
+from fenics_joints.progress import Progress
 
 TOY_SD = 0.01
 
@@ -169,3 +183,78 @@ def test_planned_test_says_what_is_wrong(tmp_path, planned, old, new, said):
         load_case(planned(tmp_path, (old, new)))
     for fragment in said:
         assert fragment in str(error.value)
+
+
+# -- the lap plates --------------------------------------------------------------------------------
+
+FEW = """[diagnose]
+discrepancy = "0.2 %"
+samples = 4
+effects = ["modulus error", "density error", "thickness error", "joint tangential compliance"]
+"""
+MATERIAL = {"modulus error (plates)", "density error (plates)", "thickness error (plates)"}
+serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
+
+
+@serial
+def test_plan_of_the_lap_plates(tmp_path, planned):
+    """On the command line, without a data file.
+
+    Bending frequencies see the plates' thickness, modulus and density as one; torsion and in-plane
+    motion do not grow with the thickness, and only a known mass tells modulus from density.
+    """
+    folder = planned(tmp_path, ("[diagnose]\n", FEW), ('noise = "0.3 %"', 'noise = "0.1 %"'))
+    out, page = tmp_path / "plan.json", tmp_path / "plan.html"
+    arguments = ["diagnose", "--plan", str(folder), "--json", str(out), "--report", str(page)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    content = json.loads(out.read_text())
+    assert [set(c["members"]) for c in content["classes"]] == [MATERIAL]
+    assert content["apart"] == 2 and all(e["seen"] for e in content["effects"])
+    assert content["classes"][0]["collinearity"] > 20
+    assert content["distance"]["modulus error (plates)"]["joint tangential compliance (joint)"] > 3
+    gained = {a["measurement"]: a for a in content["additions"]}
+    best = content["additions"][0]
+    assert "sensors miss" in best["measurement"] and best["apart"] == 3
+    assert best["measurement"] in content["summary"] and best["measurement"] in page.read_text()
+    mass = next(a for name, a in gained.items() if "known mass" in name)
+    assert (
+        mass["mean_gain"]
+        > 0.3
+        > abs(next(a for name, a in gained.items() if "softer rope" in name)["mean_gain"])
+    )
+    without = CliRunner().invoke(app, ["diagnose", str(folder)])
+    assert without.exit_code == 1 and "--plan" in without.output
+
+
+@serial
+def test_virtual_tests_are_confused_as_often_as_planned(tmp_path, planned):
+    """Data of a plate that is too thick, with noise, model error and tolerances drawn, fitted."""
+    case = load_case(planned(tmp_path, ("[diagnose]\n", FEW)))
+    model = prepare(case, MPI.COMM_SELF, Progress(silent=True), data=case.planned())
+    model.reduce(Progress(silent=True))
+    hz = np.exp(model.forward(model.baseline)[0])
+    evidence = evidence_of(
+        replace(model.data, frequencies_hz=np.tile(hz, (2, 1))), case.diagnose.discrepancy
+    )
+    test = measurement(
+        model.nuisances, model.scatter, model.data.mode_names, evidence, model.forward
+    )
+    effects = {e.name: e for e in model.effects}
+    study = Study(test, [effects["thickness error"], effects["modulus error"]], model.baseline)
+    rng, truth, n = np.random.default_rng(5), test.hypothesis(study.effects[0]), 40
+    lower = np.linalg.cholesky(evidence.covariance())
+    taken = np.zeros(2)
+    for _ in range(n):
+        z = rng.standard_normal(len(truth.priors))
+        z[-1] = study.expected[0].own[0]
+        data = test.predict(truth, z, model.baseline)[0] + lower @ rng.standard_normal(8)
+        seen = replace(evidence, log_f=data.reshape(2, 4))
+        fits = [
+            fit(test.hypothesis(e), model.forward, seen, model.baseline)
+            for e in study.effects
+        ]  # fmt: skip
+        taken[int(np.argmin([f.misfit + f.z @ f.z for f in fits]))] += 1
+    p = norm.cdf(-study.distances[0, 1])
+    assert 0.02 < p < 0.45
+    assert abs(taken[1] / n - p) < 3 * np.sqrt(p * (1 - p) / n)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -19,7 +20,11 @@ from scipy.linalg import solve_triangular
 from fenics_joints.diagnosis.classes import APART
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.hypothesis import Hypothesis
+from fenics_joints.diagnosis.spread import spread
 from fenics_joints.errors import InputError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 __all__ = [
     "Combination", "Measurement", "Signature", "Study", "combination", "groups", "own_at",
@@ -108,6 +113,7 @@ class Study:
         beneath: Baselines of effects that are looked for in another model, by their key: slip, say,
             in a joint that is not as one. Whatever is compared with such an effect is put in there.
         progress: Called after the sizes of each effect, and after each row of the distances.
+        comm: Communicator that the rows of the distances are spread over; None for one process.
     """
 
     def __init__(
@@ -118,7 +124,9 @@ class Study:
         *,
         beneath: Mapping[str, Mapping[str, float]] | None = None,
         progress: Callable[[], None] | None = None,
+        comm: MPI.Intracomm | None = None,
     ):
+        self._comm = comm
         self.measurement, self.effects = measurement, tuple(effects)
         self._baseline, self._beneath = baseline, beneath or {}
         self._progress = progress or (lambda: None)
@@ -174,14 +182,23 @@ class Study:
     @cached_property
     def distances(self) -> np.ndarray:
         """D of the row's effect, if it is at work, from what the column's can make; (n, n)."""
-        D = np.zeros((len(self.effects),) * 2)
-        for i, truth in enumerate(self.expected):
-            for j, rival in enumerate(self.effects):
-                if i != j:
-                    square, self.near[i, j] = self.nearest(truth, rival)
-                    D[i, j] = np.sqrt(square) / 2
-            self._progress()
+        n = len(self.effects)
+        rows = spread(self._comm, range(n), self._row) if self._comm else map(self._row, range(n))
+        D = np.zeros((n, n))
+        for i, row in enumerate(rows):
+            for j, (square, own) in row.items():
+                D[i, j], self.near[i, j] = np.sqrt(square) / 2, own
         return D
+
+    def _row(self, i: int) -> dict[int, tuple[float, np.ndarray]]:
+        """`nearest` of every other effect to the expected size of one."""
+        truth = self.expected[i]
+        # What is not seen is in no class: the linear answer will do.
+        steps = _STEPS if truth.d >= 2 * APART else 1
+        rivals = [(j, e) for j, e in enumerate(self.effects) if j != i]
+        found = {j: self.nearest(truth, rival, steps=steps) for j, rival in rivals}
+        self._progress()
+        return found
 
     def distance(
         self, truth: Signature, rival: Effect | None, start: np.ndarray | None = None
@@ -196,7 +213,11 @@ class Study:
         return float(np.sqrt(self.nearest(truth, rival, start)[0])) / 2
 
     def nearest(
-        self, truth: Signature, rival: Effect | None, start: np.ndarray | None = None
+        self,
+        truth: Signature,
+        rival: Effect | None,
+        start: np.ndarray | None = None,
+        steps: int = _STEPS,
     ) -> tuple[float, np.ndarray]:
         """Squared distance to the nearest prediction of a rival, and its own parameters there.
 
@@ -208,6 +229,7 @@ class Study:
             truth: The signature.
             rival: The rival; None for "no gap".
             start: Own parameters to start from; by default some all over their prior.
+            steps: Gauss-Newton steps at most.
         """
         base = self.baseline(truth.effect)
         hypothesis = self.measurement.hypothesis(*([] if rival is None else [rival]))
@@ -218,7 +240,8 @@ class Study:
         if not places:
             raise InputError(f"{hypothesis.label}: the model has too few modes at all its sizes.")
         places.sort(key=lambda p: p.cost)
-        best = min((search.run(place) for place in places[:_BEST]), key=lambda p: p.cost)
+        often = places[: _BEST if steps > 1 else 1]
+        best = min((search.run(place, steps) for place in often), key=lambda p: p.cost)
         own = best.z[search.own]
         needed = own @ own - truth.own @ truth.own
         return best.misfit + best.others + max(float(needed), 0.0), own
@@ -304,11 +327,11 @@ class _Search:
         moved[free] = step
         return _Place(moved, place.residual + S @ step, place.slopes, float(step @ step), place)
 
-    def run(self, place: _Place) -> _Place:
+    def run(self, place: _Place, steps: int) -> _Place:
         """Gauss-Newton steps within the limits, halved where the cost would not fall."""
         exact = self._place(np.clip(place.z, *self._limits.T))
         place = place.exact if exact is None or exact.cost > place.exact.cost else exact
-        for _ in range(_STEPS):
+        for _ in range(steps):
             better = self._step(place)
             if better is None:
                 break

@@ -15,6 +15,8 @@ from fenics_joints.reading import confusion
 
 __all__ = ["Plan", "PlannedClass", "PlannedEffect"]
 
+#: Names that a sentence holds at most.
+_LISTED = 6
 #: Gain of D that no measurement is worth being made for.
 _LITTLE = 0.1
 
@@ -133,7 +135,8 @@ class Plan:
         n, seen = len(self.effects), sum(e.seen for e in self.effects)
         if not seen:
             return f"This test would see none of the {n} causes that the model can have."
-        see = f"This test would see {seen} of {_count(n, 'cause')} that the model can have"
+        which = f"all {n}" if seen == n else f"{seen} of {n}"
+        see = f"This test would see {which} causes that the model can have"
         if seen == 1:
             return f"{see}."
         if self.n_apart == 1:
@@ -145,18 +148,31 @@ class Plan:
         return f"{see}, and tell {self.n_apart} apart: {single}{groups} of causes."
 
     def _which_not(self) -> str:
-        names = {e.key: e.name for e in self.effects}
-        unclear = names if len(set(names.values())) == len(names) else {k: k for k in names}
         said = []
         if self.classes:
-            groups = "; ".join(_listed([unclear[k] for k in c.members], "or") for c in self.classes)
+            groups = "; ".join(self._listed(c.members) for c in self.classes)
             said.append(f"It could not tell apart {groups}")
         if self.unseen:
-            few = _listed([unclear[e.key] for e in self.unseen], "or")
+            few = self._listed([e.key for e in self.unseen])
             said.append(f"{'it' if said else 'It'} would not see {few} at the expected size")
         if not said:
             return "There are no two that it could not tell apart, and none that it would not see."
         return f"{', and '.join(said)}."
+
+    def _listed(self, keys: Sequence[str]) -> str:
+        """Effects in words, those that differ by their region alone under one name."""
+        by_name: dict[str, list[str]] = {}
+        for e in self.effects:
+            if e.key in keys:
+                by_name.setdefault(e.name, []).append(e.region)
+        often = [e.name for e in self.effects]
+        words = [
+            f"{name} ({', '.join(regions)})" if often.count(name) > 1 else name
+            for name, regions in by_name.items()
+        ]
+        if len(words) > _LISTED:
+            words = [*words[: _LISTED - 1], f"{len(words) - _LISTED + 1} others"]
+        return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
 
     def _what_next(self) -> str:
         if not (self.classes or self.unseen):
@@ -167,13 +183,12 @@ class Plan:
         seen = sum(e.seen for e in self.effects)
         if best.classes > self.n_apart:
             more = f" and see {best.seen}" if best.seen > seen else ""
-            return f"Measure next {best.name}: then it would tell {best.classes} apart{more}."
+            return f"Measure next {best.name}. Then it would tell {best.classes} apart{more}."
         if best.seen > seen:
-            return f"Measure next {best.name}: then it would see {best.seen - seen} more."
+            return f"Measure next {best.name}. Then it would see {best.seen - seen} more."
         return (
-            f"No one further measurement would split them; the most would come from {best.name}, "
-            f"which moves the undecided ones apart by {best.mean:.2f} standard deviations on "
-            "average."
+            f"No one further measurement would split them. Most would come from {best.name}: D of "
+            f"the undecided pairs would grow by {best.mean:.2f} on average."
         )
 
     def to_json(self) -> dict:
@@ -248,9 +263,3 @@ class Plan:
 
 def _count(n: int, what: str) -> str:
     return f"{n or 'no'} {what}{'' if n == 1 else 's'}"
-
-
-def _listed(names: Sequence[str], word: str) -> str:
-    if len(names) < 2:
-        return "".join(names)
-    return f"{', '.join(names[:-1])} {word} {names[-1]}"

@@ -23,6 +23,7 @@ from fenics_joints.diagnosis.prepared import Prepared, prepare
 from fenics_joints.formatting import number, quantity
 from fenics_joints.measurements import TestData
 from fenics_joints.progress import Progress
+from fenics_joints.reading import plain
 
 __all__ = ["plan"]
 
@@ -65,7 +66,7 @@ def plan(
         progress.step("signatures and distances", 2 * len(model.effects))
         study = Study(
             test, model.effects, model.baseline,
-            beneath=_beneath(model), progress=progress.advance,
+            beneath=_beneath(model), progress=progress.advance, comm=comm,
         )  # fmt: skip
         order, classes = _ordered(study)
         additions = []
@@ -173,11 +174,12 @@ def _in_words(signatures: Sequence[Signature], factors: np.ndarray) -> str:
     """A combination of changes that cancel, without what hardly counts."""
     order = [i for i in np.argsort(-np.abs(factors), kind="stable") if abs(factors[i]) >= _COUNTS]
     first = signatures[order[0]]
-    words = f"{first.effect.key} ({size_in_words(first)})"
+    words = f"{plain(first.effect.key)} ({size_in_words(first)})"
     for i in order[1:]:
         sign = "+" if factors[i] > 0 else "\N{MINUS SIGN}"
         times = f"{number(abs(factors[i]), 2)} \N{MULTIPLICATION SIGN} "
-        words += f" {sign} {times}{signatures[i].effect.key} ({size_in_words(signatures[i])})"
+        name = plain(signatures[i].effect.key)
+        words += f" {sign} {times}{name} ({size_in_words(signatures[i])})"
     return words
 
 
