@@ -285,21 +285,22 @@ class _Marginal:
     def _residuals(self, points: np.ndarray) -> np.ndarray:
         """Whitened residuals with the rest at its most probable values, (b, k)."""
         z = [self.full(point) for point in points]
-        predicted = np.array(self._together(z))[:, self.used]
+        predicted = self._together(z)[:, self.used]
         return self._whiten((predicted - self.evidence.data[self.used]).T).T
 
-    def _together(self, z: list[np.ndarray]) -> list[np.ndarray]:
-        """Predictions at several z; a lean model solves for all of them at once."""
+    def _together(self, z: list[np.ndarray]) -> np.ndarray:
+        """Predictions at several z, (len(z), N); a lean model solves for all of them at once."""
         if not isinstance(self.forward, LeanForward):
-            return [self._predicted(each) for each in z]
+            return np.array([self._predicted(each) for each in z])
         h, evidence = self.hypothesis, self.evidence
         modes = range(len(h.modes) if h.amplitudes else 1)
         rows = range(len(evidence.conditions))
         wanted = [self._values(each, row, i) for each in z for row in rows for i in modes]
         found = self.forward.prepare(wanted, slopes=h.damped)
         if h.amplitudes or h.senses or h.damped or evidence.shapes is not None:
-            return [self._predicted(each) for each in z]
-        return list(found.reshape(len(z), -1))
+            found = np.array([self._predicted(each) for each in z])
+        self.forward.release()
+        return found.reshape(len(z), -1)
 
     def _predicted(self, z: np.ndarray) -> np.ndarray:
         """As `predict`, without derivatives; nan where the model lacks a mode."""

@@ -1,0 +1,115 @@
+"""The lean model of nested sampling against the model that it is made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from fenics_joints.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.array_model import ArrayModel
+from fenics_joints.components import Parameter
+from fenics_joints.diagnosis.effects import Effect, Prior
+from fenics_joints.diagnosis.inference import Evidence, Hypothesis, fit
+from fenics_joints.diagnosis.lean import LeanForward, project
+from fenics_joints.diagnosis.nested import nested_evidence
+from fenics_joints.laws import LAYER_LAWS
+from fenics_joints.points import Sensors
+from fenics_joints.surrogate import Forward
+
+N = 40
+BASELINE = {"left.G": 1e9, "right.G": 1e9, "rho": 1.0, "tip": 2.0, "place": 0.5, "k": 2e8}
+
+
+def chain() -> tuple[ArrayModel, Sensors]:
+    """A free chain of masses in two halves; a spring inside, a moving mass at the end."""
+    bars = np.zeros((2, N, N))
+    for i in range(N - 1):
+        rod = np.zeros(N)
+        rod[i : i + 2] = -1.0, 1.0
+        bars[int(i >= N // 2)] += np.outer(rod, rod)
+    law = LAYER_LAWS["uncoupled"]
+    regions = []
+    for half, name in enumerate(("left", "right")):
+        stiffness = np.zeros((4, N, N))
+        stiffness[1] = bars[half]
+        inertia = np.diag((np.arange(N) >= N // 2) == half).astype(float)
+        properties = {"E": 1.0, "G": f"{name}.G", "rho": "rho", "stretch": 1.0}
+        regions.append(RegionTerm(name, law, properties, stiffness, inertia, N / 2))
+    stations = np.linspace(0, 1, 5)
+    rows = np.zeros((5, 1, N))
+    rows[:, 0, -2], rows[:, 0, -1] = 1 - stations, stations
+    link = np.eye(N)[N // 2 - 1] - np.eye(N)[N // 2]
+    parameters = {name: Parameter(name, value) for name, value in BASELINE.items()}
+    pencil = AffinePencil(
+        parameters, regions, [SpringTerm("k", "k", 1.0, link)],
+        [MassTerm("tip", "tip", "place", 1.0, stations, rows)],
+    )  # fmt: skip
+    points = np.zeros((N, 3))
+    points[:, 0] = np.arange(N)
+    return ArrayModel(pencil, 1e4, np.eye(N), np.zeros((N, N))), Sensors(points, [1.0, 0.0, 0.0])
+
+
+def forward_of(model, sensors) -> Forward:
+    forward = Forward(model, sensors, 4, 8)
+    forward.track(BASELINE)
+    return forward
+
+
+def some_values(count: int) -> list[dict[str, float]]:
+    rng = np.random.default_rng(1)
+    return [
+        {k: v * np.exp(0.5 * rng.uniform(-1, 1)) for k, v in BASELINE.items()}
+        for _ in range(count)
+    ]
+
+
+def test_many_solutions_at_a_time_are_the_single_ones():
+    """On any complete basis: frequencies, pairing, and derivatives by the values."""
+    model, sensors = chain()
+    forward = forward_of(model, sensors)
+    rotation = np.linalg.qr(np.random.default_rng(2).standard_normal((N, N)))[0]
+    lean = LeanForward(forward, project(model, rotation))
+    values = some_values(7)
+    together = lean.prepare(values, slopes=True)
+    for got, value in zip(together, values, strict=True):
+        log_f, by_values = forward(value)
+        assert got == pytest.approx(log_f, abs=1e-9)
+        assert lean(value)[1] == pytest.approx(by_values, rel=1e-6, abs=1e-14)
+        K, M = model.stiffness(value), model.mass(value)
+        exact = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[1:5]) / (2 * np.pi)
+        assert np.exp(np.sort(got)) == pytest.approx(exact, rel=1e-8)
+
+
+def stiffer(name: str, spread: float) -> Effect:
+    def apply(values, theta, condition):
+        values[name] *= theta["factor"]
+
+    return Effect(name, "", (Prior("factor", 1.0, spread),), apply)
+
+
+def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
+    model, sensors = chain()
+    forward = forward_of(model, sensors)
+    hypothesis = Hypothesis((stiffer("right.G", 0.5), stiffer("tip", 0.5)), (stiffer("rho", 0.01),))
+    truth = hypothesis.values(np.array([0.4, 0.8, -0.6]), 1.0, BASELINE)
+    log_f = forward(truth)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
+    evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003)
+    found = fit(hypothesis, forward, evidence, BASELINE)
+    lean = nested_evidence(found, forward, evidence, BASELINE)
+    assert 0 < lean.model_error < 0.1 * 0.003
+
+    class Whole(Forward):
+        """The same frequencies, of a model that cannot be made leaner."""
+
+        def __init__(self):
+            self.model = type("Model", (), {"parameters": model.parameters})
+
+        def __call__(self, values):
+            return forward(values)
+
+    whole = nested_evidence(found, Whole(), evidence, BASELINE, n_live=80, seed=5, slopes="exact")
+    assert whole.model_error == 0.0
+    error = np.hypot(lean.error, whole.error)
+    assert abs(lean.log_evidence - whole.log_evidence) < 4 * error < 0.5
+    assert lean.mean == pytest.approx(whole.mean, abs=0.3 * whole.sd.max())
