@@ -94,6 +94,24 @@ def test_patches_sensitivities_add_up_to_the_parameters(nominal):
     assert joint_total[:, 0] / 1e4 == pytest.approx(change, rel=0.01, abs=1e-8)
 
 
+def test_where_the_joint_gives_way_its_patches_add_up_too(nominal):
+    """With the modes of a joint that gives way: more compliance by a hundredth, solved again."""
+    from fenics_joints.diagnosis.patches import _columns
+
+    structure, modes, pairing = nominal
+    values = {"kE": 5e8, "kG": 5e8}
+    soft = solve_modes(structure, values, n_modes=6 + MODES)
+    split = patches(structure, 6)
+    found = _columns(structure, modes, pairing, split, (soft, pair_modes(soft, MODES)))
+    own = np.array(split.region) == "joint"
+    more = solve_modes(structure, values | {"kG": 5e8 / 1.01}, n_modes=6 + MODES)
+    change = np.log(more.frequencies_hz[6:] / soft.frequencies_hz[6:]) / np.log(1.01)
+    assert found["joint"][own].sum(axis=0)[:, 1] == pytest.approx(change, rel=0.02, abs=1e-7)
+    assert found["plates"][~own] == pytest.approx(
+        _columns(structure, modes, pairing, split)["plates"][~own], rel=1e-9
+    )
+
+
 def test_the_softened_end_is_found(nominal):
     """Ten per cent off the modulus of one end of a plate: its patches explain the misfit, more
     than chance; without a gap no patch is significant. The picture says the same in words."""

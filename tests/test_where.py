@@ -102,19 +102,24 @@ def test_power_for_a_known_zone():
     assert low <= np.sum(np.array(p) < 0.05) <= high
 
 
-def test_units_and_doubled_columns_change_nothing():
+def test_turned_and_doubled_columns_change_nothing():
+    """A zone is its columns' span; two parameters that do the same are one degree of freedom."""
     evidence, zones, nuisance, rng = setting()
     r = draws(evidence, nuisance, rng, 1)[0] + zones["c"] @ [1.0, 1.0, 0.0]
-    first = zone_tests(r, zones, nuisance, evidence, visible=0.0)
-    scaled = {
-        "a": zones["a"] * 1e9, "b": zones["b"] * [1e-6, 1e6], "d": zones["d"],
-        "c": np.hstack([zones["c"], zones["c"] @ [[1.0], [2.0], [0.5]]]),
+    first = zone_tests(r, zones, nuisance, evidence)
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    same = {
+        "a": 1e3 * zones["a"], "b": zones["b"] @ [[3.0, 1.0], [0.0, 1.0]], "d": zones["d"],
+        "c": np.hstack([zones["c"] @ turn, zones["c"] @ [[1.0], [2.0], [0.5]]]),
     }  # fmt: skip
-    other = {t.zone: t for t in zone_tests(r, scaled, nuisance, evidence, visible=0.0)}
+    other = {t.zone: t for t in zone_tests(r, same, nuisance, evidence)}
     for t in first:
         assert other[t.zone].dof == t.dof and other[t.zone].minmax_dof == t.minmax_dof
         assert other[t.zone].statistic == pytest.approx(t.statistic, rel=1e-9)
         assert other[t.zone].minmax == pytest.approx(t.minmax, rel=1e-7)
+    nearly = zones | {"b": zones["b"][:, [0, 0]] + 1e-5 * zones["b"]}
+    test = zone_tests(r, nearly, nuisance, evidence)[1]
+    assert test.dof == 1 and test.change[0] == pytest.approx(test.change[1], rel=1e-3)
 
 
 def test_the_change_that_was_made_is_found():
@@ -235,3 +240,33 @@ def test_zone_sensitivities_are_changes_of_the_prediction():
     assert zones["layer"][0::2, 1] == pytest.approx(0.5 * x * softer[0], rel=1e-9)
     assert zones["layer"][1::2, 0] == pytest.approx(np.zeros(4), abs=1e-12)
     assert np.all(zones["layer"][1::2, 2] < -1e-4)
+
+
+def test_zones_of_joints_share_what_the_joints_do_together():
+    """Two layers in series, of which one holds both modes and one the first only: their parts sum
+    to the change by both, and the first mode's is split as their compliances, 1 to 3."""
+    h, names = 1e-3, ("one.E", "one.G", "two.E", "two.G")
+    baseline = dict.fromkeys(names, 1e11)
+
+    def log_f(values):
+        own = 1e-12 + h / values["one.E"]
+        return -0.5 * np.log([own + 3 * h / values["two.E"], own])
+
+    def forward(values):
+        slope = np.zeros((2, 4))
+        for j, n in enumerate(names):
+            up, down = (log_f(values | {n: values[n] * (1 + d)}) for d in (1e-6, -1e-6))
+            slope[:, j] = (up - down) / (2e-6 * values[n])
+        return log_f(values), slope
+
+    forward.model, forward.sensors = SimpleNamespace(parameters=dict.fromkeys(names)), None
+    evidence = Evidence(np.ones(1), log_f(baseline)[None], np.full((1, 2), 0.003), 0.005)
+    zones = zone_sensitivities(
+        forward, evidence, baseline, ["one", "two"], thickness={"one": h, "two": h}
+    )
+    soft = 1 / (1 / 1e11 + 1 / (1e12 * h))
+    both = log_f(baseline | {"one.E": soft, "two.E": soft}) - log_f(baseline)
+    assert zones["one"][:, 0] + zones["two"][:, 0] == pytest.approx(both, rel=1e-9)
+    assert zones["two"][0, 0] == pytest.approx(3 * zones["one"][0, 0], rel=1e-4)
+    assert zones["two"][1, 0] == pytest.approx(0.0, abs=1e-9)
+    assert zones["one"][:, 1] == pytest.approx(np.zeros(2), abs=1e-9)

@@ -112,7 +112,9 @@ class PatchMap:
 # -- partition -------------------------------------------------------------------------------
 
 
-def patches(structure: Structure, n: int = 12) -> Patches:
+def patches(
+    structure: Structure, n: int = 12, merged: Mapping[str, str] | None = None
+) -> Patches:
     """Split every region of a structure into ``n`` compact patches. Collective.
 
     Cell groups of a region (two plates of one material) are split each by itself, into numbers in
@@ -121,6 +123,7 @@ def patches(structure: Structure, n: int = 12) -> Patches:
     Args:
         structure: The structure.
         n: Patches of each region; fewer where it has fewer cells.
+        merged: Names of regions that share their ``n``, such as the zones of a joint.
 
     Raises:
         InputError: If ``n`` is less than 1.
@@ -134,7 +137,8 @@ def patches(structure: Structure, n: int = 12) -> Patches:
     made = None
     if comm.rank == 0:
         middles, volumes, groups = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        found = _partition(middles, volumes, groups, labels, n)
+        shown = [(merged or {}).get(name, name) for name in labels]
+        found = _partition(middles, volumes, groups, labels, shown, n)
         ends = np.cumsum([len(part[2]) for part in parts])[:-1]
         made = [(numbers, *found[1:]) for numbers in np.split(found[0], ends)]
     return Patches(*comm.scatter(made, root=0))
@@ -152,27 +156,29 @@ def _groups(structure: Structure) -> tuple[np.ndarray, list[str]]:
     return group, labels
 
 
-def _partition(middles, volumes, groups, labels, n: int):
+def _partition(middles, volumes, groups, labels, shown, n: int):
     """Patch of each cell; names, regions, middles and volumes of the patches."""
     size = np.ptp(middles, axis=0).max() or 1.0
     places = np.round(middles / size / _GRAIN) * _GRAIN
     weights = np.round(volumes / volumes.max() / _GRAIN) * _GRAIN
     order = np.lexsort((*places.T, groups))
     number, regions = np.empty(len(groups), dtype=int), []
-    whole = {name: sum(volumes[groups == g].sum() for g, x in enumerate(labels) if x == name)
-             for name in labels}  # fmt: skip
+    own = np.bincount(groups, volumes, minlength=len(labels))
+    whole = {name: sum(own[g] for g, x in enumerate(shown) if x == name) for name in shown}
+    titles: list[str] = []
     for g, name in enumerate(labels):
         cells = order[groups[order] == g]
-        share = volumes[cells].sum() / whole[name]
-        k = min(max(int(round(n * share)), 1), len(cells))
-        own = _lloyd(places[cells], weights[cells], k)
-        number[cells] = len(regions) + own
-        regions += [name] * (own.max(initial=-1) + 1)
+        k = min(max(int(round(n * own[g] / whole[shown[g]])), 1), len(cells))
+        inside = _lloyd(places[cells], weights[cells], k)
+        number[cells] = len(regions) + inside
+        count = inside.max(initial=-1) + 1
+        regions += [name] * count
+        titles += [shown[g]] * count
     volume = np.bincount(number, volumes)
     middle = np.array([np.bincount(number, volumes * x) for x in middles.T]).T / volume[:, None]
     counts: dict[str, int] = {}
     names = []
-    for name in regions:
+    for name in titles:
         counts[name] = counts.get(name, 0) + 1
         names.append(f"{name} {counts[name]}")
     return number, tuple(names), tuple(regions), middle, volume
@@ -241,14 +247,18 @@ def patch_tests(
     nuisance: np.ndarray | None,
     n: int = 12,
     *,
+    soft: tuple[Modes, Pairing] | None = None,
     by_torque: bool = False,
+    merged: Mapping[str, str] | None = None,
     level: float = 0.05,
 ) -> PatchMap:
     """Test every patch for a change of stiffness or mass by the frequencies. Collective.
 
     The sensitivities are adjoint, one assembly for each mode whatever the number of patches: of a
-    part's patch by ln E and ln rho; of a joint's by its two compliances, scaled to an interface of
-    the prior's median stiffness, and with ``by_torque`` by their slope in the torque's logarithm.
+    part's patch by ln E and ln rho; of a joint's by its two compliances, and with ``by_torque`` by
+    their slope in the torque's logarithm. A joint's are taken where all joints give way, if
+    ``soft`` has the modes there (see `zone_sensitivities`); else at the baseline, scaled to an interface of
+    the prior's median stiffness, which for a bonded one is far from what it will do.
     Shapes and damping are left out, whose derivatives by cells would cost a solution each.
 
     Args:
@@ -259,7 +269,10 @@ def patch_tests(
         residual: Data minus the baseline's prediction, (N,).
         nuisance: Derivatives by the nuisances in prior standard deviations, (N, p), or None.
         n: Patches of each region.
+        soft: Modes with all joints giving way, at the values of `zone_sensitivity.interfaces`,
+            and which of them the test saw.
         by_torque: Whether the conditions are torques.
+        merged: Names of regions that share their ``n``, such as the zones of a joint.
         level: Adjusted p below which a patch counts as significant.
 
     Returns:
@@ -267,8 +280,8 @@ def patch_tests(
     """
     frequencies = replace(evidence, log_damping=None, shapes=None)
     count = frequencies.data.size
-    split = patches(structure, n)
-    columns = _columns(structure, modes, pairing, split)
+    split = patches(structure, n, merged)
+    columns = _columns(structure, modes, pairing, split, soft)
     mode, slope = frequencies.entries.mode, []
     if by_torque and len(evidence.conditions) > 1:
         slope = EXPONENT * trend(frequencies)
@@ -292,25 +305,35 @@ def _is_joint(structure: Structure, name: str) -> bool:
     return next(region for region in structure.regions if region.name == name).is_joint
 
 
-def _columns(structure, modes: Modes, pairing: Pairing, split: Patches) -> dict[str, np.ndarray]:
+def _columns(structure, modes, pairing, split: Patches, soft=None) -> dict[str, np.ndarray]:
     """Change of ln f by an expected change in each patch: (P, m, 2) for each region's name."""
-    by_key = {key: np.zeros((len(split), len(pairing.index))) for key in ("E", "G", "rho")}
-    for j, index in enumerate(pairing.index):
-        lam = modes.eigenvalues[index]
-        gradient = structure.cell_gradient(modes.shape(int(index)), lam, modes.given) / (2 * lam)
-        for key, table in by_key.items():
-            table[:, j] = split.sums(structure, per_property(structure, gradient, key))
+    by_key = _by_property(structure, modes, pairing, split)
+    yielding = by_key if soft is None else _by_property(structure, *soft, split)
     thickness, found = layer_thickness(structure), {}
     values = structure.values(modes.given)
     for number, region in enumerate(structure.regions):
-        if region.is_joint:
-            q = structure.field.region_values(number, values) or {}
-            keys, sizes = ("E", "G"), _given_way(q, region.name, thickness)
+        if not region.is_joint:
+            pairs = [EXPECTED[key] * by_key[key] for key in ("E", "rho")]
+        elif soft is not None:
+            # There the interface has nearly all the compliance, and this is twice as much of it.
+            pairs = [-yielding[key] for key in ("E", "G")]
         else:
-            keys, sizes = ("E", "rho"), (EXPECTED["E"], EXPECTED["rho"])
-        pairs = zip(keys, sizes, strict=True)
-        found[region.name] = np.stack([size * by_key[key] for key, size in pairs], axis=-1)
+            q = structure.field.region_values(number, values) or {}
+            sizes = _given_way(q, region.name, thickness)
+            pairs = [size * by_key[key] for key, size in zip(("E", "G"), sizes, strict=True)]
+        found[region.name] = np.stack(pairs, axis=-1)
     return found
+
+
+def _by_property(structure, modes: Modes, pairing: Pairing, split: Patches) -> dict:
+    """Derivative of ln f by ln of each property of each patch, (P, m)."""
+    tables = {key: np.zeros((len(split), len(pairing.index))) for key in ("E", "G", "rho")}
+    for j, index in enumerate(pairing.index):
+        lam = modes.eigenvalues[index]
+        gradient = structure.cell_gradient(modes.shape(int(index)), lam, modes.given) / (2 * lam)
+        for key, table in tables.items():
+            table[:, j] = split.sums(structure, per_property(structure, gradient, key))
+    return tables
 
 
 def _given_way(q: Mapping, name: str, thickness) -> tuple[float, float]:

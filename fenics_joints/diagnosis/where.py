@@ -9,8 +9,8 @@ projector of Basseville and Nikiforov (CDC 2005), which would give a tolerance o
 same freedom as an unknown modulus.
 
 A zone's statistic t = r~^T S~ (S~^T S~)^-1 S~^T r~ is chi-square with rank(S~) degrees of freedom
-whatever the columns' units. The minmax statistic (Doehler, Mevel and Zhang, Annu. Rev. Control 42,
-2016, section 4) is the same with the other zones projected out of the zone's columns, flatly: it
+under any turning of its columns. The minmax statistic (Doehler, Mevel and Zhang, Annu. Rev. Control
+42, 2016, 244) is the same with the other zones projected out of the zone's columns, flatly: it
 stays chi-square whatever the others do.
 """
 
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Attribution", "ZoneTest", "attribution", "holm", "whitened", "zone_tests"]
 
-#: Whitened length, in standard deviations of the data, that a change of a parameter by its expected
-#: size must have for it to be tested at all: less costs a degree of freedom and can gain nothing.
+#: Whitened length, in standard deviations of the data, that a change of the expected size must have
+#: for it to be tested at all: less costs a degree of freedom and can gain nothing.
 _VISIBLE = 0.1
-#: Columns of one zone that differ by less than this (sine) are one.
+#: Directions of several zones that differ by less than this (sine) are one.
 _RANK = 1e-3
 #: Cosine of the angle to the other zones' span from which on a zone is not told from them.
 _ALIKE = 0.98
@@ -55,8 +55,9 @@ class ZoneTest:
         rest_p: Probability that chance leaves as much unexplained as a change in this zone alone
             does; small where it cannot be the only one.
         visibility: Length, in standard deviations of the data, of the largest response to a
-            change of one of its parameters by the expected size (the sensitivities' columns).
-        change: The change that explains most, in columns of the sensitivities, (k,).
+            change of its parameters by the expected size (the sensitivities' columns).
+        change: The change that explains most, in columns of the sensitivities, (k,); none in a
+            direction that is not seen.
         minmax: The statistic with the other zones projected out, all but ``alike``.
         minmax_dof: Its degrees of freedom.
         minmax_p: Its p.
@@ -171,7 +172,8 @@ def zone_tests(
             of each of its parameters, (N, k).
         nuisance: Derivatives by the nuisances in prior standard deviations, (N, p), or None.
         evidence: The test.
-        visible: Visibility below which a parameter is not tested, nor a zone that has no other.
+        visible: Visibility below which a combination of a zone's parameters is not tested, nor a
+            zone that has no other.
 
     Returns:
         A test for each zone, in the order of ``sensitivities``.
@@ -183,18 +185,16 @@ def zone_tests(
         return []
     r, *columns = whitened(evidence, nuisance, residual, *sensitivities.values())
     zones = dict(zip(sensitivities, columns, strict=True))
-    lengths = {zone: np.linalg.norm(S, axis=0) for zone, S in zones.items()}
-    kept = {zone: length > max(visible, 1e-300) for zone, length in lengths.items()}
-    bases = {zone: _basis(S[:, kept[zone]]) for zone, S in zones.items() if kept[zone].any()}
+    parts = {zone: _visible(S, visible) for zone, S in zones.items()}
+    bases = {zone: U for zone, (U, _, _) in parts.items() if U.shape[1]}
     alone = {zone: _score(r, Q) for zone, Q in bases.items()}
     apart = {zone: _others_out(r, zone, bases) for zone in bases}
     adjusted = dict(zip(bases, holm([p for _, _, p in alone.values()]), strict=True))
     stepped = dict(zip(bases, holm([p for _, _, p, _ in apart.values()]), strict=True))
     found = []
-    for zone, S in zones.items():
-        change = np.zeros(S.shape[1])
-        if zone in bases:
-            change[kept[zone]] = _change(r, S[:, kept[zone]])
+    for zone in zones:
+        U, lengths, turn = parts[zone]
+        change = turn.T @ (U.T @ r / lengths)
         t, dof, p = alone.get(zone, (0.0, 0, 1.0))
         least, least_dof, least_p, alike = apart.get(zone, (0.0, 0, 1.0, ()))
         found.append(
@@ -203,7 +203,7 @@ def zone_tests(
                 p_adjusted=float(adjusted.get(zone, 1.0)),
                 share=float(t / max(r @ r, 1e-300)),
                 rest_p=float(chi2.sf(max(r @ r - t, 0.0), len(r) - dof)) if len(r) > dof else 1.0,
-                visibility=float(lengths[zone].max(initial=0.0)),
+                visibility=float(np.linalg.norm(zones[zone], 2)) if zones[zone].size else 0.0,
                 change=tuple(float(c) for c in change),
                 minmax=least, minmax_dof=least_dof, minmax_p=least_p,
                 minmax_p_adjusted=float(stepped.get(zone, 1.0)),
@@ -214,16 +214,22 @@ def zone_tests(
     return found
 
 
-def _basis(S: np.ndarray, least: float = _RANK) -> np.ndarray:
-    """Orthonormal basis of the columns' span; each column counts by its direction alone."""
-    U, s, _ = np.linalg.svd(S / np.linalg.norm(S, axis=0), full_matrices=False)
-    return U[:, s > least * s[0]]
+def _visible(S: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions of the data, lengths and combinations of parameters that the test sees.
+
+    Two parameters that do nearly the same are one: their difference is not seen.
+    """
+    if not S.size:
+        return np.zeros((len(S), 0)), np.zeros(0), np.zeros((0, S.shape[1]))
+    U, s, turn = np.linalg.svd(S, full_matrices=False)
+    seen = s > max(least, 1e-9 * s[0], 1e-300)
+    return U[:, seen], s[seen], turn[seen]
 
 
-def _change(r: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """Least squares for the change, the shortest where the data leave a direction open."""
-    norms = np.linalg.norm(S, axis=0)
-    return np.linalg.pinv(S / norms, rcond=_RANK) @ r / norms
+def _span(bases: Sequence[np.ndarray]) -> np.ndarray:
+    """Orthonormal basis of the span of several."""
+    U, s, _ = np.linalg.svd(np.hstack(bases), full_matrices=False)
+    return U[:, s > _RANK * s[0]]
 
 
 def _score(r: np.ndarray, Q: np.ndarray) -> tuple[float, int, float]:
@@ -251,7 +257,7 @@ def _others_out(r, zone: str, bases: Mapping[str, np.ndarray]):
 def _outside(Q: np.ndarray, others: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Directions of Q's span with the others' projected out, and the sines of their angles."""
     if others:
-        P = _basis(np.hstack(others))
+        P = _span(others)
         Q = Q - P @ (P.T @ Q)
     U, s, _ = np.linalg.svd(Q, full_matrices=False)
     return U, s

@@ -6,20 +6,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects import Effect, relative_error
+from fenics_joints.diagnosis.effects import Effect, Prior, relative_error
 from fenics_joints.diagnosis.effects_joint import compliance
+from fenics_joints.diagnosis.effects_rig import support_compliance
 from fenics_joints.diagnosis.evidence import Evidence
 from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.surrogate import Forward
 
-__all__ = ["EXPECTED", "EXPONENT", "trend", "zone_sensitivities"]
+__all__ = ["EXPECTED", "EXPONENT", "interfaces", "trend", "zone_sensitivities"]
 
-#: Expected relative change of a zone's parameter: a wrong material, a mass left out, a clamp that
-#: gives way.
-EXPECTED = {"E": 0.15, "rho": 0.10, "mass": 0.3, "stiffness": 1.0, "k_n": 1.0, "k_t": 1.0}
+#: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too.
+EXPECTED = {"E": 0.15, "rho": 0.10, "mass": 0.3, "stiffness": 1.0}
 #: Expected exponent of an interface's stiffness in the torque (seed 001, eqs. 22 and 23).
 EXPONENT = 0.5
+#: Gauss points along the way from bonded to giving way.
+_NODES = 8
 
 
 def zone_sensitivities(
@@ -33,18 +35,21 @@ def zone_sensitivities(
 ) -> dict[str, np.ndarray]:
     """Change of the data by a change of the expected size of each parameter of each zone.
 
-    A part has a column for its stiffness (E) and one for its mass (density), a mass, a spring or an
-    elastic support one for each of its values: all derivatives, by one hypothesis that holds them.
+    A part has a column for its stiffness (E) and one for its mass (density), a mass or a spring
+    one: all derivatives, by one hypothesis that holds them. A support has one for giving way, from
+    as good as rigid to its prior's median stiffness.
 
     A joint has a column for its normal and one for its tangential compliance. The nominal joint is
     bonded, so that its derivative by ln E is next to nothing; that by the compliance 1/k is
-    parallel to it, dE = -E^2/h d(1/k), and has the size of what an interface does. The change is
-    finite, from bonded to an interface of the prior's median stiffness: a test rests on the
-    columns' span alone and keeps its level with any that is fixed before the data, but has the
-    power for the zone's true signature that its angle to the span gives; and the infinitesimal
-    signature turns as compliance grows, towards the soft interface whose effect is large enough to
-    matter. With ``by_torque`` each has a second column, that change growing with the logarithm of
-    the torque, so that a joint which stiffens is not asked to explain the mean alone.
+    parallel to it, dE = -E^2/h d(1/k), but as infinitesimal as it. A test rests on the columns'
+    span alone and keeps its level with any that is fixed before the data; its power is for
+    signatures near the span, and that of a joint turns as it gives way. A zone alone that gives way
+    finitely shows little, though: its bonded neighbours carry its load, as they would not in a
+    joint that gives way. So the change is that of all joints together, from bonded to interfaces of
+    the prior's median stiffness, split exactly among the zones by integrating the derivatives by
+    their compliances along the way. With ``by_torque`` each has a second column, that part growing
+    with the logarithm of the torque, so that a joint which stiffens is not asked to explain the
+    mean alone.
 
     Args:
         forward: Predicts frequencies and shapes.
@@ -66,14 +71,27 @@ def zone_sensitivities(
     for (zone, _), column in zip(relative, slopes.T, strict=False):
         columns.setdefault(zone, []).append(column)
     for zone, members in regions.items():
-        joints = [name for name in members if name in thickness]
-        for effect in _interfaces(zone, joints, thickness):
+        for effect in _supports(members, baseline):
             given_way, _ = _predict((effect,), forward, evidence, baseline)
-            change = given_way - nominal
-            columns.setdefault(zone, []).append(change)
-            if by_torque and len(evidence.conditions) > 1:
-                columns[zone].append(EXPONENT * trend(evidence) * change)
+            columns.setdefault(zone, []).append(given_way - nominal)
+    for zone, change in _parts_of_joints(regions, thickness, forward, evidence, baseline, nominal):
+        columns.setdefault(zone, []).append(change)
+        if by_torque and len(evidence.conditions) > 1:
+            columns[zone].append(EXPONENT * trend(evidence) * change)
     return {zone: np.array(columns[zone]).T for zone in regions if zone in columns}
+
+
+def interfaces(
+    baseline: Mapping[str, float], thickness: Mapping[str, float]
+) -> dict[str, float]:
+    """Parameter values with every joint giving way as an interface of the expected stiffness."""
+    effect = compliance(
+        "", "", tuple(thickness), thickness, normal=True, tangential=True, reference=None,
+        describe="",
+    )  # fmt: skip
+    values = dict(baseline)
+    effect.apply(values, {prior.name: prior.median for prior in effect.priors}, 1.0)
+    return values
 
 
 def trend(evidence: Evidence) -> np.ndarray:
@@ -82,12 +100,14 @@ def trend(evidence: Evidence) -> np.ndarray:
     return (x - x.mean())[evidence.entries.row]
 
 
-def _predict(effects: Sequence[Effect], forward, evidence: Evidence, baseline):
-    """Prediction and derivatives, the effects' at their medians."""
+def _predict(effects: Sequence[Effect], forward, evidence: Evidence, baseline, z: float = 0.0):
+    """Prediction and derivatives, every parameter of the effects ``z`` from its median."""
     modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
     damped = evidence.log_damping is not None
     hypothesis = Hypothesis(tuple(effects), modes=modes, damped=damped)
-    return predict(hypothesis, forward, evidence, np.zeros(len(hypothesis.priors)), baseline)
+    place = np.zeros(len(hypothesis.priors))
+    place[: sum(len(effect.priors) for effect in effects)] = z
+    return predict(hypothesis, forward, evidence, place, baseline)
 
 
 def _relative(regions, baseline, thickness) -> list[tuple[str, Effect]]:
@@ -104,14 +124,45 @@ def _relative(regions, baseline, thickness) -> list[tuple[str, Effect]]:
     return found
 
 
-def _interfaces(zone: str, joints: Sequence[str], thickness) -> list[Effect]:
-    """The joints of a zone giving way across their plane, and along it."""
-    if not joints:
-        return []
-    return [
-        compliance(
-            f"{way} of {zone}", zone, joints, thickness,
-            normal=way == "normal", tangential=way == "tangential", reference=None, describe="",
-        )
-        for way in ("normal", "tangential")
-    ]  # fmt: skip
+def _parts_of_joints(regions, thickness, forward, evidence, baseline, nominal):
+    """(zone, its part of what all joints giving way do), across their planes and along them."""
+    zones = {
+        zone: joints for zone, members in regions.items()
+        if (joints := [name for name in members if name in thickness])
+    }  # fmt: skip
+    if not zones:
+        return
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    for key in ("E", "G"):
+        effects = [_giving_way(zone, joints, thickness, key) for zone, joints in zones.items()]
+        parts = np.zeros((len(nominal), len(effects)))
+        for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
+            # Most happens early: a little compliance is much beside that of a bonded layer.
+            _, slopes = _predict(effects, forward, evidence, baseline, node**3)
+            parts += weight * 3 * node**2 * slopes[:, : len(effects)]
+        end, _ = _predict(effects, forward, evidence, baseline, 1.0)
+        # What the quadrature misses goes to the zones in proportion to their parts.
+        share = np.abs(parts) / np.maximum(np.abs(parts).sum(axis=1, keepdims=True), 1e-300)
+        parts += share * (end - nominal - parts.sum(axis=1))[:, None]
+        yield from zip(zones, parts.T, strict=True)
+
+
+def _giving_way(zone: str, joints: Sequence[str], thickness, key: str) -> Effect:
+    """Joints with a share of the expected interface's compliance in series."""
+    way = {"normal": key == "E", "tangential": key == "G"}
+    expected = compliance("", "", joints, thickness, **way, reference=None, describe="")
+    k = expected.priors[0].median
+
+    def apply(values, theta, condition):
+        for joint in joints:
+            name = f"{joint}.{key}"
+            values[name] = 1 / (1 / values[name] + theta["share"] / (k * thickness[joint]))
+
+    prior = Prior("share", 0.0, 1.0, "", False, (0.0, 1.0))
+    return Effect(f"{key} of {zone} giving way", zone, (prior,), apply)
+
+
+def _supports(members: Sequence[str], baseline) -> list[Effect]:
+    """The elastic supports of a zone giving way, both ways at once."""
+    held = [name for name in members if f"{name}.k_n" in baseline]
+    return [support_compliance(held)] if held else []
