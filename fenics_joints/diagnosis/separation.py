@@ -7,6 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fenics_joints.diagnosis.added import (
+    ADDED_MASS,
+    DAMPING_NOISE,
+    MORE_MODES,
+    missed_modes,
+    next_modes,
+)
 from fenics_joints.diagnosis.inference import Fit
 from fenics_joints.diagnosis.prediction import Prediction
 from fenics_joints.diagnosis.result import Separation
@@ -15,13 +22,6 @@ from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.surrogate import Forward, Surrogate
 
 __all__ = ["best_measurement"]
-
-#: Added mass, as a share of the structure's.
-_ADDED = 0.05
-#: Relative standard deviation of a damping ratio in a usual test.
-_DAMPING_NOISE = 0.1
-#: Further modes of each kind that a longer test would see.
-_MORE = 3
 
 
 @dataclass(frozen=True)
@@ -98,17 +98,13 @@ def _log_ratio(a: Modes, b: Modes, i, j) -> np.ndarray:
 def _modes(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
     (seen_a, unseen_a), (seen_b, unseen_b) = _split(a, sensors), _split(b, sensors)
     found = []
-    more = slice(n_test, n_test + _MORE)
+    more = slice(n_test, n_test + MORE_MODES)
     if len(seen_a[more]) and len(seen_b[more]):
         change = _log_ratio(a, b, seen_a[more], seen_b[more])
-        found.append(_Candidate(_next_modes(len(change)), change, sd))
+        found.append(_Candidate(next_modes(len(change)), change, sd))
     if len(unseen_a) and len(unseen_b):
-        change = _log_ratio(a, b, unseen_a[:_MORE], unseen_b[:_MORE])
-        name = (
-            f"the {len(change)} lowest modes that these sensors miss (torsion, in-plane motion): "
-            "put sensors off the line and in the other directions"
-        )
-        found.append(_Candidate(name, change, sd))
+        change = _log_ratio(a, b, unseen_a[:MORE_MODES], unseen_b[:MORE_MODES])
+        found.append(_Candidate(missed_modes(len(change)), change, sd))
     return found
 
 
@@ -116,7 +112,7 @@ def _added_mass(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
     """Frequency shifts by a small added mass: -m phi^2 / 2 of ln f for mass-normalised phi."""
     if sensors is None:
         return []
-    mass = _ADDED * a.model.total_mass(a.given)
+    mass = ADDED_MASS * a.model.total_mass(a.given)
     shifts = []
     for modes in (a, b):
         seen, _ = _split(modes, sensors)
@@ -165,8 +161,4 @@ def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[_Candidate]:
         ]
         grown.append(np.array(rows) - np.mean(rows, axis=0))
     name = f"the damping ratios of the same modes, at the same values of the {condition[0]}"
-    return [_Candidate(name, (grown[0] - grown[1]).ravel(), _DAMPING_NOISE)]
-
-
-def _next_modes(n: int) -> str:
-    return "the next mode of the same kind" if n == 1 else f"the next {n} modes of the same kind"
+    return [_Candidate(name, (grown[0] - grown[1]).ravel(), DAMPING_NOISE)]
