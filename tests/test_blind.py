@@ -17,7 +17,7 @@ pytest.importorskip("dolfinx")
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from scipy.stats import norm  # noqa: E402
+from scipy.stats import multivariate_normal, norm  # noqa: E402
 
 from benchmarks.blind import forecast, matching, oracle, page, rates, score, seal, targets  # noqa: E402
 from fenics_joints.files import json_text  # noqa: E402
@@ -252,16 +252,34 @@ def test_oracle_errs_as_often_as_separability_says():
     noise, nuisance = np.diag([0.5, 1.0, 2.0, 1.0]), random.normal(size=(4, 2))
     white = oracle.Whitened(noise, nuisance)
     a, b = random.normal(size=(2, 4)) * 1.5
-    d = oracle.separability(a, {"b": b[None]}, white)
+    families = {"a": [oracle.Curve(a)], "b": [oracle.Curve(b)]}
+    d = oracle.separability(a, {"b": families["b"]}, white)
     root = np.linalg.cholesky(noise + nuisance @ nuisance.T)
-    data = a + random.normal(size=(4000, 4)) @ root.T
-    wrong = np.mean([oracle.posterior(y, {"a": [a], "b": [b]}, white)["a"] < 0.5 for y in data])
+    data = a + random.normal(size=(2000, 4)) @ root.T
+    wrong = np.mean([oracle.posterior(y, families, white)["a"] < 0.5 for y in data])
     assert 0.02 < norm.cdf(-d) < 0.3
     assert wrong == pytest.approx(norm.cdf(-d), abs=0.025)
+
+
+def test_oracle_along_sizes():
+    """Integrals along a polygon with scatter are those by many points with that covariance."""
+    random = np.random.default_rng(6)
+    corners, scatter = random.normal(size=(3, 4)) * 3, random.normal(size=(2, 4, 2))
+    white = oracle.Whitened(np.eye(4), np.zeros((4, 1)))
+    data = corners[1] + random.normal(size=4)
+    families = {"line": [oracle.Curve(corners, scatter)], "point": [oracle.Curve(corners[0])]}
+    t = (np.arange(4000) + 0.5)[:, None] / 4000
+    density = []
+    for i in range(2):
+        points = corners[i] + t * (corners[i + 1] - corners[i])
+        law = multivariate_normal(cov=np.eye(4) + scatter[i] @ scatter[i].T)
+        density.append(np.mean(law.pdf(data - points)))
+    point = multivariate_normal(corners[0], np.eye(4)).pdf(data)
+    expected = np.mean(density) / (np.mean(density) + point)
+    assert oracle.posterior(data, families, white)["line"] == pytest.approx(expected, rel=1e-5)
     # Between the sizes of a rival lies a nearer one than at either.
-    line = np.array([a + [3, -1, 0, 0], a + [3, 1, 0, 0]])
-    flat = oracle.Whitened(np.eye(4), np.zeros((4, 1)))
-    assert oracle.separability(a, {"line": line}, flat) == pytest.approx(1.5)
+    line = oracle.Curve(np.array([data + [3, -1, 0, 0], data + [3, 1, 0, 0]]))
+    assert oracle.separability(data, {"line": [line]}, white) == pytest.approx(1.5)
 
 
 # -- the whole -------------------------------------------------------------------------------------
@@ -305,6 +323,9 @@ def test_small_check(tmp_path):
 
 
 def test_names_of_the_world_are_matched():
-    """Every effect of the world that is no outsider is one of the diagnosis' by the table."""
+    """The table of names, and numbers of sensors and bolts."""
     assert matching.same_region("Bolt 2", "bolt_2") and not matching.same_region("bolt 2", "bolt 1")
     assert matching.same_region(["near", "far"], "far") and matching.same_region("x", "")
+    assert matching.same_cause("modulus", "modulus error")
+    assert not matching.same_cause("modulus", "modulus error of all parts")
+    assert matching.cause_of("clamp compliance") == "clamp"

@@ -59,7 +59,8 @@ def make_cases(
         raise SealError(f"{folder}: is sealed already; expected a new folder")
     folder.mkdir(parents=True, exist_ok=True)
     state = _state(folder, key, n, seed, final)
-    todo = [i for i in state["items"] if i not in state["done"] and i not in state["failed"]]
+    state["failed"] = {}
+    todo = [name for name in state["items"] if name not in state["done"]]
     secrets.SystemRandom().shuffle(todo)  # times of files shall not tell the plan's order
     with ThreadPoolExecutor(jobs) as pool:
         running = {pool.submit(_make, state["items"][i], folder / "cases" / i): i for i in todo}

@@ -7,13 +7,16 @@ effect of the world; it is part of the rules, so it must not change once a final
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from functools import cache
 
-__all__ = ["ALSO", "cause_of", "same_cause", "same_region"]
+__all__ = ["ALSO", "cause_of", "opened", "outcomes", "same_cause", "same_region"]
 
 #: Further names of the library that are right, beside the world's own list of them; patterns.
-ALSO: dict[str, tuple[str, ...]] = {}
+ALSO: dict[str, tuple[str, ...]] = {
+    "graded": ("joint compliance graded from zone to zone",),
+}
 
 
 def same_cause(world: str, library: str) -> bool:
@@ -47,6 +50,43 @@ def same_region(world: str | list[str], library: str) -> bool:
     allowed = [world] if isinstance(world, str) else list(world)
     given = plain_name(library)
     return not given or any(not a or plain_name(a) == given for a in allowed)
+
+
+def opened(answer: Mapping) -> dict:
+    """The world's truth of a case as scoring needs it.
+
+    Returns:
+        ``kind``, ``geometry``, ``noise`` (quiet, usual, poor), ``final_only``, and ``effects`` with
+        the world's ``name``, ``region`` (or those that symmetry makes equal) and ``size``.
+    """
+    from benchmarks.blind.world import NOISE
+
+    size = [tuple(noise) for noise in NOISE].index(tuple(answer["noise"]))
+    return {
+        "kind": answer["kind"],
+        "geometry": answer["geometry"],
+        "noise": ("quiet", "usual", "poor")[size],
+        "final_only": answer["final_only"],
+        "effects": [
+            {"name": e["name"], "region": _region(e), "size": e["params"]}
+            for e in answer["effects"]
+        ],
+    }
+
+
+def _region(effect: Mapping):
+    """Where it acts: the world has no place for two modes that were mistaken, the library has."""
+    if effect["name"] != "mis_pairing":
+        return effect["region"]
+    first = effect["params"]["mode"] + 1
+    return f"bending {first}, bending {first + 1}"
+
+
+def outcomes(geometry: str) -> int:
+    """Outcomes of a geometry: its effects, no gap, and none of these."""
+    from benchmarks.blind.world import EFFECTS
+
+    return len(EFFECTS[geometry]) + 2
 
 
 def plain_name(text: str) -> str:

@@ -15,7 +15,8 @@ import numpy as np
 
 from benchmarks.blind import seal
 from benchmarks.blind.forecast import LEVELS, NONE, UNKNOWN, Forecast
-from benchmarks.blind.matching import cause_of
+from benchmarks.blind.matching import cause_of, outcomes
+from benchmarks.blind.matching import opened as truth_of
 from benchmarks.blind.rates import Rate, calibration, grouped_rate, median_interval
 from benchmarks.blind.seal import SealError
 
@@ -125,7 +126,7 @@ def read_records(folder: Path, reckon: Callable | None = None) -> list[Record]:
 
     Args:
         folder: The folder of the check.
-        reckon: ``truth -> (separability, oracle's probabilities)``, or None to leave them out.
+        reckon: ``(id, answer) -> (separability, oracle's probabilities)``; None: without.
 
     Raises:
         SealError: If answers are sealed still, or a diagnosis was changed after they were opened.
@@ -134,13 +135,14 @@ def read_records(folder: Path, reckon: Callable | None = None) -> list[Record]:
         raise SealError(f"{folder}: the answers are sealed; unseal comes before score")
     opened = seal.read_json(folder / seal.UNSEALED)
     records = []
-    for name, truth in sorted(opened["answers"].items()):
+    for name, answer in sorted(opened["answers"].items()):
         path = folder / "diagnoses" / f"{name}.json"
         if seal.file_digest(path) != opened["diagnoses_sha256"][name]:
             raise SealError(f"{path}: was changed after the answers were opened")
         forecast = Forecast(seal.read_json(path).get("diagnosis"))
-        distance, oracle = (None, {}) if reckon is None else reckon(truth)
-        records.append(Record(name, truth, forecast, distance, oracle))
+        distance, oracle = (None, {}) if reckon is None else reckon(name, answer)
+        count = outcomes(answer["geometry"])
+        records.append(Record(name, truth_of(answer), forecast, distance, oracle, count))
     return records
 
 

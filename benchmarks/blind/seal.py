@@ -170,8 +170,18 @@ def commit() -> str:
             [*command, "status", "--porcelain", "-uno"], capture_output=True, text=True, check=True
         ).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
-        return ""
+        return _head()
     return rev + ("+" if changed else "")
+
+
+def _head() -> str:
+    """The commit by git's own files, where there is no git; it cannot say what differs."""
+    try:
+        head = (ROOT / ".git" / "HEAD").read_text().strip()
+        name = head.removeprefix("ref: ")
+        return head if name == head else (ROOT / ".git" / name).read_text().strip()
+    except OSError:
+        return ""
 
 
 def source_digest(*folders: str) -> str:
