@@ -10,8 +10,9 @@ import scipy.sparse
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
@@ -39,6 +40,8 @@ _FACES = {
     "quadrilateral": [(0, 1, 3, 2)],
     "triangle": [(0, 1, 2)],
 }  # fmt: skip
+#: Colour of a patch that the test does not see, off the scale of those that it sees.
+_UNSEEN = "#b9c6d6"
 #: Outlines of a patch: of no note, more than chance, and that alone enough.
 _OUTLINES = (
     {"colors": "#9aa0a8", "lw": 0.5}, {"colors": "#14181d", "lw": 0.9},
@@ -305,14 +308,14 @@ def patch_map(cells: PatchMap, name: str = "patches") -> str:
         axes.set_axis_off()
         low, high = axes.get_ylim()
         tall = 6.6 * (high - low) / np.ptp(axes.get_xlim())
-        figure.set_size_inches(7.6, min(max(tall, 1.2), 6.0) + 1.05)
+        figure.set_size_inches(7.6, min(max(tall, 1.2), 6.0) + 1.3)
         bar = figure.colorbar(
             ScalarMappable(norm, _rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
             format=lambda value, _: f"{100 * value:.3g} %",
         )  # fmt: skip
         bar.set_label("share of the misfit that a change in this patch alone would explain")
         bar.outline.set_visible(False)
-        _patch_legend(axes, cells)
+        _patch_legend(figure, cells)
         return to_svg(figure, name, _patches_alt(cells))
 
 
@@ -350,6 +353,7 @@ def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, norm
     shown = np.flatnonzero(depth >= behind - 1e-9 * np.ptp(x))
     shown = shown[np.argsort(depth[shown])]
     colours = _rising(norm(cells.share[patch[outer][shown]]))
+    colours[~cells.seen[patch[outer][shown]]] = to_rgba(_UNSEEN)
     axes.add_collection(
         PolyCollection(flat[shown], facecolors=colours, edgecolors=colours, lw=0.3, rasterized=True)
     )
@@ -372,10 +376,10 @@ def _bolt_marks(axes, bolts: np.ndarray, heights: list[np.ndarray], gap: float) 
         axes.plot(u, v, "+", ms=5.5, mec="#14181d", mew=1.0, zorder=7)
 
 
-def _patch_legend(axes, cells: PatchMap) -> None:
+def _patch_legend(figure, cells: PatchMap) -> None:
     words = [
-        f"patch; none explains more than chance would (p < {cells.level:g}, all considered)",
-        f"explains more than chance would (p < {cells.level:g}, all considered)",
+        f"none explains more than chance (p < {cells.level:g}, all considered)",
+        f"explains more than chance (p < {cells.level:g}, all considered)",
         "and could be the only one",
     ]
     there = [not cells.significant.any(), cells.significant.any(), cells.sufficient.any()]
@@ -384,13 +388,14 @@ def _patch_legend(axes, cells: PatchMap) -> None:
         for label, style, shown in zip(words, _OUTLINES, there, strict=True)
         if shown
     ]
+    if not cells.seen.all():
+        handles.append(Patch(fc=_UNSEEN, ec="#9aa0a8", label="not seen by this test"))
     if len(cells.bolts):
         mark = {"marker": "o", "mfc": "#ffffff", "mec": "#14181d", "ls": (0, (4, 3))}
         handles.append(Line2D([], [], color="#14181d", lw=0.9, label="bolt", **mark))
-    axes.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=len(handles),
-        columnspacing=1.2, borderaxespad=0.0,
-    )  # fmt: skip
+    figure.legend(
+        handles=handles, loc="outside upper left", ncols=2 if len(handles) > 2 else len(handles)
+    )
 
 
 def _patches_alt(cells: PatchMap) -> str:
@@ -399,6 +404,6 @@ def _patches_alt(cells: PatchMap) -> str:
     return (
         f"Structure taken apart, in {len(cells.tests)} patches coloured by the share of the misfit "
         f"that a change there alone would explain. Largest: {words}. "
-        f"More than chance: {int(cells.significant.sum())}; each of these could be the only one: "
-        f"{', '.join(t.zone for t, ok in zip(cells.tests, cells.sufficient, strict=True) if ok)}."
+        f"More than chance: {int(cells.significant.sum())}; could be the only one: "
+        f"{', '.join(np.array([t.zone for t in cells.tests])[cells.sufficient]) or 'none'}."
     )

@@ -91,6 +91,11 @@ class PatchMap:
         return np.array([test.p_adjusted < self.level for test in self.tests], dtype=bool)
 
     @property
+    def seen(self) -> np.ndarray:
+        """Which patches the test sees at all, (P,)."""
+        return np.array([test.dof > 0 for test in self.tests], dtype=bool)
+
+    @property
     def sufficient(self) -> np.ndarray:
         """Which of them leave no more unexplained than chance would: each could be all, (P,)."""
         rest = np.array([test.rest_p for test in self.tests])
@@ -257,8 +262,8 @@ def patch_tests(
     The sensitivities are adjoint, one assembly for each mode whatever the number of patches: of a
     part's patch by ln E and ln rho; of a joint's by its two compliances, and with ``by_torque`` by
     their slope in the torque's logarithm. A joint's are taken where all joints give way, if
-    ``soft`` has the modes there (see `zone_sensitivities`); else at the baseline, scaled to an interface of
-    the prior's median stiffness, which for a bonded one is far from what it will do.
+    ``soft`` has the modes there (see `zone_sensitivities`); else at the baseline, scaled to an
+    interface of the prior's median stiffness, which for a bonded one is far from what it will do.
     Shapes and damping are left out, whose derivatives by cells would cost a solution each.
 
     Args:

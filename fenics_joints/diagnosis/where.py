@@ -271,7 +271,8 @@ def _mimics(Q: np.ndarray, others: Mapping[str, np.ndarray]) -> list[str]:
         left = {
             name: _outside(Q, [others[c] for c in (*chosen, name)])[1] for name in rest
         }
-        best = min(rest, key=lambda name: round(float(np.sum(left[name] ** 2)), 9))
+        # Rounded, so that the first of those that are alike by symmetry is chosen on any machine.
+        best = min(rest, key=lambda name: round(float(np.sum(left[name] ** 2)), 5))
         chosen.append(best)
         if np.all(left[best] <= np.sqrt(1 - _ALIKE**2)):
             break
