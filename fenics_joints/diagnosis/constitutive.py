@@ -24,6 +24,10 @@ has lambda = 0. The error of stiffness is lambda^T K lambda / gamma, that of mas
 omega^2 lambda^T M lambda / (1 - gamma): sums over cells, and so over regions and patches. Both
 fields are linear in s, so that noise of the shapes adds its own energy to that of the true ones on
 the average; it is found from a few draws by the same factorisation, and taken off.
+
+A thin layer that the model has far too stiff shows less of its error than its neighbours do, which
+bend where it does not: there the error over the region's own strain energy says more than the
+energies.
 """
 
 from __future__ import annotations
