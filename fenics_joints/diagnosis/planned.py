@@ -30,6 +30,8 @@ __all__ = ["plan"]
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 #: Share of the largest below which a change is left out of a combination's words.
 _COUNTS = 0.1
+#: Parameters of an effect that are named in words.
+_NAMED = 4
 
 
 def plan(
@@ -186,7 +188,9 @@ def _in_words(signatures: Sequence[Signature], factors: np.ndarray) -> str:
 def size_in_words(signature: Signature) -> str:
     """The parameters of a signature, such as ``k_t = 1.00 TPa/m``."""
     pairs = zip(signature.effect.priors, signature.values.values(), strict=True)
-    return ", ".join(f"{prior.name} = {quantity(value, prior.unit)}" for prior, value in pairs)
+    words = [f"{prior.name} = {quantity(value, prior.unit)}" for prior, value in pairs]
+    more = [f"and {len(words) - _NAMED} more"] if len(words) > _NAMED + 1 else []
+    return ", ".join([*words[: _NAMED if more else None], *more])
 
 
 def _effect(study: Study, i: int, letter: str) -> PlannedEffect:
