@@ -12,7 +12,8 @@ from fenics_joints.components import Parameter
 from fenics_joints.diagnosis.effects import Effect, Prior
 from fenics_joints.diagnosis.inference import Evidence, Hypothesis, fit
 from fenics_joints.diagnosis.lean import LeanForward, project
-from fenics_joints.diagnosis.nested import nested_evidence
+from fenics_joints.diagnosis.nested import _Marginal, nested_evidence
+from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.laws import LAYER_LAWS
 from fenics_joints.points import Sensors
 from fenics_joints.surrogate import Forward
@@ -113,3 +114,28 @@ def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
     error = np.hypot(lean.error, whole.error)
     assert abs(lean.log_evidence - whole.log_evidence) < 4 * error < 0.5
     assert lean.mean == pytest.approx(whole.mean, abs=0.3 * whole.sd.max())
+
+
+def test_all_kinds_of_data_are_as_predicted_one_by_one():
+    """Frequencies, damping and shapes at two levels of a lossy effect, on a complete basis."""
+    model, sensors = chain()
+    forward = forward_of(model, sensors)
+    lossy = Effect(
+        "lossy", "", (Prior("factor", 1.0, 0.5), Prior("eta", 0.01, 0.5)),
+        lambda values, theta, level: values.update({"right.G": 1e9 * theta["factor"] * level}),
+        loss=lambda theta, level, hz: {"right.G": theta["eta"] * level},
+    )  # fmt: skip
+    hypothesis = Hypothesis((lossy,), conditions=(1.0, 2.0), modes=tuple("abcd"), damped=True)
+    measured = forward.reference / np.sqrt(np.mean(forward.reference**2, axis=0))
+    evidence = Evidence(
+        np.array([1.0, 2.0]), np.zeros((2, 4)), np.full((2, 4), 0.003), 0.003,
+        log_damping=np.full((2, 4), np.log(0.003)), shapes=measured, near=np.eye(N), shape_row=1,
+    )  # fmt: skip
+    d = len(hypothesis.priors)
+    z = list(0.5 * np.random.default_rng(4).standard_normal((3, d)))
+    problem = _Marginal(fit(hypothesis, forward, evidence, BASELINE), evidence, BASELINE)
+    problem.use(LeanForward(forward, project(model, np.eye(N))), "exact", np.zeros((1, 2)))
+    for got, point in zip(problem._together(z), z, strict=True):
+        expected, _ = predict(hypothesis, forward, evidence, point, BASELINE)
+        assert len(expected) == 8 + 8 + 4 * N
+        assert got == pytest.approx(expected, abs=1e-6)

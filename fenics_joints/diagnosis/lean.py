@@ -271,7 +271,7 @@ def lean_forward(
     weights: np.ndarray,
     checks: Sequence[Mapping[str, float]],
     limit: float,
-    sizes: Sequence[int] = (16, 20, 24, 28, 32, 40, 50, 60),
+    sizes: Sequence[int] = (16, 20, 24, 28, 32, 36, 40, 50, 60),
 ) -> tuple[LeanForward, float]:
     """The leanest forward whose frequencies are good enough.
 

@@ -43,7 +43,7 @@ _REACH, _PRIOR_REACH = 3.5, 3.0
 #: Samples of the posterior's region and of the prior; rows of the test at each; points that check.
 _NEAR, _WIDE, _ROWS, _CHECKS = 32, 16, 2, 8
 #: Weight of a sample of the prior in the lean model's basis.
-_WIDE_WEIGHT = 0.2
+_WIDE_WEIGHT = 0.05
 #: Error of the lean model relative to the measurement's noise above which it gets more samples.
 _LIMIT = 0.1
 #: Points of the posterior at which the interpolated derivatives are made good.
