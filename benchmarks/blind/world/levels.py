@@ -29,7 +29,9 @@ def slip(k: np.ndarray, motion: np.ndarray, limit: np.ndarray):
 def gapping(k: np.ndarray, motion: np.ndarray, pressure: np.ndarray) -> np.ndarray:
     """A spring that opens when what pulls on it exceeds the pressure; first harmonic, no loss.
 
-    The half cycle that closes it is linear; the tension of the other is at most the pressure.
+    A joint rocks: while one edge of it closes the other opens, and the next half cycle it is the
+    other way round. So either half cycle has its share of open faces, and the force is cut at the
+    pressure in both.
 
     Args:
         k: Stiffness while closed, Pa/m, (n,).
@@ -37,6 +39,4 @@ def gapping(k: np.ndarray, motion: np.ndarray, pressure: np.ndarray) -> np.ndarr
         pressure: At rest, Pa, (n,).
     """
     ratio = np.minimum(np.maximum(pressure, 1e-12) / np.maximum(k * motion, 1e-30), 1.0)
-    capped = 2 / np.pi * (np.arcsin(ratio) + ratio * np.sqrt(1 - ratio**2))
-    # Equal shares of the closing and of the opening half of the cycle.
-    return k * (1 + capped) / 2
+    return k * 2 / np.pi * (np.arcsin(ratio) + ratio * np.sqrt(1 - ratio**2))

@@ -18,7 +18,7 @@ from .rigs import RIGS
 from .specimen import Spec
 from .whole import BONDED, Build, Whole
 
-__all__ = ["Answer", "answer", "calibrate_levels", "nominal_hz"]
+__all__ = ["Answer", "UnsettledError", "answer", "calibrate_levels", "nominal_hz"]
 
 #: Shift of the eigensolver, Hz: about the first frequency.
 _SHIFT = {"lap_plates": 100.0, "c_beam": 60.0, "lap_beam": 10.0}
@@ -27,7 +27,16 @@ _AT_REST = {"lap_plates": 5e13, "c_beam": 2e14, "lap_beam": 2e14}
 #: Share of the largest pressure that holds everywhere: form errors and adhesion; without it the
 #: faces between the bolts would be open before any test.
 _EVERYWHERE = 0.1
-_STEPS, _SETTLED = 60, 1e-7
+#: Steps at most to a frequency that moves no more, and to an amplitude within 1 % of the force's.
+_STEPS, _SETTLED, _LOOSE = 200, 1e-6, 1e-2
+#: Relative swing of a frequency that is put up with after all steps.
+_SWINGS = 1e-5
+#: Joints whose modes are in the basis, beside that at rest.
+_SOFTER = (0.1, 0.01)
+#: Forces of a level test, N, least and most that are tried, and from one to the next.
+_LEAST, _MOST, _UP = 0.01, 1e6, 1.5
+#: The shaker's force grows with this power of the mode's frequency.
+_DRIVEN = 1.0
 
 
 @dataclass(frozen=True)
@@ -172,8 +181,12 @@ def _loss(sensing: Sensing, hz: np.ndarray) -> np.ndarray:
 # -- levels ----------------------------------------------------------------------------------------
 
 
+class UnsettledError(RuntimeError):
+    """Slip and amplitude swing for ever, as where two amplitudes are possible."""
+
+
 class _Small:
-    """A specimen in a basis of its modes with joints at rest, softer and much softer."""
+    """A specimen in a basis of its modes with the joint at rest and with softer ones."""
 
     def __init__(self, specimen: _Specimen, nominal, weight):
         self.specimen, rig, sensing = specimen, specimen.rig, specimen.sensing
@@ -187,7 +200,7 @@ class _Small:
         p = specimen.pressure.sum(axis=0) * bolt_force(rig, torque)
         self.p = p + _EVERYWHERE * p.max()
         shapes = []
-        for soft in (1.0, 0.1, 0.01):
+        for soft in (1.0, *_SOFTER):
             k_n = self.k_n * (soft if sensing.opens else 1.0)
             k_t = self.k_t * (soft if sensing.slip is not None else 1.0)
             hz, found, joint = specimen.modes(k_n, k_t)
@@ -195,6 +208,29 @@ class _Small:
                 self.rest = specimen.seen(hz, found, joint, nominal.shapes, weight)
             shapes.append(found)
         self._project(np.hstack(shapes))
+
+    def enrich(self, found) -> None:
+        """Add the modes with the joint as the mode leaves it that has fallen most.
+
+        Args:
+            found: What `mode` gave for each.
+        """
+        fall = np.array([mode[0] for mode in found]) / self.rest.hz
+        _, _, phi, q = found[int(np.argmin(fall))]
+        k_n, k_t, _ = self.springs(phi, q)
+        _, more, _ = self.specimen.modes(k_n, k_t)
+        self._project(np.hstack([self.basis, more]))
+
+    def springs(self, phi, q: float):
+        """Equivalent stiffness k_n and k_t at an amplitude, Pa/m, and energy lost in a cycle, J."""
+        sensing, k_n, k_t, lost = self.specimen.sensing, self.k_n, self.k_t, 0.0
+        u = [row @ phi * q for row in self.rows]
+        if sensing.slip is not None:
+            k_t, loss = slip(k_t, np.hypot(u[0], u[1]), sensing.slip * self.p)
+            lost = float(loss @ self.weights)
+        if sensing.opens:
+            k_n = gapping(k_n, np.abs(u[2]), self.p)
+        return k_n, k_t, lost
 
     def _project(self, v) -> None:
         specimen = self.specimen
@@ -204,40 +240,51 @@ class _Small:
         self.basis, self.k = v, v.T @ (specimen.k @ v)
         self.rows = [row @ v for row in specimen.interface.opening]
         self.weights = specimen.interface.weights
-        drive = specimen.whole.at([specimen.rig.drive])[2]
-        more = specimen.k.shape[0] - specimen.whole.n_dofs
-        self.drive = (drive @ v[: len(v) - more]).ravel()
+        seen = specimen.whole.at(specimen.rig.sensors)[2]
+        seen = seen @ self.rest.shapes[: specimen.whole.n_dofs]
+        self.drive = np.sqrt(np.mean(seen**2, axis=0))
         self.start = v.T @ (specimen.m @ self.rest.shapes)
 
-    def mode(self, j: int, force: float, damping: float, E: float = 1.0):
-        """Hz, damping ratio and shape of mode j driven at resonance with a force, N."""
-        sensing = self.specimen.sensing
-        phi, omega, zeta = self.start[:, j], 2 * np.pi * self.rest.hz[j], damping
-        k_n, k_t, q = self.k_n, self.k_t, None
-        for _ in range(_STEPS):
-            driven = force * abs(self.drive @ phi) / (2 * zeta * omega**2)
-            # Half-way, in the logarithm: the whole step may swing between stick and slip.
-            q = driven if q is None else np.sqrt(q * driven)
-            u = [row @ phi * q for row in self.rows]
-            lost = 0.0
-            if sensing.slip is not None:
-                k_t, loss = slip(self.k_t, np.hypot(u[0], u[1]), sensing.slip * self.p)
-                lost = loss @ self.weights
-            if sensing.opens:
-                k_n = gapping(self.k_n, np.abs(u[2]), self.p)
-            k = E * self.k
-            for row, stiffness in zip(self.rows, (k_t, k_t, k_n), strict=True):
-                k = k + row.T @ ((self.weights * stiffness)[:, None] * row)
-            values, vectors = np.linalg.eigh(k)
+    def mode(self, j: int, level: float, damping: float, E: float = 1.0, near=None):
+        """Hz, damping ratio, shape and amplitude of mode j driven at resonance.
+
+        Args:
+            j: The mode.
+            level: Force, N, that drives the first mode, where that moves as its root mean square
+                over the sensors; a higher mode gets more, as of a tester who wants to see it move.
+            damping: Its ratio at rest.
+            E: Factor on all moduli.
+            near: What this method gave at a lower level, to start from.
+        """
+        hz0 = self.rest.hz
+        force = level * (hz0[j] / hz0[0]) ** _DRIVEN
+        hz, zeta, phi, q = near or (hz0[j], damping, self.start[:, j], None)
+        omega, k_n, k_t = 2 * np.pi * hz, self.k_n, self.k_t
+        for step in range(_STEPS):
+            driven = force * self.drive[j] / (2 * zeta * omega**2)
+            # Part of the way, in the logarithm: whole steps may swing between stick and slip.
+            part = max(0.5 * 0.97**step, 0.05)
+            q = driven if q is None else q * (driven / q) ** part
+            now_n, now_t, lost = self.springs(phi, q)
+            k_n, k_t = k_n * (now_n / k_n) ** part, k_t * (now_t / k_t) ** part
+            values, vectors = self.solve(k_n, k_t, E)
             at = np.argmax(np.abs(phi @ vectors))
-            new = np.sqrt(values[at])
-            phi = vectors[:, at]
+            new, phi = np.sqrt(values[at]), vectors[:, at]
             zeta = damping + lost / (2 * np.pi * new**2 * q**2)
-            done = abs(new / omega - 1) < _SETTLED and abs(driven / q - 1) < 1e-3
+            done = abs(new / omega - 1) < _SETTLED and abs(driven / q - 1) < _LOOSE
             omega = new
             if done:
-                break
-        return omega / (2 * np.pi), zeta, phi
+                return omega / (2 * np.pi), zeta, phi, q
+        if abs(new / omega - 1) < _SWINGS and abs(driven / q - 1) < 10 * _LOOSE:
+            return omega / (2 * np.pi), zeta, phi, q
+        raise UnsettledError(f"{self.specimen.rig.name}: mode {j} at {level:g} N does not settle")
+
+    def solve(self, k_n, k_t, E: float = 1.0):
+        """All eigenvalues and vectors in the basis, with a joint."""
+        k = E * self.k
+        for row, stiffness in zip(self.rows, (k_t, k_t, k_n), strict=True):
+            k = k + row.T @ ((self.weights * stiffness)[:, None] * row)
+        return np.linalg.eigh(k)
 
 
 def _by_level(specimen: _Specimen, nominal, weight):
@@ -245,10 +292,14 @@ def _by_level(specimen: _Specimen, nominal, weight):
     small = _Small(specimen, nominal, weight)
     warm = sensing.E[0] * sensing.E[1] ** np.linspace(0, 1, len(spec.levels))
     rest = np.array(spec.damping) + small.rest.share / 2 * _loss(sensing, small.rest.hz)
-    found = [
-        [small.mode(j, force, zeta, E) for j, zeta in enumerate(rest)]
-        for force, E in zip(spec.levels, warm, strict=True)
-    ]
+    small.enrich([small.mode(j, spec.levels[-1], zeta) for j, zeta in enumerate(rest)])
+    found, near = [], [None] * len(rest)
+    for level, E in zip(spec.levels, warm, strict=True):
+        near = [
+            small.mode(j, level, zeta, E, start)
+            for j, (zeta, start) in enumerate(zip(rest, near, strict=True))
+        ]
+        found.append(near)
     hz = np.array([[mode[0] for mode in row] for row in found])
     damping = np.array([[mode[1] for mode in row] for row in found])
     shapes = small.basis @ np.array([mode[2] for mode in found[spec.shapes_row]]).T
@@ -258,6 +309,8 @@ def _by_level(specimen: _Specimen, nominal, weight):
 def calibrate_levels(spec: Spec, drop: float, ratios) -> list[float]:
     """Forces, N, in these ratios, such that the most affected mode falls by ``drop`` at the last.
 
+    By less if the test would jump from one amplitude to another before that.
+
     Args:
         spec: With a cause that acts by level.
         drop: Relative drop of the frequency.
@@ -265,18 +318,20 @@ def calibrate_levels(spec: Spec, drop: float, ratios) -> list[float]:
     """
     nominal, weight = _nominal(spec.geometry)
     small = _Small(_Specimen(spec), nominal, weight)
-    damping = np.array(spec.damping)
-
-    def fall(force: float) -> float:
-        hz = [small.mode(j, force, zeta)[0] for j, zeta in enumerate(damping)]
-        return float(np.max(1 - np.array(hz) / small.rest.hz))
-
-    low, high = 1e-3, 1e6
-    for _ in range(12):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if fall(middle) < drop else (low, middle)
-    top = float(f"{np.sqrt(low * high):.2g}")
-    return [float(f"{top * ratio / ratios[-1]:.4g}") for ratio in ratios]
+    near = [None] * len(spec.damping)
+    level = _LEAST
+    # Upwards from next to nothing, so that each mode is followed.
+    while level < _MOST:
+        try:
+            near = [small.mode(j, level, z, 1.0, near[j]) for j, z in enumerate(spec.damping)]
+        except UnsettledError:
+            break
+        if np.max(1 - np.array([mode[0] for mode in near]) / small.rest.hz) >= drop:
+            break
+        level *= _UP
+    # A little below, as the levels are approached in other steps.
+    top = level / _UP
+    return [float(f"{top * ratio / ratios[-1]:.3g}") for ratio in ratios]
 
 
 # -- the test --------------------------------------------------------------------------------------

@@ -49,7 +49,6 @@ class Rig:
         accelerometer: Place (x, y, body) of the known one; its mass, kg.
         size: Element size, m.
         search: Eigenpairs computed per state.
-        drive: Where the shaker drives in level tests (x, y, body).
     """
 
     name: str
@@ -71,7 +70,6 @@ class Rig:
     accelerometer: tuple[tuple[float, float, int], float]
     size: float
     search: int
-    drive: tuple[float, float, int]
 
     @property
     def length(self) -> float:
@@ -106,7 +104,7 @@ _LAP_PLATES = Rig(
         0.04, 0.119,
     ),
     n_modes=5, torques=(4.0, 8.0, 16.0, 24.0), clamped=False,
-    accelerometer=((0.03, 0.04, 0), 0.010), size=0.009, search=22, drive=(0.285, 0.04, 1),
+    accelerometer=((0.03, 0.04, 0), 0.010), size=0.009, search=22,
 )  # fmt: skip
 
 _L, _PAD = 0.508, 0.0497
@@ -130,7 +128,7 @@ _C_BEAM = Rig(
         for x in (0.006, 0.07, 0.13, 0.19, 0.254, 0.318, 0.378, 0.438, 0.502)
     ),
     n_modes=6, torques=(6.0, 12.0, 18.0, 25.0), clamped=False,
-    accelerometer=((0.254, 0.0, 1), 0.020), size=0.0095, search=20, drive=(0.13, 0.0, 0),
+    accelerometer=((0.254, 0.0, 1), 0.020), size=0.0095, search=20,
 )  # fmt: skip
 
 _LAP_BEAM = Rig(
@@ -145,7 +143,7 @@ _LAP_BEAM = Rig(
     head=(0.010, 0.004), head_mass=0.004, bolt_diameter=0.006, hole=0.0,
     sensors=_line((0.03, 0.06, 0.1, 0.14, 0.175, 0.245, 0.28, 0.315, 0.35, 0.385, 0.412), 0.0, 0.2),
     n_modes=6, torques=(2.0, 4.0, 6.0, 10.0), clamped=True,
-    accelerometer=((0.412, 0.0, 1), 0.003), size=0.007, search=16, drive=(0.06, 0.0, 0),
+    accelerometer=((0.412, 0.0, 1), 0.003), size=0.007, search=16,
 )  # fmt: skip
 
 RIGS = {rig.name: rig for rig in (_LAP_PLATES, _C_BEAM, _LAP_BEAM)}
