@@ -9,13 +9,109 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.affine import AffinePencil, slopes
+from fenics_joints.affine import AffinePencil, number, slopes
 from fenics_joints.components import Parameter
 from fenics_joints.points import Sensors
 
 __all__ = ["ArrayModel"]
 
 _DIFFERENCE = 1e-6
+#: Sets of a law's values that are remembered.
+_MOST = 20000
+
+
+@dataclass(frozen=True)
+class _Coefficients:
+    """Numbers before the rows of the stacks, and their derivatives, (n_rows, n_parameters)."""
+
+    theta: np.ndarray
+    heavy: np.ndarray
+    by_theta: np.ndarray
+    by_heavy: np.ndarray
+
+
+class _Stacks:
+    """Matrices of regions, springs and masses that stay, the upper triangles as rows.
+
+    Attributes:
+        stiffness: Terms of the stiffness, (n_terms, n (n + 1) / 2).
+        inertia: Terms of the mass, likewise.
+        whole: Both with whole matrices, (n_terms, n, n).
+    """
+
+    def __init__(self, pencil: AffinePencil, n: int):
+        self.pencil, self.n = pencil, n
+        self.upper = np.triu_indices(n)
+        self.fixed = [m for m in pencil.masses if not isinstance(m.travel, str)]
+        stiffness = [t for r in pencil.regions for t in r.stiffness]
+        stiffness += [s.share * np.outer(s.row, s.row) for s in pencil.springs]
+        inertia = [r.inertia for r in pencil.regions]
+        for mass in self.fixed:
+            at, _ = mass(float(mass.travel))
+            inertia.append(mass.share * at.T @ at)
+        self.whole = np.array(stiffness), np.array(inertia)
+        self.stiffness, self.inertia = (
+            np.ascontiguousarray(a[:, self.upper[0], self.upper[1]]) for a in self.whole
+        )
+        self._known: dict[tuple, tuple] = {}
+
+    def unpack(self, row: np.ndarray) -> np.ndarray:
+        """A symmetric matrix from its upper triangle."""
+        full = np.empty((self.n, self.n))
+        full[self.upper] = row
+        full.T[self.upper] = row
+        return full
+
+    def pack(self, shapes: np.ndarray) -> np.ndarray:
+        """x x^T of every column, such that its product with a row of a stack is x^T A x."""
+        i, j = self.upper
+        squares = shapes[i] * shapes[j]
+        squares[i != j] *= 2.0
+        return squares.T
+
+    def coefficients(self, values: Mapping[str, float], names: list[str]) -> _Coefficients:
+        """See `_Coefficients`."""
+        position = {name: i for i, name in enumerate(names)}
+        theta, heavy = np.empty(len(self.stiffness)), np.empty(len(self.inertia))
+        by_theta = np.zeros((len(theta), len(names)))
+        by_heavy = np.zeros((len(heavy), len(names)))
+        at = 0
+        for number_, region in enumerate(self.pencil.regions):
+            terms, inertia, changes = self._law(region, values)
+            rows = slice(at, at + len(terms))
+            theta[rows], heavy[number_] = terms, inertia
+            for key, name in region.properties.items():
+                if isinstance(name, str):
+                    by_theta[rows, position[name]] += changes[key][0]
+                    by_heavy[number_, position[name]] += changes[key][1]
+            at += len(terms)
+        tail = ((theta, by_theta, at, self.pencil.springs, "stiffness"),
+                (heavy, by_heavy, len(self.pencil.regions), self.fixed, "mass"))  # fmt: skip
+        for into, slope, first, items, key in tail:
+            for row, item in enumerate(items, first):
+                into[row] = number(getattr(item, key), values)
+                if isinstance(getattr(item, key), str):
+                    slope[row, position[getattr(item, key)]] = 1.0
+        return _Coefficients(theta, heavy, by_theta, by_heavy)
+
+    def _law(self, region, values) -> tuple[np.ndarray, float, dict]:
+        """Terms of a region's law and their derivatives by its properties; remembered, since zones
+        of a joint often share their values."""
+        q = tuple(number(region.properties[key], values) for key in region.law.properties)
+        known = self._known.get((region.law.name, q))
+        if known is None:
+            if len(self._known) > _MOST:
+                self._known.clear()
+            at = region.values(values)
+            changes = {
+                key: (slopes(region.law.stiffness_terms, at, key),
+                      slopes(region.law.inertia_terms, at, key)[0])
+                for key in region.law.properties
+            }  # fmt: skip
+            terms, inertia = region.law.stiffness_terms(at), region.law.inertia_terms(at)[0]
+            known = np.asarray(terms, dtype=float), float(inertia), changes
+            self._known[region.law.name, q] = known
+        return known
 
 
 @dataclass(frozen=True)
@@ -66,28 +162,31 @@ class ArrayModel:
         return last[1]
 
     def _assemble(self, values) -> tuple[np.ndarray, np.ndarray]:
-        n, (stiffness, inertia) = self.n_dofs, self._stacks
-        theta, heavy = [], []
-        for region in self.pencil.regions:
-            q = region.values(values)
-            theta.append(region.law.stiffness_terms(q))
-            heavy.append(region.law.inertia_terms(q)[0])
-        K = (np.concatenate(theta) @ stiffness).reshape(n, n)
-        M = (np.array(heavy) @ inertia).reshape(n, n)
+        stacks, c = self._stacks, self._coefficients(values)
+        K = stacks.unpack(c.theta @ stacks.stiffness)
+        M = stacks.unpack(c.heavy @ stacks.inertia)
         rest_K, rest_M = self._rest.matrices(values)
         return K + rest_K, M + rest_M
 
     @cached_property
-    def _stacks(self) -> tuple[np.ndarray, np.ndarray]:
-        """All regions' stiffness terms and inertias as rows: one product instead of many sums."""
-        size = self.n_dofs**2
-        terms = [r.stiffness.reshape(-1, size) for r in self.pencil.regions]
-        return np.concatenate(terms), np.array([r.inertia.ravel() for r in self.pencil.regions])
+    def _stacks(self) -> _Stacks:
+        """Everything that is a number times a matrix, as rows: one product instead of many sums."""
+        return _Stacks(self.pencil, self.n_dofs)
 
     @cached_property
     def _rest(self) -> AffinePencil:
-        """Everything but the regions."""
-        return replace(self.pencil, regions=())
+        """Masses that may move, and what depends on nothing."""
+        moving = [m for m in self.pencil.masses if isinstance(m.travel, str)]
+        return replace(self.pencil, regions=(), springs=(), masses=moving)
+
+    def _coefficients(self, values) -> _Coefficients:
+        """Numbers before the rows of the stacks, and their derivatives by the parameters."""
+        key = tuple(values.values())
+        last = self.__dict__.get("_last_coefficients")
+        if last is None or last[0] != key:
+            last = key, self._stacks.coefficients(values, list(self.parameters))
+            self.__dict__["_last_coefficients"] = last
+        return last[1]
 
     def pencil_gradients(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
         """Derivatives of x^T (K - lambda M) x by every parameter, shape (k, n_parameters).
@@ -97,55 +196,35 @@ class ArrayModel:
             eigenvalues: lambda of each, shape (k,).
             given: Values of parameters that differ from their nominal value.
         """
-        values = self.values(given)
-        squares = np.einsum("ik,jk->ijk", shapes, shapes).reshape(-1, shapes.shape[1])
-        stiff, heavy = (stack @ squares for stack in self._stacks)
-        return self._combine(stiff.T, heavy.T, np.asarray(eigenvalues), values) + (
-            self._rest.gradients(shapes, eigenvalues, values)
-        )
-
-    def _combine(self, stiff, heavy, eigenvalues, values) -> np.ndarray:
-        """Chain rule from the regions' terms, (k, n_terms, ...), to the parameters."""
-        position = {name: i for i, name in enumerate(self.parameters)}
-        extra = stiff.shape[2:]
-        total = np.zeros((len(eigenvalues), len(position), *extra))
-        lam = eigenvalues.reshape(-1, *(1 for _ in extra))
-        at = 0
-        for number, region in enumerate(self.pencil.regions):
-            count = len(region.stiffness)
-            q = region.values(values)
-            for key, name in region.properties.items():
-                if not isinstance(name, str):
-                    continue
-                by_stiff = slopes(region.law.stiffness_terms, q, key)
-                by_heavy = slopes(region.law.inertia_terms, q, key)[0]
-                change = np.tensordot(stiff[:, at : at + count], by_stiff, axes=(1, 0))
-                total[:, position[name]] += change - lam * by_heavy * heavy[:, number]
-            at += count
-        return total
+        values, stacks = self.values(given), self._stacks
+        c, lam = self._coefficients(values), np.asarray(eigenvalues, dtype=float)
+        squares = stacks.pack(shapes)
+        stiff, heavy = squares @ stacks.stiffness.T, squares @ stacks.inertia.T
+        return (
+            stiff @ c.by_theta - lam[:, None] * (heavy @ c.by_heavy)
+            + self._rest.gradients(shapes, lam, values)
+        )  # fmt: skip
 
     def pencil_products(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
         """(dK/dp - lambda dM/dp) x for every parameter, shape (k, n_parameters, n_dofs)."""
-        values, n = self.values(given), self.n_dofs
-        eigenvalues = np.asarray(eigenvalues)
+        values, stacks = self.values(given), self._stacks
+        c, lam = self._coefficients(values), np.asarray(eigenvalues, dtype=float)
+        n, k = shapes.shape
         stiff, heavy = (
-            np.einsum("tij,jk->kti", stack.reshape(-1, n, n), shapes, optimize=True)
-            for stack in self._stacks
+            (full.reshape(-1, n) @ shapes).reshape(-1, n, k) for full in stacks.whole
         )
-        total = self._combine(stiff, heavy, eigenvalues, values)
-        owned = {p for r in self.pencil.regions for p in r.properties.values()}
+        total = np.tensordot(stiff, c.by_theta, axes=(0, 0))
+        total -= lam[None, :, None] * np.tensordot(heavy, c.by_heavy, axes=(0, 0))
+        total = total.transpose(1, 2, 0)
+        moving = {p for m in self._rest.masses for p in (m.mass, m.travel)}
         for i, name in enumerate(self.parameters):
-            if name in owned:
-                continue
-            step = _DIFFERENCE * max(abs(values[name]), 1e-3)
-            up, down = (
-                self._rest.matrices({**values, name: values[name] + s}) for s in (step, -step)
-            )
-            dK, dM = ((a - b) / (2 * step) for a, b in zip(up, down, strict=True))
-            if np.ndim(dK):
-                total[:, i] += (dK @ shapes).T
-            if np.ndim(dM):
-                total[:, i] -= eigenvalues[:, None] * (dM @ shapes).T
+            if name in moving:
+                step = _DIFFERENCE * max(abs(values[name]), 1e-3)
+                up, down = (
+                    self._rest.matrices({**values, name: values[name] + s})[1]
+                    for s in (step, -step)
+                )
+                total[:, i] -= lam[:, None] * ((up - down) / (2 * step) @ shapes).T
         return total
 
     def shape_slopes(self, index, given=None) -> tuple[np.ndarray, np.ndarray]:

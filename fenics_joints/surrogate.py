@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.array_model import ArrayModel
+from fenics_joints.errors import InputError
 from fenics_joints.gap import pair_modes
 from fenics_joints.interface_files import read_array_model, write_array_model
 from fenics_joints.meshes.tagged import on_root
@@ -22,6 +23,8 @@ __all__ = ["Forward", "Surrogate", "crossing_names", "line_of"]
 
 #: Least visibility of a mode that enters the basis.
 _SEEN = 0.05
+#: Modes looked through for the test's, at most, as a multiple of the usual number.
+_SEARCHED = 4
 #: Parameter sets whose frequencies are remembered.
 _MOST = 20000
 #: Modes beyond those that the test saw, so that none is missed when modes change places.
@@ -67,8 +70,18 @@ class Forward:
         return self._cache[key]
 
     def _solve(self, values):
-        modes = solve_modes(self.model, values, n_modes=min(self.n_modes, self.model.n_dofs))
-        return modes, pair_modes(modes, self.n_test, self.sensors, reference=self.reference)
+        """Modes and their pairing; more modes where a soft joint puts others between the test's."""
+        count = min(self.n_modes, self.model.n_dofs)
+        while True:
+            modes = solve_modes(self.model, values, n_modes=count)
+            try:
+                return modes, pair_modes(
+                    modes, self.n_test, self.sensors, reference=self.reference
+                )
+            except InputError:
+                if count >= min(_SEARCHED * self.n_modes, self.model.n_dofs):
+                    raise
+            count = min(2 * count, self.model.n_dofs)
 
     def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
         """Shapes of the test's modes at the sensors, and their derivatives.
@@ -156,7 +169,9 @@ class Surrogate:
         index = np.arange(len(modes))
         if self.sensors is None:
             return index
-        return index[(index < modes.n_rigid) | (modes.visibility(self.sensors) > _SEEN)]
+        elastic = index[modes.n_rigid :]
+        seen = elastic[modes.visibility(self.sensors)[modes.n_rigid :] > _SEEN]
+        return np.concatenate([index[: modes.n_rigid], seen[: self.n_test + _SPARE]])
 
     def error(self, points: Sequence[Mapping[str, float]]) -> tuple[float, list[Modes]]:
         """Largest relative frequency error against the full model, and its modes there."""
