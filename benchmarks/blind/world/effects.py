@@ -106,7 +106,7 @@ def number(region: str) -> int:
 #: Joint stiffness per area, Pa/m, from far more than shows to very soft, by geometry.
 _SOFT = {
     "lap_plates": (3e10, 2e12),
-    "c_beam": (3e11, 2e13),
+    "c_beam": (3e11, 1e13),
     "lap_beam": (1e11, 5e12),
 }
 
@@ -149,8 +149,10 @@ _DRAW: dict[str, Callable] = {
     "normal_and_tangential": _both,
     "tangential": _soft,
     "graded": lambda rng, rig: {"k": 30 * _soft(rng, rig)["k"], "beta": float(rng.uniform(0.4, 1))},
-    "lost_contact": lambda rng, rig: {"share": _log(rng, 0.02, 0.35)},
-    "loose_bolt": lambda rng, rig: {"k": _log(rng, 1e9, _SOFT[rig.name][0] * 3)},
+    "lost_contact": lambda rng, rig: {"share": _log(rng, 0.004, 0.08)},
+    "loose_bolt": lambda rng, rig: {
+        "k": _SOFT[rig.name][0] * _log(rng, 0.1, 6.0)
+    },
     "modulus": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.04, 0.3)))},
     "density": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.03, 0.2)))},
     "thickness": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.015, 0.15)))},
@@ -158,7 +160,7 @@ _DRAW: dict[str, Callable] = {
     "accelerometer": _end_mass,
     "washers": lambda rng, rig: {"kg": _TOTAL[rig.name] * _log(rng, 0.02, 0.15)},
     "suspension": lambda rng, rig: {"N/m": _TOTAL[rig.name] * _log(rng, 5e3, 6e5)},
-    "clamp": lambda rng, rig: {"k": _log(rng, 1e12, 6e13)},
+    "clamp": lambda rng, rig: {"k": _log(rng, 5e12, 1e14)},
     "sensor_place": lambda rng, rig: {"m": _sign(rng) * _log(rng, 6e-3, 2.4e-2)},
     "sensor_gain": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.1, 0.7)))},
     "temperature": lambda rng, rig: {
@@ -183,7 +185,7 @@ _DRAW: dict[str, Callable] = {
         "sensor": int(rng.integers(len(rig.sensors))),
         "kg": _TOTAL[rig.name] * _log(rng, 0.01, 0.04),
         "N/m": _TOTAL[rig.name] * (2 * np.pi * _log(rng, 200.0, 1200.0)) ** 2
-        * (0.04 if rig.clamped else 0.3),
+        * (0.001 if rig.clamped else 0.05),
     },
     "taper": lambda rng, rig: {
         "body": int(rng.integers(2)), "slope": _sign(rng) * _log(rng, 0.03, 0.2)
