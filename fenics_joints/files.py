@@ -7,9 +7,11 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from fenics_joints.errors import InputError
 
-__all__ = ["check_writable", "json_text", "write_text"]
+__all__ = ["check_writable", "json_text", "write_arrays", "write_text"]
 
 
 def check_writable(path: str | Path, what: str) -> Path:
@@ -31,6 +33,24 @@ def check_writable(path: str | Path, what: str) -> Path:
     if not os.access(path if _is_stream(path) else folder, os.W_OK):
         raise InputError(f"{what} {path}: {folder} cannot be written to; expected one that can")
     return path
+
+
+def write_arrays(path: str | Path, **arrays: np.ndarray) -> None:
+    """Write arrays to an .npz file, whole or not at all.
+
+    Raises:
+        InputError: If it cannot be written.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("wb") as file:
+            np.savez(file, **arrays)
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error})") from error
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -221,20 +221,25 @@ def reduce(
     Raises:
         InputError: Without samples.
     """
-    snapshots, first, solver = [], None, None
+    snapshots, first, solver, rigid = [], None, None, 0
     for given in samples:
         modes = solve_modes(
             structure, given, n_modes=n_modes, solver=solver, tolerance=_SNAPSHOT
         )
         solver = modes.solver
-        first = given if first is None else first
         chosen = range(len(modes)) if keep is None else keep(modes)
+        if first is None:
+            first, rigid = given, sum(int(i) < modes.n_rigid for i in chosen)
+        elif modes.n_rigid == rigid:
+            # The same in all samples; they are kept whole, or they would no longer be rigid.
+            chosen = [i for i in chosen if i >= rigid]
         snapshots.extend(modes.shapes[int(i)] for i in chosen)
         if progress:
             progress()
     if not snapshots:
         raise InputError("samples: expected at least one set of parameter values.")
-    return ReducedStructure(structure, _orthonormal(structure, snapshots, first, tolerance), travel)
+    basis = _orthonormal(structure, snapshots, first, tolerance, rigid)
+    return ReducedStructure(structure, basis, travel)
 
 
 def enrich(
@@ -256,8 +261,11 @@ def enrich(
     return ReducedStructure(structure, basis, travel)
 
 
-def _orthonormal(structure, snapshots, given, tolerance) -> list[PETSc.Vec]:
-    """Snapshots made orthonormal in the energy of one sample, without the dependent ones."""
+def _orthonormal(structure, snapshots, given, tolerance, whole: int = 0) -> list[PETSc.Vec]:
+    """Snapshots made orthonormal in the energy of one sample, without the dependent ones.
+
+    The first ``whole`` of them are kept, and what the others have of them is taken off.
+    """
     # The energy of a support as good as rigid would hide how the snapshots differ elsewhere.
     soft = [k for s in structure.elastic_supports for k in (s.k_n, s.k_t) if isinstance(k, str)]
     given = {**(given or {}), **dict.fromkeys(soft, 0.0)}
@@ -267,9 +275,16 @@ def _orthonormal(structure, snapshots, given, tolerance) -> list[PETSc.Vec]:
     scale = np.trace(stiff) / np.trace(heavy)
     gram = stiff + scale * heavy
     norms = np.sqrt(np.diag(gram))
-    values, vectors = np.linalg.eigh(gram / np.outer(norms, norms))
+    gram = gram / np.outer(norms, norms)
+    first, rest = slice(0, whole), slice(whole, None)
+    onto = np.linalg.solve(gram[first, first], gram[first, rest])
+    values, vectors = np.linalg.eigh(gram[rest, rest] - gram[rest, first] @ onto)
     keep = values > tolerance * values[-1]
-    combine = (vectors[:, keep] / np.sqrt(values[keep])) / norms[:, None]
+    rest_vectors = vectors[:, keep] / np.sqrt(values[keep])
+    combine = np.zeros((len(gram), whole + int(keep.sum())))
+    combine[first, first] = np.linalg.inv(np.linalg.cholesky(gram[first, first])).T
+    combine[first, rest], combine[rest, rest] = -onto @ rest_vectors, rest_vectors
+    combine /= norms[:, None]
     basis = []
     for column in (Z.getDenseArray() @ combine).T:
         vector = snapshots[0].duplicate()

@@ -9,6 +9,7 @@ import numpy as np
 
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.errors import InputError
+from fenics_joints.files import write_arrays
 from fenics_joints.gap import pair_modes
 from fenics_joints.interface_files import read_array_model, write_array_model
 from fenics_joints.meshes.tagged import on_root
@@ -27,6 +28,8 @@ _SEEN = 0.05
 _SEARCHED = 4
 #: Parameter sets whose frequencies are remembered.
 _MOST = 20000
+#: Share of the largest energy below which a direction is left out of the basis.
+_BASIS = 1e-6
 #: Modes beyond those that the test saw, so that none is missed when modes change places.
 _SPARE = 3
 
@@ -160,6 +163,8 @@ class Surrogate:
         self._reduced: ReducedStructure | None = None
         kept = keep is not None and full.comm.bcast(keep.is_file() if full.comm.rank == 0 else None)
         self.model = read_array_model(keep) if kept else self._arrays(self._reduce())
+        if keep is not None and not kept:
+            self._write()
         # With sensors the basis holds what they see alone, besides six rigid-body modes.
         enough = n_modes if sensors is None else 6 + n_test + _SPARE
         reference = self.pairing.shapes if shapes is None else shapes
@@ -192,7 +197,7 @@ class Surrogate:
     def refine(self, modes: Sequence[Modes]) -> None:
         """Take further modes of the full model into the basis."""
         shapes = [m.shape(int(i)) for m in modes for i in self._seen(m)]
-        known = self._reduce() if self._reduced is None else self._reduced
+        known = self._kept_basis() or self._reduce() if self._reduced is None else self._reduced
         self._reduced = enrich(known, shapes, self.travel)
         self.model = self.forward.model = self._arrays(self._reduced)
         self.forward.forget()
@@ -201,21 +206,38 @@ class Surrogate:
         """The reduced model on the modes at the samples."""
         self._reduced = reduce(
             self.full, self.samples, self.n_modes, travel=self.travel, keep=self._seen,
-            progress=self.progress.advance if self.progress else None,
+            tolerance=_BASIS, progress=self.progress.advance if self.progress else None,
         )  # fmt: skip
         return self._reduced
 
+    def _write(self) -> None:
+        """Keep the model, and on one rank, whose part of the mesh is the same again, its basis."""
+        comm = self.full.comm
+        on_root(comm, lambda: write_array_model(self.model, self.keep))
+        if comm.size == 1:
+            basis = np.array([vector.array_r for vector in self._reduced.basis])
+            write_arrays(self.keep.with_suffix(".npz"), basis=basis)
+
+    def _kept_basis(self) -> ReducedStructure | None:
+        """The reduced structure from its kept basis, if it can be had."""
+        file = None if self.keep is None else self.keep.with_suffix(".npz")
+        if file is None or self.full.comm.size > 1 or not file.is_file():
+            return None
+        vectors = []
+        for row in np.load(file)["basis"]:
+            vector = self.nominal.shape(0).duplicate()
+            vector.array[:] = row
+            vectors.append(vector)
+        return ReducedStructure(self.full, vectors, self.travel)
+
     def _arrays(self, model: ReducedStructure) -> ArrayModel:
-        """The same model as plain arrays, in the file if one is kept."""
+        """The same model as plain arrays."""
         rows = shifts = None
         if self.sensors is not None:
             rows = self.full.observe(model.basis, self.sensors)
             line = line_of(self.sensors.points)
             shifts = observe_slopes(self.full, model.basis, self.sensors, line)
-        found = ArrayModel(model.affine, model.scale_hz, rows, shifts)
-        if self.keep is not None:
-            on_root(self.full.comm, lambda: write_array_model(found, self.keep))
-        return found
+        return ArrayModel(model.affine, model.scale_hz, rows, shifts)
 
 
 def line_of(points: np.ndarray) -> np.ndarray:

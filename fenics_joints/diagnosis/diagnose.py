@@ -34,11 +34,9 @@ from fenics_joints.surrogate import crossing_names
 
 __all__ = ["diagnose"]
 
-#: A hypothesis this far (in ln) behind the best on all data is not refitted in the folds, but for
-#: every effect alone and the best wrong ones.
+#: A hypothesis this far (in ln) behind the best on all data, or the best of one effect, is not
+#: refitted in the folds, but for the best wrong ones.
 _HOPELESS, _WRONG = 10.0, 4
-#: Error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
-_REDUCED = 0.05
 
 
 def diagnose(
@@ -111,8 +109,7 @@ class _Run:
         return self.model.forward
 
     def answer(self) -> Diagnosis:
-        fits = self._verify(self.search.run())
-        return self._report(self._sample(fits))
+        return self._report(self._sample(self.search.run()))
 
     def _probabilities(self, fits: Sequence[Fit]) -> np.ndarray:
         return self.search.probabilities(fits)
@@ -141,33 +138,6 @@ class _Run:
             self.nested[fits[i].hypothesis.label_of_keys] = result
             fits[i] = with_evidence(fits[i], result.log_evidence)
         return fits
-
-    # -- the reduced model's error -------------------------------------------------------------
-
-    def _verify(self, fits: list[Fit]) -> list[Fit]:
-        """Check the leading fits on the full model; enrich the basis and fit again where needed."""
-        limit, surrogate = max(_REDUCED * self.evidence.discrepancy, 1e-4), self.model.surrogate
-        for _ in range(2):
-            self.progress.step("checking the reduced model against the full one")
-            self.model_error, modes = surrogate.error(self._leading_values(fits))
-            if self.model_error <= limit:
-                return fits
-            surrogate.refine(modes)
-            self.progress.step("fitting again with the better model", len(fits))
-            fits = self.search.fit_all([f.hypothesis for f in fits], [[f.z] for f in fits])
-        self.model_error, _ = surrogate.error(self._leading_values(fits))
-        return fits
-
-    def _leading_values(self, fits: Sequence[Fit]) -> list[dict[str, float]]:
-        """Parameters of the two leading fits at the lowest and the highest condition."""
-        leading = [fits[i] for i in np.argsort(-self._probabilities(fits))[:2]]
-        conditions = self.evidence.conditions
-        rows = sorted({0, len(conditions) - 1})
-        return [
-            f.hypothesis.values(f.z, conditions[row], self.baseline, row)
-            for f in leading
-            for row in rows
-        ]
 
     # -- the answer --------------------------------------------------------------------------
 
@@ -204,7 +174,7 @@ class _Run:
             hypotheses=self._hypotheses(fits, probability),
             separations=self._separations(fits, probability, grouped, leader),
             cells=cells,
-            model_error=self.model_error,
+            model_error=self.search.model_error,
             silent=self.model.silent,
             by_level=self.data.by_level,
             damping=self._damping(leader),
@@ -318,11 +288,13 @@ class _Run:
 
     def _shrink(self, fits: Sequence[Fit], grouped) -> Shrinkage:
         best = max(f.log_evidence for f in fits)
+        single = max(f.log_evidence for f in fits if len(f.hypothesis.effects) < 2)
         wrong = self._is_wrong(fits, self._leader(fits), grouped)
         wrongs = [id(f) for f in fits if wrong(f)][:_WRONG]
         fair = [
             f for f in fits
-            if len(f.hypothesis.effects) < 2 or best - f.log_evidence < _HOPELESS or id(f) in wrongs
+            if best - f.log_evidence < _HOPELESS or id(f) in wrongs
+            or (len(f.hypothesis.effects) < 2 and single - f.log_evidence < _HOPELESS)
         ]  # fmt: skip
         masks = folds(self.data.conditions, self.data.mode_names, self.model.condition)
         self.progress.step("holding data out, choosing and fitting anew", len(masks))

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.effects import Effect
@@ -25,7 +26,12 @@ __all__ = ["Search"]
 #: two at once have the product of their odds. And those of an unknown cause.
 _ANY, _UNKNOWN = 1.5, 0.2
 #: A pair this far (in ln) behind the best is not fitted in full; and at most so many are.
-_MARGIN, _MOST = 14.0, 60
+_MARGIN, _MOST = 10.0, 40
+#: Pairs that get a quick look with the model.
+_LOOKS = 200
+#: Leading hypotheses that are checked on the full model, of one effect and in the end; and the
+#: error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
+_LEADING_SINGLES, _LEADING, _REDUCED = 4, 2, 0.05
 #: Leading hypotheses that a third effect is put beside.
 _LEADERS = 3
 
@@ -52,22 +58,61 @@ class Search:
             model.hypothesis((), name=NO_GAP), model.hypothesis((), name=UNKNOWN, unknown=True),
         ]  # fmt: skip
         self.progress.step("fitting one effect at a time", len(singles) + 2)
-        fits = self.fit_all([*plain, *singles])
+        fits = self.checked(self.fit_all([*plain, *singles]), _LEADING_SINGLES)
         level = fits[2:]
         for size in range(2, model.case.diagnose.max_effects + 1):
             level = self._together(level, fits, size)
             fits = fits + level
+        return self.checked(fits, _LEADING)
+
+    # -- the reduced model's error ---------------------------------------------------------------
+
+    def checked(self, fits: list[Fit], count: int) -> list[Fit]:
+        """Check leading fits on the full model; enrich the basis and fit again where needed."""
+        surrogate = self.model.surrogate
+        limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
+        self.progress.step("checking the reduced model against the full one")
+        self.model_error, modes = surrogate.error(self._leading_values(fits, count))
+        if self.model_error <= limit:
+            return fits
+        surrogate.refine(modes)
+        self.progress.step("fitting again with the better model", len(fits))
+        fits = self.fit_all([f.hypothesis for f in fits], [[f.z] for f in fits], again=True)
+        self.model_error, _ = surrogate.error(self._leading_values(fits, min(count, _LEADING)))
         return fits
+
+    def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
+        """Parameters of the leading fits at the lowest and the highest condition."""
+        conditions = self.model.evidence.conditions
+        rows = sorted({0, len(conditions) - 1})
+        found = []
+        for i in np.argsort(-self.probabilities(fits)):
+            f = fits[i]
+            for row in rows:
+                values = f.hypothesis.values(f.z, conditions[row], self.model.baseline, row)
+                if values not in found and len(found) < count * len(rows):
+                    found.append(values)
+        return found
 
     # -- fits ----------------------------------------------------------------------------------
 
-    def fit_all(self, hypotheses: Sequence[Hypothesis], starts: Sequence | None = None) -> list:
-        """Fit hypotheses, each from its starts and from where an earlier run ended. Collective."""
+    def fit_all(
+        self, hypotheses: Sequence[Hypothesis], starts: Sequence | None = None, again: bool = False
+    ) -> list[Fit]:
+        """Fit hypotheses, each from its starts, or from where an earlier run ended. Collective.
+
+        Args:
+            hypotheses: The hypotheses.
+            starts: Points z for each; the prior's median by default.
+            again: Whether the starts are better than what is kept.
+        """
         starts = [()] * len(hypotheses) if starts is None else starts
         done: list[Fit] = []
         chunk = 8 * self.model.comm.size
         for first in range(0, len(hypotheses), chunk):
             tasks = list(zip(hypotheses, starts, strict=True))[first : first + chunk]
+            if not again:
+                tasks = [(h, self._kept(h) or start) for h, start in tasks]
             found = spread(self.model.comm, tasks, self._fit_task, _pack, _unpack)
             self.kept.add({f.hypothesis.label_of_keys: f.z for f in found})
             done += found
@@ -75,19 +120,21 @@ class Search:
                 self.progress.advance(len(found))
         return done
 
+    def _kept(self, hypothesis: Hypothesis) -> list[np.ndarray]:
+        return self.kept.start(hypothesis.label_of_keys, len(hypothesis.priors))
+
     def _fit_task(self, task) -> Fit:
         hypothesis, starts = task
-        before = self.kept.start(hypothesis.label_of_keys, len(hypothesis.priors))
         alone = self.model.comm.size == 1
         return fit(
             hypothesis, self.model.forward, self.model.evidence, self.model.baseline,
-            starts=[*before, *(() if before else starts)],
-            progress=self.progress.advance if alone else None,
+            starts=starts, progress=self.progress.advance if alone else None,
         )  # fmt: skip
 
     def _together(self, level: Sequence[Fit], known: Sequence[Fit], size: int) -> list[Fit]:
         """Fits of ``size`` effects at once that a quick look does not rule out."""
         pairs = self._pairs(level) if size == 2 else self._beside_leaders(level)
+        pairs = self._promising(pairs, known)
         if not pairs:
             return []
         self.progress.step(f"a quick look at {size} effects at a time", len(pairs))
@@ -135,6 +182,38 @@ class Search:
                     found.append((effects, parent))
         return found
 
+    def _promising(self, together: list, known: Sequence[Fit]) -> list:
+        """Those that are worth a look: by the sum of what the fits alone say, without the model.
+
+        The last effect's signature is taken at its own best fit. What it could explain of what the
+        others leave is then a linear problem.
+        """
+        if len(together) <= _LOOKS:
+            return together
+        evidence, alone = self.model.evidence, {}
+        for f in known:
+            if len(f.hypothesis.effects) == 1:
+                alone[f.hypothesis.effects[0].key] = f
+        used = evidence.fitted
+        lower = np.linalg.cholesky(evidence.covariance())
+        whitened = {id(f): _whitened(f, evidence.data, used, lower) for f in known}
+        gains = []
+        for effects, parent in together:
+            residual, slope = whitened[id(parent)]
+            other = alone[effects[-1].key]
+            own = _own_columns(other)
+            columns = np.hstack([slope, whitened[id(other)][1][:, own]])
+            hessian = columns.T @ columns + np.eye(columns.shape[1])
+            pull = columns.T @ residual
+            pull[: len(parent.z)] += parent.z
+            gain = 0.5 * pull @ np.linalg.solve(hessian, pull) - 0.5 * np.linalg.slogdet(hessian)[1]
+            gain += 0.5 * np.linalg.slogdet(slope.T @ slope + np.eye(slope.shape[1]))[1]
+            gains.append(parent.log_evidence + gain)
+        scores = np.array(gains) + self.log_prior(
+            [self.model.hypothesis(effects) for effects, _ in together]
+        )
+        return [together[i] for i in near_best(scores, np.inf, _LOOKS)]
+
     def _start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
         """The parent's parameters, with a zero for each of the effect that is added."""
         own = parent.hypothesis.places
@@ -161,6 +240,19 @@ class Search:
         score = np.array([f.log_evidence for f in fits])
         score = score + self.log_prior([f.hypothesis for f in fits])
         return np.exp(score - logsumexp(score))
+
+
+def _whitened(found: Fit, data, used, lower) -> tuple[np.ndarray, np.ndarray]:
+    """Residual and slopes of a fit in standard deviations."""
+    both = np.column_stack([(found.predicted - data)[used], found.jacobian[used]])
+    white = solve_triangular(lower, both, lower=True, check_finite=False)
+    return white[:, 0], white[:, 1:]
+
+
+def _own_columns(found: Fit) -> list[int]:
+    """Columns of z that belong to the hypothesis' effects."""
+    keys = {e.key for e in found.hypothesis.effects}
+    return [j for j, (e, _) in enumerate(found.hypothesis.priors) if e.key in keys]
 
 
 def _compatible(effects: Sequence[Effect]) -> bool:
