@@ -56,6 +56,8 @@ class Forward:
     ):
         self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
         self.reference = reference
+        self._count = n_modes
+        self._last: tuple | None = None
         self._cache: dict[tuple, tuple] = {}
         self._shapes: dict[tuple, tuple] = {}
         self.calls = 0
@@ -67,6 +69,7 @@ class Forward:
             if len(self._cache) > _MOST:
                 self._cache.clear()
             modes, pairing = self._solve(values)
+            self._last = key, pairing
             log_f = np.log(modes.frequencies_hz[pairing.index])
             self._cache[key] = (log_f, frequency_sensitivity(modes, pairing.index))
             self.calls += 1
@@ -74,17 +77,19 @@ class Forward:
 
     def _solve(self, values):
         """Modes and their pairing; more modes where a soft joint puts others between the test's."""
-        count = min(self.n_modes, self.model.n_dofs)
+        count = min(self._count, self.model.n_dofs)
         while True:
             modes = solve_modes(self.model, values, n_modes=count)
             try:
-                return modes, pair_modes(
-                    modes, self.n_test, self.sensors, reference=self.reference
-                )
+                pairing = pair_modes(modes, self.n_test, self.sensors, reference=self.reference)
             except InputError:
                 if count >= min(_SEARCHED * self.n_modes, self.model.n_dofs):
                     raise
-            count = min(2 * count, self.model.n_dofs)
+                count = min(count + self.n_test + _SPARE, self.model.n_dofs)
+                continue
+            # Where so many were needed once they will be again.
+            self._count = max(self._count, count)
+            return modes, pairing
 
     def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
         """Shapes of the test's modes at the sensors, and their derivatives.
@@ -97,7 +102,8 @@ class Forward:
         """
         key = tuple(values[name] for name in self.model.parameters)
         if key not in self._shapes:
-            _, pairing = self._solve(values)
+            last = self._last
+            pairing = last[1] if last and last[0] == key else self._solve(values)[1]
             x, dx = self.model.shape_slopes(pairing.index, values)
             rows = self.model.sensor_rows, self.model.shift_rows
             at, along = (r @ x for r in rows)

@@ -35,8 +35,8 @@ from fenics_joints.surrogate import crossing_names
 __all__ = ["diagnose"]
 
 #: A hypothesis this far (in ln) behind the best on all data, or the best of one effect, is not
-#: refitted in the folds, but for the best wrong ones.
-_HOPELESS, _WRONG = 10.0, 4
+#: refitted in the folds, but for the best wrong ones; and at most so many are.
+_HOPELESS, _WRONG, _FAIR = 6.0, 4, 14
 
 
 def diagnose(
@@ -296,6 +296,7 @@ class _Run:
             if best - f.log_evidence < _HOPELESS or id(f) in wrongs
             or (len(f.hypothesis.effects) < 2 and single - f.log_evidence < _HOPELESS)
         ]  # fmt: skip
+        fair = [f for i, f in enumerate(fair) if i < _FAIR or id(f) in wrongs]
         masks = folds(self.data.conditions, self.data.mode_names, self.model.condition)
         self.progress.step("holding data out, choosing and fitting anew", len(masks))
         return cross_validate(

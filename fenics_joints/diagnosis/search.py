@@ -26,9 +26,9 @@ __all__ = ["Search"]
 #: two at once have the product of their odds. And those of an unknown cause.
 _ANY, _UNKNOWN = 1.5, 0.2
 #: A pair this far (in ln) behind the best is not fitted in full; and at most so many are.
-_MARGIN, _MOST = 10.0, 40
+_MARGIN, _MOST = 8.0, 30
 #: Pairs that get a quick look with the model.
-_LOOKS = 200
+_LOOKS = 120
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; and the
 #: error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
 _LEADING_SINGLES, _LEADING, _REDUCED = 4, 2, 0.05
@@ -58,12 +58,35 @@ class Search:
             model.hypothesis((), name=NO_GAP), model.hypothesis((), name=UNKNOWN, unknown=True),
         ]  # fmt: skip
         self.progress.step("fitting one effect at a time", len(singles) + 2)
-        fits = self.checked(self.fit_all([*plain, *singles]), _LEADING_SINGLES)
+        fits = self.fit_all(plain)
+        fits += self.fit_all(singles, self._starts(singles, fits[0]))
+        fits = self.checked(fits, _LEADING_SINGLES)
         level = fits[2:]
         for size in range(2, model.case.diagnose.max_effects + 1):
             level = self._together(level, fits, size)
             fits = fits + level
         return self.checked(fits, _LEADING)
+
+    def _starts(self, singles: Sequence[Hypothesis], none: Fit) -> list[list[np.ndarray]]:
+        """Where each effect is likely to be: one step from what fits best without it, and, if it
+        may act strongly, the middle of its prior."""
+        lower = np.linalg.cholesky(self.model.evidence.covariance())
+        starts = [self._start(h.effects, none) for h in singles]
+        looks = self._looked(singles, starts, lower)
+        return [
+            [look[1], start] if any(p.log and p.spread > 1 for p in h.effects[0].priors)
+            else [look[1]]
+            for h, start, look in zip(singles, starts, looks, strict=True)
+        ]  # fmt: skip
+
+    def _looked(self, hypotheses, starts, lower) -> list[tuple[float, np.ndarray]]:
+        """A quick look at each. Collective."""
+        model = self.model
+
+        def look(task):
+            return quick_evidence(*task, model.forward, model.evidence, model.baseline, lower)
+
+        return spread(model.comm, list(zip(hypotheses, starts, strict=True)), look)
 
     # -- the reduced model's error ---------------------------------------------------------------
 
@@ -142,22 +165,14 @@ class Search:
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
         starts = [self._start(effects, parent) for effects, parent in pairs]
 
-        def look(task):
-            model = self.model
-            found = quick_evidence(
-                *task, model.forward, model.evidence, model.baseline, lower
-            )
-            self.progress.advance()
-            return found
-
-        looks = spread(self.model.comm, list(zip(hypotheses, starts, strict=True)), look)
+        looks = self._looked(hypotheses, starts, lower)
         scores = np.array([value for value, _ in looks]) + self.log_prior(hypotheses)
         best = max(f.log_evidence + p for f, p in zip(known, self.log_prior(
             [f.hypothesis for f in known]), strict=True))  # fmt: skip
         chosen = [i for i in near_best(scores, _MARGIN, _MOST) if scores[i] > best - _MARGIN]
         self.progress.step(f"fitting {size} effects at a time", len(chosen))
         return self.fit_all(
-            [hypotheses[i] for i in chosen], [(starts[i], looks[i][1]) for i in chosen]
+            [hypotheses[i] for i in chosen], [[looks[i][1]] for i in chosen]
         )
 
     def _pairs(self, singles: Sequence[Fit]) -> list[tuple[tuple[Effect, ...], Fit]]:
