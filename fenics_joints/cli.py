@@ -141,6 +141,13 @@ def diagnose(
         bool,
         typer.Option("--plan", help="Before any data: which causes the test could tell apart."),
     ] = False,
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            "--keep", metavar="FOLDER",
+            help="Keep the reduced model and finished fits there, and go on from what is there.",
+        ),
+    ] = None,
     json: JsonOption = None,
     report: ReportOption = None,
     debug: DebugOption = False,
@@ -161,10 +168,10 @@ def diagnose(
         if plan:
             from fenics_joints.plan_pages import run_plan
 
-            return run_plan(case, comm, progress)
+            return run_plan(case, comm, progress, keep=keep)
         from fenics_joints.workflow import run_diagnose
 
-        return run_diagnose(case, comm, progress)
+        return run_diagnose(case, comm, progress, keep=keep)
 
     _command(run, case, json, report, debug)
 

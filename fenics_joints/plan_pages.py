@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,11 +53,13 @@ class PlanOutcome:
         show_plan(console, self.result)
 
 
-def run_plan(case: Case, comm: MPI.Intracomm, progress: Progress) -> PlanOutcome:
+def run_plan(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
+) -> PlanOutcome:
     """The ``diagnose --plan`` command. Collective."""
     from fenics_joints.diagnosis.planned import plan
 
-    return PlanOutcome(plan(case, comm, progress))
+    return PlanOutcome(plan(case, comm, progress, keep=keep))
 
 
 # -- the page --------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mpi4py import MPI
@@ -68,11 +69,14 @@ class UpdateOutcome:
         update(console, self.result)
 
 
-def run_diagnose(case: Case, comm: MPI.Intracomm, progress: Progress) -> DiagnosisOutcome:
+def run_diagnose(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
+) -> DiagnosisOutcome:
     """The ``diagnose`` command. Collective."""
     from fenics_joints.diagnosis import diagnose
 
-    return DiagnosisOutcome(diagnose(case, comm, progress), case.measurements().log_sd())
+    found = diagnose(case, comm, progress, keep=keep)
+    return DiagnosisOutcome(found, case.measurements().log_sd())
 
 
 def run_update(

@@ -16,6 +16,8 @@ __all__ = ["ALSO", "cause_of", "opened", "outcomes", "same_cause", "same_region"
 #: Further names of the library that are right, beside the world's own list of them; patterns.
 ALSO: dict[str, tuple[str, ...]] = {
     "graded": ("joint compliance graded from zone to zone",),
+    # Two names for what happens at a bolt that does not press.
+    "loose_bolt": ("compliance at one bolt", "compliance at one joint"),
 }
 
 

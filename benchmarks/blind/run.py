@@ -85,7 +85,10 @@ def _diagnose(folder: Path, case: dict, seconds: float) -> dict:
         # A copy, for a diagnosis may leave files beside its case.
         copy, out = Path(scratch) / "case", Path(scratch) / "diagnosis.json"
         shutil.copytree(place, copy)
+        # The reduced models depend on no data: one for each geometry serves all its cases.
+        models = folder / "models"
         command = [sys.executable, "-m", "fenics_joints", "diagnose", str(copy)]
+        command += ["--keep", str(models.resolve())]
         try:
             done = subprocess.run(
                 [*command, "--json", str(out)], cwd=scratch, capture_output=True, text=True,

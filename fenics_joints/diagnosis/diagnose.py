@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.inference import Fit
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.localise import cell_map, merge_regions, zone_shares
+from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.nested import Nested, nested_evidence
 from fenics_joints.diagnosis.prediction import Prediction
 from fenics_joints.diagnosis.prepared import Prepared, prepare
@@ -178,6 +179,9 @@ class _Run:
             silent=self.model.silent,
             by_level=self.data.by_level,
             damping=self._damping(leader),
+            location=locate_gap(self.model),
+            shrinkage=shrink,
+            nested=self.nested,
             model={
                 "dofs": self.model.full.n_dofs,
                 "basis": self.model.surrogate.model.n_dofs,

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_joints.gap import Gap
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.location import Location
+    from fenics_joints.diagnosis.nested import Nested
+    from fenics_joints.diagnosis.shrinkage import Shrinkage
 
 __all__ = [
     "CellMap", "Diagnosis", "EffectResult", "HypothesisResult", "Separation", "Silent", "ZoneShare",
@@ -142,6 +148,9 @@ class Diagnosis:
         model: Facts on the model: dofs, basis, samples, seconds.
         silent: Effects that were left out, with the reason.
         by_level: Whether the condition is a level of force or amplitude.
+        location: Tests of regions and patches, and along modes, frequencies and conditions.
+        shrinkage: How far the gap shrinks on held-out data, with what was stated before.
+        nested: Evidence by nested sampling of the leading hypotheses, by label of their effects.
         damping: Measured and, by the leading hypothesis, predicted damping ratios, each of shape
             (n, m); None if damping was not used.
     """
@@ -169,6 +178,9 @@ class Diagnosis:
     silent: tuple[Silent, ...] = ()
     by_level: bool = False
     damping: tuple[np.ndarray, np.ndarray] | None = None
+    location: Location | None = None
+    shrinkage: Shrinkage | None = None
+    nested: dict[str, Nested] = field(default_factory=dict)
 
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --json``."""
@@ -199,6 +211,7 @@ class Diagnosis:
             "hypotheses": [
                 {
                     "label": h.label,
+                    "effects": list(h.effects),
                     "probability": h.probability,
                     "log_evidence": h.log_evidence,
                     "gap": h.gap,
@@ -231,6 +244,14 @@ class Diagnosis:
                 "after": _rows(self.after.model_hz),
             },
             "model": {**self.model, "frequency_error": self.model_error},
+        }
+        if self.location is not None:
+            out["location"] = self.location.to_json()
+        if self.shrinkage is not None:
+            out["shrinkage"] = self.shrinkage.to_json()
+        out["nested"] = {
+            label: {"log_evidence": n.log_evidence, "error": n.error, "calls": n.calls}
+            for label, n in self.nested.items()
         }
         if self.damping is not None:
             test, after = self.damping
