@@ -564,7 +564,9 @@ class Diagnose(Section):
 
     ``zones`` is the number of zones of equal pressure that a contact is split into, and ``mesh``
     what its mesh has otherwise than ``[mesh]``, such as larger elements: a diagnosis solves many
-    models. ``nested`` is the number of leading hypotheses whose evidence is sampled.
+    models. ``nested`` is the number of leading hypotheses whose evidence is sampled, and
+    ``patches`` that of patches of each region in which the gap is looked for; 0 for neither these
+    nor the error in the constitutive relation, which cost solutions of the full model.
     ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that
     nothing of the joints is assumed; or the stiffness ``given`` by ``[joints]``, of which a
     diagnosis can then say that the preload is below the nominal one.
@@ -580,6 +582,7 @@ class Diagnose(Section):
     samples: Annotated[int, Field(ge=4, strict=True)] = 16
     joints: Literal["bonded", "given"] = "bonded"
     nested: Annotated[int, Field(ge=0, le=50, strict=True)] = 6
+    patches: Annotated[int, Field(ge=0, le=200, strict=True)] = 12
 
 
 def _names(table: Any) -> Any:

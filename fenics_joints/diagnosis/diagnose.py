@@ -179,7 +179,7 @@ class _Run:
             silent=self.model.silent,
             by_level=self.data.by_level,
             damping=self._damping(leader),
-            location=locate_gap(self.model),
+            location=locate_gap(self.model, n_patches=self.given.diagnose.patches),
             shrinkage=shrink,
             nested=self.nested,
             model={
