@@ -9,6 +9,7 @@ from fenics_joints.affine import AffinePencil, RegionTerm, SpringTerm
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.components import Parameter
 from fenics_joints.diagnosis.effects import Effect, Prior
+from fenics_joints.diagnosis.effects_part import temperature
 from fenics_joints.diagnosis.effects_rig import misplaced_sensor, misscaled_sensor, swapped_modes
 from fenics_joints.diagnosis.evidence import SHAPE, Evidence
 from fenics_joints.diagnosis.hypothesis import Hypothesis
@@ -18,8 +19,8 @@ from fenics_joints.points import Sensors
 from fenics_joints.surrogate import Forward
 
 N, SENSORS = 14, (0, 4, 7, 9, 13)
-NAMES = ("a.E", "a.G", "a.rho", "ground")
-BASELINE = {"a.E": 1.0, "a.G": 3e6, "a.rho": 1.2, "ground": 4e5}
+NAMES = ("a.E", "a.G", "a.rho", "ground.E")
+BASELINE = {"a.E": 1.0, "a.G": 3e6, "a.rho": 1.2, "ground.E": 4e6}
 MODES = ("one", "two", "three")
 TORQUES = (5.0, 20.0)
 
@@ -38,7 +39,7 @@ def forward():
     parameters = {name: Parameter(name, BASELINE[name]) for name in NAMES}
     pencil = AffinePencil(
         parameters, [RegionTerm("a", law, properties, stiffness, inertia, 1.0)],
-        [SpringTerm("ground", "ground", 1.0, np.eye(N)[3])],
+        [SpringTerm("ground", "ground.E", 1.0, np.eye(N)[3])],
     )  # fmt: skip
     rows = np.eye(N)[list(SENSORS)]
     shifts = (np.roll(np.eye(N), 1, axis=1) - np.eye(N))[list(SENSORS)]
@@ -78,6 +79,7 @@ def evidence_for(forward, damped: bool) -> Evidence:
 
 EFFECTS = {
     "structure": (),
+    "drift": (temperature(["ground"], TORQUES, drifts=True),),
     "gain": (misscaled_sensor(2, 1.0),),
     "shift": (misplaced_sensor(1, 10.0, 1.0),),
     "both": (misscaled_sensor(1, 1.0), misplaced_sensor(1, 10.0, 1.0)),
@@ -105,11 +107,24 @@ def test_derivatives_are_differences(forward, kind, damped):
     there = np.isfinite(evidence.data)
     step = 1e-4
     numeric = [(at(z + s) - at(z - s)) / (2 * step) for s in step * np.eye(len(z))]
-    assert slopes[there] == pytest.approx(np.array(numeric).T[there], rel=1e-4, abs=2e-6)
+    assert slopes[there] == pytest.approx(np.array(numeric).T[there], rel=1e-4, abs=1e-6)
     # Each free number moves something, or it would not be free; a tightening only its own row.
-    assert np.all(np.abs(slopes[there]).max(axis=0) > 1e-4)
+    assert np.all(np.abs(slopes[there]).max(axis=0) > 2e-5)
     first = hypothesis.places["tightenings"].start
     assert not slopes[evidence.entries.row == 1, first].any()
+
+
+def test_drift_of_the_temperature_is_seen_where_nothing_depends_on_the_torque(forward):
+    """It changes from row to row by their order, and is no effect of the torque."""
+    drifting = temperature(["ground"], TORQUES, drifts=True)
+    hypothesis = Hypothesis((drifting,), (lighter(),), conditions=TORQUES, modes=MODES)
+    evidence = evidence_for(forward, damped=False)
+    z = np.array([0.3, -0.5, 0.8])
+    step = np.array([0.0, 0.0, 1e-4])
+    up, down = (predict(hypothesis, forward, evidence, z + s, BASELINE)[0] for s in (step, -step))
+    slope = predict(hypothesis, forward, evidence, z, BASELINE)[1][:, 2]
+    assert np.abs(slope[:3]).max() == 0.0
+    assert slope[3:6] == pytest.approx((up - down)[3:6] / 2e-4, rel=1e-4)
 
 
 def test_swapped_modes_swap_frequencies_and_damping_and_leave_shapes(forward):
