@@ -562,6 +562,8 @@ class Update(Section):
 class Diagnose(Section):
     """``[diagnose]``: what `fenics-joints diagnose` may assume.
 
+    ``discrepancy`` is the relative error of frequencies that any model of the structure has, and
+    ``shape_discrepancy`` that of a shape's components, relative to its root mean square.
     ``zones`` is the number of zones of equal pressure that a contact is split into, and ``mesh``
     what its mesh has otherwise than ``[mesh]``, such as larger elements: a diagnosis solves many
     models. ``nested`` is the number of leading hypotheses whose evidence is sampled, and
@@ -574,6 +576,7 @@ class Diagnose(Section):
 
     n_modes: Count = 20
     discrepancy: Share = 0.01
+    shape_discrepancy: Share = 0.05
     preload_scatter: Share = 0.2
     max_effects: Annotated[int, Field(ge=1, le=3, strict=True)] = 2
     effects: list[str] | None = None

@@ -91,7 +91,7 @@ class Evidence:
     shapes: np.ndarray | None = None
     shape_row: int = 0
     shape_sd: float = 0.05
-    shape_error: float = 0.04
+    shape_error: float = 0.05
     near: np.ndarray | None = None
 
     def __post_init__(self):
@@ -196,10 +196,15 @@ def _wide(conditions: np.ndarray) -> np.ndarray:
     return shift**2 + trend**2 * np.outer(x, x) + bend**2 * np.outer(x**2, x**2)
 
 
-def evidence_of(data: TestData, discrepancy: float) -> Evidence:
+def evidence_of(data: TestData, discrepancy: float, shape_error: float = 0.05) -> Evidence:
     """A test as the inference sees it.
 
     Damping is used if it was measured at several levels, or if the test says how good it is.
+
+    Args:
+        data: The test.
+        discrepancy: See `Evidence`.
+        shape_error: Likewise.
     """
     log_f = np.log(data.frequencies_hz)
     kwargs = {}
@@ -216,7 +221,8 @@ def evidence_of(data: TestData, discrepancy: float) -> Evidence:
     if data.shapes is not None:
         kwargs |= {
             "shapes": _scaled(data.shapes), "shape_row": data.shape_row,
-            "shape_sd": data.shape_noise, "near": _near(data.sensors.points),
+            "shape_sd": data.shape_noise, "shape_error": shape_error,
+            "near": _near(data.sensors.points),
         }  # fmt: skip
     return Evidence(data.conditions, log_f, data.log_sd(), discrepancy, **kwargs)
 
