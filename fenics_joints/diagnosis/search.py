@@ -26,11 +26,11 @@ __all__ = ["Search"]
 #: two at once have the product of their odds. And those of an unknown cause.
 _ANY, _UNKNOWN = 1.5, 0.2
 #: A pair this far (in ln) behind the best is not fitted in full; and at most so many are.
-_MARGIN, _MOST = 8.0, 30
+_MARGIN, _MOST = 8.0, 24
 #: Relative change of the sum of squares at which a fit ends.
 _TOLERANCE = 1e-4
 #: Pairs that get a quick look with the model.
-_LOOKS = 120
+_LOOKS = 100
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; and the
 #: error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
 _LEADING_SINGLES, _LEADING, _REDUCED = 4, 2, 0.1
