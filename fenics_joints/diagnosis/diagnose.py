@@ -37,7 +37,7 @@ __all__ = ["diagnose"]
 
 #: A hypothesis this far (in ln) behind the best on all data, or the best of one effect, is not
 #: refitted in the folds, but for the best wrong ones; and at most so many are.
-_HOPELESS, _WRONG, _FAIR = 6.0, 3, 10
+_HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
 
 
 def diagnose(
