@@ -43,7 +43,6 @@ def test_a_line_that_was_cut_off_is_passed_over(tmp_path):
         assert len(kept.start("a", 2)) == 1 and kept.start("b", 2) == []
 
 
-@pytest.mark.xfail(strict=True, reason="the next line is glued to the one that was cut off")
 def test_what_is_written_after_a_cut_off_line_counts(tmp_path):
     KeptFits(tmp_path, TEST, BASELINE, writes=True).add({"a": np.ones(2), "b": np.ones(2)})
     (file,) = tmp_path.iterdir()

@@ -171,7 +171,7 @@ class Hypothesis:
     @cached_property
     def steady(self) -> list[bool]:
         """Whether each parameter's effect is the same at all conditions."""
-        own = [not (e.depends_on_condition or e.by_level) for e, _ in self._own]
+        own = [not (e.depends_on_condition or e.by_level or e.drifts) for e, _ in self._own]
         return own + [False] * (len(self.priors) - len(own))
 
     def loses(self, j: int) -> bool:
