@@ -431,7 +431,6 @@ def test_a_truth_that_the_library_lacks_is_none_of_these(truth, name):
         assert without.probability[UNKNOWN] > 0.5
 
 
-@pytest.mark.xfail(strict=True, reason="the verdict alone hears of the misfit")
 def test_what_fails_its_own_check_is_no_more_probable_than_none_of_these():
     """A wrong effect may have the better evidence: an unknown cause has a price in every mode."""
     library = [e for e in LIBRARY if e.name != "modulus error"]

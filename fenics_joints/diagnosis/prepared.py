@@ -120,7 +120,7 @@ class Prepared:
     def _fingerprint(self, samples: Sequence[dict[str, float]]) -> str:
         """Names a reduced model by everything that it depends on."""
         tables = ("mesh", "parts", "joints", "contacts", "bolts", "masses", "springs", "supports")
-        said = self.case.model_dump(mode="json", include={*tables, "attached"})
+        said = self.case.model_dump(mode="json", include={*tables, "attached"}, warnings=False)
         sensors = self.data.sensors
         seen = [] if sensors is None else [sensors.points.tolist(), sensors.directions.tolist()]
         cells = self.full.mesh.topology.index_map(self.full.mesh.topology.dim).size_global

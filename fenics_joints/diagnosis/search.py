@@ -17,7 +17,7 @@ from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.prepared import Prepared
 from fenics_joints.diagnosis.screen import near_best, quick_evidence
 from fenics_joints.diagnosis.spread import spread
-from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.progress import Progress
 
 __all__ = ["Search"]
@@ -261,9 +261,17 @@ class Search:
         )
 
     def probabilities(self, fits: Sequence[Fit]) -> np.ndarray:
-        """Posterior probability of each of the fitted hypotheses."""
+        """Posterior probability of each of the fitted hypotheses.
+
+        One that fails its own check counts for no more than an unknown cause: the best of wrong
+        explanations is none.
+        """
         score = np.array([f.log_evidence for f in fits])
         score = score + self.log_prior([f.hypothesis for f in fits])
+        unknown = max((s for s, f in zip(score, fits, strict=True) if f.hypothesis.unknown),
+                      default=np.inf)  # fmt: skip
+        failed = np.array([f.p_value < MISFIT for f in fits])
+        score = np.where(failed, np.minimum(score, unknown), score)
         return np.exp(score - logsumexp(score))
 
 

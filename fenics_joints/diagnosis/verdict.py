@@ -10,13 +10,13 @@ from fenics_joints.diagnosis.inference import Fit
 from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.gap import Gap
 
-__all__ = ["NO_GAP", "UNKNOWN", "decide"]
+__all__ = ["MISFIT", "NO_GAP", "UNKNOWN", "decide"]
 
 NO_GAP, UNKNOWN = "no gap", "none of these"
 #: Probability that a class of effects must have to be called a cause.
 _SURE = 0.8
 #: A best hypothesis that fits the data worse than this is no explanation.
-_MISFIT = 0.01
+MISFIT = 0.01
 
 
 def decide(
@@ -47,7 +47,7 @@ def decide(
             "The nominal model, with its parts within tolerance, explains the test to within "
             "noise: there is no gap to explain."
         )
-    if by_label.get(UNKNOWN, 0.0) > 0.5 or leader.p_value < _MISFIT:
+    if by_label.get(UNKNOWN, 0.0) > 0.5 or leader.p_value < MISFIT:
         return "unknown", (
             "No effect of the library explains the test. The best of them, "
             f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} % and would give such a "
@@ -60,7 +60,9 @@ def decide(
         maybe = [n for n, p in classes.items() if 0.2 <= p < _SURE]
         tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
         return "cause", f"The gap comes from {said}.{tail}"
-    named = [f"{name} ({_percent(p)})" for name, p in list(classes.items())[:3]]
+    rated = {**classes, NO_GAP: by_label.get(NO_GAP, 0.0), UNKNOWN: by_label.get(UNKNOWN, 0.0)}
+    first = sorted(rated.items(), key=lambda item: -item[1])[:3]
+    named = [f"{name} ({_percent(p)})" for name, p in first]
     return "ambiguous", f"This test does not decide between {', '.join(named)}."
 
 
