@@ -252,9 +252,12 @@ class ArrayModel:
         return x, change - 0.5 * x[:, :, None] * own[None]
 
     def _mass_slopes(self, x: np.ndarray, given) -> np.ndarray:
-        """x^T dM/dp x, shape (k, n_parameters): from the pencil's slope at two eigenvalues."""
-        zero, one = np.zeros(x.shape[1]), np.ones(x.shape[1])
-        return self.pencil_gradients(x, zero, given) - self.pencil_gradients(x, one, given)
+        """x^T dM/dp x, shape (k, n_parameters)."""
+        values, k = self.values(given), x.shape[1]
+        heavy = self._stacks.pack(x) @ self._stacks.inertia.T
+        rest = self._rest.gradients(x, np.zeros(k), values)
+        rest -= self._rest.gradients(x, np.ones(k), values)
+        return heavy @ self._coefficients(values).by_heavy + rest
 
     def observe(self, shapes: np.ndarray, sensors: Sensors | None = None) -> np.ndarray:
         """Shapes at the sensors that the model was made with, shape (n_sensors, n_shapes)."""

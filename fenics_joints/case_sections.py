@@ -562,9 +562,13 @@ class Update(Section):
 class Diagnose(Section):
     """``[diagnose]``: what `fenics-joints diagnose` may assume.
 
+    ``discrepancy`` is the relative error of frequencies that any model of the structure has, and
+    ``shape_discrepancy`` that of a shape's components, relative to its root mean square.
     ``zones`` is the number of zones of equal pressure that a contact is split into, and ``mesh``
     what its mesh has otherwise than ``[mesh]``, such as larger elements: a diagnosis solves many
-    models. ``nested`` is the number of leading hypotheses whose evidence is sampled.
+    models. ``nested`` is the number of leading hypotheses whose evidence is sampled, and
+    ``patches`` that of patches of each region in which the gap is looked for; 0 for neither these
+    nor the error in the constitutive relation, which cost solutions of the full model.
     ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that
     nothing of the joints is assumed; or the stiffness ``given`` by ``[joints]``, of which a
     diagnosis can then say that the preload is below the nominal one.
@@ -572,6 +576,7 @@ class Diagnose(Section):
 
     n_modes: Count = 20
     discrepancy: Share = 0.01
+    shape_discrepancy: Share = 0.05
     preload_scatter: Share = 0.2
     max_effects: Annotated[int, Field(ge=1, le=3, strict=True)] = 2
     effects: list[str] | None = None
@@ -580,6 +585,7 @@ class Diagnose(Section):
     samples: Annotated[int, Field(ge=4, strict=True)] = 16
     joints: Literal["bonded", "given"] = "bonded"
     nested: Annotated[int, Field(ge=0, le=50, strict=True)] = 6
+    patches: Annotated[int, Field(ge=0, le=200, strict=True)] = 12
 
 
 def _names(table: Any) -> Any:

@@ -243,22 +243,23 @@ def reduce(
 
 
 def enrich(
-    model: ReducedStructure,
+    structure: Structure,
+    basis: list[PETSc.Vec],
     shapes: list[PETSc.Vec],
     travel: Mapping[str, tuple[float, float]] | None = None,
     tolerance: float = 1e-8,
 ) -> ReducedStructure:
-    """A reduced model with further shapes of the full one in its basis.
+    """A reduced model on a basis with further shapes of the full one in it.
 
     Args:
-        model: The reduced model.
+        structure: The full model.
+        basis: The basis so far.
         shapes: Shapes to add.
-        travel: Ranges of moving masses, as the model was made with.
+        travel: Ranges of moving masses, see `ReducedStructure`.
         tolerance: As in `reduce`.
     """
-    structure = model.full
-    basis = _orthonormal(structure, [*model.basis, *shapes], None, tolerance)
-    return ReducedStructure(structure, basis, travel)
+    joined = _orthonormal(structure, [*basis, *shapes], None, tolerance)
+    return ReducedStructure(structure, joined, travel)
 
 
 def _orthonormal(structure, snapshots, given, tolerance, whole: int = 0) -> list[PETSc.Vec]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from petsc4py import PETSc
 
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.errors import InputError
@@ -203,8 +204,10 @@ class Surrogate:
     def refine(self, modes: Sequence[Modes]) -> None:
         """Take further modes of the full model into the basis."""
         shapes = [m.shape(int(i)) for m in modes for i in self._seen(m)]
-        known = self._kept_basis() or self._reduce() if self._reduced is None else self._reduced
-        self._reduced = enrich(known, shapes, self.travel)
+        basis = self._kept_basis() if self._reduced is None else self._reduced.basis
+        if basis is None:
+            basis = self._reduce().basis
+        self._reduced = enrich(self.full, basis, shapes, self.travel)
         self.model = self.forward.model = self._arrays(self._reduced)
         self.forward.forget()
 
@@ -224,8 +227,8 @@ class Surrogate:
             basis = np.array([vector.array_r for vector in self._reduced.basis])
             write_arrays(self.keep.with_suffix(".npz"), basis=basis)
 
-    def _kept_basis(self) -> ReducedStructure | None:
-        """The reduced structure from its kept basis, if it can be had."""
+    def _kept_basis(self) -> list[PETSc.Vec] | None:
+        """The basis from its file, if it can be had."""
         file = None if self.keep is None else self.keep.with_suffix(".npz")
         if file is None or self.full.comm.size > 1 or not file.is_file():
             return None
@@ -234,7 +237,7 @@ class Surrogate:
             vector = self.nominal.shape(0).duplicate()
             vector.array[:] = row
             vectors.append(vector)
-        return ReducedStructure(self.full, vectors, self.travel)
+        return vectors
 
     def _arrays(self, model: ReducedStructure) -> ArrayModel:
         """The same model as plain arrays."""

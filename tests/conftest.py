@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+#: For what several tests share that is no fixture.
+sys.path.insert(0, str(Path(__file__).parent))
+
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave slow tests out of any selection that does not speak of them, as ``-m parallel``."""

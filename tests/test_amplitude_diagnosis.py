@@ -78,6 +78,8 @@ n_modes = 16
 samples = 8
 discrepancy = "0.5 %"
 max_effects = 2
+nested = 0
+patches = 0
 {effects}
 """
 #: Effects for tests that are not about the rest of the library.

@@ -2,150 +2,34 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mpi4py import MPI
+from virtual_plates import TORQUES, Measured, virtual_test, write_virtual_case
 
 from fenics_joints.case import load_case
-from fenics_joints.components import Parameter, PointMass, joint, part
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.forms import lame_parameters
-from fenics_joints.gap import pair_modes
-from fenics_joints.meshes import lap_plates
-from fenics_joints.modal import solve_modes
-from fenics_joints.points import Sensors
 from fenics_joints.reading import effect_classes
-from fenics_joints.structure import Structure
 
-TORQUES = np.array([4.0, 8.0, 16.0, 24.0])
-NOISE = 0.003
-E, G, RHO = 69e9, 26.9e9, 2750.0
-NU = E / (2 * G) - 1
-#: Thinner than the case's 0.5 mm: stiffness per area is what the two have in common.
-LAYER = 0.3e-3
-_ALONG = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
-
-_CASE = """
-title = "Virtual lap plates"
-
-[mesh]
-builder = "lap_plates"
-element_size = "20 mm"
-n_thickness = 1
-
-[parts.plates]
-cells = ["plate_1", "plate_2"]
-E = "69 GPa"
-G = "26.9 GPa"
-rho = "2750 kg/m3"
-
-[joints.near]
-cells = "joint_near"
-bolted = true
-E = "1 GPa"
-G = "0.4 GPa"
-
-[joints.away]
-cells = "joint_away"
-E = "1 GPa"
-G = "0.4 GPa"
-
-[attached.accelerometer]
-kind = "mass"
-points = [["10 mm", "40 mm", "0 mm"]]
-mass = "20 g"
-tolerance = "10 %"
-travel = ["5 mm", "195 mm"]
-
-[attached.suspension]
-kind = "spring"
-points = [["20 mm", "0 mm", "4 mm"], ["300 mm", "0 mm", "12.5 mm"]]
-direction = [0, 1, 0]
-stiffness = "1 kN/m"
-
-[test]
-frequencies = "frequencies.csv"
-condition = "torque"
-noise = "0.3 %"
-
-[test.sees]
-along = "x"
-positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
-at = { y = "40 mm", z = ["8 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }
-direction = [0, 0, 1]
-
-[diagnose]
-n_modes = 18
-samples = 8
-max_effects = 1
-"""
-
-
-def virtual_test(
-    *,
-    k_t: float = np.inf,
-    modulus: float = 1.0,
-    thickness: float = 1.0,
-    mass: float = 0.0,
-) -> np.ndarray:
-    """Frequencies, Hz, of four bending modes at all torques, shape (n, 4), without noise.
-
-    Args:
-        k_t: Tangential stiffness of the joint per area at the highest torque, Pa/m; it grows with
-            the root of the torque.
-        modulus: True over nominal modulus of the plates.
-        thickness: True over nominal thickness of the plates.
-        mass: Mass, kg, on the end of plate 1.
-    """
-    tagged = lap_plates(MPI.COMM_SELF, element_size=0.0134, n_thickness=2, layer=LAYER)
-    lmbda, mu = (modulus * c for c in lame_parameters(E, NU))
-    cells = ("plate_1", "plate_2")
-    plates = part("plates", cells, E=modulus * E, nu=NU, rho=RHO, stretch=thickness)
-    layer = joint("joint", ("joint_near", "joint_away"), E=lmbda + 2 * mu, G="G")
-    end = PointMass("accelerometer", mass, (0.02, 0.04, 0.0))
-    model = Structure(tagged, [plates, layer], [Parameter("G", mu)], masses=[end])
-    top = 0.016 + LAYER
-    heights = [0.008 if x < 0.12 else top for x in _ALONG]
-    sensors = Sensors(np.array([_ALONG, [0.04] * len(_ALONG), heights]).T, [0.0, 0.0, 1.0])
-    torques = TORQUES if np.isfinite(k_t) else TORQUES[-1:]
-    rows = []
-    for torque in torques:
-        stiffness = k_t * np.sqrt(torque / TORQUES[-1])
-        modes = solve_modes(model, {"G": 1 / (1 / mu + 1 / (stiffness * LAYER))}, n_modes=18)
-        rows.append(modes.frequencies_hz[pair_modes(modes, 4, sensors).index])
-    return np.broadcast_to(rows, (len(TORQUES), 4)).copy()
-
-
-def noisy(clean: np.ndarray, seed: int = 3) -> np.ndarray:
-    """What an instrument with the case's noise would say."""
-    return clean * np.exp(NOISE * np.random.default_rng(seed).standard_normal(clean.shape))
-
-
-def write_virtual_case(folder: Path, measured: np.ndarray, discrepancy: str = "1 %") -> Path:
-    """Put the nominal model's case and these data into a folder, and return it."""
-    names = [f"bending {i + 1}" for i in range(measured.shape[1])]
-    lines = [",".join(["torque [N·m]", *(f"{name} [Hz]" for name in names)])]
-    for torque, row in zip(TORQUES, measured, strict=True):
-        lines.append(",".join(f"{x:.10g}" for x in (torque, *row)))
-    (folder / "frequencies.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    text = f'{_CASE}discrepancy = "{discrepancy}"\n'
-    (folder / "case.toml").write_text(text, encoding="utf-8")
-    return folder
+#: One effect at a time, and nothing that has tests of its own.
+FEW = ("max_effects = 1", "nested = 0", "patches = 0")
 
 
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory):
-    """A function that puts noise on a virtual test and diagnoses it; remembers what it did."""
-    done = {}
+    """A function that puts noise on a virtual test and diagnoses it; remembers what it did.
+
+    The reduced model is made once: it is the same for all tests of one case.
+    """
+    done, models = {}, tmp_path_factory.mktemp("models")
 
     def run(clean, discrepancy="1 %"):
-        key = clean.tobytes(), discrepancy
+        key = clean.frequencies_hz.tobytes(), discrepancy
         if key not in done:
             folder = tmp_path_factory.mktemp("virtual")
-            case = load_case(write_virtual_case(folder, noisy(clean), discrepancy))
-            done[key] = diagnose(case, MPI.COMM_SELF)
+            lines = (*FEW, f'discrepancy = "{discrepancy}"')
+            case = load_case(write_virtual_case(folder, clean.noisy(), *lines))
+            done[key] = diagnose(case, MPI.COMM_SELF, keep=models)
         return done[key]
 
     return run
@@ -219,8 +103,9 @@ def test_no_gap_without_an_effect(diagnosed):
 def test_what_no_effect_explains_is_unknown(diagnosed, mode, factor):
     """One mode alone is shifted by 10 %, and more with the torque."""
     clean = virtual_test()
-    clean[:, mode] *= factor * (TORQUES / 24.0) ** (0.5 * (factor - 1))
-    result = diagnosed(clean)
+    shifted = clean.frequencies_hz.copy()
+    shifted[:, mode] *= factor * (TORQUES / 24.0) ** (0.5 * (factor - 1))
+    result = diagnosed(Measured(shifted, clean.shapes))
     assert result.verdict == "unknown", result.summary
     assert result.effects[0].name == "none of these"
 
@@ -236,9 +121,9 @@ def test_small_mass_is_left_open_by_a_coarse_model(diagnosed):
 @pytest.mark.parallel
 def test_two_ranks_give_the_same_probabilities(shared_tmp_path):
     comm = MPI.COMM_WORLD
-    measured = comm.bcast(noisy(virtual_test(mass=0.02)))
+    measured = comm.bcast(virtual_test(mass=0.02).noisy())
     if comm.rank == 0:
-        write_virtual_case(shared_tmp_path, measured, "0.5 %")
+        write_virtual_case(shared_tmp_path, measured, *FEW, 'discrepancy = "0.5 %"')
     comm.barrier()
     case = load_case(shared_tmp_path)
     alone, together = (diagnose(case, c) for c in (MPI.COMM_SELF, comm))

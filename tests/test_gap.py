@@ -94,6 +94,24 @@ def test_mac_by_hand():
     assert mac(turned * np.exp(0.7j), -turned) == pytest.approx(1.0)
 
 
+def test_mac_leaves_missing_sensors_out_mode_by_mode():
+    """As if each shape had been compared over the sensors that measured it alone."""
+    rng = np.random.default_rng(4)
+    a, b = rng.standard_normal((6, 3)), rng.standard_normal((6, 4))
+    a[1, 0] = a[4, 0] = a[5, 2] = np.nan
+    found = mac(a, b)
+    for i, column in enumerate(a.T):
+        there = np.isfinite(column)
+        assert found[i] == pytest.approx(mac(column[there, None], b[there])[0], rel=1e-12)
+    a[:, 1] = np.nan
+    assert np.array_equal(mac(a, b)[1], np.zeros(4))
+    # A model's own shapes are found again through the gaps.
+    gappy = b[:, [2, 0, 3]].copy()
+    gappy[0, 0] = gappy[3, 2] = np.nan
+    assert mac(gappy, b).argmax(axis=1).tolist() == [2, 0, 3]
+    assert mac(gappy, b).max(axis=1) == pytest.approx(np.ones(3))
+
+
 def test_gap_leaves_missing_data_out():
     test = np.array([[100.0, 200.0], [np.nan, 250.0]])
     model = np.array([[110.0, 190.0], [120.0, 250.0]])

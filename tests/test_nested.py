@@ -70,6 +70,24 @@ def test_evidence_is_the_closed_form_when_linear():
     assert (again.log_evidence, again.calls) == (got.log_evidence, got.calls)
 
 
+@pytest.mark.parametrize("narrow", [1.0, 1e-3])
+def test_one_parameter_is_enough(narrow):
+    """As of a wrong modulus: the closed form, however sharp the test is against the prior."""
+    rng = np.random.default_rng(4)
+    forward = Curved(rng.standard_normal((4, 2)) * 0.05)
+    log_f = 5.0 + 0.03 * narrow * rng.standard_normal((3, 4)) + forward.matrix @ [0.9, 0.0]
+    evidence = evidence_of(log_f, sd=0.01 * narrow, discrepancy=0.01 * narrow)
+    hypothesis = Hypothesis((shift(0, 0.8),), (shift(1, 0.6 * narrow),))
+    found = fit(hypothesis, forward, evidence, forward.baseline)
+    got = nested_evidence(found, forward, evidence, forward.baseline)
+    J = np.tile(forward.matrix, (3, 1)) * [0.8, 0.6 * narrow]
+    covariance = evidence.covariance() + J @ J.T
+    exact = multivariate_normal(np.full(12, 5.0), covariance).logpdf(log_f.ravel())
+    assert got.log_evidence == pytest.approx(exact, abs=1e-3)
+    gain = J.T @ np.linalg.solve(covariance, log_f.ravel() - 5.0)
+    assert got.mean == pytest.approx(gain[:1], abs=0.02 * got.sd[0])
+
+
 @pytest.mark.parametrize("limit", [np.inf, 0.5])
 def test_two_modes_and_a_bend_against_a_grid(limit):
     """p0^2 is what the data see: Laplace finds one of two bent modes, and no limit of a prior."""

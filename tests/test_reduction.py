@@ -184,7 +184,7 @@ def test_enriched_basis_holds_the_new_modes(full, checks):
     model = reduce(full, samples(2, seed=1), N_MODES, travel=TRAVEL)
     point, exact = checks[0]
     before = errors(model, checks[:1]).max()
-    richer = enrich(model, exact.shapes, TRAVEL)
+    richer = enrich(model.full, model.basis, exact.shapes, TRAVEL)
     assert richer.n_dofs > model.n_dofs
     assert np.abs(errors(richer, checks[:1])).max() < min(1e-4, 0.05 * before)
     # What it knew before it still knows.

@@ -37,7 +37,7 @@ __all__ = ["diagnose"]
 
 #: A hypothesis this far (in ln) behind the best on all data, or the best of one effect, is not
 #: refitted in the folds, but for the best wrong ones; and at most so many are.
-_HOPELESS, _WRONG, _FAIR = 6.0, 4, 14
+_HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
 
 
 def diagnose(
@@ -179,7 +179,7 @@ class _Run:
             silent=self.model.silent,
             by_level=self.data.by_level,
             damping=self._damping(leader),
-            location=locate_gap(self.model),
+            location=locate_gap(self.model, n_patches=self.given.diagnose.patches),
             shrinkage=shrink,
             nested=self.nested,
             model={

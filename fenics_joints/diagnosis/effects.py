@@ -92,6 +92,8 @@ class Effect:
             frequency in the part of the structure whose stiffness is proportional to that parameter
             of the model, ``""`` being all of it; None if it dissipates nothing.
         weight: Prior odds relative to other effects: one of n places has 1/n.
+        drifts: Whether it changes from one condition to the next by their order, which no
+            tightening scatters.
         sensing: ``(sensing, theta) -> None``: for a cause in the test, what it changes of how the
             test reads the structure, in place.
     """
@@ -107,6 +109,7 @@ class Effect:
     loss: Callable[[Mapping[str, float], float, float], dict[str, float]] | None = None
     weight: float = 1.0
     sensing: Callable[[Sensing, Mapping[str, float]], None] | None = None
+    drifts: bool = False
 
     @property
     def key(self) -> str:

@@ -24,6 +24,10 @@ _EXPONENT = (0.5, 0.3, (0.0, 1.5))
 _LOST, _HALFWAY = 1e-9, 1e-3
 _SCAN = 60
 _POWER = np.log2(np.log(_LOST) / np.log(_HALFWAY))
+#: Prior odds of a law that describes a distribution of stiffness without a physical reason for it.
+_DESCRIPTION = 0.25
+#: Share of the reach squared that stays in contact at any torque, or the bodies part.
+_LAST_CONTACT = 0.05
 #: Cut-off relative to the largest pressure: a tenth, within a factor of 3 either way (one standard
 #: deviation). Rough faces carry shear from the first contact on, so it may be far lower; that it
 #: be near the peak would leave hardly any contact.
@@ -123,7 +127,9 @@ def graded_compliance(
 
     name = "joint compliance graded from zone to zone"
     torque = reference is not None
-    return Effect(name, "joint", tuple(priors), apply, describe, torque, _FAMILY)
+    return Effect(
+        name, "joint", tuple(priors), apply, describe, torque, _FAMILY, weight=_DESCRIPTION
+    )
 
 
 # -- by pressure -----------------------------------------------------------------------------------
@@ -257,12 +263,19 @@ def lost_contact(zones: Sequence[str], low: np.ndarray, high: np.ndarray) -> Eff
     return Effect("contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY)
 
 
-def lost_beyond(zones: Sequence[str], distance: np.ndarray) -> Effect:
+def lost_beyond(
+    zones: Sequence[str], distance: np.ndarray, reference: float | None = None
+) -> Effect:
     """Contact lost beyond a distance from the bolts, ring by ring as in `lost_contact`.
+
+    Under a bell of pressure p = P (T / T_ref) (1 - (r / R)^2) contact is lost where p falls below
+    a cut-off c P, so that the contact grows with the torque: r^2 = R^2 (1 - c T_ref / T). At one
+    torque only, the distance itself is the parameter.
 
     Args:
         zones: Zones around bolts.
         distance: Least and largest distance of each zone from its bolt's axis, m, (n, 2).
+        reference: Torque at which the cut-off is c; None when the test has one torque only.
     """
     low, high = np.asarray(distance, dtype=float).T
     middle = 0.5 * (low + high)
@@ -270,12 +283,24 @@ def lost_beyond(zones: Sequence[str], distance: np.ndarray) -> Effect:
     width = np.maximum(high - low, 0.1 * np.max(high))
 
     def apply(values, theta, condition):
+        radius = theta["radius"]
+        if reference is not None:
+            left = 1 - theta["cutoff"] * reference / condition
+            # What no torque of the test presses hard enough keeps a last bit of contact.
+            radius *= np.sqrt(max(left, _LAST_CONTACT))
         for zone, m, w in zip(zones, middle, width, strict=True):
-            _lose(values, zone, 0.5 + (m - theta["radius"]) / (3 * w))
+            _lose(values, zone, 0.5 + (m - radius) / (3 * w))
 
     words = "The faces hold together only near the bolts."
-    prior = _reach(low, high, scan=_SCAN)
-    return Effect("contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY)
+    # The scan takes all other parameters for linear, which a cut-off is not.
+    priors = [_reach(low, high, scan=_SCAN if reference is None else 0)]
+    if reference is not None:
+        priors.append(Prior("cutoff", *_CUTOFF, "", True, (1e-4, 0.9)))
+        words = "The faces hold together only near the bolts, further out at higher torque."
+    return Effect(
+        "contact lost at low pressure", "joint", tuple(priors), apply, words,
+        reference is not None, _FAMILY,
+    )  # fmt: skip
 
 
 def _lose(values: dict[str, float], zone: str, t: float) -> None:

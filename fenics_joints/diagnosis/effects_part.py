@@ -70,4 +70,7 @@ def temperature(parts: Sequence[str], conditions: Sequence[float], drifts: bool)
         priors.append(Prior("drift", 0.0, sd, "K", False, span))
     words = "The test was warmer or colder than the material's data, or its temperature drifted."
     # Not by the condition as far as a hypothesis asks: tightening does not scatter a temperature.
-    return Effect("temperature", "all parts", tuple(priors), apply, words, family="temperature")
+    return Effect(
+        "temperature", "all parts", tuple(priors), apply, words, family="temperature",
+        drifts=drifts,
+    )  # fmt: skip

@@ -24,6 +24,8 @@ _UNKNOWN_SHAPE = 0.2
 _MEMORY = 0.7
 #: Distance between sensors, as a share of the largest, over which its error in a shape does.
 _REACH = 0.3
+#: Share of the variance of a model's error in a shape that is each sensor's own.
+_LOCAL = 0.5
 #: Share of the discrepancy that changes from level to level.
 _BETWEEN_LEVELS = 0.02
 #: Scatter of ln damping that no model explains: a joint dissipates otherwise after each tightening.
@@ -72,7 +74,8 @@ class Evidence:
             measured it; nan where not; None if there are none.
         shape_row: The condition that they were measured at.
         shape_sd: Standard deviation of their components from noise.
-        shape_error: That of any model's shapes, correlated between near sensors.
+        shape_error: That of any model's shapes: half its variance local, as at a joint that bends
+            otherwise than its layer does, half correlated between near sensors.
         near: That correlation, shape (n_s, n_s).
     """
 
@@ -88,7 +91,7 @@ class Evidence:
     shapes: np.ndarray | None = None
     shape_row: int = 0
     shape_sd: float = 0.05
-    shape_error: float = 0.03
+    shape_error: float = 0.05
     near: np.ndarray | None = None
 
     def __post_init__(self):
@@ -156,7 +159,8 @@ class Evidence:
             is_shape = e.kind == SHAPE
             near = self.near if self.near is not None else np.eye(len(self.shapes))
             error = self.shape_error**2 + (_UNKNOWN_SHAPE**2 if unknown else 0.0)
-            pairs = near[np.ix_(e.sensor, e.sensor)] * same_mode * error
+            local = _LOCAL * np.eye(len(near)) + (1 - _LOCAL) * near
+            pairs = local[np.ix_(e.sensor, e.sensor)] * same_mode * error
             total = total + pairs * np.outer(is_shape, is_shape)
         return total + np.diag(self._noise() ** 2)
 
@@ -192,10 +196,15 @@ def _wide(conditions: np.ndarray) -> np.ndarray:
     return shift**2 + trend**2 * np.outer(x, x) + bend**2 * np.outer(x**2, x**2)
 
 
-def evidence_of(data: TestData, discrepancy: float) -> Evidence:
+def evidence_of(data: TestData, discrepancy: float, shape_error: float = 0.05) -> Evidence:
     """A test as the inference sees it.
 
     Damping is used if it was measured at several levels, or if the test says how good it is.
+
+    Args:
+        data: The test.
+        discrepancy: See `Evidence`.
+        shape_error: Likewise.
     """
     log_f = np.log(data.frequencies_hz)
     kwargs = {}
@@ -212,7 +221,8 @@ def evidence_of(data: TestData, discrepancy: float) -> Evidence:
     if data.shapes is not None:
         kwargs |= {
             "shapes": _scaled(data.shapes), "shape_row": data.shape_row,
-            "shape_sd": data.shape_noise, "near": _near(data.sensors.points),
+            "shape_sd": data.shape_noise, "shape_error": shape_error,
+            "near": _near(data.sensors.points),
         }  # fmt: skip
     return Evidence(data.conditions, log_f, data.log_sd(), discrepancy, **kwargs)
 

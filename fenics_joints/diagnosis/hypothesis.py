@@ -168,6 +168,18 @@ class Hypothesis:
             return bool(mode) and j == moved.start + mode - 1
         return not damped.start <= j < damped.stop
 
+    @cached_property
+    def steady(self) -> list[bool]:
+        """Whether each parameter's effect is the same at all conditions."""
+        own = [not (e.depends_on_condition or e.by_level or e.drifts) for e, _ in self._own]
+        return own + [False] * (len(self.priors) - len(own))
+
+    def loses(self, j: int) -> bool:
+        """Whether what is dissipated may depend on parameter ``j`` of z."""
+        if j < len(self._own):
+            return self._own[j][0].loss is not None
+        return j < self.places["dampings"].start
+
     def losses(
         self, z: np.ndarray, condition: float, hz: float, mode: int | None = None
     ) -> dict[str, float]:

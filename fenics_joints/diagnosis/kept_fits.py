@@ -56,7 +56,8 @@ class KeptFits:
         lines = [json.dumps({"label": label, "z": list(map(float, z))}) for label, z in new.items()]
         try:
             with self._path.open("a", encoding="utf-8") as file:
-                file.write("\n".join(lines) + "\n")
+                # The first newline ends a line that a stopped run left unfinished.
+                file.write("\n" + "\n".join(lines) + "\n")
         except OSError as error:
             raise InputError(f"{self._path}: cannot be written ({error})") from error
 

@@ -183,7 +183,7 @@ def _placed_compliance(places: JointPlaces, thickness, reference) -> list[Effect
     around, distance = places.around
     if len({tuple(row) for row in distance.tolist()}) > 1:
         effects.append(pressed_by_bolts(around, distance, thickness, reference))
-        effects.append(lost_beyond(around, distance))
+        effects.append(lost_beyond(around, distance, reference))
     for kind, singles in places.single().items():
         for region, zones in singles.items():
             effects.append(

@@ -31,7 +31,7 @@ class Location:
         zones: A test for each zone of the joints beside the same parts; empty where no joint has
             several zones.
         attribution: What each mode, band, condition and kind of data adds to the misfit.
-        patches: Tests of patches of the mesh and the cells to draw them on.
+        patches: Tests of patches of the mesh and the cells to draw them on; None if not asked for.
         constitutive: Error in the constitutive relation; None without measured shapes.
         misfit: Squared whitened residual of the nominal model.
         n_data: Number of fitted data: its expected value.
@@ -40,7 +40,7 @@ class Location:
     regions: tuple[ZoneTest, ...]
     zones: tuple[ZoneTest, ...]
     attribution: tuple[Attribution, ...]
-    patches: PatchMap
+    patches: PatchMap | None
     constitutive: ConstitutiveError | None
     misfit: float
     n_data: int
@@ -53,7 +53,7 @@ class Location:
             "regions": [test.to_json() for test in self.regions],
             "zones": [test.to_json() for test in self.zones],
             "attribution": [part.to_json() for part in self.attribution],
-            "patches": self.patches.to_json(),
+            "patches": None if self.patches is None else self.patches.to_json(),
             "constitutive": None if self.constitutive is None else self.constitutive.to_json(),
         }
 
@@ -63,7 +63,8 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
 
     Args:
         model: The case with its reduced model.
-        n_patches: Patches of each region of the mesh.
+        n_patches: Patches of each region of the mesh; 0 for none of them, and no error in the
+            constitutive relation.
     """
     evidence, baseline, forward = model.evidence, model.baseline, model.forward
     none = model.hypothesis(())
@@ -89,7 +90,7 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
     mapped = patch_tests(
         model.full, nominal, pairing, evidence, residual, nuisance, n_patches,
         soft=_yielding(model), by_torque=torque, merged=model.region_names(),
-    )  # fmt: skip
+    ) if n_patches else None  # fmt: skip
     return Location(
         tests(whole), tests(split) if len(split) > len(whole) else (), tuple(parts), mapped,
         _constitutive(model, n_patches), sum(part.chi2 for part in by_mode),
@@ -123,7 +124,7 @@ def _groups(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]
 
 def _constitutive(model: Prepared, n_patches: int) -> ConstitutiveError | None:
     data, row = model.data, model.evidence.shape_row
-    if data.shapes is None or data.sensors is None:
+    if data.shapes is None or data.sensors is None or not n_patches:
         return None
     there = np.isfinite(data.frequencies_hz[row])
     return constitutive_error(

@@ -8,7 +8,7 @@ prediction is linear in them,
 
 so that the residual at z_e is Gaussian with mean r(z_e, z_n*) - J_n z_n* and covariance
 Sigma + J_n J_n^T. The sampler is nautilus (Lange, MNRAS 525, 2023): importance nested sampling
-from regions that neural networks bound.
+from regions that neural networks bound. Over a single parameter the sum is taken on a line.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from nautilus import Sampler
 from scipy.interpolate import RBFInterpolator
 from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
 from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.evidence import Evidence
@@ -51,6 +52,8 @@ _CORRECTED = 24
 #: For points at which the model lacks a mode that the test saw.
 _IMPOSSIBLE = -1e30
 _BATCH = 100
+#: Steps over a single parameter's prior, and over so many standard deviations of its posterior.
+_STEPS, _NEAR_SD = 201, 8.0
 #: Few points and smooth posteriors: a small network bounds them as well and is taught faster.
 _NETWORK = {"hidden_layer_sizes": (32, 16)}
 
@@ -353,6 +356,8 @@ class _Marginal:
 
     def sample(self, n_live: int, n_effective: int, seed: int):
         """Points, (n, d_e), their weights, (n,), ln Z and the effective sample size."""
+        if self.n_effects == 1:
+            return self._on_a_line()
         sampler = Sampler(
             self.from_unit, self.log_likelihood, n_dim=self.n_effects, n_live=n_live,
             n_batch=_BATCH, n_networks=1, neural_network_kwargs=_NETWORK, vectorized=True,
@@ -366,3 +371,18 @@ class _Marginal:
         points, log_weights, _ = sampler.posterior()
         weights = np.exp(log_weights - log_weights.max())
         return points, weights / weights.sum(), sampler.log_z, sampler.n_eff
+
+    def _on_a_line(self):
+        """The same over one parameter, for which the sampler is not made: by the trapezoidal rule,
+        on steps over the whole prior and finer ones where Laplace sees the posterior."""
+        (low, high), (own,) = self.limits[0], self.own
+        sd = np.sqrt(self.fit.covariance[own, own])
+        near = np.clip(self.fit.z[own] + sd * np.linspace(-_NEAR_SD, _NEAR_SD, _STEPS), low, high)
+        z = np.unique(np.concatenate([np.linspace(low, high, _STEPS), near]))
+        width = np.convolve(np.diff(z), [0.5, 0.5])
+        batches = np.array_split(z[:, None], len(z) // _BATCH + 1)
+        log_l = np.concatenate([self.log_likelihood(batch) for batch in batches])
+        cut = np.log(norm.cdf(high) - norm.cdf(low))
+        log_w = log_l + norm.logpdf(z) + np.log(width) - cut
+        log_z = float(logsumexp(log_w))
+        return z[:, None], np.exp(log_w - log_z), log_z, np.inf

@@ -39,9 +39,9 @@ def predict(
         The prediction, shape (N,), and its derivative by z, shape (N, d).
     """
     m = evidence.log_f.shape[1]
-    rows, slopes, shapes = [], [], []
+    rows, slopes, shapes, steady = [], [], [], {}
     for row, condition in enumerate(evidence.conditions):
-        prediction = Prediction(hypothesis, forward, z, condition, baseline, row)
+        prediction = Prediction(hypothesis, forward, z, condition, baseline, row, steady)
         rows.append(prediction.data)
         slopes.append(prediction.slopes())
         if evidence.shapes is not None and row == evidence.shape_row:
@@ -86,6 +86,8 @@ class Prediction:
         condition: The torque or level.
         baseline: Parameter values of the nominal model.
         row: Which of the hypothesis' conditions it is; None for one that was not measured.
+        steady: Derivatives of the model's values that are the same at all conditions: filled by the
+            first of them, used by the others.
 
     Attributes:
         log_f: ln of the frequencies in the order of the test's columns, shape (m,).
@@ -99,7 +101,9 @@ class Prediction:
         condition: float,
         baseline: dict[str, float],
         row: int | None = None,
+        steady: dict | None = None,
     ):
+        self._steady, self._chains = steady, {}
         self._hypothesis, self._forward, self._z = hypothesis, forward, z
         self._condition, self._baseline, self._row = condition, baseline, row
         looks = [self._look(None)]
@@ -152,17 +156,39 @@ class Prediction:
     def _chain(self, mode: int | None) -> np.ndarray:
         """Derivative of the model's values by z, shape (n_parameters, d): central differences of
         formulas, no model solution."""
+        if mode not in self._chains:
+            self._chains[mode] = self._differences(mode)
+        return self._chains[mode]
+
+    def _differences(self, mode: int | None) -> np.ndarray:
         names = list(self._forward.model.parameters)
         pick = itemgetter(*names) if len(names) > 1 else lambda values: (values[names[0]],)
         chain = np.zeros((len(names), len(self._z)))
+        known = self._steady if self._steady is not None and mode is None else {}
         for j in range(len(self._z)):
             if not self._hypothesis.acts(j, self._row, mode):
                 continue  # another tightening's scatter, another mode's amplitude
+            if j in known:
+                chain[:, j] = known[j]
+                continue
             step = np.zeros(len(self._z))
             step[j] = _DIFFERENCE
             up, down = self._values(self._z + step, mode), self._values(self._z - step, mode)
             chain[:, j] = np.subtract(pick(up), pick(down)) / (2 * _DIFFERENCE)
+        if known is self._steady and not known:
+            known.update(self._same_anywhere(chain))
         return chain
+
+    def _same_anywhere(self, chain: np.ndarray) -> dict[int, np.ndarray]:
+        """Columns that no condition changes: of effects that do not depend on it, in values that no
+        effect that does has a hand in."""
+        changing = np.array([not same for same in self._hypothesis.steady], dtype=bool)
+        touched = np.any(chain[:, changing] != 0, axis=1)
+        return {
+            j: chain[:, j]
+            for j in np.flatnonzero(~changing)
+            if not np.any(touched & (chain[:, j] != 0))
+        }
 
     # -- shapes --------------------------------------------------------------------------------
 
@@ -274,7 +300,7 @@ class Prediction:
         """Derivative of mode i's lost part by z at fixed shares, (d,)."""
         slope = np.zeros(len(self._z))
         for j in range(len(self._z)):
-            if not self._hypothesis.acts(j, self._row, look.mode):
+            if not self._hypothesis.acts(j, self._row, look.mode) or not self._hypothesis.loses(j):
                 continue
             step = np.zeros(len(self._z))
             step[j] = _DIFFERENCE

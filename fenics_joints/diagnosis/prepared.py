@@ -224,5 +224,5 @@ def prepare(
     return Prepared(
         case, comm, data, zones, full, baseline, thickness, (*effects, *extra), silent,
         case_nuisances(case), case.diagnose.preload_scatter if by_preload(data) else 0.0,
-        evidence_of(data, case.diagnose.discrepancy),
+        evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
     )  # fmt: skip

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CellMap", "Diagnosis", "EffectResult", "HypothesisResult", "Separation", "Silent", "ZoneShare",
+    "plain",
 ]  # fmt: skip
 
 
@@ -268,7 +269,20 @@ class Diagnosis:
                     "after": _rows(after.model_hz),
                 },
             }
-        return out
+        return plain(out)
+
+
+def plain(value):
+    """Nested values as JSON has them: lists, Python's numbers, None for what is no number."""
+    if isinstance(value, dict):
+        return {key: plain(v) for key, v in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _rows(array: np.ndarray) -> list:

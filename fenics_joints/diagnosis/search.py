@@ -26,12 +26,16 @@ __all__ = ["Search"]
 #: two at once have the product of their odds. And those of an unknown cause.
 _ANY, _UNKNOWN = 1.5, 0.2
 #: A pair this far (in ln) behind the best is not fitted in full; and at most so many are.
-_MARGIN, _MOST = 8.0, 30
+_MARGIN, _MOST = 8.0, 24
+#: Relative change of the sum of squares at which a fit ends.
+_TOLERANCE = 1e-4
 #: Pairs that get a quick look with the model.
-_LOOKS = 120
+_LOOKS = 100
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; and the
 #: error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
-_LEADING_SINGLES, _LEADING, _REDUCED = 4, 2, 0.05
+_LEADING_SINGLES, _LEADING, _REDUCED = 4, 2, 0.1
+#: Hypotheses this far (in ln) behind the best are not fitted again with a better model.
+_AGAIN = 25.0
 #: Leading hypotheses that a third effect is put beside.
 _LEADERS = 3
 
@@ -99,22 +103,28 @@ class Search:
         if self.model_error <= limit:
             return fits
         surrogate.refine(modes)
-        self.progress.step("fitting again with the better model", len(fits))
-        fits = self.fit_all([f.hypothesis for f in fits], [[f.z] for f in fits], again=True)
+        score = np.array([f.log_evidence for f in fits]) + self.log_prior(
+            [f.hypothesis for f in fits]
+        )
+        near = list(near_best(score, _AGAIN, len(fits)))
+        near += [i for i, f in enumerate(fits) if f.hypothesis.name and i not in near]
+        self.progress.step("fitting again with the better model", len(near))
+        anew = self.fit_all(
+            [fits[i].hypothesis for i in near], [[fits[i].z] for i in near], again=True
+        )
+        fits = list(fits)
+        for i, f in zip(near, anew, strict=True):
+            fits[i] = f
         self.model_error, _ = surrogate.error(self._leading_values(fits, min(count, _LEADING)))
         return fits
 
     def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
-        """Parameters of the leading fits at the lowest and the highest condition."""
-        conditions = self.model.evidence.conditions
-        rows = sorted({0, len(conditions) - 1})
-        found = []
+        """Parameters of the leading fits at the lowest condition, where joints are softest."""
+        lowest, found = self.model.evidence.conditions[0], []
         for i in np.argsort(-self.probabilities(fits)):
-            f = fits[i]
-            for row in rows:
-                values = f.hypothesis.values(f.z, conditions[row], self.model.baseline, row)
-                if values not in found and len(found) < count * len(rows):
-                    found.append(values)
+            values = fits[i].hypothesis.values(fits[i].z, lowest, self.model.baseline, 0)
+            if values not in found and len(found) < count:
+                found.append(values)
         return found
 
     # -- fits ----------------------------------------------------------------------------------
@@ -151,7 +161,7 @@ class Search:
         alone = self.model.comm.size == 1
         return fit(
             hypothesis, self.model.forward, self.model.evidence, self.model.baseline,
-            starts=starts, progress=self.progress.advance if alone else None,
+            starts=starts, tolerance=_TOLERANCE, progress=self.progress.advance if alone else None,
         )  # fmt: skip
 
     def _together(self, level: Sequence[Fit], known: Sequence[Fit], size: int) -> list[Fit]:

@@ -18,6 +18,7 @@ from fenics_joints.diagnosis.evidence import FREQUENCY, Evidence
 from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.inference import Fit, Forward, fit
 from fenics_joints.diagnosis.prediction import predict
+from fenics_joints.diagnosis.result import plain
 from fenics_joints.diagnosis.spread import spread
 
 __all__ = [
@@ -149,19 +150,7 @@ class Shrinkage:
 
     def to_json(self) -> dict:
         """All of it for `json.dumps`; what is not a number is None."""
-        return _plain(asdict(self))
-
-
-def _plain(value):
-    if isinstance(value, dict):
-        return {key: _plain(v) for key, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value
+        return plain(asdict(self))
 
 
 def folds(
