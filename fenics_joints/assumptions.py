@@ -28,6 +28,8 @@ def assumptions(case: Case, data: TestData) -> list[tuple[str, str]]:
     return [
         *_noise(data),
         ("error of any such model, correlated along the conditions", percent(given.discrepancy)),
+        *([] if data.shapes is None else
+          [("the same of a shape's components", percent(given.shape_discrepancy, 1))]),
         ("scatter of the preload at a given torque", percent(given.preload_scatter, 0)),
         ("the nominal model's joints", _JOINTS[given.joints]),
         ("effects that may be at work together", f"up to {given.max_effects}"),

@@ -465,6 +465,8 @@ def _finer(found: Location) -> str:
         alike = f", {_alike(best)}" if best.alike else ""
         words.append(f"Of the joints' zones {zone_words(best.zone)} explains most{alike}.")
     patches = found.patches
+    if patches is None:
+        return " ".join(words)
     n, several = int(patches.significant.sum()), int(patches.sufficient.sum())
     if n:
         best = int(np.argmax(np.where(patches.significant, patches.share, -1.0)))

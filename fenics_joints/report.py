@@ -206,7 +206,8 @@ def diagnosis_html(
 
 
 def _has_map(found: Location | None) -> bool:
-    return found is not None and found.patches.vertices is not None
+    patches = None if found is None else found.patches
+    return patches is not None and patches.vertices is not None
 
 
 def _zones(found: Location) -> list[tuple[str, list[tuple[str, ZoneTest]]]]:

@@ -279,6 +279,9 @@ def test_points_hold_the_numbers_behind_the_sentences():
     assert "the lap, bolt 2, ring 1 explains most, which this test does not tell from" in part
     assert "1 explain more than chance and 1 could each be the only one" in part
     assert "(150, 25, 10) mm in the lap" in part
+    without = diagnosis(location=location(patches=None))
+    assert "patches" not in point(without, "In which part?")
+    assert "of the misfit in frequency" not in report.diagnosis_html(without)
     assert "k_n = 660 GPa/m (510 to 860 GPa/m)" in point(d, "What was fitted?")
     told = point(d, "What can these data not tell?")
     assert "an axial mode (3.4 s.d.)" in told and "temperature" in told and "micro-slip" in told
