@@ -154,9 +154,9 @@ def diagnose(
 ) -> None:
     """Where the model is wrong, which effect causes it, and how far the gap shrinks.
 
-    JSON: gap (before, after, heldout_before, heldout_after, placebo_after; relative RMS), where
-    (region, share), effects (name, region, probability, class), verdict, frequencies_hz before
-    and after.
+    JSON: in_words (where, which, how_far), gap (before, after, heldout_before, heldout_after,
+    placebo_after; relative RMS), where (region, share), effects (name, region, probability,
+    class), verdict, location, shrinkage, frequencies_hz before and after.
 
     With --plan instead: apart (number of causes and groups of them told apart), effects (key,
     class, seen, size, distance from no gap and its range over the sizes), distance and confusion

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 __all__ = [
-    "MISSING", "condition_value", "hertz", "interval", "mode_kinds", "number", "percent",
+    "MISSING", "condition_value", "hertz", "interval", "mode_kinds", "number", "p_value", "percent",
     "prefixed", "probability", "quantity", "spread",
 ]  # fmt: skip
 
@@ -97,6 +97,13 @@ def probability(p: float | None) -> str:
     if 0.9995 <= p < 1:
         return "> 99.9 %"
     return f"{100 * p:.1f} %"
+
+
+def p_value(p: float | None) -> str:
+    """Probability of as much by chance; what is too small to matter is shown as a bound."""
+    if _missing(p):
+        return MISSING
+    return "< 1e-6" if p < 1e-6 else number(min(p, 1.0), 2)
 
 
 def hertz(frequency: float | None) -> str:

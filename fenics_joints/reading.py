@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 from fenics_joints.diagnosis.verdict import UNKNOWN
 
 if TYPE_CHECKING:
+    from fenics_joints.diagnosis.nested import Nested
     from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult, Silent
 
 __all__ = [
-    "EffectClass", "by_effect", "by_reason", "confusion", "effect_classes", "leading", "plain",
+    "EffectClass", "by_effect", "by_reason", "confusion", "effect_classes", "leading", "named",
+    "plain", "sampled", "with_place",
 ]  # fmt: skip
 
 
@@ -33,6 +35,11 @@ class EffectClass:
     letter: str
     probability: float
     effects: tuple[EffectResult, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of effects."""
+        return len(self.effects)
 
 
 def leading(d: Diagnosis) -> HypothesisResult | None:
@@ -77,9 +84,28 @@ def by_reason(silent: Iterable[Silent]) -> list[tuple[str, list[str]]]:
     return list(names.items())
 
 
+def sampled(d: Diagnosis, hypothesis: HypothesisResult) -> Nested | None:
+    """What nested sampling found of a hypothesis; None where it has Laplace's evidence."""
+    return d.nested.get(" + ".join(hypothesis.effects) or hypothesis.label)
+
+
 def confusion(distance: float) -> float:
     """Probability of taking one of two causes for the other at a separation in s.d.: Phi(-D)."""
     return 0.5 * math.erfc(distance / math.sqrt(2.0))
+
+
+def named(hypothesis: HypothesisResult) -> str:
+    """A hypothesis by its effects, each with its place where the name does not say it."""
+    return " + ".join(with_place(key) for key in hypothesis.effects) or hypothesis.label
+
+
+def with_place(key: str) -> str:
+    """An effect's key, ``name (region)``, in words, the region where the name does not say it."""
+    name, bracket, region = plain(key).rpartition(" (")
+    region = region.rstrip(")")
+    if not bracket or region in ("joint", "all parts") or region in name:
+        return name if bracket else plain(key)
+    return f"{name} ({region})"
 
 
 def plain(name: str) -> str:

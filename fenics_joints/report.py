@@ -13,13 +13,27 @@ import numpy as np
 from markupsafe import Markup
 
 import fenics_joints
-from fenics_joints import formatting, mesh_pictures, pictures
+from fenics_joints import diagnosis_pictures, formatting, mesh_pictures, pictures
+from fenics_joints.explanation import explain, group_words, zone_words
 from fenics_joints.formatting import mode_kinds
 from fenics_joints.gap import Gap
-from fenics_joints.reading import by_effect, by_reason, confusion, effect_classes, leading, plain
+from fenics_joints.reading import (
+    EffectClass,
+    by_effect,
+    by_reason,
+    confusion,
+    effect_classes,
+    leading,
+    named,
+    plain,
+    sampled,
+    with_place,
+)
 
 if TYPE_CHECKING:
+    from fenics_joints.diagnosis.location import Location
     from fenics_joints.diagnosis.result import Diagnosis
+    from fenics_joints.diagnosis.where import ZoneTest
     from fenics_joints.mode_list import ModeList
     from fenics_joints.updating import UpdateReport
 
@@ -37,6 +51,8 @@ VERDICTS = {
 }
 #: Hypotheses that get a row of their own.
 _MOST_HYPOTHESES = 8
+#: Classes of effects below this are folded away, but for so many.
+_PROBABLE, _FEWEST_CLASSES = 1e-3, 5
 #: A nuisance further from its expected value than this, in its standard deviations, is marked.
 _FAR = 2.0
 
@@ -58,6 +74,10 @@ def _environment() -> jinja2.Environment:
         quantity=formatting.quantity,
         interval=formatting.interval,
         plain=plain,
+        named=named,
+        with_place=with_place,
+        zone_words=zone_words,
+        p_value=formatting.p_value,
         spread=formatting.spread,
         by_effect=by_effect,
         by_reason=by_reason,
@@ -132,31 +152,46 @@ def svg(text: str) -> Markup:
 # -- diagnosis -------------------------------------------------------------------------------------
 
 
-def diagnosis_html(d: Diagnosis, *, log_sd: np.ndarray | None = None) -> str:
+def diagnosis_html(
+    d: Diagnosis,
+    *,
+    log_sd: np.ndarray | None = None,
+    assumed: Sequence[tuple[str, str]] = (),
+) -> str:
     """The diagnosis as a page.
 
     Args:
-        d: The diagnosis; on rank 0, since the map over the cells is there only.
+        d: The diagnosis; on rank 0, since the maps over the structure are there only.
         log_sd: Standard deviations of the measured ln f, shape (n, m), for error bars.
+        assumed: Names and values of what it takes for granted, from `assumptions`.
 
     Returns:
         HTML without any reference to other files.
     """
-    classes = effect_classes(d)
+    classes, found = effect_classes(d), d.location
+    shrunk = d.shrinkage if d.shrinkage is not None and d.shrinkage.folds else None
     return render(
         "diagnosis.html",
         d=d,
         heading=VERDICTS.get(d.verdict, d.verdict),
+        words=explain(d),
         lead=leading(d),
         bars=svg(_gap_picture(d)),
+        patches=svg(mesh_pictures.patch_map(found.patches)) if _has_map(found) else None,
         map=None if d.cells is None else svg(mesh_pictures.cell_map(d.cells)),
+        zones=[] if found is None else _zones(found),
+        axes=[] if found is None else _axes(found, d.condition),
         heat=_heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
         classes=classes,
+        shown=_worth_showing(classes),
         letters={c.name: c.letter for c in classes},
         hypotheses=d.hypotheses[:_MOST_HYPOTHESES],
         rest=d.hypotheses[_MOST_HYPOTHESES:],
         best=max((h.log_evidence for h in d.hypotheses), default=0.0),
+        sampled=[(h, sampled(d, h)) for h in d.hypotheses if sampled(d, h) is not None],
         separations=[(s, confusion(s.distance)) for s in d.separations],
+        shrunk=shrunk,
+        forecasts=None if shrunk is None else svg(diagnosis_pictures.forecasts(shrunk)),
         curves=svg(
             pictures.frequency_panels(
                 d.before, d.after, d.condition,
@@ -165,8 +200,41 @@ def diagnosis_html(d: Diagnosis, *, log_sd: np.ndarray | None = None) -> str:
             )
         ),
         far=_FAR,
+        assumed=assumed,
         facts=facts({**d.model, "frequency_error": d.model_error}),
     )  # fmt: skip
+
+
+def _has_map(found: Location | None) -> bool:
+    patches = None if found is None else found.patches
+    return patches is not None and patches.vertices is not None
+
+
+def _zones(found: Location) -> list[tuple[str, list[tuple[str, ZoneTest]]]]:
+    """Tables of zone tests, the most telling first: their captions and rows."""
+    tables = [("Regions of the model", found.regions), ("Joints zone by zone", found.zones)]
+    return [
+        (caption, [(zone_words(t.zone), t) for t in sorted(tests, key=lambda t: -t.share)])
+        for caption, tests in tables if tests
+    ]  # fmt: skip
+
+
+def _axes(found: Location, condition: tuple[str, str]) -> list[tuple[str, list]]:
+    """What each mode, band, condition and kind of data adds, axes of several groups only."""
+    names = {"mode": "mode", "band": "band", "condition": condition[0], "kind": "kind of data"}
+    tables = []
+    for by, name in names.items():
+        rows = [a for a in found.attribution if a.by == by]
+        whole = sum(a.chi2 for a in rows)
+        if len(rows) > 1:
+            tables.append((name, [(group_words(a, condition[1]), a, a.chi2 / whole) for a in rows]))
+    return tables
+
+
+def _worth_showing(classes: Sequence[EffectClass]) -> int:
+    """How many classes are shown at once: the probable ones, and a few at least."""
+    probable = sum(c.probability >= _PROBABLE for c in classes)
+    return min(max(probable, _FEWEST_CLASSES), len(classes))
 
 
 def _gap_picture(d: Diagnosis) -> str:

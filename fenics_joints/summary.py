@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from fenics_joints.explanation import explain
 from fenics_joints.formatting import (
     condition_value,
     hertz,
@@ -29,9 +30,11 @@ if TYPE_CHECKING:
 __all__ = ["diagnosis", "modes", "new_table", "say", "update"]
 
 #: Rows of each table, so that all of it fits on a screen.
-_REGIONS, _EFFECTS, _PARAMETERS, _MODES = 4, 4, 4, 26
+_REGIONS, _EFFECTS, _PARAMETERS, _MODES = 3, 4, 3, 26
 _STYLES = {"cause": "bold cyan", "no gap": "bold green", "ambiguous": "bold yellow"}
 _BAR = 20
+#: Lines of each of the three sentences, and how many doubts are told; the page has all.
+_SENTENCE_LINES, _DOUBTS = 4, 2
 
 
 def new_table(*headings: str) -> Table:
@@ -63,10 +66,15 @@ def say(console: Console, text: str, style: str | None = None) -> None:
 
 
 def diagnosis(console: Console, d: Diagnosis) -> None:
-    """Print the diagnosis: verdict, gap, where, which and the leading hypothesis' parameters."""
-    say(console, d.title, "bold")
+    """Print the diagnosis: where, which and how far in a sentence each, then the numbers."""
+    words = explain(d)
     verdict = Text(d.verdict.upper(), style=_STYLES.get(d.verdict, "bold red"))
-    console.print(Text.assemble(verdict, ": ", d.summary))
+    console.print(Text.assemble((d.title, "bold"), ": ", verdict))
+    for heading, sentence in words.sentences:
+        text = Text.assemble((f"{heading}. ", "bold"), sentence)
+        _print_at_most(console, text, _SENTENCE_LINES)
+    for doubt in words.doubts[:_DOUBTS]:
+        say(console, f"but: {doubt}", "yellow")
     console.print()
     gaps = new_table("gap (RMS relative error)", ">nominal", ">placebo", ">chosen")
     gaps.add_row("all data, fitted", percent(d.before.rms), "", percent(d.after.rms))
@@ -86,6 +94,17 @@ def diagnosis(console: Console, d: Diagnosis) -> None:
     _lead(console, d)
 
 
+def _print_at_most(console: Console, text: Text, lines: int) -> None:
+    """Print a text over a few lines, cut off where they end."""
+    wrapped = text.wrap(console, console.width)
+    for i, line in enumerate(wrapped[:lines]):
+        cut = i == lines - 1 and len(wrapped) > lines
+        if cut:
+            line.truncate(console.width - 2)
+            line.append(" …")
+        console.print(line)
+
+
 def _where(console: Console, d: Diagnosis) -> None:
     table = new_table("where", ">share", "")
     for zone in d.where[:_REGIONS]:
@@ -97,17 +116,20 @@ def _where(console: Console, d: Diagnosis) -> None:
 def _which(console: Console, d: Diagnosis) -> None:
     classes = effect_classes(d)
     table = new_table("which effect", "", ">probability", "")
-    left = _EFFECTS
+    left, shown = _EFFECTS, 0
     for group in classes:
-        if left <= 0:
+        # A class takes a row of its own, and is worth it with a member below.
+        if left <= bool(group.letter):
             break
         if group.letter:
+            left -= 1
             _effect_row(table, f"one of {len(group.effects)} in", group.letter, group.probability)
         for effect in group.effects[:left]:
             name = f"  {effect.name}" if group.letter else effect.name
             _effect_row(table, name, group.letter, effect.probability)
+        shown += len(group.effects[:left])
         left -= len(group.effects)
-    _more(table, len(d.effects) - _EFFECTS)
+    _more(table, len(d.effects) - shown)
     console.print(table)
     letters = {group.name: group.letter for group in classes if group.letter}
     for s in [s for s in d.separations if s.class_name in letters][:2]:
@@ -140,8 +162,6 @@ def _lead(console: Console, d: Diagnosis) -> None:
     _more(table, -left)
     if table.rows:
         console.print(table)
-    if lead.at_bound:
-        say(console, f"at a limit: {', '.join(lead.at_bound)}", "yellow")
 
 
 def _more(table: Table, n: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,16 +28,19 @@ class DiagnosisOutcome:
 
     result: Diagnosis
     log_sd: object
+    assumed: Sequence[tuple[str, str]] = ()
 
     def json(self) -> dict[str, object]:
-        """See `Diagnosis.to_json`."""
-        return self.result.to_json()
+        """See `Diagnosis.to_json`; and the same in words."""
+        from fenics_joints.explanation import explain
+
+        return {**self.result.to_json(), "in_words": explain(self.result).to_json()}
 
     def html(self) -> str:
         """The page."""
         from fenics_joints.report import diagnosis_html
 
-        return diagnosis_html(self.result, log_sd=self.log_sd)
+        return diagnosis_html(self.result, log_sd=self.log_sd, assumed=self.assumed)
 
     def show(self, console: Console) -> None:
         """The summary."""
@@ -73,10 +77,11 @@ def run_diagnose(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
 ) -> DiagnosisOutcome:
     """The ``diagnose`` command. Collective."""
+    from fenics_joints.assumptions import assumptions
     from fenics_joints.diagnosis import diagnose
 
-    found = diagnose(case, comm, progress, keep=keep)
-    return DiagnosisOutcome(found, case.measurements().log_sd())
+    found, data = diagnose(case, comm, progress, keep=keep), case.measurements()
+    return DiagnosisOutcome(found, data.log_sd(), assumptions(case, data))
 
 
 def run_update(

@@ -25,7 +25,9 @@ from fenics_joints.diagnosis.result import (
     Separation,
     ZoneShare,
 )
+from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.errors import InputError
+from fenics_joints.explanation import explain
 from fenics_joints.gap import Gap
 from fenics_joints.meshes import lap_plates
 from fenics_joints.mode_motion import corner_motion
@@ -114,6 +116,14 @@ def cells() -> CellMap:
     return CellMap(1e-3 * np.concatenate(blocks), region, ("plates", "layer"), density)
 
 
+def shrinkage() -> Shrinkage:
+    fold = Fold(
+        "torque 2", 2, "normal compliance", "modulus", 0.31, 0.019, 0.104, 0.008, 0.96,
+        (0.9, 0.99), 0.68, (0.012, 0.031), (0.93, 0.99), True, True, 1.0, {},
+    )  # fmt: skip
+    return Shrinkage(before=0.1981, after=0.0142, placebo=0.0731, noise=0.0083, folds=[fold])
+
+
 def diagnosis(**changes) -> Diagnosis:
     compliance = [
         fitted("k_n", 6.6e11, 5.1e11, 8.6e11, "Pa/m"),
@@ -125,10 +135,7 @@ def diagnosis(**changes) -> Diagnosis:
         title="Plates <b>& bolts</b>", verdict="cause", summary="The joint gives way.",
         condition=("torque", "N·m"), before=gap(1.2), after=gap(1.01), noise=0.0083,
         heldout_before=0.1981, heldout_after=0.0142, placebo_after=0.0731, placebo="modulus",
-        folds=[
-            {"name": "torque 2", "n": 2, "before": 0.31, "after": 0.019, "placebo": 0.104,
-             "chosen": "normal compliance"},
-        ],
+        folds=[], shrinkage=shrinkage(),
         validation=(gap(1.19), gap(0.98)),
         where=[ZoneShare("joint", 0.943), ZoneShare("plates", 0.032),
                ZoneShare("unexplained", 0.025)],
@@ -222,6 +229,7 @@ def test_diagnosis_page_shows_the_numbers_of_the_result():
     assert page.column("nuisances", 2) == ["20.3 g"]
     assert page.column("separations", 4) == ["1.0 %"]
     assert page.column("folds", 2)[:2] == ["31.00 %", "19.81 %"]
+    assert page.column("folds", 4)[0] == "1.20 % to 3.10 %"
 
     frequencies = page.tables["frequencies"]
     measured = [row[2] for row in frequencies if len(row) == 7 and "Hz" not in row[2]]
@@ -240,9 +248,10 @@ def test_titles_and_names_are_escaped():
 
 @pytest.mark.parametrize("verdict", ["cause", "no gap", "unknown", "ambiguous"])
 def test_every_verdict_without_validation_and_map(verdict):
-    d = diagnosis(verdict=verdict, validation=None, cells=None, folds=[], separations=[])
+    d = diagnosis(verdict=verdict, validation=None, cells=None, shrinkage=None, separations=[])
     page = Page(report.diagnosis_html(d))
-    assert page.texts["verdict"] == report.VERDICTS[verdict] + d.summary
+    said = [f"{name}. {sentence}" for name, sentence in explain(d).sentences]
+    assert page.texts["verdict"].split() == " ".join([report.VERDICTS[verdict], *said]).split()
     assert "validation" not in page.ids and "folds" not in page.tables
     console = Console(width=80, record=True, file=io.StringIO())
     summary.diagnosis(console, d)
