@@ -29,6 +29,7 @@ from fenics_joints.diagnosis.library import (
     sample_values,
 )
 from fenics_joints.diagnosis.result import Silent
+from fenics_joints.diagnosis.user_effects import for_zones
 from fenics_joints.measurements import TestData
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Structure
@@ -221,8 +222,19 @@ def prepare(
     thickness, bonded = layer_thickness(full), bonded_values(case)
     baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
     effects, silent = case_effects(case, data, thickness, zones)
+    extra = [for_zones(effect, _zones_of_joints(zones)) for effect in extra]
     return Prepared(
         case, comm, data, zones, full, baseline, thickness, (*effects, *extra), silent,
         case_nuisances(case), case.diagnose.preload_scatter if by_preload(data) else 0.0,
         evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
     )  # fmt: skip
+
+
+def _zones_of_joints(zones: ContactZones | JointZones | None) -> dict[str, tuple[str, ...]]:
+    """Names of the zones that each joint or contact of the case is in."""
+    if isinstance(zones, ContactZones):
+        return {zones.contact: zones.names}
+    found: dict[str, tuple[str, ...]] = {}
+    for joint, name in zip(zones.joint, zones.names, strict=True) if zones is not None else ():
+        found[joint] = (*found.get(joint, ()), name)
+    return found
