@@ -104,6 +104,7 @@ class _Run:
         self.comm, self.case, self.data = model.comm, model.case, model.data
         self.evidence, self.baseline = model.evidence, model.baseline
         self.nested: dict[str, Nested] = {}
+        self.laplace: dict[str, float] = {}
 
     @property
     def forward(self):
@@ -137,6 +138,7 @@ class _Run:
         fits = list(fits)
         for i, result in zip(sampled, results, strict=True):
             self.nested[fits[i].hypothesis.label_of_keys] = result
+            self.laplace[fits[i].hypothesis.label_of_keys] = fits[i].log_evidence
             fits[i] = with_evidence(fits[i], result.log_evidence)
         return fits
 
@@ -218,6 +220,7 @@ class _Run:
                 f.p_value,
                 f.hypothesis.table(f.z, f.covariance),
                 f.at_bound,
+                self.laplace.get(f.hypothesis.label_of_keys, f.log_evidence),
             )
             for f, p in zip(fits, probability, strict=True)
         ]

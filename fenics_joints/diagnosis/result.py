@@ -49,7 +49,8 @@ class HypothesisResult:
         label: Names of the effects, ``no gap`` or ``none of these``.
         effects: Keys of the effects.
         probability: Posterior probability; all hypotheses sum to 1.
-        log_evidence: ln of the marginal likelihood.
+        log_evidence: ln of the marginal likelihood, by nested sampling where it was done.
+        laplace: The same by Laplace's approximation.
         gap: Root mean square relative error after the fit.
         p_value: Probability of a misfit this large if it were right; small means it is not.
         parameters: Rows with effect, name, value, low, high, unit, nuisance, prior_sigmas.
@@ -64,6 +65,7 @@ class HypothesisResult:
     p_value: float
     parameters: list[dict] = field(default_factory=list)
     at_bound: tuple[str, ...] = ()
+    laplace: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -215,6 +217,7 @@ class Diagnosis:
                     "effects": list(h.effects),
                     "probability": h.probability,
                     "log_evidence": h.log_evidence,
+                    "laplace": h.laplace,
                     "gap": h.gap,
                     "p_value": h.p_value,
                     "parameters": h.parameters,
