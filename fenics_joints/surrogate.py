@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -27,8 +28,8 @@ __all__ = ["Forward", "Surrogate", "crossing_names", "line_of"]
 _SEEN = 0.05
 #: Modes looked through for the test's, at most, as a multiple of the usual number.
 _SEARCHED = 4
-#: Parameter sets whose frequencies are remembered.
-_MOST = 20000
+#: Parameter sets whose frequencies are remembered, and those whose shapes are, which are larger.
+_MOST, _SHAPES = 20000, 500
 #: Share of the largest energy below which a direction is left out of the basis.
 _BASIS = 1e-6
 #: Modes beyond those that the test saw, so that none is missed when modes change places.
@@ -57,7 +58,6 @@ class Forward:
     ):
         self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
         self.reference = reference
-        self._count = n_modes
         self._last: tuple | None = None
         self._cache: dict[tuple, tuple] = {}
         self._shapes: dict[tuple, tuple] = {}
@@ -78,7 +78,8 @@ class Forward:
 
     def _solve(self, values):
         """Modes and their pairing; more modes where a soft joint puts others between the test's."""
-        count = min(self._count, self.model.n_dofs)
+        # From the start each time: what was asked before, or on which rank, must not matter.
+        count = min(self.n_modes, self.model.n_dofs)
         while True:
             modes = solve_modes(self.model, values, n_modes=count)
             try:
@@ -88,8 +89,6 @@ class Forward:
                     raise
                 count = min(count + self.n_test + _SPARE, self.model.n_dofs)
                 continue
-            # Where so many were needed once they will be again.
-            self._count = max(self._count, count)
             return modes, pairing
 
     def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
@@ -103,6 +102,8 @@ class Forward:
         """
         key = tuple(values[name] for name in self.model.parameters)
         if key not in self._shapes:
+            if len(self._shapes) >= _SHAPES:
+                self._shapes.clear()
             last = self._last
             pairing = last[1] if last and last[0] == key else self._solve(values)[1]
             x, dx = self.model.shape_slopes(pairing.index, values)
@@ -122,6 +123,7 @@ class Forward:
         """Drop what was computed, after the model has changed."""
         self._cache.clear()
         self._shapes.clear()
+        self._last = None
 
 
 class Surrogate:
@@ -173,7 +175,7 @@ class Surrogate:
         if keep is not None and not kept:
             self._write()
         # With sensors the basis holds what they see alone, besides six rigid-body modes.
-        enough = n_modes if sensors is None else 6 + n_test + _SPARE
+        enough = n_modes if sensors is None else 6 + 3 * n_test + _SPARE
         reference = self.pairing.shapes if shapes is None else shapes
         self.forward = Forward(self.model, sensors, n_test, enough, reference)
 
@@ -232,8 +234,15 @@ class Surrogate:
         file = None if self.keep is None else self.keep.with_suffix(".npz")
         if file is None or self.full.comm.size > 1 or not file.is_file():
             return None
+        try:
+            with np.load(file) as kept:
+                basis = kept["basis"]
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return None
+        if basis.ndim != 2 or basis.shape[1] != self.nominal.shape(0).getLocalSize():
+            return None
         vectors = []
-        for row in np.load(file)["basis"]:
+        for row in basis:
             vector = self.nominal.shape(0).duplicate()
             vector.array[:] = row
             vectors.append(vector)

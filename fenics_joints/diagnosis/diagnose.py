@@ -21,12 +21,13 @@ from fenics_joints.diagnosis.nested import Nested, nested_evidence
 from fenics_joints.diagnosis.prediction import Prediction
 from fenics_joints.diagnosis.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
+from fenics_joints.diagnosis.screen import linear_evidence, near_best
 from fenics_joints.diagnosis.search import Search, with_evidence
 from fenics_joints.diagnosis.separation import best_measurement
-from fenics_joints.diagnosis.shrinkage import Shrinkage, cross_validate, folds
+from fenics_joints.diagnosis.shrinkage import Shrinkage, blinded, cross_validate, folds
 from fenics_joints.diagnosis.spread import spread
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
-from fenics_joints.errors import InputError
+from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.gap import Gap
 from fenics_joints.measurements import TestData
 from fenics_joints.meshes.tagged import on_root
@@ -35,8 +36,8 @@ from fenics_joints.surrogate import crossing_names
 
 __all__ = ["diagnose"]
 
-#: A hypothesis this far (in ln) behind the best on all data, or the best of one effect, is not
-#: refitted in the folds, but for the best wrong ones; and at most so many are.
+#: A hypothesis this far (in ln) behind the best of a fold is not refitted, and at most so many are;
+#: beside them the best wrong ones.
 _HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
 
 
@@ -122,14 +123,18 @@ class _Run:
         """The evidence of the leading hypotheses anew, by nested sampling."""
         count = self.given.diagnose.nested
         order = [
-            i for i in np.argsort(-self._probabilities(fits)) if fits[i].hypothesis.effects
+            i for i in np.argsort(-self._probabilities(fits), kind="stable")
+            if fits[i].hypothesis.effects
         ][:count]  # fmt: skip
         if not order:
             return fits
         self.progress.step("nested sampling of the leading hypotheses", len(order))
 
-        def sample(i: int) -> Nested:
-            found = nested_evidence(fits[i], self.forward, self.evidence, self.baseline)
+        def sample(i: int) -> Nested | None:
+            try:
+                found = nested_evidence(fits[i], self.forward, self.evidence, self.baseline)
+            except ConvergenceError:
+                found = None  # Laplace's evidence stays
             self.progress.advance()
             return found
 
@@ -137,6 +142,8 @@ class _Run:
         results = spread(self.comm, sampled, sample)
         fits = list(fits)
         for i, result in zip(sampled, results, strict=True):
+            if result is None:
+                continue
             self.nested[fits[i].hypothesis.label_of_keys] = result
             self.laplace[fits[i].hypothesis.label_of_keys] = fits[i].log_evidence
             fits[i] = with_evidence(fits[i], result.log_evidence)
@@ -146,7 +153,7 @@ class _Run:
 
     def _report(self, fits: list[Fit]) -> Diagnosis:
         probability = self._probabilities(fits)
-        order = np.argsort(-probability)
+        order = np.argsort(-probability, kind="stable")
         fits, probability = [fits[i] for i in order], probability[order]
         grouped = classes(fits, probability, self.evidence)
         leader = self._leader(fits)
@@ -294,22 +301,28 @@ class _Run:
         return next((f.hypothesis.label for f in fits if wrong(f)), "")
 
     def _shrink(self, fits: Sequence[Fit], grouped) -> Shrinkage:
-        best = max(f.log_evidence for f in fits)
-        single = max(f.log_evidence for f in fits if len(f.hypothesis.effects) < 2)
         wrong = self._is_wrong(fits, self._leader(fits), grouped)
-        wrongs = [id(f) for f in fits if wrong(f)][:_WRONG]
-        fair = [
-            f for f in fits
-            if best - f.log_evidence < _HOPELESS or id(f) in wrongs
-            or (len(f.hypothesis.effects) < 2 and single - f.log_evidence < _HOPELESS)
-        ]  # fmt: skip
-        fair = [f for i, f in enumerate(fair) if i < _FAIR or id(f) in wrongs]
         masks = folds(self.data.conditions, self.data.mode_names, self.model.condition)
+        fair = self._short_list(fits, masks, [f for f in fits if wrong(f)][:_WRONG])
         self.progress.step("holding data out, choosing and fitting anew", len(masks))
         return cross_validate(
             fair, self.search.log_prior([f.hypothesis for f in fair]), wrong, self.forward,
             self.evidence, self.baseline, masks, comm=self.comm, progress=self.progress.advance,
         )  # fmt: skip
+
+    def _short_list(self, fits: Sequence[Fit], masks, always: Sequence[Fit]) -> list[Fit]:
+        """What is fitted anew in the folds: the best of each, by the data that are left to it.
+
+        What all data had a say in is which sets of effects were fitted at all.
+        """
+        chosen = {id(f) for f in always}
+        prior = self.search.log_prior([f.hypothesis for f in fits])
+        for _, mask in masks:
+            blind = blinded(self.evidence, mask)
+            if blind.used.any():
+                scores = prior + np.array([linear_evidence(f, blind) for f in fits])
+                chosen |= {id(fits[i]) for i in near_best(scores, _HOPELESS, _FAIR)}
+        return [f for f in fits if id(f) in chosen] or list(fits[:1])
 
     def _validation(self, leader: Fit) -> tuple[Gap, Gap] | None:
         data = self.given.validation()
@@ -354,13 +367,13 @@ class _Run:
             rival = self._rival(fits, leader, mine, members)
             if rival is None:
                 continue
-            found.append(
-                best_measurement(
-                    name, list(members.values()), leader, rival, self.model.surrogate,
-                    self.baseline, self.model.condition,
-                    float(np.max(self.data.noise)) or 1e-3, self.evidence.discrepancy,
-                )
+            separation = best_measurement(
+                name, list(members.values()), leader, rival, self.model.surrogate,
+                self.baseline, self.model.condition,
+                float(np.max(self.data.noise)) or 1e-3, self.evidence.discrepancy,
             )  # fmt: skip
+            if separation is not None:
+                found.append(separation)
         return found
 
     @staticmethod

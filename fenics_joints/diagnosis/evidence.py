@@ -14,6 +14,8 @@ __all__ = ["DAMPING", "FREQUENCY", "SHAPE", "Entries", "Evidence", "evidence_of"
 
 #: Kinds of entries.
 FREQUENCY, DAMPING, SHAPE = 0, 1, 2
+#: Standard deviation of ln f of a test that states neither noise nor resolution.
+_UNSTATED = 1e-3
 #: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
 #: of the condition (5 % per factor e), and a bend of it (2 %); how much more to its damping; and
 #: what it does to a shape, relative to its root mean square.
@@ -79,6 +81,8 @@ class Evidence:
         shape_error: That of any model's shapes: half its variance local, as at a joint that bends
             otherwise than its layer does, half correlated between near sensors.
         near: That correlation, shape (n_s, n_s).
+        along: Cosines between the sensors' directions, shape (n_s, n_s): errors across each other
+            are unrelated; None if all measure the same way.
     """
 
     conditions: np.ndarray
@@ -95,6 +99,7 @@ class Evidence:
     shape_sd: float = 0.05
     shape_error: float = 0.05
     near: np.ndarray | None = None
+    along: np.ndarray | None = None
 
     def __post_init__(self):
         if self.used is None:
@@ -162,6 +167,8 @@ class Evidence:
             near = self.near if self.near is not None else np.eye(len(self.shapes))
             error = self.shape_error**2 + (_UNKNOWN_SHAPE**2 if unknown else 0.0)
             local = _LOCAL * near**_NARROW + (1 - _LOCAL) * near
+            if self.along is not None:
+                local = local * self.along
             pairs = local[np.ix_(e.sensor, e.sensor)] * same_mode * error
             total = total + pairs * np.outer(is_shape, is_shape)
         return total + np.diag(self._noise() ** 2)
@@ -225,8 +232,10 @@ def evidence_of(data: TestData, discrepancy: float, shape_error: float = 0.05) -
             "shapes": _scaled(data.shapes), "shape_row": data.shape_row,
             "shape_sd": data.shape_noise, "shape_error": shape_error,
             "near": _near(data.sensors.points),
+            "along": data.sensors.directions @ data.sensors.directions.T,
         }  # fmt: skip
-    return Evidence(data.conditions, log_f, data.log_sd(), discrepancy, **kwargs)
+    sd = data.log_sd()
+    return Evidence(data.conditions, log_f, np.where(sd > 0, sd, _UNSTATED), discrepancy, **kwargs)
 
 
 def _scaled(shapes: np.ndarray) -> np.ndarray:

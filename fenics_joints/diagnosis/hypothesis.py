@@ -139,11 +139,11 @@ class Hypothesis:
             mode: The mode that is looked at; None for the first.
         """
         values = dict(baseline)
-        condition = self._condition(z, condition, row, mode)
+        felt = self._condition(z, condition, row, mode)
         acting = list(self._acting(z))
         for effect, theta in sorted(acting, key=lambda pair: pair[0].by_level):
             if effect.apply is not None:
-                effect.apply(values, theta, condition)
+                effect.apply(values, theta, condition if effect.drifts else felt)
         return values
 
     @cached_property
@@ -171,7 +171,14 @@ class Hypothesis:
     @cached_property
     def steady(self) -> list[bool]:
         """Whether each parameter's effect is the same at all conditions."""
-        own = [not (e.depends_on_condition or e.by_level or e.drifts) for e, _ in self._own]
+
+        def changes(e: Effect) -> bool:
+            return e.depends_on_condition or e.by_level or e.drifts
+
+        # Beside one that changes with the condition, which may have a hand in the same values at
+        # some conditions only, no other effect is steady.
+        moving = any(changes(e) for e in self.effects)
+        own = [not (changes(e) or (moving and e in self.effects)) for e, _ in self._own]
         return own + [False] * (len(self.priors) - len(own))
 
     def loses(self, j: int) -> bool:

@@ -63,9 +63,11 @@ class KeptFits:
 
 
 def _lines(path: Path):
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
             item = json.loads(line)
-            yield item["label"], np.array(item["z"], dtype=float)
+            label, z = str(item["label"]), np.array(item["z"], dtype=float)
         except (ValueError, KeyError, TypeError):
             continue
+        if z.ndim == 1 and np.all(np.isfinite(z)):
+            yield label, z

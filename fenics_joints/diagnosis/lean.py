@@ -35,7 +35,8 @@ def arrays_of(forward: Forward) -> ArrayModel | None:
     if isinstance(model, ArrayModel):
         return model
     pencil = getattr(model, "affine", None)
-    if pencil is None or len(pencil.regions) < len(model.full.regions):
+    parts = len(model.full.regions) + len(model.full.elastic_supports) if pencil else 0
+    if pencil is None or len(pencil.regions) < parts:
         return None  # a graded region is assembled anew at each value
     rows = None if forward.sensors is None else model.observe(np.eye(model.n_dofs), forward.sensors)
     return ArrayModel(pencil, model.scale_hz, rows)

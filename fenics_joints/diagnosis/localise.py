@@ -97,7 +97,9 @@ def cell_map(
         The map on rank 0, None elsewhere. Collective.
     """
     model_log_f = np.log(modes.frequencies_hz[pairing.index])
-    residual = np.nanmean(np.where(evidence.used, evidence.log_f, np.nan), axis=0) - model_log_f
+    count = evidence.used.sum(axis=0)
+    total = np.where(evidence.used, evidence.log_f, 0.0).sum(axis=0)
+    residual = np.where(count > 0, total / np.maximum(count, 1) - model_log_f, 0.0)
     if nuisance.shape[1] < len(residual):
         # Whitened, the nuisances could mimic all of a small residual; here only their shape counts.
         unit = np.linalg.norm(residual)

@@ -127,6 +127,8 @@ def _constitutive(model: Prepared, n_patches: int) -> ConstitutiveError | None:
     if data.shapes is None or data.sensors is None or not n_patches:
         return None
     there = np.isfinite(data.frequencies_hz[row])
+    if not there.any():
+        return None
     return constitutive_error(
         model.full, model.baseline, data.shapes[:, there], data.frequencies_hz[row][there],
         data.sensors, split=patches(model.full, n_patches, model.region_names()),

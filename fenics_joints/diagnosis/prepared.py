@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.stats import qmc
 
+from fenics_joints import __version__
 from fenics_joints.build import build_mesh, build_structure
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.contact_zones import ContactZones, contact_zones
@@ -125,7 +126,11 @@ class Prepared:
         sensors = self.data.sensors
         seen = [] if sensors is None else [sensors.points.tolist(), sensors.directions.tolist()]
         cells = self.full.mesh.topology.index_map(self.full.mesh.topology.dim).size_global
-        content = [said, samples, seen, self.case.diagnose.n_modes, cells, self.full.n_dofs]
+        sizes = [f"{volume:.6e}" for volume in self.full.volumes()]
+        content = [
+            __version__, said, samples, seen, len(self.data.mode_names),
+            self.case.diagnose.n_modes, cells, self.full.n_dofs, sizes,
+        ]  # fmt: skip
         text = json.dumps(content, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

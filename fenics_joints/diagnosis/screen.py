@@ -7,10 +7,10 @@ from scipy.linalg import solve_triangular
 
 from fenics_joints.diagnosis.evidence import Evidence
 from fenics_joints.diagnosis.hypothesis import Hypothesis
-from fenics_joints.diagnosis.inference import Forward
+from fenics_joints.diagnosis.inference import Fit, Forward
 from fenics_joints.diagnosis.prediction import predict
 
-__all__ = ["near_best", "quick_evidence"]
+__all__ = ["linear_evidence", "near_best", "quick_evidence"]
 
 
 def quick_evidence(
@@ -47,6 +47,24 @@ def quick_evidence(
     constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(left) * np.log(2 * np.pi)
     value = -0.5 * (left @ left + z @ z) - 0.5 * np.linalg.slogdet(hessian)[1] - constant
     return float(value), z
+
+
+def linear_evidence(found: Fit, evidence: Evidence) -> float:
+    """ln of the evidence of other entries of a test, a hypothesis linear about its fit.
+
+    Args:
+        found: The fit, to whatever entries.
+        evidence: The entries.
+    """
+    used = evidence.fitted
+    lower = np.linalg.cholesky(evidence.covariance(found.hypothesis.unknown))
+    both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
+    white = solve_triangular(lower, both, lower=True, check_finite=False)
+    residual, slope = white[:, 0], white[:, 1:]
+    hessian, pull = slope.T @ slope + np.eye(len(found.z)), slope.T @ residual + found.z
+    constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(residual) * np.log(2 * np.pi)
+    square = residual @ residual + found.z @ found.z - pull @ np.linalg.solve(hessian, pull)
+    return float(-0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - constant)
 
 
 def near_best(values: np.ndarray, margin: float, most: int) -> np.ndarray:

@@ -100,6 +100,8 @@ class Search:
         limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
         self.progress.step("checking the reduced model against the full one")
         self.model_error, modes = surrogate.error(self._leading_values(fits, count))
+        # Every rank has to take the same way from here.
+        self.model_error = self.model.comm.bcast(self.model_error)
         if self.model_error <= limit:
             return fits
         surrogate.refine(modes)
@@ -121,7 +123,7 @@ class Search:
     def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
         """Parameters of the leading fits at the lowest condition, where joints are softest."""
         lowest, found = self.model.evidence.conditions[0], []
-        for i in np.argsort(-self.probabilities(fits)):
+        for i in np.argsort(-self.probabilities(fits), kind="stable"):
             values = fits[i].hypothesis.values(fits[i].z, lowest, self.model.baseline, 0)
             if values not in found and len(found) < count:
                 found.append(values)
@@ -263,15 +265,19 @@ class Search:
     def probabilities(self, fits: Sequence[Fit]) -> np.ndarray:
         """Posterior probability of each of the fitted hypotheses.
 
-        One that fails its own check counts for no more than an unknown cause: the best of wrong
-        explanations is none.
+        Those that fail their own check count together for no more than an unknown cause: the best
+        of wrong explanations is none.
         """
         score = np.array([f.log_evidence for f in fits])
         score = score + self.log_prior([f.hypothesis for f in fits])
         unknown = max((s for s, f in zip(score, fits, strict=True) if f.hypothesis.unknown),
                       default=np.inf)  # fmt: skip
-        failed = np.array([f.p_value < MISFIT for f in fits])
-        score = np.where(failed, np.minimum(score, unknown), score)
+        known = np.array([not f.hypothesis.unknown for f in fits])
+        failed = known & np.array([f.p_value < MISFIT for f in fits])
+        if failed.any():
+            # Among themselves they keep their odds.
+            over = max(float(logsumexp(score[failed])) - unknown, 0.0)
+            score = np.where(failed, score - over, score)
         return np.exp(score - logsumexp(score))
 
 

@@ -41,7 +41,7 @@ def best_measurement(
     condition: tuple[str, str],
     noise: float,
     discrepancy: float,
-) -> Separation:
+) -> Separation | None:
     """The measurement with the largest expected separation of two hypotheses fitted to the test.
 
     Offered are: the modes that the test did not see, the next ones it would see, an added known
@@ -77,6 +77,8 @@ def best_measurement(
     candidates += _added_mass(first, second, sensors, n_test, noise * np.sqrt(2))
     candidates += _conditions(a, b, surrogate.forward, baseline, condition, conditions, absolute)
     candidates += _damping(a, b, surrogate.forward, baseline, condition)
+    if not candidates:
+        return None
     scored = [(float(np.linalg.norm(c.change) / c.sd / 2), c.name) for c in candidates]
     distance, name = max(scored)
     return Separation(class_name, tuple(members), name, distance)

@@ -31,7 +31,7 @@ def spread(
         unpack: Makes it a result again, with the task.
 
     Raises:
-        JointsError: What a task raised, on all ranks.
+        JointsError: What a task raised, on all ranks; RuntimeError for any other exception.
     """
     if comm.size == 1:
         return [work(task) for task in tasks]
@@ -41,6 +41,10 @@ def spread(
             result = work(tasks[i])
         except JointsError as error:
             failure = error
+            break
+        except Exception as error:  # or the others would wait for ever
+            failure = RuntimeError(f"{type(error).__name__}: {error}")
+            failure.__cause__ = error
             break
         own[i] = result if pack is None else pack(result)
     failures = [f for f in comm.allgather(failure) if f is not None]
