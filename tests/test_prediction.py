@@ -124,7 +124,9 @@ def test_drift_of_the_temperature_is_seen_where_nothing_depends_on_the_torque(fo
     up, down = (predict(hypothesis, forward, evidence, z + s, BASELINE)[0] for s in (step, -step))
     slope = predict(hypothesis, forward, evidence, z, BASELINE)[1][:, 2]
     assert np.abs(slope[:3]).max() == 0.0
-    assert slope[3:6] == pytest.approx((up - down)[3:6] / 2e-4, rel=1e-4)
+    found, exact = slope[3:6], (up - down)[3:6] / 2e-4
+    # One mode hardly feels the ground: there is nothing but round-off in its difference.
+    assert found == pytest.approx(exact, rel=1e-4, abs=1e-5 * np.abs(found).max())
 
 
 def test_swapped_modes_swap_frequencies_and_damping_and_leave_shapes(forward):
