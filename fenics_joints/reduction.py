@@ -26,6 +26,8 @@ from fenics_joints.structure import Structure
 __all__ = ["ReducedStructure", "enrich", "reduce"]
 
 _TRAVEL_SAMPLES = 41
+#: Share of the largest energy below which a direction among the rigid-body modes is none.
+_RIGID = 1e-10
 #: Snapshots span a basis; their own error matters by its square.
 _SNAPSHOT = 1e-4
 
@@ -221,24 +223,23 @@ def reduce(
     Raises:
         InputError: Without samples.
     """
-    snapshots, first, solver, rigid = [], None, None, 0
+    rigid, snapshots, first, solver = [], [], None, None
     for given in samples:
         modes = solve_modes(
             structure, given, n_modes=n_modes, solver=solver, tolerance=_SNAPSHOT
         )
         solver = modes.solver
-        chosen = range(len(modes)) if keep is None else keep(modes)
-        if first is None:
-            first, rigid = given, sum(int(i) < modes.n_rigid for i in chosen)
-        elif modes.n_rigid == rigid:
-            # The same in all samples; they are kept whole, or they would no longer be rigid.
-            chosen = [i for i in chosen if i >= rigid]
-        snapshots.extend(modes.shapes[int(i)] for i in chosen)
+        first = given if first is None else first
+        for i in range(len(modes)) if keep is None else keep(modes):
+            (rigid if i < modes.n_rigid else snapshots).append(modes.shapes[int(i)])
         if progress:
             progress()
-    if not snapshots:
+    if not rigid and not snapshots:
         raise InputError("samples: expected at least one set of parameter values.")
-    basis = _orthonormal(structure, snapshots, first, tolerance, rigid)
+    # Rigid bodies are kept whole, or they would no longer be rigid; they are the same in all
+    # samples, but that soft springs may mix them.
+    whole = _orthonormal(structure, rigid, first, _RIGID) if rigid else []
+    basis = _orthonormal(structure, [*whole, *snapshots], first, tolerance, len(whole))
     return ReducedStructure(structure, basis, travel)
 
 
