@@ -39,6 +39,9 @@ __all__ = ["diagnose"]
 #: A hypothesis this far (in ln) behind the best of a fold is not refitted, and at most so many are;
 #: beside them the best wrong ones.
 _HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
+#: Parameters of a hypothesis' effects up to which its evidence is sampled: seven take ten times as
+#: many points as four.
+_MOST_SAMPLED = 6
 
 
 def diagnose(
@@ -120,7 +123,8 @@ class _Run:
     # -- nested sampling -----------------------------------------------------------------------
 
     def _sample(self, fits: list[Fit]) -> list[Fit]:
-        """The evidence of the leading hypotheses anew, by nested sampling."""
+        """The evidence of the leading hypotheses anew, by nested sampling where they have few
+        enough parameters."""
         count = self.given.diagnose.nested
         order = [
             i for i in np.argsort(-self._probabilities(fits), kind="stable")
@@ -138,7 +142,7 @@ class _Run:
             self.progress.advance()
             return found
 
-        sampled = [i for i in order if _has_parameters(fits[i])]
+        sampled = [i for i in order if _can_be_sampled(fits[i])]
         results = spread(self.comm, sampled, sample)
         fits = list(fits)
         for i, result in zip(sampled, results, strict=True):
@@ -388,6 +392,6 @@ class _Run:
         return None
 
 
-def _has_parameters(found: Fit) -> bool:
-    """Whether the effects of a hypothesis have anything to sample."""
-    return any(effect.priors for effect in found.hypothesis.effects)
+def _can_be_sampled(found: Fit) -> bool:
+    """Whether the effects of a hypothesis have something to sample, and not too much."""
+    return 0 < sum(len(effect.priors) for effect in found.hypothesis.effects) <= _MOST_SAMPLED
