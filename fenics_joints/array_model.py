@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.affine import AffinePencil, number, slopes
+from fenics_joints.affine import AffinePencil, RegionTerm, number, slopes
 from fenics_joints.components import Parameter
 from fenics_joints.points import Sensors
 
@@ -133,6 +133,11 @@ class ArrayModel:
     @property
     def parameters(self) -> Mapping[str, Parameter]:
         return self.pencil.parameters
+
+    @property
+    def regions(self) -> Sequence[RegionTerm]:
+        """Parts and joints, with their laws and properties."""
+        return self.pencil.regions
 
     @cached_property
     def n_dofs(self) -> int:

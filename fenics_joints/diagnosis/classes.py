@@ -141,7 +141,8 @@ def classes(
     members: dict[str, list[str]] = {}
     for key in keys:
         members.setdefault(root(key), []).append(names[key])
-    return {key: " or ".join(dict.fromkeys(members[root(key)])) for key in keys}
+    # In alphabetical order: by probability, round-off would have a say in the name.
+    return {key: " or ".join(sorted(set(members[root(key)]))) for key in keys}
 
 
 def labels(effects: Sequence[Effect]) -> dict[str, str]:
