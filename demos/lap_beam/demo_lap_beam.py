@@ -216,7 +216,7 @@ assert np.allclose(ends["k_n, k_t"][1], truth, rtol=1e-3)
 
 answer = diagnose(coarse("identified.toml"), comm)
 say("", answer.summary)
-for effect in answer.effects[:8]:
+for effect in sorted(answer.effects[:8], key=lambda effect: effect.name):
     where = f" ({effect.region})" if effect.region else ""
     say(f"  {100 * effect.probability:5.1f} %  {effect.name}{where}")
 
