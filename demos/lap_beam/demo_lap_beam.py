@@ -41,7 +41,7 @@ def coarse(name: str):
     """A case of this folder with a coarser mesh and a shorter diagnosis."""
     case = load_case(here / name)
     mesh = case.mesh.model_copy(update={"n_length": 12, "n_lap": 6, "n_width": 3})
-    quick = case.diagnose.model_copy(update={"max_effects": 1, "samples": 8})
+    quick = case.diagnose.model_copy(update={"max_effects": 1, "samples": 8, "nested": 0})
     return case.model_copy(update={"mesh": mesh, "diagnose": quick})
 
 
