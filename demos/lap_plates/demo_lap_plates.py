@@ -123,7 +123,7 @@ few = [
     "modulus error",
     "bolts and nuts mass",
 ]
-quick = case.diagnose.model_copy(update={"effects": few, "samples": 8})
+quick = case.diagnose.model_copy(update={"effects": few, "samples": 8, "nested": 0})
 diagnosis = diagnose(case.model_copy(update={"diagnose": quick}), comm)
 say("", f"verdict: {diagnosis.verdict}", diagnosis.summary)
 say(
