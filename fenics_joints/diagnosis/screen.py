@@ -10,7 +10,7 @@ from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.inference import Fit, Forward
 from fenics_joints.diagnosis.prediction import predict
 
-__all__ = ["linear_evidence", "near_best", "quick_evidence"]
+__all__ = ["linear_evidence", "near_best", "quick_evidence", "whitened"]
 
 
 def quick_evidence(
@@ -49,6 +49,20 @@ def quick_evidence(
     return float(value), z
 
 
+def whitened(found: Fit, evidence: Evidence, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residual, (k,), and slopes, (k, d), of a fit in standard deviations of the fitted entries.
+
+    Args:
+        found: The fit, to whatever entries.
+        evidence: The entries.
+        lower: Cholesky factor of their covariance.
+    """
+    used = evidence.fitted
+    both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
+    white = solve_triangular(lower, both, lower=True, check_finite=False)
+    return white[:, 0], white[:, 1:]
+
+
 def linear_evidence(found: Fit, evidence: Evidence) -> float:
     """ln of the evidence of other entries of a test, a hypothesis linear about its fit.
 
@@ -56,11 +70,8 @@ def linear_evidence(found: Fit, evidence: Evidence) -> float:
         found: The fit, to whatever entries.
         evidence: The entries.
     """
-    used = evidence.fitted
     lower = np.linalg.cholesky(evidence.covariance(found.hypothesis.unknown))
-    both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
-    white = solve_triangular(lower, both, lower=True, check_finite=False)
-    residual, slope = white[:, 0], white[:, 1:]
+    residual, slope = whitened(found, evidence, lower)
     hessian, pull = slope.T @ slope + np.eye(len(found.z)), slope.T @ residual + found.z
     constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(residual) * np.log(2 * np.pi)
     square = residual @ residual + found.z @ found.z - pull @ np.linalg.solve(hessian, pull)

@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.effects import Effect
@@ -15,7 +14,7 @@ from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.inference import Fit, fit
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.prepared import Prepared
-from fenics_joints.diagnosis.screen import near_best, quick_evidence
+from fenics_joints.diagnosis.screen import near_best, quick_evidence, whitened
 from fenics_joints.diagnosis.spread import spread
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.progress import Progress
@@ -221,15 +220,14 @@ class Search:
         for f in known:
             if len(f.hypothesis.effects) == 1:
                 alone[f.hypothesis.effects[0].key] = f
-        used = evidence.fitted
         lower = np.linalg.cholesky(evidence.covariance())
-        whitened = {id(f): _whitened(f, evidence.data, used, lower) for f in known}
+        white = {id(f): whitened(f, evidence, lower) for f in known}
         gains = []
         for effects, parent in together:
-            residual, slope = whitened[id(parent)]
+            residual, slope = white[id(parent)]
             other = alone[effects[-1].key]
             own = _own_columns(other)
-            columns = np.hstack([slope, whitened[id(other)][1][:, own]])
+            columns = np.hstack([slope, white[id(other)][1][:, own]])
             hessian = columns.T @ columns + np.eye(columns.shape[1])
             pull = columns.T @ residual
             pull[: len(parent.z)] += parent.z
@@ -279,13 +277,6 @@ class Search:
             over = max(float(logsumexp(score[failed])) - unknown, 0.0)
             score = np.where(failed, score - over, score)
         return np.exp(score - logsumexp(score))
-
-
-def _whitened(found: Fit, data, used, lower) -> tuple[np.ndarray, np.ndarray]:
-    """Residual and slopes of a fit in standard deviations."""
-    both = np.column_stack([(found.predicted - data)[used], found.jacobian[used]])
-    white = solve_triangular(lower, both, lower=True, check_finite=False)
-    return white[:, 0], white[:, 1:]
 
 
 def _own_columns(found: Fit) -> list[int]:
