@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 
 from fenics_joints.affine import AffinePencil, RegionTerm, number, slopes
 from fenics_joints.components import Parameter
+from fenics_joints.modal import SHIFT_SHARE, dense_modes
 from fenics_joints.points import Sensors
 
 __all__ = ["ArrayModel"]
@@ -246,7 +246,7 @@ class ArrayModel:
             Shapes, (n_dofs, k); derivatives, (n_dofs, k, n_parameters).
         """
         K, M = self._matrices(given)
-        eigenvalues, vectors = _all_modes(K, M, self.scale_hz)
+        eigenvalues, vectors = dense_modes(K, M, SHIFT_SHARE * self.scale_hz, len(K))
         x, lam = vectors[:, index], eigenvalues[index]
         products = self.pencil_products(x, lam, given) @ vectors
         gap = lam[:, None] - eigenvalues[None, :]
@@ -271,11 +271,3 @@ class ArrayModel:
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg."""
         return self.pencil.total_mass(self.values(given))
-
-
-def _all_modes(K: np.ndarray, M: np.ndarray, scale_hz: float):
-    """All eigenvalues and mass-normalised vectors, ascending; inverted as in `solve_modes`."""
-    shift = (2 * np.pi * 0.002 * scale_hz) ** 2
-    inverse, vectors = scipy.linalg.eigh(M, K + shift * M, check_finite=False)
-    inverse, vectors = inverse[::-1], vectors[:, ::-1]
-    return 1 / inverse - shift, vectors / np.sqrt(inverse)

@@ -13,11 +13,11 @@ from fenics_joints.eigensolver import EigenSolver
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.points import Sensors
 
-__all__ = ["Modes", "solve_modes"]
+__all__ = ["SHIFT_SHARE", "Modes", "dense_modes", "solve_modes"]
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
 #: for a safe factorisation of a free body, near enough for fast convergence.
-_SHIFT_SHARE = 0.002
+SHIFT_SHARE = 0.002
 #: A mode below this share of the shift's frequency moves the body without straining it.
 _RIGID_SHARE = 0.01
 
@@ -118,8 +118,8 @@ def solve_modes(
     if isinstance(K, np.ndarray):
         return _solve_dense(model, given, K, M, n_modes)
     if solver is None or solver.n != n_modes:
-        scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / _SHIFT_SHARE
-        shift = -((2 * np.pi * _SHIFT_SHARE * scale) ** 2)
+        scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / SHIFT_SHARE
+        shift = -((2 * np.pi * SHIFT_SHARE * scale) ** 2)
         solver = EigenSolver(n_modes, shift=shift, tol=tolerance, petsc_options=petsc_options)
     result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
     K.destroy(), M.destroy()
@@ -135,13 +135,26 @@ def _solve_dense(model, given, K, M, n_modes) -> Modes:
         raise InputError(
             f"n_modes = {n_modes}: expected at most {len(K)}, the size of the reduced model."
         )
-    shift_hz = model.scale_hz * _SHIFT_SHARE
+    shift_hz = model.scale_hz * SHIFT_SHARE
+    values, vectors = dense_modes(K, M, shift_hz, n_modes)
+    return Modes(model, given, values, vectors, _count_rigid(values, shift_hz))
+
+
+def dense_modes(
+    K: np.ndarray, M: np.ndarray, shift_hz: float, n_modes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest eigenvalues, (n_modes,), and M-normalised vectors, (n, n_modes), of dense matrices.
+
+    Raises:
+        ConvergenceError: If they are not found.
+    """
     shift = (2 * np.pi * shift_hz) ** 2
     # Inverted, the wanted eigenvalues are the largest: round-off of stiff layers, of the order of
     # the largest of K, would swamp the rigid-body modes otherwise.
+    some = None if n_modes == len(K) else [len(K) - n_modes, len(K) - 1]
     try:
         inverse, vectors = scipy.linalg.eigh(
-            M, K + shift * M, subset_by_index=[len(K) - n_modes, len(K) - 1], check_finite=False
+            M, K + shift * M, subset_by_index=some, check_finite=False
         )
     except scipy.linalg.LinAlgError as error:
         raise ConvergenceError(
@@ -150,8 +163,7 @@ def _solve_dense(model, given, K, M, n_modes) -> Modes:
             str(error),
         ) from error
     inverse, vectors = inverse[::-1], vectors[:, ::-1]
-    values = 1 / inverse - shift
-    return Modes(model, given, values, vectors / np.sqrt(inverse), _count_rigid(values, shift_hz))
+    return 1 / inverse - shift, vectors / np.sqrt(inverse)
 
 
 def _count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
