@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from linear_forward import Linear
 from scipy.stats import kstest, multivariate_normal, norm
 
 from fenics_joints.diagnosis.classes import APART, classes, detectable, distance
@@ -16,20 +17,6 @@ from fenics_joints.diagnosis.shrinkage import folds
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 RNG_SEED = 7
-
-
-class Linear:
-    """ln f = f0 + A p for parameters p0, p1, ...: every answer has a closed form."""
-
-    def __init__(self, matrix):
-        self.matrix = np.asarray(matrix, dtype=float)
-        names = [f"p{i}" for i in range(self.matrix.shape[1])]
-        self.model = SimpleNamespace(parameters=dict.fromkeys(names))
-        self.baseline = dict.fromkeys(names, 0.0)
-
-    def __call__(self, values):
-        p = np.array([values[name] for name in self.model.parameters])
-        return 5.0 + self.matrix @ p, self.matrix
 
 
 def shift(index, spread=1.0, median=0.0):

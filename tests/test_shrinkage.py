@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from linear_forward import Linear
 from scipy.stats import binom
 
 from fenics_joints.diagnosis.effects import Effect, Prior
@@ -16,20 +16,6 @@ from fenics_joints.diagnosis.shrinkage import blinded, cross_validate, folds, fo
 TORQUES = np.array([5.0, 10.0, 20.0, 40.0])
 MODES = ["a", "b", "c", "d", "e"]
 SD, DISCREPANCY = 0.003, 0.004
-
-
-class Linear:
-    """ln f = 5 + A p."""
-
-    def __init__(self, matrix):
-        self.matrix = np.asarray(matrix, dtype=float)
-        names = [f"p{i}" for i in range(self.matrix.shape[1])]
-        self.model = SimpleNamespace(parameters=dict.fromkeys(names))
-        self.baseline = dict.fromkeys(names, 0.0)
-
-    def __call__(self, values):
-        p = np.array([values[name] for name in self.model.parameters])
-        return 5.0 + self.matrix @ p, self.matrix
 
 
 def shift(index):
