@@ -238,7 +238,7 @@ def reduce(
         raise InputError("samples: expected at least one set of parameter values.")
     # Rigid bodies are kept whole, or they would no longer be rigid; they are the same in all
     # samples, but that soft springs may mix them.
-    whole = _orthonormal(structure, rigid, first, _RIGID) if rigid else []
+    whole = _orthonormal(structure, rigid, first, _RIGID, only_mass=True) if rigid else []
     basis = _orthonormal(structure, [*whole, *snapshots], first, tolerance, len(whole))
     return ReducedStructure(structure, basis, travel)
 
@@ -263,7 +263,9 @@ def enrich(
     return ReducedStructure(structure, joined, travel)
 
 
-def _orthonormal(structure, snapshots, given, tolerance, whole: int = 0) -> list[PETSc.Vec]:
+def _orthonormal(
+    structure, snapshots, given, tolerance, whole: int = 0, only_mass: bool = False
+) -> list[PETSc.Vec]:
     """Snapshots made orthonormal in the energy of one sample, without the dependent ones.
 
     The first ``whole`` of them are kept, and what the others have of them is taken off.
@@ -275,7 +277,8 @@ def _orthonormal(structure, snapshots, given, tolerance, whole: int = 0) -> list
     Z = _columns(snapshots)
     stiff, heavy = _project(K, Z), _project(M, Z)
     scale = np.trace(stiff) / np.trace(heavy)
-    gram = stiff + scale * heavy
+    # Rigid bodies have no energy but round-off, which may be below zero: there the mass decides.
+    gram = heavy if only_mass else stiff + scale * heavy
     norms = np.sqrt(np.diag(gram))
     gram = gram / np.outer(norms, norms)
     first, rest = slice(0, whole), slice(whole, None)
