@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenics_joints.diagnosis.effects_rig import MISPLACED, MISSCALED, SWAPPED
-from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.verdict import NO_GAP, SURE, UNKNOWN
 from fenics_joints.formatting import (
     condition_value,
     interval,
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Explanation", "Point", "explain", "group_words", "in_words", "zone_words"]
 
-#: Probability from which the verdict calls a class of effects a cause.
-_SURE = 0.8
+#: Probability of a look-alike that is not worth a word.
+_REMOTE = 0.01
 #: Effects that are no change of the structure but of how it was measured.
 _IN_TEST = (MISSCALED, MISPLACED, SWAPPED)
 #: Adjusted p below which a test says more than chance.
@@ -206,7 +206,8 @@ def _in_test(d: Diagnosis) -> str:
 
 def _sure(d: Diagnosis) -> list[EffectClass]:
     """The classes that the verdict calls causes."""
-    return [c for c in _causes(d) if c.probability >= _SURE] if d.verdict == "cause" else []
+    least = SURE * (1 - _probability_of(d, UNKNOWN))
+    return [c for c in _causes(d) if c.probability >= least] if d.verdict == "cause" else []
 
 
 def _kinds(found: Location) -> str:
@@ -269,7 +270,15 @@ def _causes(d: Diagnosis) -> list[EffectClass]:
 
 def _which(d: Diagnosis) -> str:
     say = {NO_GAP: _no_cause, "unknown": _unknown, "cause": _cause}
-    return _sentence(say.get(d.verdict, _undecided)(d))
+    return _sentence(say.get(d.verdict, _undecided)(d) + _look_alike(d))
+
+
+def _look_alike(d: Diagnosis) -> str:
+    """What is left for causes outside the library, where that is not the answer itself."""
+    p = _probability_of(d, UNKNOWN)
+    if p < _REMOTE or d.verdict not in (NO_GAP, "cause"):
+        return ""
+    return f"; {probability(p)} is left for a cause outside the library that would look the same"
 
 
 def _no_cause(d: Diagnosis) -> str:
@@ -315,7 +324,8 @@ def _rival(d: Diagnosis, sure: Sequence[EffectClass]) -> str:
 
 def _best_without(d: Diagnosis, sure: Sequence[EffectClass]) -> HypothesisResult | None:
     keys = [{_key(e) for e in c.effects} for c in sure]
-    lacking = [h for h in d.hypotheses if any(not k & set(h.effects) for k in keys)]
+    listed = [h for h in d.hypotheses if h.label != UNKNOWN]
+    lacking = [h for h in listed if any(not k & set(h.effects) for k in keys)]
     return max(lacking, key=lambda h: h.log_evidence, default=None)
 
 

@@ -227,7 +227,9 @@ def diagnosed(rig, tmp_path_factory):
 
 
 def probabilities(result) -> dict[str, float]:
-    return {e.name: e.probability for e in result.effects}
+    """Of the library's effects, of what is left for them beside a cause outside it."""
+    found = {e.name: e.probability for e in result.effects}
+    return {name: p / (1 - found["none of these"]) for name, p in found.items()}
 
 
 def class_of(result, name: str) -> set[str]:

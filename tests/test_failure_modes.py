@@ -424,7 +424,8 @@ def test_a_truth_that_the_library_lacks_is_none_of_these(truth, name):
     data = measured(**truth)
     with_it = diagnosed(data)
     assert with_it.verdict == "cause" and with_it.leader.startswith(name)
-    assert with_it.probability[UNKNOWN] < 0.05
+    # What looks like a listed cause may be another: a tenth is left for that.
+    assert with_it.probability[UNKNOWN] < 0.15
     without = diagnosed(data, [e for e in LIBRARY if e.name != name])
     assert without.verdict == "unknown", without.summary
     if name != "modulus error":
@@ -478,5 +479,6 @@ def test_a_sensor_that_is_wrong_acquits_the_joints(kind):
         data = measured(places=tuple(places))
     found = diagnosed(data, (*LIBRARY, *RIG), shapes=True)
     assert found.verdict == "cause", found.summary
-    assert found.of(kind) > 0.8 and found.leader == f"{kind} (sensor 5)"
+    assert found.of(kind) > 0.8 * (1 - found.probability[UNKNOWN])
+    assert found.leader == f"{kind} (sensor 5)"
     assert found.of("joint compliance", "loose bolt") < 0.02

@@ -186,3 +186,34 @@ def test_near_best_by_hand():
     assert near_best(values, 1.0, 9).tolist() == [1, 2, 3]
     assert near_best(values, np.inf, 4).tolist() == [1, 2, 3, 5]
     assert near_best(np.zeros(0), 1.0, 3).tolist() == []
+
+
+class Spiral(Bent):
+    """What parameter 0 does to ln f turns and grows with it, so that a second valley is wrong."""
+
+    def __call__(self, values):
+        self.calls += 1
+        p = np.array([values[name] for name in self.model.parameters])
+        d, (u, v) = p[0], self.matrix[:, :2].T
+        turn = np.cos(2.5 * d) * u + np.sin(2.5 * d) * v
+        across = np.cos(2.5 * d) * v - np.sin(2.5 * d) * u
+        slope = self.matrix.copy()
+        slope[:, 0] = 0.3 * turn + 2.5 * (1 + 0.3 * d) * across
+        return 5.0 + (1 + 0.3 * d) * turn - u + self.matrix[:, 1:] @ p[1:], slope
+
+
+def test_an_effect_is_not_lost_in_the_wrong_valley():
+    """Downhill from nothing leads away from a large effect; a try on both sides finds it."""
+    model = problem(0.0, {})
+    model.forward = Spiral(model.forward.matrix, 0.0)
+    model.effects = model.effects[:1]
+    values = dict(model.baseline)
+    model.effects[0].apply(values, {"d": 1.5}, 20.0)
+    log_f = np.tile(model.forward(values)[0], (len(TORQUES), 1))
+    model.evidence = Evidence(TORQUES, log_f, np.full(log_f.shape, 0.002), 0.002)
+    alone = model.hypothesis(model.effects)
+    lost = fit(alone, model.forward, model.evidence, model.baseline)
+    _, fits, _ = searched(model)
+    best = max(fits, key=lambda f: f.log_evidence)
+    assert lost.z[1] < 0 and best.z[1] == pytest.approx(1.5, abs=0.02)
+    assert best.log_evidence > lost.log_evidence + 20

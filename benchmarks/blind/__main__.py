@@ -117,6 +117,16 @@ def _scored(folder: Path, oracle: bool) -> dict:
 
 
 @app.command()
+def calibrate(
+    folders: Annotated[list[Path], typer.Argument(help="Checks whose answers are open.")],
+) -> None:
+    """Weights for what looks like a listed effect and is none, from opened cases."""
+    from benchmarks.blind.calibrate import read_samples, report
+
+    typer.echo(report(read_samples(folders)))
+
+
+@app.command()
 def small(
     cases: Annotated[int, typer.Option(min=1, help="How many.")] = 3,
     jobs: Jobs = 2,

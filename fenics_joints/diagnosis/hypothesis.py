@@ -104,6 +104,12 @@ class Hypothesis:
         return [(e, p) for e in (*self.nuisances, *self.effects) for p in e.priors]
 
     @cached_property
+    def own_columns(self) -> list[int]:
+        """Where the effects' parameters stand in z; the others are free in any case."""
+        keys = {e.key for e in self.effects}
+        return [j for j, (e, _) in enumerate(self.priors) if e.key in keys]
+
+    @cached_property
     def shared(self) -> dict[str, list[tuple[Effect, Prior]]]:
         """Parameters that belong to no effect: tightenings, amplitudes, dampings."""
         return {

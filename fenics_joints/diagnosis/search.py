@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.prepared import Prepared
 from fenics_joints.diagnosis.screen import near_best, quick_evidence, whitened
 from fenics_joints.diagnosis.spread import spread
+from fenics_joints.diagnosis.unlisted import look_alike
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.progress import Progress
 
@@ -28,6 +29,8 @@ _ANY, _UNKNOWN = 1.5, 0.2
 _MARGIN, _MOST = 8.0, 24
 #: Relative change of the sum of squares at which a fit ends.
 _TOLERANCE = 1e-4
+#: How far, in standard deviations of its prior, an effect is tried either way before it is fitted.
+_ASIDE = 1.0
 #: Pairs that get a quick look with the model.
 _LOOKS = 100
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; and the
@@ -71,16 +74,28 @@ class Search:
         return self.checked(fits, _LEADING)
 
     def _starts(self, singles: Sequence[Hypothesis], none: Fit) -> list[list[np.ndarray]]:
-        """Where each effect is likely to be: one step from what fits best without it, and, if it
-        may act strongly, the middle of its prior."""
+        """Where each effect is likely to be: one step from what fits best without it; the middle of
+        its prior if it may act strongly; and where a try on both sides leads, if elsewhere, since
+        what fits best without it may have been stretched into another valley.
+        """
         lower = np.linalg.cholesky(self.model.evidence.covariance())
-        starts = [self._start(h.effects, none) for h in singles]
-        looks = self._looked(singles, starts, lower)
-        return [
-            [look[1], start] if any(p.log and p.spread > 1 for p in h.effects[0].priors)
-            else [look[1]]
-            for h, start, look in zip(singles, starts, looks, strict=True)
-        ]  # fmt: skip
+        from_none = [self._start(h.effects, none) for h in singles]
+        steps = [z for _, z in self._looked(singles, from_none, lower)]
+        tries = [(i, z) for i, h in enumerate(singles) for z in _to_both_sides(h)]
+        tried = [singles[i] for i, _ in tries]
+        looks = self._looked(tried, [z for _, z in tries], lower)
+        looks = self._looked(tried, [z for _, z in looks], lower)
+        starts = []
+        for i, h in enumerate(singles):
+            own = h.own_columns
+            ends = [look for (j, _), look in zip(tries, looks, strict=True) if j == i]
+            end = max(ends, key=lambda look: look[0], default=(0.0, steps[i]))[1]
+            starts.append([steps[i]])
+            if np.max(np.abs((end - steps[i])[own]), initial=0.0) > 0.5 * _ASIDE:
+                starts[i].append(end)
+            if any(p.log and p.spread > 1 for p in h.effects[0].priors):
+                starts[i].append(from_none[i])
+        return starts
 
     def _looked(self, hypotheses, starts, lower) -> list[tuple[float, np.ndarray]]:
         """A quick look at each. Collective."""
@@ -226,7 +241,7 @@ class Search:
         for effects, parent in together:
             residual, slope = white[id(parent)]
             other = alone[effects[-1].key]
-            own = _own_columns(other)
+            own = other.hypothesis.own_columns
             columns = np.hstack([slope, white[id(other)][1][:, own]])
             hessian = columns.T @ columns + np.eye(columns.shape[1])
             pull = columns.T @ residual
@@ -264,7 +279,8 @@ class Search:
         """Posterior probability of each of the fitted hypotheses.
 
         Those that fail their own check count together for no more than an unknown cause: the best
-        of wrong explanations is none.
+        of wrong explanations is none. And what explains the test may be a look-alike
+        (`fenics_joints.diagnosis.unlisted`).
         """
         score = np.array([f.log_evidence for f in fits])
         score = score + self.log_prior([f.hypothesis for f in fits])
@@ -276,13 +292,24 @@ class Search:
             # Among themselves they keep their odds.
             over = max(float(logsumexp(score[failed])) - unknown, 0.0)
             score = np.where(failed, score - over, score)
-        return np.exp(score - logsumexp(score))
+        found = np.exp(score - logsumexp(score))
+        if known.all():
+            return found
+        leader = fits[int(np.argmax(np.where(known, score, -np.inf)))]
+        found *= 1 - look_alike(leader)
+        found[~known] += (1 - found.sum()) / np.sum(~known)
+        return found
 
 
-def _own_columns(found: Fit) -> list[int]:
-    """Columns of z that belong to the hypothesis' effects."""
-    keys = {e.key for e in found.hypothesis.effects}
-    return [j for j, (e, _) in enumerate(found.hypothesis.priors) if e.key in keys]
+def _to_both_sides(hypothesis: Hypothesis) -> list[np.ndarray]:
+    """Points z with one of the effects' parameters off its median, all others at theirs."""
+    found = []
+    for j in hypothesis.own_columns:
+        for side in (-_ASIDE, _ASIDE):
+            z = np.zeros(len(hypothesis.priors))
+            z[j] = np.clip(side, *hypothesis.priors[j][1].limits())
+            found.append(z)
+    return found
 
 
 def _compatible(effects: Sequence[Effect]) -> bool:

@@ -10,11 +10,11 @@ from fenics_joints.diagnosis.inference import Fit
 from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.gap import Gap
 
-__all__ = ["MISFIT", "NO_GAP", "UNKNOWN", "decide"]
+__all__ = ["MISFIT", "NO_GAP", "SURE", "UNKNOWN", "decide"]
 
 NO_GAP, UNKNOWN = "no gap", "none of these"
-#: Probability that a class of effects must have to be called a cause.
-_SURE = 0.8
+#: Probability that a class must have, of what is left for the library, to be called a cause.
+SURE = 0.8
 #: A best hypothesis that fits the data worse than this is no explanation.
 MISFIT = 0.01
 
@@ -28,9 +28,9 @@ def decide(
 ) -> tuple[str, str]:
     """The verdict and a sentence or two that say it.
 
-    ``no gap`` and ``unknown`` if those hypotheses are the most probable, ``unknown`` also if the
-    best explanation does not fit the data within noise and discrepancy; ``cause`` if a class of
-    effects is probable enough; ``ambiguous`` otherwise.
+    ``unknown`` if that is more probable than all others together, or if the best explanation does
+    not fit the data within noise and discrepancy. Otherwise, among the others, ``no gap`` if it is
+    more probable than not; ``cause`` if a class of effects is probable enough; ``ambiguous`` else.
 
     Args:
         fits: Hypotheses, most probable first.
@@ -42,25 +42,27 @@ def decide(
     by_label = {}
     for f, p in zip(fits, probability, strict=True):
         by_label[f.hypothesis.label] = by_label.get(f.hypothesis.label, 0.0) + float(p)
-    if by_label.get(NO_GAP, 0.0) > 0.5:
+    other = by_label.get(UNKNOWN, 0.0)
+    listed = 1.0 - other
+    if other <= 0.5 and by_label.get(NO_GAP, 0.0) > 0.5 * listed:
         return "no gap", (
             "The nominal model, with its parts within tolerance, explains the test to within "
             "noise: there is no gap to explain."
         )
-    if by_label.get(UNKNOWN, 0.0) > 0.5 or leader.p_value < MISFIT:
+    if other > 0.5 or leader.p_value < MISFIT:
         return "unknown", (
             "No effect of the library explains the test. The best of them, "
             f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} % and would give such a "
             f"misfit with probability {leader.p_value:.1g}."
         )
     classes = class_probabilities(fits, probability, effects)
-    sure = [name for name, p in classes.items() if p >= _SURE]
+    sure = [name for name, p in classes.items() if p >= SURE * listed]
     if sure:
         said = "; and ".join(f"{_sentence(name)} ({_percent(classes[name])})" for name in sure)
-        maybe = [n for n, p in classes.items() if 0.2 <= p < _SURE]
+        maybe = [n for n, p in classes.items() if 0.2 * listed <= p < SURE * listed]
         tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
         return "cause", f"The gap comes from {said}.{tail}"
-    rated = {**classes, NO_GAP: by_label.get(NO_GAP, 0.0), UNKNOWN: by_label.get(UNKNOWN, 0.0)}
+    rated = {**classes, NO_GAP: by_label.get(NO_GAP, 0.0), UNKNOWN: other}
     first = sorted(rated.items(), key=lambda item: -item[1])[:3]
     named = [f"{name} ({_percent(p)})" for name, p in first]
     return "ambiguous", f"This test does not decide between {', '.join(named)}."
