@@ -387,13 +387,14 @@ class _Test:
 
     def _temperature(self) -> dict[str, list[Curve]]:
         """All moduli together: frequencies go with their root, shapes stay."""
-        place, curves = np.linspace(0, 1, self.n), []
-        for drift in [s * d for s in (-1, 1) for d in np.geomspace(0.01, 0.05, 6)]:
-            points = []
-            for fall in np.geomspace(0.02, 0.1, 8):
-                log_f = self.of.base[: self.m] + ((-fall + drift * place) / 2)[:, None]
-                points.append(self.joined(log_f, self.of.shapes))
-            curves.append(Curve(np.array(points)))
+        place, curves, sides = np.linspace(0, 1, self.n), [], (-1, 1)
+        for drift in [s * d for s in sides for d in np.geomspace(9e-4, 0.014, 6)]:
+            for side in sides:
+                points = []
+                for size in np.geomspace(0.003, 0.045, 8):
+                    log_f = self.of.base[: self.m] + ((side * size + drift * place) / 2)[:, None]
+                    points.append(self.joined(log_f, self.of.shapes))
+                curves.append(Curve(np.array(points)))
         return {"temperature": curves}
 
     def _levels(self) -> dict[str, list[Curve]]:

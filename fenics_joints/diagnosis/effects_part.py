@@ -17,8 +17,9 @@ _WORDS = {"E": "modulus", "rho": "density", "thickness": "thickness", "width": "
 #: -3e-4 for steels (Ledbetter and Reed, J. Phys. Chem. Ref. Data 2, 1973) and -5e-4 for aluminium
 #: alloys; the difference is far below what is known of the temperature itself.
 _BY_KELVIN = -4e-4
-#: Temperature of a laboratory against that of the material's data, and its drift in a test, K.
-_OFFSET, _DRIFT = (10.0, (-60.0, 120.0)), (5.0, (-50.0, 50.0))
+#: Temperature of a test against that of the material's data, and its drift in a test, K: as a
+#: cause, hence a cold hall, the sun or a chamber rather than a laboratory.
+_OFFSET, _DRIFT = (30.0, (-100.0, 300.0)), (10.0, (-100.0, 100.0))
 
 
 def part_error(key: str, parts: Sequence[str], weight: float = 1.0, whole: bool = False) -> Effect:

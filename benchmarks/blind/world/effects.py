@@ -143,6 +143,13 @@ def _end_mass(rng, rig):
     return {"kg": _log(rng, *total[rig.name]), "x": float(rng.uniform(low, high))}
 
 
+def _temperature(rng, rig) -> dict:
+    """A hall, a chamber or the sun: some ten to eighty kelvin, and a drift during the test."""
+    softer = rng.uniform(3e-4, 5.5e-4)
+    offset, drift = _sign(rng) * _log(rng, 10, 80), _sign(rng) * _log(rng, 3, 25)
+    return {"factor": float(1 - softer * offset), "drift": float(1 - softer * drift)}
+
+
 _TOTAL = {"lap_plates": 0.86, "c_beam": 2.7, "lap_beam": 0.57}
 
 _DRAW: dict[str, Callable] = {
@@ -163,10 +170,7 @@ _DRAW: dict[str, Callable] = {
     "clamp": lambda rng, rig: {"k": _log(rng, 5e12, 1e14)},
     "sensor_place": lambda rng, rig: {"m": _sign(rng) * _log(rng, 6e-3, 2.4e-2)},
     "sensor_gain": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.1, 0.7)))},
-    "temperature": lambda rng, rig: {
-        "factor": float(np.exp(-_log(rng, 0.02, 0.1))),
-        "drift": float(np.exp(_sign(rng) * _log(rng, 0.01, 0.05))),
-    },
+    "temperature": _temperature,
     "mis_pairing": lambda rng, rig: {"mode": int(rng.integers(rig.n_modes - 1))},
     "hysteretic": lambda rng, rig: {"eta": _log(rng, 0.02, 0.3)},
     "viscous": lambda rng, rig: {"eta_1kHz": _log(rng, 0.02, 0.3)},
