@@ -18,6 +18,8 @@ ALSO: dict[str, tuple[str, ...]] = {
     "graded": ("joint compliance graded from zone to zone",),
     # Two names for what happens at a bolt that does not press.
     "loose_bolt": ("compliance at one bolt", "compliance at one joint"),
+    # In the library's words: as one under the bolts and barely touching elsewhere.
+    "lost_contact": ("compliance away from the bolts only",),
 }
 
 

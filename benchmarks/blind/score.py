@@ -70,9 +70,17 @@ class Record:
             return [{UNKNOWN}]
         return [self.forecast.accepted(e, level, region=region) for e in self.effects]
 
-    def rank(self, level: str, *, region: bool = True) -> float:
-        """Rank of the (first) right outcome, from 1; equals count before it; inf if it has none."""
+    def rank(self, level: str, *, region: bool = True, named: bool = False) -> float:
+        """Rank of the (first) right outcome, from 1; equals count before it; inf if it has none.
+
+        Args:
+            level: One of `LEVELS`.
+            region: Whether the region must be right too.
+            named: Whether "none of these" is left out, which names nothing that one could check.
+        """
         shares = self.forecast.shares(level)
+        if named:
+            shares.pop(UNKNOWN, None)
         right = self.accepted(level, region=region)[0]
         best = max((shares.get(label, 0.0) for label in right), default=0.0)
         if best <= 0:
@@ -228,8 +236,9 @@ def _singles(records: Sequence[Record]) -> dict:
     out = {"n": len(records)}
     for level in ("cause", "class"):
         ranks = [r.rank(level, region=False) for r in records]
+        named = [r.rank(level, region=False, named=True) for r in records]
         out[f"top1_{level}"] = Rate.of(rank <= 1 for rank in ranks).to_json()
-        out[f"top2_{level}"] = Rate.of(rank <= 2 for rank in ranks).to_json()
+        out[f"top2_{level}"] = Rate.of(rank <= 2 for rank in named).to_json()
     for level in ("effect", "class"):
         ranks = [r.rank(level, region=True) for r in records]
         out[f"cause_and_region_{level}"] = Rate.of(rank <= 1 for rank in ranks).to_json()
