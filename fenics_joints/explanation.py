@@ -270,15 +270,15 @@ def _causes(d: Diagnosis) -> list[EffectClass]:
 
 def _which(d: Diagnosis) -> str:
     say = {NO_GAP: _no_cause, "unknown": _unknown, "cause": _cause}
-    return _sentence(say.get(d.verdict, _undecided)(d) + _look_alike(d))
+    return _sentence(say.get(d.verdict, _undecided)(d))
 
 
 def _look_alike(d: Diagnosis) -> str:
     """What is left for causes outside the library, where that is not the answer itself."""
     p = _probability_of(d, UNKNOWN)
-    if p < _REMOTE or d.verdict not in (NO_GAP, "cause"):
+    if p < _REMOTE:
         return ""
-    return f"; {probability(p)} is left for a cause outside the library that would look the same"
+    return f"; {probability(p)} is left for a cause outside the library that looks the same"
 
 
 def _no_cause(d: Diagnosis) -> str:
@@ -286,10 +286,9 @@ def _no_cause(d: Diagnosis) -> str:
     words = f"none is needed: the nominal model within its tolerances has {probability(p)}"
     causes = _causes(d)
     if not causes:
-        return words
-    return f"{words}, the most probable cause, {_members(causes[0])}, " + probability(
-        causes[0].probability
-    )
+        return words + _look_alike(d)
+    most = f"the most probable cause, {_members(causes[0])}, {probability(causes[0].probability)}"
+    return f"{words}, {most}{_look_alike(d)}"
 
 
 def _unknown(d: Diagnosis) -> str:
@@ -310,7 +309,7 @@ def _cause(d: Diagnosis) -> str:
     words = "; and ".join(f"{_members(c)}, {probability(c.probability)}" for c in sure)
     several = f"{_COUNT.get(len(sure), len(sure))} causes: " if len(sure) > 1 else ""
     rival = _rival(d, sure)
-    return several + words + (f"; {rival}" if rival else "")
+    return several + words + _look_alike(d) + (f"; {rival}" if rival else "")
 
 
 def _rival(d: Diagnosis, sure: Sequence[EffectClass]) -> str:

@@ -424,8 +424,8 @@ def test_a_truth_that_the_library_lacks_is_none_of_these(truth, name):
     data = measured(**truth)
     with_it = diagnosed(data)
     assert with_it.verdict == "cause" and with_it.leader.startswith(name)
-    # What looks like a listed cause may be another: a tenth is left for that.
-    assert with_it.probability[UNKNOWN] < 0.15
+    # What looks like a listed cause may be another: some is left for that.
+    assert with_it.probability[UNKNOWN] < 0.25
     without = diagnosed(data, [e for e in LIBRARY if e.name != name])
     assert without.verdict == "unknown", without.summary
     if name != "modulus error":

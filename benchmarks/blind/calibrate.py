@@ -15,21 +15,21 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from benchmarks.blind import seal
-from fenics_joints.diagnosis.unlisted import strain
-from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.unlisted import misfit_in_nats
+from fenics_joints.diagnosis.verdict import UNKNOWN
 
-__all__ = ["Sample", "calibrate", "log_loss", "read_samples"]
+__all__ = ["Sample", "calibrate", "log_loss", "read_samples", "report"]
 
-#: Weight of the sum of squares of all weights but the first, against ln likelihood.
+#: Weight of the square of the slope, against ln likelihood.
 _RIDGE = 1.0
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A case: its geometry, `strain` of its leading hypothesis, and whether it was outside."""
+    """A case: its geometry, misfit of its leading hypothesis in nats, whether it was outside."""
 
     geometry: str
-    strain: np.ndarray
+    misfit: float
     outside: bool
 
 
@@ -41,34 +41,37 @@ def read_samples(folders: Sequence[Path]) -> list[Sample]:
             said = seal.read_json(folder / "diagnoses" / f"{name}.json").get("diagnosis")
             if said is not None and not answer["final_only"]:
                 outside = answer["kind"] == "unknown"
-                found.append(Sample(answer["geometry"], leader_strain(said), outside))
+                found.append(Sample(answer["geometry"], leader_misfit(said), outside))
     return found
 
 
-def leader_strain(diagnosis: Mapping) -> np.ndarray:
-    """`strain` of the most probable hypothesis but for the unknown, shape (4,)."""
+def leader_misfit(diagnosis: Mapping) -> float:
+    """Misfit of the most probable hypothesis but for the unknown, in nats."""
     known = [h for h in diagnosis["hypotheses"] if h["label"] != UNKNOWN]
-    lead = max(known, key=lambda h: h["probability"])
-    departures = np.array([p["prior_sigmas"] for p in lead["parameters"] if p["nuisance"]])
-    count = 0 if lead["label"] == NO_GAP else len(lead["effects"])
-    return strain(lead["p_value"], departures, count)
+    return misfit_in_nats(max(known, key=lambda h: h["probability"])["p_value"])
+
+
+def _columns(samples: Sequence[Sample]) -> tuple[np.ndarray, np.ndarray]:
+    """1 and misfit of each, (n, 2), and whether it was outside, (n,)."""
+    misfit = np.array([s.misfit for s in samples])
+    return np.column_stack([np.ones(len(samples)), misfit]), np.array([s.outside for s in samples])
 
 
 def calibrate(samples: Sequence[Sample]) -> np.ndarray:
-    """Most probable weights of a logistic function, shape (4,)."""
-    X = np.array([s.strain for s in samples])
-    sign = np.where([s.outside for s in samples], 1.0, -1.0)
+    """Most probable intercept and slope of a logistic function, shape (2,)."""
+    X, outside = _columns(samples)
+    sign = np.where(outside, 1.0, -1.0)
 
     def loss(w):
-        return np.sum(np.logaddexp(0.0, -sign * (X @ w))) + _RIDGE * np.sum(w[1:] ** 2)
+        return np.sum(np.logaddexp(0.0, -sign * (X @ w))) + _RIDGE * w[1] ** 2
 
-    return minimize(loss, np.zeros(X.shape[1])).x
+    return minimize(loss, np.zeros(2)).x
 
 
 def log_loss(samples: Sequence[Sample], weights: np.ndarray) -> float:
     """Mean of -ln of the probability that was given to what was so."""
-    p = expit(np.array([s.strain for s in samples]) @ weights)
-    outside = np.array([s.outside for s in samples])
+    X, outside = _columns(samples)
+    p = expit(X @ weights)
     return float(-np.mean(np.log(np.where(outside, p, 1 - p))))
 
 
@@ -76,17 +79,16 @@ def report(samples: Sequence[Sample]) -> str:
     """The weights in words, and how they carry over from geometry to geometry."""
     weights = calibrate(samples)
     share = np.mean([s.outside for s in samples])
-    rate = np.array([np.log(share / (1 - share)), 0.0, 0.0, 0.0])
+    rate = np.array([np.log(share / (1 - share)), 0.0])
     lines = [
         f"{len(samples)} cases, {sum(s.outside for s in samples)} outside the library",
-        "weights: " + ", ".join(f"{w:.2f}" for w in weights),
+        f"intercept {weights[0]:.2f}, slope {weights[1]:.2f}",
         f"log loss {log_loss(samples, weights):.3f}; the mere rate {log_loss(samples, rate):.3f}",
     ]
     for geometry in sorted({s.geometry for s in samples}):
         others = [s for s in samples if s.geometry != geometry]
         own = [s for s in samples if s.geometry == geometry]
         if others:
-            lines.append(
-                f"{geometry} by the others' weights: log loss {log_loss(own, calibrate(others)):.3f}"
-            )
+            loss = log_loss(own, calibrate(others))
+            lines.append(f"{geometry} by the others' weights: log loss {loss:.3f}")
     return "\n".join(lines)

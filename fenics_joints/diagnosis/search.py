@@ -296,7 +296,7 @@ class Search:
         if known.all():
             return found
         leader = fits[int(np.argmax(np.where(known, score, -np.inf)))]
-        found *= 1 - look_alike(leader)
+        found *= 1 - look_alike(leader.p_value)
         found[~known] += (1 - found.sum()) / np.sum(~known)
         return found
 
