@@ -278,7 +278,7 @@ def _look_alike(d: Diagnosis) -> str:
     p = _probability_of(d, UNKNOWN)
     if p < _REMOTE:
         return ""
-    return f"; {probability(p)} is left for a cause outside the library that looks the same"
+    return f"; {probability(p)} is left for a cause outside the library"
 
 
 def _no_cause(d: Diagnosis) -> str:

@@ -239,6 +239,8 @@ def reduce(
     # Rigid bodies are kept whole, or they would no longer be rigid; they are the same in all
     # samples, but that soft springs may mix them.
     whole = _orthonormal(structure, rigid, first, _RIGID, only_mass=True) if rigid else []
+    if not snapshots:
+        return ReducedStructure(structure, whole, travel)
     basis = _orthonormal(structure, [*whole, *snapshots], first, tolerance, len(whole))
     return ReducedStructure(structure, basis, travel)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-#: For what several tests share that is no fixture.
-sys.path.insert(0, str(Path(__file__).parent))
+#: For what several tests share that is no fixture, and for the benchmarks.
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -229,6 +229,7 @@ def diagnosed(rig, tmp_path_factory):
 def probabilities(result) -> dict[str, float]:
     """Of the library's effects, of what is left for them beside a cause outside it."""
     found = {e.name: e.probability for e in result.effects}
+    assert found["none of these"] < 0.3
     return {name: p / (1 - found["none of these"]) for name, p in found.items()}
 
 

@@ -15,7 +15,6 @@ import pytest
 pytest.importorskip("dolfinx")
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
 
 from scipy.stats import multivariate_normal, norm  # noqa: E402
 

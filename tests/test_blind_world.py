@@ -14,6 +14,8 @@ pytest.importorskip("dolfinx")
 pytest.importorskip("gmsh")
 
 from benchmarks.blind import discrepancy, world
+from benchmarks.blind.reckoning import _sheets
+from benchmarks.blind.world import draw
 from benchmarks.blind.world.eigen import lowest_modes
 from benchmarks.blind.world.levels import gapping, slip
 from benchmarks.blind.world.model import _nominal, _Small, _Specimen, calibrate_levels
@@ -34,6 +36,21 @@ def test_shares_no_code_with_the_package():
             assert not any(name.startswith("fenics_joints") for name in names), file
             called = getattr(getattr(node, "func", None), "id", "")
             assert called not in ("__import__", "exec", "eval"), file
+
+
+@pytest.mark.parametrize("geometry", BLIND)
+def test_the_oracle_knows_all_sizes_that_are_drawn(geometry):
+    """Sizes that the generator draws against the ranges by which D is computed."""
+    random, found = np.random.default_rng(0), {}
+    for sheet in _sheets(geometry):
+        ends = [sheet.params(u, sheet.vs[0]) for u in sheet.span]
+        key = next(iter(ends[0])) if sheet.name != "normal_and_tangential" else "k_t"
+        found.setdefault((sheet.name, key), []).extend(end[key] for end in ends)
+    for (name, key), ends in found.items():
+        drawn = [draw(random, geometry, name)["params"][key] for _ in range(400)]
+        low, high = np.log([min(ends), max(ends)])
+        assert np.log(min(drawn)) == pytest.approx(low, abs=0.05 * (high - low)), name
+        assert np.log(max(drawn)) == pytest.approx(high, abs=0.05 * (high - low)), name
 
 
 @pytest.fixture(scope="module")

@@ -480,5 +480,6 @@ def test_a_sensor_that_is_wrong_acquits_the_joints(kind):
     found = diagnosed(data, (*LIBRARY, *RIG), shapes=True)
     assert found.verdict == "cause", found.summary
     assert found.of(kind) > 0.8 * (1 - found.probability[UNKNOWN])
+    assert found.probability[UNKNOWN] < 0.25
     assert found.leader == f"{kind} (sensor 5)"
     assert found.of("joint compliance", "loose bolt") < 0.02

@@ -22,14 +22,14 @@ def test_a_stopped_run_goes_on(tmp_path):
     kept.add({"a": np.array([0.1, -1 / 3])})
     kept.add({"a": np.array([9.0, 9.0]), "none": np.zeros(0), "b": np.ones(3)})
     again = KeptFits(tmp_path, TEST, BASELINE, writes=False)
-    assert np.array_equal(again.start("a", 2)[0], [0.1, -1 / 3])
+    assert np.array_equal(again.start("a", 2)[0], [9.0, 9.0])  # a better fit of it, later
     assert len(again.start("none", 0)) == 1
     # A hypothesis that has other parameters by now starts anew.
     assert again.start("b", 4) == [] and again.start("c", 3) == []
     again.add({"d": np.zeros(1)})
     (file,) = tmp_path.iterdir()
     lines = filter(None, file.read_text().splitlines())
-    assert [json.loads(line)["label"] for line in lines] == ["a", "none", "b"]
+    assert [json.loads(line)["label"] for line in lines] == ["a", "a", "none", "b"]
 
 
 def test_a_line_that_was_cut_off_is_passed_over(tmp_path):
@@ -58,6 +58,7 @@ def test_what_is_written_after_a_cut_off_line_counts(tmp_path):
     [
         (replace(TEST, log_f=TEST.log_f + 1e-9), BASELINE),
         (replace(TEST, conditions=np.array([2.0])), BASELINE),
+        (replace(TEST, discrepancy=0.02), BASELINE),
         (TEST, {"a.E": 1.1e9}),
     ],
 )

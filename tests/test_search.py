@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.inference import fit
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.screen import near_best, quick_evidence
 from fenics_joints.diagnosis.search import Search
+from fenics_joints.diagnosis.unlisted import look_alike
 from fenics_joints.progress import Progress
 
 TORQUES = np.array([5.0, 10.0, 20.0])
@@ -157,6 +158,24 @@ def test_leading_ones_are_checked_on_the_full_model():
     best = fits[int(np.argmax(probability))]
     values = best.hypothesis.values(best.z, TORQUES[0], model.baseline, 0)
     assert any(values == point for point in model.checked)
+
+
+def test_what_is_left_for_a_look_alike():
+    """By the misfit of the leader alone, and in the same share from all that is listed."""
+    model = problem(0.0, {4: 1.4, 11: -1.1})
+    search, fits, probability = searched(model)
+    unknown = next(i for i, f in enumerate(fits) if f.hypothesis.unknown)
+    listed = [i for i in range(len(fits)) if i != unknown]
+    score = np.array([f.log_evidence for f in fits])
+    score += search.log_prior([f.hypothesis for f in fits])
+    leader = fits[max(listed, key=lambda i: score[i])]
+    assert probability.sum() == pytest.approx(1.0)
+    assert probability[unknown] == pytest.approx(look_alike(leader.p_value), abs=1e-6)
+    fine = [i for i in listed if fits[i].p_value > 0.01]
+    weights = np.exp(score[fine] - score[fine].max())
+    assert probability[fine] / probability[fine].max() == pytest.approx(weights, abs=1e-9)
+    # It has no model of its own: the check of the reduced model is for others.
+    assert model.baseline not in model.checked[-2:]
 
 
 def test_three_together():

@@ -1,16 +1,13 @@
-"""How probable a cause is that looks like a listed one: what is left for it, and where that is from."""
+"""What is left for a cause that looks like a listed one, and where that number is from."""
 
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.blind.calibrate import (  # noqa: E402
     Sample,

@@ -111,6 +111,8 @@ def _scored(folder: Path, oracle: bool) -> dict:
     scores = score_of(read_records(folder, reckon))
     sealed = seal.read_json(folder / seal.SEALED)
     scores["rules_changed"] = sealed["rules_sha256"] != seal.source_digest(*seal.RULES)
+    if scores["rules_changed"]:
+        _say("The rules of scoring were changed after the answers were sealed.")
     scores["targets"] = [t.to_json() for t in targets(scores["summary"])]
     write_text(folder / "scores.json", json_text(scores))
     return scores

@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from benchmarks.blind import seal
+from benchmarks.blind.seal import SealError
 from fenics_joints.diagnosis.unlisted import misfit_in_nats
 from fenics_joints.diagnosis.verdict import UNKNOWN
 
@@ -77,8 +78,10 @@ def log_loss(samples: Sequence[Sample], weights: np.ndarray) -> float:
 
 def report(samples: Sequence[Sample]) -> str:
     """The weights in words, and how they carry over from geometry to geometry."""
+    share = float(np.mean([s.outside for s in samples])) if samples else 0.0
+    if not 0 < share < 1:
+        raise SealError(f"{len(samples)} cases: expected some inside and some outside the library")
     weights = calibrate(samples)
-    share = np.mean([s.outside for s in samples])
     rate = np.array([np.log(share / (1 - share)), 0.0])
     lines = [
         f"{len(samples)} cases, {sum(s.outside for s in samples)} outside the library",

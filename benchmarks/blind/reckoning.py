@@ -176,8 +176,8 @@ def _sheets(geometry: str) -> list[_Sheet]:
     least = float(np.log(min(rig.torques) / max(rig.torques)))
     half, one = (lambda v: 0.5), np.zeros(1)
     wide = np.linspace(soft[0] + least / 2, soft[1], 9)
-    graded = soft + np.log(10)
-    lost = np.log([0.02, 0.35])
+    graded = soft + np.log(30)
+    lost = np.log([0.004, 0.08])
 
     def soft_both(u, v):
         return {"k_n": np.exp(u + v), "k_t": np.exp(u), "beta": 0.5}
@@ -195,14 +195,14 @@ def _sheets(geometry: str) -> list[_Sheet]:
     ]  # fmt: skip
     if len(rig.bolts) > 1:
         places = {bolt.x: f"bolt {bolt.label}" for bolt in reversed(rig.bolts)}
-        span = np.log([1e9, 3 * _SOFT[geometry][0]])
+        span = np.log(np.array([0.1, 6.0]) * _SOFT[geometry][0])
         sheets += [
             _Sheet("loose_bolt", label, np.linspace(*span, 5), one,
                    lambda u, v: {"k": np.exp(u)}, tuple(span))
             for label in places.values()
         ]  # fmt: skip
     ranges = {"modulus": (0.04, 0.3), "density": (0.03, 0.2), "thickness": (0.015, 0.15),
-              "width": (0.03, 0.15)}  # fmt: skip
+              "width": (0.05, 0.35)}  # fmt: skip
     for name, (low, high) in ranges.items():
         for part in world.regions(geometry, name):
             for sign in (-1, 1):
@@ -223,7 +223,7 @@ def _sheets(geometry: str) -> list[_Sheet]:
     single = {
         "washers": ("kg", (0.02 * total, 0.15 * total), 3),
         "suspension": ("N/m", (5e3 * total, 6e5 * total), 5),
-        "clamp": ("k", (3e10, 3e12), 5),
+        "clamp": ("k", (5e12, 1e14), 5),
     }
     for name, (key, limits, count) in single.items():
         if name in world.EFFECTS[geometry]:

@@ -33,8 +33,10 @@ DIAGNOSIS = ("fenics_joints", "forms", "meshes")
 #: What decides on right and wrong.
 RULES = tuple(
     f"benchmarks/blind/{name}.py"
-    for name in ("forecast", "matching", "oracle", "rates", "reckoning", "score", "targets")
-)
+    for name in (
+        "forecast", "matching", "oracle", "rates", "reckoning", "score", "targets", "world/effects"
+    )
+)  # fmt: skip
 _SALT = 32  # bytes
 
 

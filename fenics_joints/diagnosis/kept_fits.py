@@ -14,12 +14,16 @@ from fenics_joints.errors import InputError
 
 __all__ = ["KeptFits"]
 
+#: Of how fits are found: those of an earlier way may stand in a valley that the present one leaves.
+_WAY = 2
+
 
 class KeptFits:
     """Where each hypothesis' fit ended, one JSON line for each.
 
-    A line that a stopped run left unfinished is passed over. The file is named by a hash of the
-    test and the nominal model, so that fits to other data are never taken up.
+    A line that a stopped run left unfinished is passed over, and the last of a hypothesis counts.
+    The file is named by a hash of the test, its errors and the nominal model, so that fits to other
+    data are never taken up.
 
     Args:
         folder: Where the file stands; None to keep nothing.
@@ -36,8 +40,9 @@ class KeptFits:
         if folder is None:
             return
         data = np.nan_to_num(evidence.data, nan=-1.0).tobytes()
-        words = json.dumps([dict(baseline), evidence.conditions.tolist()])
-        name = hashlib.sha256(data + words.encode()).hexdigest()[:16]
+        errors = np.round(evidence.full_covariance(), 12).tobytes()
+        words = json.dumps([_WAY, dict(baseline), evidence.conditions.tolist()])
+        name = hashlib.sha256(data + errors + words.encode()).hexdigest()[:16]
         self._path = Path(folder) / f"fits-{name}.jsonl"
         if self._path.is_file():
             self._known = dict(_lines(self._path))
@@ -49,7 +54,9 @@ class KeptFits:
 
     def add(self, fits: Mapping[str, np.ndarray]) -> None:
         """Keep these: z by the hypothesis' label."""
-        new = {label: z for label, z in fits.items() if label not in self._known}
+        new = {
+            label: z for label, z in fits.items() if not np.array_equal(self._known.get(label), z)
+        }
         self._known |= new
         if self._path is None or not self._writes or not new:
             return

@@ -131,13 +131,15 @@ class Search:
         fits = list(fits)
         for i, f in zip(near, anew, strict=True):
             fits[i] = f
-        self.model_error, _ = surrogate.error(self._leading_values(fits, min(count, _LEADING)))
+        error, _ = surrogate.error(self._leading_values(fits, min(count, _LEADING)))
+        self.model_error = self.model.comm.bcast(error)
         return fits
 
     def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
         """Parameters of the leading fits at the lowest condition, where joints are softest."""
         lowest, found = self.model.evidence.conditions[0], []
-        for i in np.argsort(-self.probabilities(fits), kind="stable"):
+        order = np.argsort(-self.probabilities(fits), kind="stable")
+        for i in (i for i in order if not fits[i].hypothesis.unknown):
             values = fits[i].hypothesis.values(fits[i].z, lowest, self.model.baseline, 0)
             if values not in found and len(found) < count:
                 found.append(values)
