@@ -130,9 +130,10 @@ class _Run:
             i for i in np.argsort(-self._probabilities(fits), kind="stable")
             if fits[i].hypothesis.effects
         ][:count]  # fmt: skip
-        if not order:
+        sampled = [i for i in order if _can_be_sampled(fits[i])]
+        if not sampled:
             return fits
-        self.progress.step("nested sampling of the leading hypotheses", len(order))
+        self.progress.step("nested sampling of the leading hypotheses", len(sampled))
 
         def sample(i: int) -> Nested | None:
             try:
@@ -142,7 +143,6 @@ class _Run:
             self.progress.advance()
             return found
 
-        sampled = [i for i in order if _can_be_sampled(fits[i])]
         results = spread(self.comm, sampled, sample)
         fits = list(fits)
         for i, result in zip(sampled, results, strict=True):
