@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 from scipy.special import logsumexp
+from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.hypothesis import Hypothesis
@@ -29,13 +30,15 @@ _ANY, _UNKNOWN = 1.5, 0.2
 _MARGIN, _MOST = 8.0, 24
 #: Relative change of the sum of squares at which a fit ends.
 _TOLERANCE = 1e-4
-#: How far, in standard deviations of its prior, an effect is tried either way before it is fitted.
-_ASIDE = 1.0
+#: How far, in standard deviations of its prior, an effect of one parameter is tried either way
+#: before it is fitted; and at how many points one of several.
+_ASIDE, _TRIES = 1.0, 8
 #: Pairs that get a quick look with the model.
 _LOOKS = 100
-#: Leading hypotheses that are checked on the full model, of one effect and in the end; and the
-#: error of a reduced frequency, relative to the discrepancy, above which the basis is enriched.
-_LEADING_SINGLES, _LEADING, _REDUCED = 4, 2, 0.1
+#: Leading hypotheses that are checked on the full model, of one effect and in the end; the error of
+#: a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how often
+#: it is looked at.
+_LEADING_SINGLES, _LEADING, _REDUCED, _ROUNDS = 4, 2, 0.1, 4
 #: Hypotheses this far (in ln) behind the best are not fitted again with a better model.
 _AGAIN = 25.0
 #: Leading hypotheses that a third effect is put beside.
@@ -75,13 +78,13 @@ class Search:
 
     def _starts(self, singles: Sequence[Hypothesis], none: Fit) -> list[list[np.ndarray]]:
         """Where each effect is likely to be: one step from what fits best without it; the middle of
-        its prior if it may act strongly; and where a try on both sides leads, if elsewhere, since
+        its prior if it may act strongly; and where the best of some tries leads, if elsewhere, since
         what fits best without it may have been stretched into another valley.
         """
         lower = np.linalg.cholesky(self.model.evidence.covariance())
         from_none = [self._start(h.effects, none) for h in singles]
         steps = [z for _, z in self._looked(singles, from_none, lower)]
-        tries = [(i, z) for i, h in enumerate(singles) for z in _to_both_sides(h)]
+        tries = [(i, z) for i, h in enumerate(singles) for z in _tries(h)]
         tried = [singles[i] for i, _ in tries]
         looks = self._looked(tried, [z for _, z in tries], lower)
         looks = self._looked(tried, [z for _, z in looks], lower)
@@ -109,31 +112,37 @@ class Search:
     # -- the reduced model's error ---------------------------------------------------------------
 
     def checked(self, fits: list[Fit], count: int) -> list[Fit]:
-        """Check leading fits on the full model; enrich the basis and fit again where needed."""
-        surrogate = self.model.surrogate
+        """Check leading fits on the full model; enrich the basis and fit again where needed.
+
+        Anew, since a better model may put what leads elsewhere, until it holds or `_ROUNDS` are
+        over; `model_error` is what is left.
+        """
+        surrogate, fits = self.model.surrogate, list(fits)
         limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
-        self.progress.step("checking the reduced model against the full one")
-        self.model_error, modes = surrogate.error(self._leading_values(fits, count))
-        # Every rank has to take the same way from here.
-        self.model_error = self.model.comm.bcast(self.model_error)
-        if self.model_error <= limit:
-            return fits
-        surrogate.refine(modes)
+        for left in reversed(range(_ROUNDS)):
+            self.progress.step("checking the reduced model against the full one")
+            error, modes = surrogate.error(self._leading_values(fits, count))
+            # Every rank has to take the same way from here.
+            self.model_error = self.model.comm.bcast(error)
+            if self.model_error <= limit or not left:
+                break
+            surrogate.refine(modes)
+            self._fit_again(fits)
+        return fits
+
+    def _fit_again(self, fits: list[Fit]) -> None:
+        """Fit what leads with the better model, in place."""
         score = np.array([f.log_evidence for f in fits]) + self.log_prior(
             [f.hypothesis for f in fits]
         )
         near = list(near_best(score, _AGAIN, len(fits)))
         near += [i for i, f in enumerate(fits) if f.hypothesis.name and i not in near]
         self.progress.step("fitting again with the better model", len(near))
-        anew = self.fit_all(
-            [fits[i].hypothesis for i in near], [[fits[i].z] for i in near], again=True
-        )
-        fits = list(fits)
+        # Where the old model was far off, the way on from its end may be shut.
+        starts = [[fits[i].z, np.zeros(len(fits[i].z))] for i in near]
+        anew = self.fit_all([fits[i].hypothesis for i in near], starts, again=True)
         for i, f in zip(near, anew, strict=True):
             fits[i] = f
-        error, _ = surrogate.error(self._leading_values(fits, min(count, _LEADING)))
-        self.model_error = self.model.comm.bcast(error)
-        return fits
 
     def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
         """Parameters of the leading fits at the lowest condition, where joints are softest."""
@@ -193,15 +202,19 @@ class Search:
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
         starts = [self._start(effects, parent) for effects, parent in pairs]
 
-        looks = self._looked(hypotheses, starts, lower)
-        scores = np.array([value for value, _ in looks]) + self.log_prior(hypotheses)
+        prior = self.log_prior(hypotheses)
         best = max(f.log_evidence + p for f, p in zip(known, self.log_prior(
             [f.hypothesis for f in known]), strict=True))  # fmt: skip
-        chosen = [i for i in near_best(scores, _MARGIN, _MOST) if scores[i] > best - _MARGIN]
+        # A step that is too long promises too much: it is looked at again from where it ends. What
+        # is promised is held against what is fitted, and never against another promise.
+        chosen, ends = np.arange(len(pairs)), starts
+        for most in (2 * _MOST, _MOST):
+            looks = self._looked([hypotheses[i] for i in chosen], ends, lower)
+            scores = np.array([value for value, _ in looks]) + prior[chosen]
+            good = [i for i in near_best(scores, np.inf, most) if scores[i] > best - _MARGIN]
+            chosen, ends = chosen[good], [looks[i][1] for i in good]
         self.progress.step(f"fitting {size} effects at a time", len(chosen))
-        return self.fit_all(
-            [hypotheses[i] for i in chosen], [[looks[i][1]] for i in chosen]
-        )
+        return self.fit_all([hypotheses[i] for i in chosen], [[z] for z in ends])
 
     def _pairs(self, singles: Sequence[Fit]) -> list[tuple[tuple[Effect, ...], Fit]]:
         """Every two effects of different families, with the better of the two alone."""
@@ -303,15 +316,30 @@ class Search:
         return found
 
 
-def _to_both_sides(hypothesis: Hypothesis) -> list[np.ndarray]:
-    """Points z with one of the effects' parameters off its median, all others at theirs."""
+def _tries(hypothesis: Hypothesis) -> list[np.ndarray]:
+    """Points z spread over the effects' parameters, all others at their medians.
+
+    One parameter to both sides; several by a Sobol sequence, normal with the prior's spread.
+    """
+    own = hypothesis.own_columns
+    if len(own) == 1:
+        points = np.array([[-_ASIDE], [_ASIDE]])
+    else:
+        points = norm.ppf(_spread(len(own), _TRIES)) if own else np.zeros((0, 0))
+    low, high = np.array([p.limits() for _, p in hypothesis.priors]).reshape(-1, 2).T
     found = []
-    for j in hypothesis.own_columns:
-        for side in (-_ASIDE, _ASIDE):
-            z = np.zeros(len(hypothesis.priors))
-            z[j] = np.clip(side, *hypothesis.priors[j][1].limits())
-            found.append(z)
+    for point in points:
+        z = np.zeros(len(hypothesis.priors))
+        z[own] = np.clip(point, low[own], high[own])
+        found.append(z)
     return found
+
+
+def _spread(dimensions: int, count: int) -> np.ndarray:
+    """Points inside the unit cube, (count, dimensions), always the same."""
+    sequence = qmc.Sobol(dimensions, scramble=False)
+    sequence.fast_forward(1)  # the first is the corner
+    return sequence.random(count)
 
 
 def _compatible(effects: Sequence[Effect]) -> bool:
