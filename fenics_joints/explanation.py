@@ -206,7 +206,7 @@ def _in_test(d: Diagnosis) -> str:
 
 def _sure(d: Diagnosis) -> list[EffectClass]:
     """The classes that the verdict calls causes."""
-    least = SURE * (1 - _probability_of(d, UNKNOWN))
+    least = max(SURE * (1 - _probability_of(d, UNKNOWN)), 0.5)
     return [c for c in _causes(d) if c.probability >= least] if d.verdict == "cause" else []
 
 

@@ -35,9 +35,9 @@ _TOLERANCE = 1e-4
 _ASIDE, _TRIES = 1.0, 8
 #: Pairs that get a quick look with the model.
 _LOOKS = 100
-#: Leading hypotheses that are checked on the full model, of one effect and in the end; the error of
-#: a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how often
-#: it is looked at.
+#: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
+#: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
+#: often it is looked at.
 _LEADING_SINGLES, _LEADING, _REDUCED, _ROUNDS = 4, 2, 0.1, 4
 #: Hypotheses this far (in ln) behind the best are not fitted again with a better model.
 _AGAIN = 25.0
@@ -68,7 +68,9 @@ class Search:
         ]  # fmt: skip
         self.progress.step("fitting one effect at a time", len(singles) + 2)
         fits = self.fit_all(plain)
-        fits += self.fit_all(singles, self._starts(singles, fits[0]))
+        new = [h for h in singles if not self._kept(h)]
+        starts = dict(zip((h.label_of_keys for h in new), self._starts(new, fits[0]), strict=True))
+        fits += self.fit_all(singles, [starts.get(h.label_of_keys, ()) for h in singles])
         fits = self.checked(fits, _LEADING_SINGLES)
         level = fits[2:]
         for size in range(2, model.case.diagnose.max_effects + 1):
@@ -78,9 +80,11 @@ class Search:
 
     def _starts(self, singles: Sequence[Hypothesis], none: Fit) -> list[list[np.ndarray]]:
         """Where each effect is likely to be: one step from what fits best without it; the middle of
-        its prior if it may act strongly; and where the best of some tries leads, if elsewhere, since
-        what fits best without it may have been stretched into another valley.
+        its prior if it may act strongly; and where the best of some tries leads, if elsewhere,
+        since what fits best without it may have been stretched into another valley.
         """
+        if not singles:
+            return []
         lower = np.linalg.cholesky(self.model.evidence.covariance())
         from_none = [self._start(h.effects, none) for h in singles]
         steps = [z for _, z in self._looked(singles, from_none, lower)]
@@ -205,16 +209,15 @@ class Search:
         prior = self.log_prior(hypotheses)
         best = max(f.log_evidence + p for f, p in zip(known, self.log_prior(
             [f.hypothesis for f in known]), strict=True))  # fmt: skip
-        # A step that is too long promises too much: it is looked at again from where it ends. What
-        # is promised is held against what is fitted, and never against another promise.
-        chosen, ends = np.arange(len(pairs)), starts
-        for most in (2 * _MOST, _MOST):
-            looks = self._looked([hypotheses[i] for i in chosen], ends, lower)
-            scores = np.array([value for value, _ in looks]) + prior[chosen]
-            good = [i for i in near_best(scores, np.inf, most) if scores[i] > best - _MARGIN]
-            chosen, ends = chosen[good], [looks[i][1] for i in good]
+        looks = self._looked(hypotheses, starts, lower)
+        scores = np.array([value for value, _ in looks]) + prior
+        # A step that is too long promises too much: what is promised is held against what is
+        # fitted, and never against another promise.
+        chosen = [i for i in near_best(scores, np.inf, _MOST) if scores[i] > best - _MARGIN]
         self.progress.step(f"fitting {size} effects at a time", len(chosen))
-        return self.fit_all([hypotheses[i] for i in chosen], [[z] for z in ends])
+        return self.fit_all(
+            [hypotheses[i] for i in chosen], [[looks[i][1]] for i in chosen]
+        )
 
     def _pairs(self, singles: Sequence[Fit]) -> list[tuple[tuple[Effect, ...], Fit]]:
         """Every two effects of different families, with the better of the two alone."""

@@ -15,8 +15,6 @@ __all__ = ["MISFIT", "NO_GAP", "SURE", "UNKNOWN", "decide"]
 NO_GAP, UNKNOWN = "no gap", "none of these"
 #: Probability that a class must have, of what is left for the library, to be called a cause.
 SURE = 0.8
-#: Probability of an unknown cause beyond which no listed one is called the cause.
-_OTHER = 1 / 3
 #: A best hypothesis that fits the data worse than this is no explanation.
 MISFIT = 0.01
 
@@ -32,8 +30,8 @@ def decide(
 
     ``unknown`` if that is more probable than all others together, or if the best explanation does
     not fit the data within noise and discrepancy. Otherwise, among the others, ``no gap`` if it is
-    more probable than not; ``cause`` if a class of effects is probable enough. ``ambiguous`` else,
-    and where more than a third is left for the unknown.
+    more probable than not; ``cause`` if a class of effects is probable enough, and more probable
+    than not with the unknown counted too. ``ambiguous`` else.
 
     Args:
         fits: Hypotheses, most probable first.
@@ -47,7 +45,7 @@ def decide(
         by_label[f.hypothesis.label] = by_label.get(f.hypothesis.label, 0.0) + float(p)
     other = by_label.get(UNKNOWN, 0.0)
     listed = 1.0 - other
-    if other <= _OTHER and by_label.get(NO_GAP, 0.0) > 0.5 * listed:
+    if by_label.get(NO_GAP, 0.0) > max(0.5 * listed, other):
         return "no gap", (
             "The nominal model, with its parts within tolerance, explains the test to within "
             "noise: there is no gap to explain."
@@ -59,8 +57,8 @@ def decide(
             f"misfit with probability {leader.p_value:.1g}."
         )
     classes = class_probabilities(fits, probability, effects)
-    sure = [name for name, p in classes.items() if p >= SURE * listed]
-    if sure and other <= _OTHER:
+    sure = [name for name, p in classes.items() if p >= max(SURE * listed, 0.5)]
+    if sure:
         said = "; and ".join(f"{_sentence(name)} ({_percent(classes[name])})" for name in sure)
         maybe = [n for n, p in classes.items() if 0.2 * listed <= p < SURE * listed]
         tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
