@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import norm, qmc
+from scipy.stats import qmc
 
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.hypothesis import Hypothesis
@@ -31,8 +31,8 @@ _MARGIN, _MOST = 8.0, 24
 #: Relative change of the sum of squares at which a fit ends.
 _TOLERANCE = 1e-4
 #: How far, in standard deviations of its prior, an effect of one parameter is tried either way
-#: before it is fitted; and at how many points one of several.
-_ASIDE, _TRIES = 1.0, 8
+#: before it is fitted; how far one of several, and at how many points.
+_ASIDE, _FAR, _TRIES = 1.0, 2.5, 8
 #: Pairs that get a quick look with the model.
 _LOOKS = 100
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
@@ -322,18 +322,19 @@ class Search:
 def _tries(hypothesis: Hypothesis) -> list[np.ndarray]:
     """Points z spread over the effects' parameters, all others at their medians.
 
-    One parameter to both sides; several by a Sobol sequence, normal with the prior's spread.
+    One parameter to both sides; several by a Sobol sequence all over their range.
     """
     own = hypothesis.own_columns
+    limits = [hypothesis.priors[j][1].limits(_FAR) for j in own]
+    low, high = np.array(limits).reshape(-1, 2).T
     if len(own) == 1:
-        points = np.array([[-_ASIDE], [_ASIDE]])
+        points = np.clip([[-_ASIDE], [_ASIDE]], low, high)
     else:
-        points = norm.ppf(_spread(len(own), _TRIES)) if own else np.zeros((0, 0))
-    low, high = np.array([p.limits() for _, p in hypothesis.priors]).reshape(-1, 2).T
+        points = low + (high - low) * _spread(len(own), _TRIES) if own else []
     found = []
     for point in points:
         z = np.zeros(len(hypothesis.priors))
-        z[own] = np.clip(point, low[own], high[own])
+        z[own] = point
         found.append(z)
     return found
 
