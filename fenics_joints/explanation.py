@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenics_joints.diagnosis.effects_rig import MISPLACED, MISSCALED, SWAPPED
-from fenics_joints.diagnosis.verdict import NO_GAP, SURE, UNKNOWN
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, least_sure
 from fenics_joints.formatting import (
     condition_value,
     interval,
@@ -206,7 +206,7 @@ def _in_test(d: Diagnosis) -> str:
 
 def _sure(d: Diagnosis) -> list[EffectClass]:
     """The classes that the verdict calls causes."""
-    least = max(SURE * (1 - _probability_of(d, UNKNOWN)), 0.5)
+    least = least_sure(_probability_of(d, UNKNOWN))
     return [c for c in _causes(d) if c.probability >= least] if d.verdict == "cause" else []
 
 

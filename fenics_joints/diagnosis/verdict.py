@@ -10,11 +10,11 @@ from fenics_joints.diagnosis.inference import Fit
 from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.gap import Gap
 
-__all__ = ["MISFIT", "NO_GAP", "SURE", "UNKNOWN", "decide"]
+__all__ = ["MISFIT", "NO_GAP", "UNKNOWN", "decide", "least_sure"]
 
 NO_GAP, UNKNOWN = "no gap", "none of these"
 #: Probability that a class must have, of what is left for the library, to be called a cause.
-SURE = 0.8
+_SURE = 0.8
 #: A best hypothesis that fits the data worse than this is no explanation.
 MISFIT = 0.01
 
@@ -57,16 +57,21 @@ def decide(
             f"misfit with probability {leader.p_value:.1g}."
         )
     classes = class_probabilities(fits, probability, effects)
-    sure = [name for name, p in classes.items() if p >= max(SURE * listed, 0.5)]
+    sure = [name for name, p in classes.items() if p >= least_sure(other)]
     if sure:
         said = "; and ".join(f"{_sentence(name)} ({_percent(classes[name])})" for name in sure)
-        maybe = [n for n, p in classes.items() if 0.2 * listed <= p < SURE * listed]
+        maybe = [n for n, p in classes.items() if 0.2 * listed <= p < _SURE * listed]
         tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
         return "cause", f"The gap comes from {said}.{tail}"
     rated = {**classes, NO_GAP: by_label.get(NO_GAP, 0.0), UNKNOWN: other}
     first = sorted(rated.items(), key=lambda item: -item[1])[:3]
     named = [f"{name} ({_percent(p)})" for name, p in first]
     return "ambiguous", f"This test does not decide between {', '.join(named)}."
+
+
+def least_sure(unknown: float) -> float:
+    """Probability from which a class is called a cause, when so much is left for the unknown."""
+    return max(_SURE * (1.0 - unknown), 0.5)
 
 
 def class_probabilities(
