@@ -11,7 +11,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.points import Sensors
 from fenics_joints.structure import Structure
 
-__all__ = ["Places", "place_loads"]
+__all__ = ["Places", "place_loads", "unit_loads"]
 
 #: Position, m, and direction of each place, by name.
 Places = Mapping[str, tuple[Sequence[float], Sequence[float]]]
@@ -42,7 +42,7 @@ def place_loads(
         return found, np.zeros((n_local, 0))
     points, directions = np.array(list(found.values())).transpose(1, 0, 2)
     rows = structure.rows(points, what[:-1])
-    return found, _unit_loads(structure, rows, directions)
+    return found, unit_loads(structure, rows, directions)
 
 
 def _place(gdim: int, what: str, name: str, place) -> np.ndarray:
@@ -60,7 +60,14 @@ def _place(gdim: int, what: str, name: str, place) -> np.ndarray:
     return np.array([one.points[0], one.directions[0]])
 
 
-def _unit_loads(structure: Structure, rows, directions: np.ndarray) -> np.ndarray:
+def unit_loads(structure: Structure, rows, directions: np.ndarray) -> np.ndarray:
+    """This rank's rows of the loads, N, (n_local, n), of one newton along each direction.
+
+    Args:
+        structure: The structure.
+        rows: Its `rows` at the n points.
+        directions: Unit directions, (n, gdim). Held degrees of freedom bear no load.
+    """
     imap, gdim = structure.V.dofmap.index_map, structure.gdim
     held = np.zeros((imap.size_local + imap.num_ghosts) * gdim, dtype=bool)
     for bc in structure.bcs:

@@ -82,6 +82,29 @@ class PropertyField:
             key: self._value(number, region, None, key, values) for key in region.law.properties
         }
 
+    def slopes(self, number: int, parameter: str, values: Mapping[str, float]) -> tuple | None:
+        """Derivative of a region's properties by one parameter.
+
+        Returns:
+            This rank's cells of the region, ghosts included, (n,), and the derivatives, (n,
+            n_slots); None if no property of the region depends on the parameter.
+        """
+        self._set_symbols(values)
+        region, cells = self.regions[number]
+        found, depends = np.zeros((len(cells), self.slots)), False
+        for slot, key in enumerate(region.law.properties):
+            prop = region.properties[key]
+            if callable(prop):
+                found[:, slot] = self._evaluate(number, region, key, cells, parameter)
+                depends |= self._expressions[number, key, parameter] is not None
+            elif prop == parameter:
+                found[:, slot], depends = 1.0, True
+        return (cells, found) if depends else None
+
+    def put(self, function: fem.Function, cells: np.ndarray, table: np.ndarray) -> None:
+        """Put rows of all slots, (n, n_slots), into cells of a function over `space`."""
+        function.x.array.reshape(-1, self.slots)[self._dof[cells]] = table
+
     def _check(self, region: Region, q) -> None:
         message = None
         try:

@@ -263,6 +263,28 @@ class Structure:
         self._stiffness = fem.form(self.stiffness_form(u, v))
         self._inertia = fem.form(self.inertia_form(u, v))
 
+    def region_form(self, number: int, u, v) -> tuple[ufl.Form, ufl.Form]:
+        """Stiffness and mass of one region alone, as UFL over the property field.
+
+        The cells are data of the form: regions with one law and normal share compiled code.
+
+        Args:
+            number: Index of the region in `regions`.
+            u: Trial function or displacement.
+            v: Test function or displacement.
+        """
+        region, cells = self.field.regions[number]
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        dx = ufl.Measure(
+            "dx",
+            domain=self.mesh,
+            subdomain_data=[(1, np.sort(cells[cells < owned]).astype(np.int32))],
+            metadata={"quadrature_degree": self.quadrature_degree},
+        )(1)
+        q = {name: self.field.q[i] for i, name in enumerate(region.law.properties)}
+        n, ways = self._directions(region.normal, region.across)
+        return region.law.stiffness(u, v, q, n, dx, **ways), region.law.inertia(u, v, q, dx)
+
     def region_matrices(self, number: int, q: Mapping[str, float] | None) -> tuple:
         """Stiffness and mass of one region alone, supports not applied.
 

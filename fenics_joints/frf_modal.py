@@ -1,0 +1,314 @@
+"""A damped structure on its modes and residual vectors.
+
+The basis is the lowest modes, rigid-body modes among them, and residual vectors: the responses
+A^-1 b to the forces and sensors of interest, with A = K - sigma M and the shift sigma below zero
+of the modal solution, so that a free body needs no other hold (Rixen, Int. J. Numer. Meth. Eng.
+53, 2002, for what a static residual is there). What the modes have of them is taken off. Likewise
+A^-1 K_c phi for the layers c with damping of their own, which makes complex modes of a damped joint
+right where real modes alone are not. Rayleigh and Ritz's method on all of them makes the residual
+vectors into modes of high frequency, so that the residual is not constant over the band but has
+its own dynamics; the error is of the order of (w / w_next)^4 of what the missing modes give, not
+(w / w_next)^2 as with constant terms.
+
+Derivatives are those of the FRF at a fixed basis, the adjoint's own approximation by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenics_joints.damped_pencil import DampedPencil, Term
+from fenics_joints.damping import Damping
+from fenics_joints.eigensolver import product
+from fenics_joints.errors import InputError
+from fenics_joints.modal import Modes, solve_modes
+
+__all__ = ["ModalPencil", "Response", "check_lines", "modal_pencil"]
+
+#: Modes must reach this multiple of the highest line.
+_REACH = 1.5
+#: Residual vectors below this share of their energy, what modes and others have taken off, are none.
+_DEPENDENT = 1e-8
+#: Lines that are solved at once.
+_CHUNK = 256
+
+
+@dataclass(frozen=True)
+class Response:
+    """Receptances, (n_f, n_sensors, n_excitations), and derivatives, (..., n_parameters) or None."""
+
+    values: np.ndarray
+    gradients: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class ModalPencil:
+    """K = diag(stiff), M = diag(heavy) and the damping on a basis.
+
+    Attributes:
+        modes: The modes.
+        basis: This rank's rows of the basis, (n_local, m): the modes, of mass 1, then residual
+            vectors of energy 1, which may have no mass at all (those of a massless layer).
+        stiff: (m,); exactly zero for rigid-body modes.
+        heavy: (m,).
+        parts: Stiffness of the damped layers, (m, m), by name.
+        terms: dZ/dp, their forms as matrices; None unless asked for.
+        damping: The damping in numbers.
+        named: The damping with names of parameters.
+        parameters: Names of the structure's parameters.
+        comm: The ranks.
+    """
+
+    modes: Modes
+    basis: np.ndarray
+    stiff: np.ndarray
+    heavy: np.ndarray
+    parts: Mapping[str, np.ndarray]
+    terms: Sequence[Term] | None
+    damping: Damping
+    named: Damping
+    parameters: tuple[str, ...]
+    comm: object
+
+    def project(self, columns: np.ndarray) -> np.ndarray:
+        """Loads on the basis, (m, k), of this rank's rows (n_local, k). Collective."""
+        return self.comm.allreduce(self.basis.T @ columns)
+
+    # -- matrices ------------------------------------------------------------------------------
+
+    @property
+    def eigenvalues(self) -> np.ndarray:
+        """(rad/s)^2, of every vector of the basis, (m,); very large for one without mass."""
+        return self.stiff / np.maximum(self.heavy, 1e-30)
+
+    @property
+    def modal_damping(self) -> np.ndarray:
+        """2 zeta omega of every vector of the basis, 1/s, (m,); 0 for residual vectors."""
+        return 2 * self.ratios * np.sqrt(self.eigenvalues)
+
+    @property
+    def ratios(self) -> np.ndarray:
+        """Modal damping ratio of every vector of the basis, (m,)."""
+        ratios = np.array([self.damping.ratios[i] for i in self._ratio_numbers])
+        return ratios * self._elastic
+
+    @property
+    def _ratio_numbers(self) -> np.ndarray:
+        """Which of the damping's ratios every vector of the basis has, (m,)."""
+        number = np.arange(len(self.stiff)) - self.modes.n_rigid
+        return np.clip(number, 0, len(self.damping.ratios) - 1)
+
+    @property
+    def _elastic(self) -> np.ndarray:
+        number = np.arange(len(self.stiff))
+        return (number >= self.modes.n_rigid) & (number < len(self.modes))
+
+    def stiffness(self, s: np.ndarray) -> np.ndarray:
+        """Z(s), complex, (len(s), m, m)."""
+        base = np.array([self.damping.stiffness_factor(x) for x in s])
+        heavy = np.array([self.damping.mass_factor(x) for x in s])
+        diagonal = np.outer(base, self.stiff) + np.outer(heavy, self.heavy)
+        diagonal = diagonal + np.outer(s, self.modal_damping)
+        Z = diagonal[:, :, None] * np.eye(len(self.stiff))
+        for name, K in self.parts.items():
+            own = np.array([self.damping.stiffness_factor(x, name) for x in s]) - base
+            Z += own[:, None, None] * K
+        return Z
+
+    # -- response ------------------------------------------------------------------------------
+
+    def response(self, lines, loads, reads, gradients: bool = False) -> Response:
+        """Receptances at lines, Hz, for loads (m, k) and sensors (m, l) on the basis."""
+        terms = self.all_terms() if gradients else []
+        parts = [
+            self._lines(2j * np.pi * lines[i : i + _CHUNK], loads, reads, terms)
+            for i in range(0, len(lines), _CHUNK)
+        ]
+        values = np.concatenate([p.values for p in parts])
+        slopes = np.concatenate([p.gradients for p in parts]) if gradients else None
+        return Response(values, slopes)
+
+    def _lines(self, s: np.ndarray, loads, reads, terms) -> Response:
+        rights = np.hstack([loads, reads]) if terms else loads
+        x = np.linalg.solve(self.stiffness(s), np.broadcast_to(rights, (len(s), *rights.shape)))
+        u, psi = x[..., : loads.shape[1]], x[..., loads.shape[1] :]
+        values = reads.T @ u
+        slopes = np.zeros((*values.shape, len(self.parameters)), dtype=complex)
+        left = psi.transpose(0, 2, 1)
+        for term in terms:
+            factor = np.array([term.factor(x) for x in s])[:, None, None]
+            slopes[..., term.parameter] -= factor * (left @ term.form @ u)
+        return Response(values, slopes)
+
+    # -- derivatives ---------------------------------------------------------------------------
+
+    def all_terms(self) -> list[Term]:
+        """`terms`, and those of modal damping.
+
+        Raises:
+            InputError: If the pencil was made without derivatives.
+        """
+        if self.terms is None:
+            raise InputError("gradients: expected a modal pencil that was made with gradients = True.")
+        return [*self.terms, *self._modal_terms()]
+
+    def _modal_terms(self):
+        """Change of C = M f(M^-1 K) with f = 2 zeta sqrt(lambda) of every mode.
+
+        dC = dM f + f[.,.] o (dK - dM lambda) in the modes, f[.,.] the divided differences of f
+        (Daleckii and Krein's formula): no difference of eigenvalues stands alone in a denominator,
+        so that modes of equal frequency and ratio do no harm.
+        """
+        if not self.named.is_modal:
+            return
+        for i, ratio in enumerate(self.named.ratios):
+            if isinstance(ratio, str):
+                own = 2 * np.sqrt(self.eigenvalues) * (self._ratio_numbers == i) * self._elastic
+                yield Term(self.parameters.index(ratio), "D", _s, np.diag(own))
+        n, lam, f = len(self.eigenvalues), self.eigenvalues, self.modal_damping
+        slope = np.where(lam > 0, self.ratios / np.sqrt(np.where(lam > 0, lam, 1.0)), 0.0)
+        gap = lam[:, None] - lam[None, :]
+        near = np.abs(gap) <= 1e-9 * (lam[:, None] + lam[None, :])
+        divided = np.where(
+            near,
+            0.5 * (slope[:, None] + slope[None, :]),
+            (f[:, None] - f[None, :]) / np.where(near, 1.0, gap),
+        )
+        for p in {t.parameter for t in self.terms}:
+            dK, dM = (
+                sum((t.form for t in self.terms if t.parameter == p and t.kind == kind),
+                    np.zeros((n, n)))
+                for kind in "KM"
+            )  # fmt: skip
+            yield Term(p, "D", _s, dM * f + divided * (dK - dM * lam))
+
+
+def _s(s: complex) -> complex:
+    return s
+
+
+def check_lines(frequencies_hz) -> np.ndarray:
+    """Frequencies, Hz, as an array, or an `InputError`."""
+    lines = np.atleast_1d(np.asarray(frequencies_hz, dtype=float))
+    if lines.ndim != 1 or not len(lines) or not np.all((lines > 0) & np.isfinite(lines)):
+        raise InputError("frequencies_hz: expected at least one, all above 0 and finite, in Hz.")
+    return lines
+
+
+def modal_pencil(
+    pencil: DampedPencil,
+    loads: np.ndarray,
+    lines: np.ndarray,
+    *,
+    modes: Modes | None = None,
+    n_modes: int | None = None,
+    gradients: bool = False,
+) -> ModalPencil:
+    """The structure on its modes and on the residual vectors of loads. Collective.
+
+    Args:
+        pencil: The matrices and the damping.
+        loads: This rank's rows of forces and sensors, (n_local, k).
+        lines: Frequencies of interest, Hz.
+        modes: Its modes at the same values; by default they are found.
+        n_modes: Their number; by default enough to reach beyond the lines.
+        gradients: Whether derivatives are wanted.
+
+    Raises:
+        InputError: If the modes are not those of the pencil.
+        ConvergenceError: If modes were not found.
+    """
+    modes = _modes_for(pencil, lines, n_modes) if modes is None else modes
+    shapes = np.column_stack([x.array_r for x in modes.shapes])
+    if modes.solver is None or modes.model is not pencil.structure:
+        raise InputError("modes: expected those of this structure, with their solver.")
+    _check_modes(pencil, modes, shapes)
+    s = 2j * np.pi * np.median(lines)
+    rest = _residual_vectors(pencil, modes, shapes, _with_damping(pencil, loads, shapes, modes, s))
+    basis, stiff, heavy = _ritz(pencil, modes, shapes, rest)
+
+    def on_basis(form):
+        both = pencil.comm.allreduce(basis.T @ form(basis))
+        return 0.5 * (both + both.T)
+
+    parts = {name: on_basis(lambda X, A=A: product(A, X)) for name, A in pencil.parts.items()}
+    terms = None
+    if gradients:
+        terms = []
+        for term in pencil.terms():
+            terms.append(replace(term, form=on_basis(term.form.apply)))
+            term.form.destroy()
+    return ModalPencil(
+        modes, basis, stiff, heavy, parts, terms, pencil.damping, pencil.named,
+        tuple(pencil.structure.parameters), pencil.comm,
+    )  # fmt: skip
+
+
+def _modes_for(pencil: DampedPencil, lines, n_modes: int | None) -> Modes:
+    """Modes, as many as asked for or as reach beyond the lines."""
+    count = n_modes or 16
+    while True:
+        modes = solve_modes(pencil.structure, pencil.values, n_modes=count)
+        enough = modes.frequencies_hz[-1] >= _REACH * lines.max()
+        if n_modes is not None or enough or 2 * count > pencil.structure.n_dofs:
+            return modes
+        modes.solver.destroy()
+        count *= 2
+
+
+def _check_modes(pencil: DampedPencil, modes: Modes, shapes: np.ndarray) -> None:
+    """Refuse modes of other values, or whose solver has since solved something else."""
+    last, lam = shapes[:, -1:], modes.eigenvalues[-1]
+    force = (lam - modes.solver.shift) * product(pencil.M, last)
+    off = last - modes.solver.inverse(force)
+    M_off = product(pencil.M, np.hstack([off, last]))
+    own = np.diag(pencil.comm.allreduce(np.hstack([off, last]).T @ M_off))
+    if not (own[0] <= 1e-6 and abs(own[1] - 1) <= 1e-6):
+        raise InputError(
+            "modes: expected those of the structure at the same values of its parameters, from a "
+            "solver that has solved nothing else since."
+        )
+
+
+def _with_damping(pencil: DampedPencil, loads, shapes, modes: Modes, s: complex) -> np.ndarray:
+    """The loads, and the forces of layers' own damping in the elastic modes."""
+    found, base = [loads], pencil.damping.stiffness_factor(s)
+    elastic = shapes[:, modes.n_rigid :]
+    if pencil.parts and elastic.shape[1]:
+        own = {n: abs(pencil.damping.stiffness_factor(s, n) - base) for n in pencil.parts}
+        found.append(sum(own[n] * product(A, elastic) for n, A in pencil.parts.items()))
+    return np.hstack(found)
+
+
+def _residual_vectors(pencil: DampedPencil, modes: Modes, shapes, loads) -> np.ndarray:
+    """A^-1 b without the modes' share, orthonormal in A; this rank's rows, (n_local, k)."""
+    comm, shift = pencil.comm, modes.solver.shift
+    size = np.sqrt(comm.allreduce(np.sum(loads**2, axis=0)))
+    whole = modes.solver.inverse(loads[:, size > 0] / size[size > 0])
+    rest = whole
+    for _ in range(2):
+        rest = rest - shapes @ comm.allreduce(product(pencil.M, shapes).T @ rest)
+
+    def gram(X):
+        return comm.allreduce(X.T @ (product(pencil.K, X) - shift * product(pencil.M, X)))
+
+    scale = 1 / np.sqrt(np.diag(gram(whole)))
+    values, vectors = np.linalg.eigh(gram(rest * scale))
+    keep = values > _DEPENDENT
+    return (rest * scale) @ (vectors[:, keep] / np.sqrt(values[keep]))
+
+
+def _ritz(pencil: DampedPencil, modes: Modes, shapes, rest) -> tuple[np.ndarray, ...]:
+    """The modes, and the residual vectors made into modes of energy 1; their stiffness and mass."""
+    lam = modes.eigenvalues.copy()
+    lam[: modes.n_rigid] = 0.0
+    heavy = pencil.comm.allreduce(rest.T @ product(pencil.M, rest))
+    # In A = K - shift M they are orthonormal already.
+    mass, vectors = np.linalg.eigh(heavy)
+    mass, vectors = np.maximum(mass, 0.0)[::-1], vectors[:, ::-1]
+    basis = np.hstack([shapes, rest @ vectors])
+    stiff = np.concatenate([lam, 1 + modes.solver.shift * mass])
+    return basis, stiff, np.concatenate([np.ones(len(lam)), mass])
