@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.laws import LAYER_LAWS, SOLID, WIDE_SOLID, Law
+from fenics_joints.laws import LAYER_LAWS, SOLID, TRANSITION, WIDE_SOLID, Law
 
 __all__ = [
     "ElasticSupport",
@@ -24,6 +24,7 @@ __all__ = [
     "Support",
     "joint",
     "part",
+    "transition",
 ]
 
 Value = float | str
@@ -67,7 +68,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Region:
-    """Cells with one material law; make one with `part` or `joint`.
+    """Cells with one material law; make one with `part`, `joint` or `transition`.
 
     Attributes:
         name: Name in messages and in reports.
@@ -88,7 +89,7 @@ class Region:
 
     @property
     def is_joint(self) -> bool:
-        return self.law.name in LAYER_LAWS
+        return self.law.name == TRANSITION.name or self.law.name in LAYER_LAWS
 
 
 def _unit(normal, name) -> tuple[float, ...]:
@@ -182,6 +183,46 @@ def joint(
     cells = (cells,) if isinstance(cells, str) else tuple(cells)
     properties = {"E": E, "G": G, "rho": rho, "stretch": stretch}
     return Region(name, cells, LAYER_LAWS[law], properties, _unit(normal, name))
+
+
+def transition(
+    name: str,
+    cells: str | tuple[str, ...],
+    *,
+    E: Property,
+    nu: Property,
+    h: Property,
+    meshed: float,
+    rho: Property = 0.0,
+    normal=(0.0, 0.0, 1.0),
+) -> Region:
+    """A joint as a ring of transition-interface material, whose thickness h is a parameter.
+
+    The bodies on both sides move apart with h: see `fenics_joints.forms.transition_layer` for when
+    that is exact. Springs, masses, supports and sensors move with them; their places are given in
+    the mesh. Graded properties are functions of position such as
+    ``lambda x, p: transition_modulus(layer_position(x, ...), p["ring.E"], ...)``, taken at the
+    middle of each cell: then the mesh needs several cells through the layer.
+
+    Args:
+        name: Name of the joint.
+        cells: Name or names of cell groups: one ring, or all rings of one bolt pattern.
+        E: Young's modulus, Pa.
+        nu: Poisson's ratio.
+        h: Thickness, m.
+        meshed: Thickness of the layer in the mesh, m.
+        rho: Density, kg/m3: zero, or `fenics_joints.forms.average_density` of the bodies'; with
+            ``lambda x, p: average_density(p["a.rho"], p["b.rho"])`` it follows theirs.
+        normal: Normal of the layer, shape (gdim,).
+
+    Raises:
+        InputError: If ``meshed`` is not a thickness.
+    """
+    if isinstance(meshed, str) or callable(meshed) or not 0 < meshed < np.inf:
+        raise InputError(f"{name}.meshed = {meshed!r}: expected the mesh's thickness, a number > 0")
+    cells = (cells,) if isinstance(cells, str) else tuple(cells)
+    properties = {"E": E, "nu": nu, "rho": rho, "h": h, "meshed": float(meshed)}
+    return Region(name, cells, TRANSITION, properties, _unit(normal, name))
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ __all__ = [
     "LAYER_LAWS",
     "LINEAR_LAWS",
     "SOLID",
+    "TRANSITION",
     "WIDE_SOLID",
     "Law",
 ]
@@ -72,6 +73,16 @@ class _WideLaw(Law):
         return np.array([q["rho"] * q["stretch"] * q["width"]])
 
 
+class _TransitionLaw(Law):
+    """A layer whose thickness h is a property, beside that in the mesh."""
+
+    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
+        return forms.transition_mass(u, v, q["rho"], dx, thickness=q["h"], meshed=q["meshed"])
+
+    def inertia_terms(self, q: Properties) -> np.ndarray:
+        return np.array([q["rho"] * q["h"] / q["meshed"]])
+
+
 class _SupportLaw(Law):
     """Springs spread over facets, Pa/m, which have no mass; no law of cells."""
 
@@ -96,16 +107,31 @@ def _require(where: str, key: str, value, good, expected: str) -> None:
         raise InputError(f"{where}.{key} = {shown:g} is out of range: expected {expected}.")
 
 
-def _check_common(where: str, q: Properties) -> None:
+def _check_material(where: str, q: Properties) -> None:
     _require(where, "E", q["E"], np.asarray(q["E"]) > 0, "E > 0 (Pa)")
     _require(where, "rho", q["rho"], np.asarray(q["rho"]) >= 0, "rho >= 0 (kg/m3)")
+
+
+def _check_common(where: str, q: Properties) -> None:
+    _check_material(where, q)
     _require(where, "stretch", q["stretch"], np.asarray(q["stretch"]) > 0, "stretch > 0")
+
+
+def _check_poisson(where: str, q: Properties) -> None:
+    nu = np.asarray(q["nu"])
+    _require(where, "nu", nu, (nu > -1) & (nu < 0.5), "-1 < nu < 0.5")
 
 
 def _check_solid(where: str, q: Properties) -> None:
     _check_common(where, q)
-    nu = np.asarray(q["nu"])
-    _require(where, "nu", nu, (nu > -1) & (nu < 0.5), "-1 < nu < 0.5")
+    _check_poisson(where, q)
+
+
+def _check_transition(where: str, q: Properties) -> None:
+    _check_material(where, q)
+    _check_poisson(where, q)
+    for key in ("h", "meshed"):
+        _require(where, key, q[key], np.asarray(q[key]) > 0, f"{key} > 0 (m)")
 
 
 def _check_wide(where: str, q: Properties) -> None:
@@ -152,6 +178,15 @@ def _solid_stiffness(u, v, q, normal, dx):
 def _wide_stiffness(u, v, q, normal, dx, *, across):
     more = {"normal": normal, "stretch": q["stretch"], "across": across, "width": q["width"]}
     return forms.elasticity(u, v, q["E"], q["nu"], dx, **more)
+
+
+def _transition_stiffness(u, v, q, normal, dx):
+    more = {"normal": normal, "thickness": q["h"], "meshed": q["meshed"]}
+    return forms.transition_layer(u, v, q["E"], q["nu"], dx, **more)
+
+
+def _transition_terms(q: Properties) -> np.ndarray:
+    return SOLID.stiffness_terms({**q, "stretch": q["h"] / q["meshed"]})
 
 
 def _support_stiffness(u, v, q, normal, ds):
@@ -225,6 +260,20 @@ WIDE_SOLID = _WideLaw(
     _check_wide,
 )
 
+#: The transition-interface material (seed 000): a joint whose thickness h, m, is a property.
+TRANSITION = _TransitionLaw(
+    "transition",
+    ("E", "nu", "rho", "h", "meshed"),
+    _transition_stiffness,
+    _transition_terms,
+    tuple(
+        {"E": 2.0, "nu": nu, "rho": 1.0, "h": h, "meshed": 1.0}
+        for nu in (0.0, 0.3)
+        for h in (0.5, 1.0, 2.0)
+    ),
+    _check_transition,
+)
+
 # Stretched along its axis a body of revolution has the same scalars as any solid.
 AXISYMMETRIC_SOLID = _RingLaw(
     SOLID.name,
@@ -283,4 +332,7 @@ ELASTIC_SUPPORT = _SupportLaw(
 )
 
 #: Of a body of revolution the law of a part is another object with the same scalars.
-LINEAR_LAWS = {law.name: law for law in (SOLID, WIDE_SOLID, ELASTIC_SUPPORT, *LAYER_LAWS.values())}
+LINEAR_LAWS = {
+    law.name: law
+    for law in (SOLID, WIDE_SOLID, TRANSITION, ELASTIC_SUPPORT, *LAYER_LAWS.values())
+}

@@ -49,7 +49,7 @@ class PropertyField:
         self._symbols = {
             name: ufl.variable(fem.Constant(mesh, float(p.value))) for name, p in parameters.items()
         }
-        self._expressions: dict[tuple, fem.Expression | None] = {}
+        self._expressions: dict[tuple, fem.Expression | float] = {}
 
     def update(self, values: Mapping[str, float]) -> None:
         """Fill the field from the parameters' values.
@@ -141,11 +141,11 @@ class PropertyField:
                     ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(expr)
                 )
             self._expressions[place] = (
-                None if _is_zero(expr) else fem.Expression(expr, self._middle())
+                float(expr) if _is_number(expr) else fem.Expression(expr, self._middle())
             )
         expression = self._expressions[place]
-        if expression is None:
-            return np.zeros(len(cells))
+        if isinstance(expression, float):
+            return np.full(len(cells), expression)
         return expression.eval(self.mesh, cells).reshape(len(cells))
 
     def _middle(self) -> np.ndarray:
@@ -184,5 +184,6 @@ class PropertyField:
         return gradient
 
 
-def _is_zero(expr) -> bool:
-    return isinstance(expr, ufl.constantvalue.Zero)
+def _is_number(expr) -> bool:
+    """Whether UFL found a number, as for the derivative of what is linear; zero is one."""
+    return isinstance(expr, ufl.constantvalue.Zero | ufl.constantvalue.ScalarValue)

@@ -6,6 +6,7 @@ from fenics_joints.meshes.box import box
 from fenics_joints.meshes.c_beam import c_beams
 from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.contact import ContactMatch, check_contact
+from fenics_joints.meshes.dumbbell import dumbbell
 from fenics_joints.meshes.lap_beam import lap_beam, lap_beam_section
 from fenics_joints.meshes.lap_plates import lap_plates
 from fenics_joints.meshes.msh import read_msh
@@ -15,6 +16,6 @@ from fenics_joints.meshes.tagged import TaggedMesh
 
 __all__ = [
     "ContactMatch", "MeshQuality", "TaggedMesh", "bolted_plates", "bolted_plates_section", "box",
-    "c_beams", "check_contact", "check_mesh", "graded_lines", "grid_lines", "lap_beam",
+    "c_beams", "check_contact", "check_mesh", "dumbbell", "graded_lines", "grid_lines", "lap_beam",
     "lap_beam_section", "lap_plates", "read_msh", "separate", "stacked_blocks",
 ]  # fmt: skip
