@@ -142,17 +142,38 @@ class DampedPencil:
 
     def apply(self, s: complex, X: np.ndarray) -> np.ndarray:
         """This rank's rows of Z(s) X, complex; without modal damping."""
+        damping = self.damping
+        return self._combine(damping.stiffness_factor, damping.mass_factor, s, X)
+
+    def apply_slope(self, s: complex, X: np.ndarray) -> np.ndarray:
+        """This rank's rows of dZ/ds X, complex; without modal damping."""
+        damping = self.damping
+        return self._combine(
+            lambda s, name=None: damping.stiffness_slope(name), damping.mass_slope, s, X
+        )
+
+    def _combine(self, stiff, heavy, s: complex, X: np.ndarray) -> np.ndarray:
         parts = np.hstack([X.real, X.imag])
 
         def times(A):
             real, imag = np.hsplit(product(A, parts), 2)
             return real + 1j * imag
 
-        base = self.damping.stiffness_factor(s)
-        total = base * times(self.K) + self.damping.mass_factor(s) * times(self.M)
+        base = stiff(s)
+        total = base * times(self.K) + heavy(s) * times(self.M)
         for name, A in self.parts.items():
-            total += (self.damping.stiffness_factor(s, name) - base) * times(A)
+            total += (stiff(s, name) - base) * times(A)
         return total
+
+    def viscous(self) -> PETSc.Mat:
+        """The viscous damping matrix C, N s/m: Rayleigh's and the layers'."""
+        alpha, beta = self.damping.rayleigh
+        C = self.K.copy()
+        C.scale(beta)
+        C.axpy(alpha, self.M, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
+        for name, A in self.parts.items():
+            C.axpy(self.damping.viscous.get(name, 0.0), A, structure=_SUBSET)
+        return C
 
     def _part(self, name: str) -> PETSc.Mat:
         """Stiffness of one region or elastic support, held rows and columns zero."""

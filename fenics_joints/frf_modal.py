@@ -1,14 +1,12 @@
 """A damped structure on its modes and residual vectors.
 
 The basis is the lowest modes, rigid-body modes among them, and residual vectors: the responses
-A^-1 b to the forces and sensors of interest, with A = K - sigma M and the shift sigma below zero
-of the modal solution, so that a free body needs no other hold (Rixen, Int. J. Numer. Meth. Eng.
-53, 2002, for what a static residual is there). What the modes have of them is taken off. Likewise
-A^-1 K_c phi for the layers c with damping of their own, which makes complex modes of a damped joint
-right where real modes alone are not. Rayleigh and Ritz's method on all of them makes the residual
-vectors into modes of high frequency, so that the residual is not constant over the band but has
-its own dynamics; the error is of the order of (w / w_next)^4 of what the missing modes give, not
-(w / w_next)^2 as with constant terms.
+A^-1 b to the forces and sensors of interest, and A^-1 M A^-1 b, with A = K - sigma M and the shift
+sigma below zero of the modal solution, so that a free body needs no other hold. Likewise A^-1 K_c
+of the modes and of those, for the layers c with damping of their own, which makes complex modes of
+a damped joint right where real modes alone are not. What the modes have of them is taken off. Each
+then has its own stiffness and mass (Rayleigh and Ritz), so that the residual is not a constant over
+the band but follows it.
 
 Derivatives are those of the FRF at a fixed basis, the adjoint's own approximation by it.
 """
@@ -26,7 +24,7 @@ from fenics_joints.eigensolver import product
 from fenics_joints.errors import InputError
 from fenics_joints.modal import Modes, solve_modes
 
-__all__ = ["ModalPencil", "Response", "check_lines", "modal_pencil"]
+__all__ = ["ModalPencil", "Response", "check_lines", "extended", "modal_pencil", "with_terms"]
 
 #: Modes must reach this multiple of the highest line.
 _REACH = 1.5
@@ -118,6 +116,14 @@ class ModalPencil:
             Z += own[:, None, None] * K
         return Z
 
+    def stiffness_slope(self, s: complex) -> np.ndarray:
+        """dZ/ds, complex, (m, m)."""
+        damping = self.damping
+        base = damping.stiffness_slope()
+        diagonal = base * self.stiff + damping.mass_slope(s) * self.heavy + self.modal_damping
+        own = {n: damping.stiffness_slope(n) - base for n in self.parts}
+        return np.diag(diagonal) + sum(own[n] * K for n, K in self.parts.items())
+
     # -- response ------------------------------------------------------------------------------
 
     def response(self, lines, loads, reads, gradients: bool = False) -> Response:
@@ -152,7 +158,9 @@ class ModalPencil:
             InputError: If the pencil was made without derivatives.
         """
         if self.terms is None:
-            raise InputError("gradients: expected a modal pencil that was made with gradients = True.")
+            raise InputError(
+                "gradients: expected a modal pencil that was made with gradients = True."
+            )
         return [*self.terms, *self._modal_terms()]
 
     def _modal_terms(self):
@@ -227,22 +235,42 @@ def modal_pencil(
         raise InputError("modes: expected those of this structure, with their solver.")
     _check_modes(pencil, modes, shapes)
     s = 2j * np.pi * np.median(lines)
-    rest = _residual_vectors(pencil, modes, shapes, _with_damping(pencil, loads, shapes, modes, s))
+    modal = _on_basis(pencil, modes, _residual_vectors(pencil, modes, shapes, loads, s))
+    return with_terms(modal, pencil) if gradients else modal
+
+
+def extended(modal: ModalPencil, pencil: DampedPencil, columns: np.ndarray) -> ModalPencil:
+    """The structure on a basis with more vectors, this rank's rows (n_local, k). Collective."""
+    count = len(modal.modes)
+    shapes, rest = modal.basis[:, :count], modal.basis[:, count:]
+    more = np.hstack([rest, _beside(pencil, modal.modes, shapes, columns)])
+    return _on_basis(pencil, modal.modes, _orthonormal(pencil, modal.modes, more))
+
+
+def with_terms(modal: ModalPencil, pencil: DampedPencil) -> ModalPencil:
+    """The same with derivatives by the parameters. Collective."""
+    terms = []
+    for term in pencil.terms():
+        terms.append(replace(term, form=_projected(pencil, modal.basis, term.form.apply)))
+        term.form.destroy()
+    return replace(modal, terms=terms)
+
+
+def _projected(pencil: DampedPencil, basis: np.ndarray, form) -> np.ndarray:
+    both = pencil.comm.allreduce(basis.T @ form(basis))
+    return 0.5 * (both + both.T)
+
+
+def _on_basis(pencil: DampedPencil, modes: Modes, rest: np.ndarray) -> ModalPencil:
+    """The structure on modes and residual vectors that are orthonormal in A and beside them."""
+    shapes = np.column_stack([x.array_r for x in modes.shapes])
     basis, stiff, heavy = _ritz(pencil, modes, shapes, rest)
-
-    def on_basis(form):
-        both = pencil.comm.allreduce(basis.T @ form(basis))
-        return 0.5 * (both + both.T)
-
-    parts = {name: on_basis(lambda X, A=A: product(A, X)) for name, A in pencil.parts.items()}
-    terms = None
-    if gradients:
-        terms = []
-        for term in pencil.terms():
-            terms.append(replace(term, form=on_basis(term.form.apply)))
-            term.form.destroy()
+    parts = {
+        name: _projected(pencil, basis, lambda X, A=A: product(A, X))
+        for name, A in pencil.parts.items()
+    }
     return ModalPencil(
-        modes, basis, stiff, heavy, parts, terms, pencil.damping, pencil.named,
+        modes, basis, stiff, heavy, parts, None, pencil.damping, pencil.named,
         tuple(pencil.structure.parameters), pencil.comm,
     )  # fmt: skip
 
@@ -273,32 +301,61 @@ def _check_modes(pencil: DampedPencil, modes: Modes, shapes: np.ndarray) -> None
         )
 
 
-def _with_damping(pencil: DampedPencil, loads, shapes, modes: Modes, s: complex) -> np.ndarray:
-    """The loads, and the forces of layers' own damping in the elastic modes."""
-    found, base = [loads], pencil.damping.stiffness_factor(s)
+def _layer_forces(pencil: DampedPencil, s: complex, X: np.ndarray) -> np.ndarray:
+    """Forces of the layers' own damping at s in displacements, this rank's rows, (n_local, k)."""
+    if not pencil.parts or not X.shape[1]:
+        return X[:, :0]
+    base = pencil.damping.stiffness_factor(s)
+    own = {n: abs(pencil.damping.stiffness_factor(s, n) - base) for n in pencil.parts}
+    return sum(own[n] * product(A, X) for n, A in pencil.parts.items())
+
+
+def _residual_vectors(pencil: DampedPencil, modes: Modes, shapes, loads, s: complex) -> np.ndarray:
+    """Residual vectors, orthonormal in A = K - shift M; this rank's rows, (n_local, k).
+
+    First A^-1 b and A^-1 K_c phi, then A^-1 M and A^-1 K_c of those: by Neumann's series, what
+    Z(s)^-1 b has beside the modes to second order in (w / w_next)^2 and in the loss factors.
+    """
+    first = _responses(pencil, modes, shapes, loads)
     elastic = shapes[:, modes.n_rigid :]
-    if pencil.parts and elastic.shape[1]:
-        own = {n: abs(pencil.damping.stiffness_factor(s, n) - base) for n in pencil.parts}
-        found.append(sum(own[n] * product(A, elastic) for n, A in pencil.parts.items()))
-    return np.hstack(found)
+    layer = _responses(pencil, modes, shapes, _layer_forces(pencil, s, elastic))
+    level = np.hstack([first, layer])
+    forces = np.hstack([product(pencil.M, first), _layer_forces(pencil, s, level)])
+    rest = np.hstack([level, _responses(pencil, modes, shapes, forces)])
+    return _orthonormal(pencil, modes, rest)
 
 
-def _residual_vectors(pencil: DampedPencil, modes: Modes, shapes, loads) -> np.ndarray:
-    """A^-1 b without the modes' share, orthonormal in A; this rank's rows, (n_local, k)."""
-    comm, shift = pencil.comm, modes.solver.shift
-    size = np.sqrt(comm.allreduce(np.sum(loads**2, axis=0)))
-    whole = modes.solver.inverse(loads[:, size > 0] / size[size > 0])
-    rest = whole
-    for _ in range(2):
-        rest = rest - shapes @ comm.allreduce(product(pencil.M, shapes).T @ rest)
-
-    def gram(X):
-        return comm.allreduce(X.T @ (product(pencil.K, X) - shift * product(pencil.M, X)))
-
-    scale = 1 / np.sqrt(np.diag(gram(whole)))
-    values, vectors = np.linalg.eigh(gram(rest * scale))
+def _orthonormal(pencil: DampedPencil, modes: Modes, rest: np.ndarray) -> np.ndarray:
+    """Orthonormal in A, without the dependent ones."""
+    values, vectors = np.linalg.eigh(_energy(pencil, modes, rest))
     keep = values > _DEPENDENT
-    return (rest * scale) @ (vectors[:, keep] / np.sqrt(values[keep]))
+    return rest @ (vectors[:, keep] / np.sqrt(values[keep]))
+
+
+def _responses(pencil: DampedPencil, modes: Modes, shapes, forces) -> np.ndarray:
+    """A^-1 f without the modes' share, each of energy 1; without those that are nothing else."""
+    size = np.sqrt(pencil.comm.allreduce(np.sum(forces**2, axis=0)))
+    forces = forces[:, size > 0] / size[size > 0]
+    if not forces.shape[1]:
+        return forces
+    return _beside(pencil, modes, shapes, modes.solver.inverse(forces))
+
+
+def _beside(pencil: DampedPencil, modes: Modes, shapes, whole: np.ndarray) -> np.ndarray:
+    """Vectors without the modes' share, each of energy 1; without those that are nothing else."""
+    rest, heavy = whole, product(pencil.M, shapes)
+    for _ in range(2):
+        rest = rest - shapes @ pencil.comm.allreduce(heavy.T @ rest)
+    before, after = (np.diag(_energy(pencil, modes, X)) for X in (whole, rest))
+    kept = after > _DEPENDENT * before
+    return rest[:, kept] / np.sqrt(after[kept])
+
+
+def _energy(pencil: DampedPencil, modes: Modes, X: np.ndarray) -> np.ndarray:
+    """X^T A X, equal on all ranks."""
+    AX = product(pencil.K, X) - modes.solver.shift * product(pencil.M, X)
+    gram = pencil.comm.allreduce(X.T @ AX)
+    return 0.5 * (gram + gram.T)
 
 
 def _ritz(pencil: DampedPencil, modes: Modes, shapes, rest) -> tuple[np.ndarray, ...]:

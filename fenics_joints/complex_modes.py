@@ -1,0 +1,289 @@
+"""Complex modes of damped structures: Z(s) x = 0, with Z of `fenics_joints.damping`.
+
+By projection on real modes and residual vectors (`fenics_joints.frf_modal`), whose error is found;
+or on the full model by SLEPc, linearised in the state space (s x, x), for viscous damping.
+
+Z is symmetric, so that left and right vector are one, and
+
+    ds/dp = -x^T dZ/dp x / (x^T dZ/ds x).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from petsc4py import PETSc
+from slepc4py import SLEPc
+
+from fenics_joints.damped_pencil import DampedPencil, point_loads
+from fenics_joints.damping import Damping
+from fenics_joints.eigensolver import product
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.frf_modal import ModalPencil, extended, modal_pencil, with_terms
+from fenics_joints.modal import SHIFT_SHARE, Modes, solve_modes
+from fenics_joints.petsc_options import petsc_defaults
+from fenics_joints.points import Sensors
+from fenics_joints.structure import Structure
+
+__all__ = ["ComplexModes", "solve_complex_modes"]
+
+_OPTIONS = {
+    "st_type": "sinvert",
+    "st_ksp_type": "preonly",
+    "st_pc_type": "cholesky",
+    "st_pc_factor_mat_solver_type": "mumps",
+}
+#: How often the basis may be widened.
+_ROUNDS = 12
+
+
+@dataclass(frozen=True)
+class ComplexModes:
+    """Elastic modes that oscillate, of a damped structure, by ascending |s|.
+
+    Attributes:
+        structure: The full model.
+        given: The parameters that differed from their nominal values.
+        eigenvalues: s, rad/s, with positive imaginary part, (n,).
+        shapes: This rank's rows of the shapes x, complex, (n_local, n), with x^T dZ/ds x = 2 s,
+            which makes undamped ones M-normalised.
+        residuals: |A^-1 Z(s) x| / |x| in the norm of energy, A = K - shift M, (n,): what one more
+            step would change of the shapes. In the state space SLEPc's relative residuals.
+        slopes: ds/dp for every parameter, (n, n_parameters); None unless they were asked for.
+        solver: SLEPc's solver.
+    """
+
+    structure: Structure
+    given: Mapping[str, float]
+    eigenvalues: np.ndarray
+    shapes: np.ndarray
+    residuals: np.ndarray
+    slopes: np.ndarray | None = None
+    solver: object | None = None
+
+    def __len__(self) -> int:
+        return len(self.eigenvalues)
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """|s| / 2 pi, Hz, (n,): that of the undamped mode where damping is proportional."""
+        return np.abs(self.eigenvalues) / (2 * np.pi)
+
+    @property
+    def damped_hz(self) -> np.ndarray:
+        """Frequency of free vibration, Im s / 2 pi, Hz, (n,)."""
+        return self.eigenvalues.imag / (2 * np.pi)
+
+    @property
+    def damping_ratios(self) -> np.ndarray:
+        """-Re s / |s|, (n,); half the loss factor, where that is small."""
+        return -self.eigenvalues.real / np.abs(self.eigenvalues)
+
+    def at(self, sensors: Sensors) -> np.ndarray:
+        """Shapes at sensors, kg^-1/2, complex, (n_sensors, n). Collective."""
+        return self.structure.comm.allreduce(point_loads(self.structure, sensors).T @ self.shapes)
+
+    def gradients(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of `frequencies_hz` and of `damping_ratios`, each (n, n_parameters).
+
+        Raises:
+            InputError: If the modes were found without derivatives.
+        """
+        if self.slopes is None:
+            raise InputError("gradients: expected modes that were found with gradients = True.")
+        s, size = self.eigenvalues[:, None], np.abs(self.eigenvalues)[:, None]
+        by_size = np.real(np.conj(s) * self.slopes) / size
+        ratio = -self.slopes.real / size + s.real * by_size / size**2
+        return by_size / (2 * np.pi), ratio
+
+
+def solve_complex_modes(
+    structure: Structure,
+    given: Mapping[str, float] | None = None,
+    *,
+    damping: Damping,
+    n_modes: int = 20,
+    method: str = "projection",
+    gradients: bool = False,
+    modes: Modes | None = None,
+    tolerance: float = 1e-5,
+    petsc_options: Mapping[str, object] | None = None,
+) -> ComplexModes:
+    """Lowest complex modes of a damped structure. Collective.
+
+    Args:
+        structure: The full model.
+        given: Values of parameters that differ from their nominal value.
+        damping: The damping.
+        n_modes: Number of modes, rigid-body modes, which are left out of the result, included.
+        method: ``"projection"`` on real modes and residual vectors; or ``"state-space"``, the full
+            model by SLEPc's PEP, for Rayleigh and viscous damping only; overdamped motion takes the
+            place of modes there.
+        gradients: Whether derivatives by the parameters are wanted; by projection only.
+        modes: By projection: real modes of the structure at the same values, as for `solve_frf`.
+        tolerance: By projection: `residuals` above which the basis is widened by what they lack.
+            An eigenvalue's relative error is of the order of its square.
+        petsc_options: Options of SLEPc's PEP, without prefix.
+
+    Raises:
+        InputError: If a value is out of range or unknown.
+        ConvergenceError: If modes were not found.
+    """
+    if method not in ("projection", "state-space"):
+        raise InputError(f"method = {method!r}: expected projection or state-space.")
+    pencil = DampedPencil(structure, given, damping)
+    try:
+        if method == "state-space":
+            _check_viscous(pencil.damping, gradients)
+            return _state_space(pencil, given, n_modes, petsc_options)
+        if modes is None:
+            modes = solve_modes(structure, given, n_modes=n_modes)
+        lines = modes.frequencies_hz[modes.n_rigid :]
+        none = np.zeros((len(modes.shapes[0].array_r), 0))
+        lines = lines if len(lines) else np.ones(1)
+        modal = modal_pencil(pencil, none, lines, modes=modes)
+        modal, s, y, residuals = _improved(pencil, modal, tolerance)
+        slopes = _slopes(with_terms(modal, pencil), s, y) if gradients else None
+    finally:
+        pencil.destroy()
+    return ComplexModes(
+        structure, dict(given or {}), s, modal.basis @ y, residuals, slopes, modes.solver.solver
+    )
+
+
+def _projected(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
+    """s, (n,), and vectors on the basis, (m, n), without rigid-body modes.
+
+    Those are uncoupled from all others. With z = 1/s the rest, K + s C + s^2 M, has a stiffness that
+    can be inverted, whatever has no mass.
+    """
+    rigid, count = modal.modes.n_rigid, len(modal.modes) - modal.modes.n_rigid
+    K = modal.stiffness(np.zeros(1))[0][rigid:, rigid:]
+    C = modal.stiffness_slope(0.0)[rigid:, rigid:]
+    M = np.diag(modal.heavy[rigid:])
+    n = len(K)
+    # (z^2 K + z C + M) x = 0, with z in units of the first mode's.
+    unit = 1 / np.sqrt(modal.eigenvalues[rigid])
+    state = np.zeros((2 * n, 2 * n), dtype=complex)
+    state[:n, n:] = np.eye(n)
+    state[n:, :n] = -np.linalg.solve(K, M) / unit**2
+    state[n:, n:] = -np.linalg.solve(K, C) / unit
+    z, vectors = scipy.linalg.eig(state)
+    good = np.abs(z) > 1e-12
+    s, vectors = 1 / (z[good] * unit), vectors[:n, good]
+    waves = np.flatnonzero(s.imag > 1e-9 * np.abs(s))
+    order = waves[np.argsort(np.abs(s[waves]))][:count]
+    if len(order) < count:
+        raise ConvergenceError(
+            f"{len(order)} of {count} elastic modes oscillate: the others are overdamped."
+        )
+    s, x = s[order], vectors[:, order]
+    y = np.vstack([np.zeros((rigid, count)), x])
+    for i in range(count):
+        y[:, i] *= np.sqrt(2 * s[i] / (y[:, i] @ modal.stiffness_slope(s[i]) @ y[:, i]))
+    return s, y
+
+
+def _improved(pencil: DampedPencil, modal: ModalPencil, tolerance: float):
+    """The modes on a basis that is widened by their residuals (Davidson's method).
+
+    Returns:
+        The structure on that basis, s, the vectors on the basis and their residuals.
+    """
+    for _ in range(_ROUNDS):
+        s, y = _projected(modal)
+        residuals, change = _residuals(pencil, modal, s, y)
+        late = residuals > tolerance
+        if not late.any():
+            return modal, s, y, residuals
+        modal = extended(modal, pencil, np.hstack([change[:, late].real, change[:, late].imag]))
+    raise ConvergenceError(
+        f"{int(np.sum(~late))} of {len(s)} complex modes converged: "
+        f"the largest residual is {residuals.max():.1e}",
+        "rounds exhausted: ask for fewer modes, or allow a larger tolerance",
+    )
+
+
+def _residuals(pencil: DampedPencil, modal: ModalPencil, s, y) -> tuple[np.ndarray, np.ndarray]:
+    """Relative residuals, (n,), and this rank's rows of A^-1 Z x over |x|, (n_local, n)."""
+    shapes, inverse = modal.basis @ y, modal.modes.solver.inverse
+    off = np.column_stack([
+        pencil.apply(x, shapes[:, i : i + 1])[:, 0] for i, x in enumerate(s)
+    ])  # fmt: skip
+    if modal.named.is_modal:
+        heavy = product(pencil.M, modal.basis)
+        off += heavy @ (modal.modal_damping[:, None] * s * y)
+    change = inverse(np.ascontiguousarray(off.real)) + 1j * inverse(np.ascontiguousarray(off.imag))
+    # |A^-1 r|_A^2 = r^H A^-1 r
+    top = pencil.comm.allreduce(np.real(np.sum(off.conj() * change, axis=0)))
+    shift = modal.modes.solver.shift
+    below = np.sum(np.abs(y) ** 2 * (modal.stiff - shift * modal.heavy)[:, None], axis=0)
+    return np.sqrt(np.maximum(top, 0.0) / below), change / np.sqrt(below)
+
+
+def _slopes(modal: ModalPencil, s: np.ndarray, y: np.ndarray) -> np.ndarray:
+    found = np.zeros((len(s), len(modal.parameters)), dtype=complex)
+    for term in modal.all_terms():
+        changes = np.sum(y * (term.form @ y), axis=0)
+        found[:, term.parameter] -= np.array([term.factor(x) for x in s]) * changes / (2 * s)
+    return found
+
+
+# -- the full model in the state space ---------------------------------------------------------
+
+
+def _check_viscous(damping: Damping, gradients: bool) -> None:
+    hysteretic = damping.structural or any(damping.hysteretic.values())
+    if hysteretic or damping.is_modal or gradients:
+        raise InputError(
+            'method = "state-space": expected Rayleigh and viscous damping only, and no gradients; '
+            'method = "projection" takes all.'
+        )
+
+
+def _state_space(pencil: DampedPencil, given, n_modes: int, petsc_options) -> ComplexModes:
+    """The pairs nearest to a positive real number, where K + sigma C + sigma^2 M is definite."""
+    structure = pencil.structure
+    K, M, C = pencil.K, pencil.M, pencil.viscous()
+    sigma = 2 * np.pi * SHIFT_SHARE * structure.dilation_frequency(given)
+    pep, prefix = SLEPc.PEP().create(structure.comm), "fenics_joints_complex_"
+    pep.setOptionsPrefix(prefix)
+    pep.setOperators([K, C, M])
+    pep.setProblemType(SLEPc.PEP.ProblemType.GENERAL)
+    pep.setScale(SLEPc.PEP.Scale.SCALAR)
+    pep.setDimensions(2 * n_modes, max(4 * n_modes, 2 * n_modes + 20))
+    pep.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
+    pep.setTarget(sigma)
+    with petsc_defaults(prefix, {**_OPTIONS, **(petsc_options or {})}):
+        pep.setFromOptions()
+        try:
+            pep.solve()
+        except PETSc.Error as error:
+            raise ConvergenceError("SLEPc did not solve Z(s) x = 0", str(error)) from error
+    if pep.getConverged() < 2 * n_modes:
+        raise ConvergenceError(f"{pep.getConverged() // 2} of {n_modes} modes converged.")
+    s, shapes, residuals = _pairs(pep, K, 0.3 * sigma)
+    for i, x in enumerate(s):
+        turned = pencil.apply_slope(x, shapes[:, i : i + 1])[:, 0]
+        shapes[:, i] *= np.sqrt(2 * x / structure.comm.allreduce(shapes[:, i] @ turned))
+    C.destroy()
+    return ComplexModes(structure, dict(given or {}), s, shapes, residuals, None, pep)
+
+
+def _pairs(pep: SLEPc.PEP, K: PETSc.Mat, least: float) -> tuple[np.ndarray, ...]:
+    """Eigenvalues with Im s > 0 beyond the rigid-body modes', vectors, errors; by ascending |s|."""
+    real, imag = K.createVecs()
+    s, shapes, errors = [], [], []
+    for i in range(pep.getConverged()):
+        value = pep.getEigenpair(i, real, imag)
+        if value.imag > 1e-9 * abs(value) and abs(value) > least:
+            s.append(value)
+            shapes.append(real.array_r + 1j * imag.array_r)
+            errors.append(pep.computeError(i))
+    if not s:
+        raise ConvergenceError("no elastic mode oscillates among those found: ask for more modes.")
+    order = np.argsort(np.abs(s))
+    return np.array(s)[order], np.column_stack(shapes)[:, order], np.array(errors)[order]
