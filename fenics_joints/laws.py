@@ -333,6 +333,5 @@ ELASTIC_SUPPORT = _SupportLaw(
 
 #: Of a body of revolution the law of a part is another object with the same scalars.
 LINEAR_LAWS = {
-    law.name: law
-    for law in (SOLID, WIDE_SOLID, TRANSITION, ELASTIC_SUPPORT, *LAYER_LAWS.values())
+    law.name: law for law in (SOLID, WIDE_SOLID, TRANSITION, ELASTIC_SUPPORT, *LAYER_LAWS.values())
 }

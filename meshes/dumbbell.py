@@ -64,7 +64,7 @@ def dumbbell(
         rings: Centres (x, y) of the bolts, in metres; none for a layer on the necks' whole faces.
         r_nei: Inner radius of the rings, in metres; by default that of an M16's hole (ISO 273).
         r_wai: Outer radius of the rings, in metres; needed with rings.
-        zone: Side of the square of the O-grid around each ring, in metres; None for ``2.3 * r_wai``.
+        zone: Side of the square of the O-grid around each ring, in metres; None: 2.3 r_wai.
         holes: Whether holes of radius R_nei go through the bodies; they are full otherwise.
         cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
 
