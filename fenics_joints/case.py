@@ -22,6 +22,7 @@ from fenics_joints.case_preload import Bolt, ContactSection
 from fenics_joints.case_sections import (
     Attached,
     Diagnose,
+    FRFSection,
     Joint,
     MassSection,
     Part,
@@ -34,7 +35,9 @@ from fenics_joints.case_sections import (
     named,
 )
 from fenics_joints.errors import InputError
+from fenics_joints.frf_files import read_frfs
 from fenics_joints.measured_curves import MeasuredCurves, read_curves
+from fenics_joints.measured_frfs import MeasuredFRFs
 from fenics_joints.measurements import TestData, read_table, read_test_data
 from fenics_joints.units import to_si
 
@@ -92,6 +95,7 @@ class Case(Section):
     _planned: TestData | None = PrivateAttr(None)
     _validation: TestData | None = PrivateAttr(None)
     _curves: MeasuredCurves | None = PrivateAttr(None)
+    _frfs: MeasuredFRFs | None = PrivateAttr(None)
     _start: dict[str, float] = PrivateAttr(default_factory=dict)
     _published: dict[str, float] = PrivateAttr(default_factory=dict)
 
@@ -119,8 +123,12 @@ class Case(Section):
             raise InputError(f"{self._path}: test is missing, expected a section [test]")
         if self._measured is None:
             raise InputError(
-                f"{self._path}: test.frequencies is missing: expected measured data; the test is "
-                "planned only, which is enough for diagnose --plan"
+                f"{self._path}: test.frequencies is missing: expected measured data; "
+                + (
+                    "the test is planned only, which is enough for diagnose --plan"
+                    if self._frfs is None
+                    else "or a section [test.frfs.identify], for modes from the functions"
+                )
             )
         return self._measured
 
@@ -142,10 +150,16 @@ class Case(Section):
         """Measured responses to sinusoidal forces, or None."""
         return self._curves
 
+    def frfs(self) -> MeasuredFRFs | None:
+        """Measured frequency response functions, in their band, or None."""
+        return self._frfs
+
     def sensors(self) -> Sensors | None:
         """Where and how the test saw the structure, or None if the case does not say."""
         if self.test is None or self.test.sees is None:
-            return None
+            # Modes that were identified are seen by what measured the functions.
+            seen = self.test is not None and self.test.frequencies is None
+            return self._frfs.sensors() if seen and self._frfs is not None else None
         from fenics_joints.points import Sensors
 
         return Sensors(self.test.sees.points(), self.test.sees.directions())
@@ -215,7 +229,7 @@ def load_case(path: str | Path) -> Case:
         raise case_error(path, [describe(e, Case) for e in error.errors()]) from None
     case._path = path
     case._coarse = _diagnosed_mesh(case, raw)
-    errors = [*_check_names(case), *_check_mesh(case), *_read_tests(case)]
+    errors = [*_check_names(case), *_check_mesh(case), *_read_tests(case), *_read_frfs(case)]
     errors += _check_update(case) if case.update else []
     errors += [*check_harmonic(case), *_read_curves(case)]
     if errors:
@@ -319,6 +333,45 @@ def _read_tests(case: Case) -> list[str]:
             f"expected {measured.condition_unit!r} as in test.frequencies"
         ]
     return []
+
+
+def _read_frfs(case: Case) -> list[str]:
+    section = None if case.test is None else case.test.frfs
+    if section is None:
+        return []
+    try:
+        frfs = read_frfs(
+            [case.folder / file for file in section.files], kind=section.kind, units=section.units,
+            length_unit=section.length_unit, points=section.points, directions=section.directions,
+            keys=section.keys,
+        )  # fmt: skip
+        case._frfs = frfs.band(*section.band) if section.band else frfs
+        if section.identify is not None:
+            case._measured = _identified(case, section)
+        elif section.at is not None and case._measured is not None:
+            case._measured.row(section.at)
+    except InputError as error:
+        return [f"test.frfs: {error}"]
+    return []
+
+
+def _identified(case: Case, section: FRFSection) -> TestData:
+    """The modes of the measured functions; noise that the case gives is of the test as a whole."""
+    # The libraries that it needs are an option.
+    from fenics_joints.modal_identification import identify_modes
+
+    test, identify = case.test, section.identify
+    found = identify_modes(
+        case._frfs, near=identify.near, order=identify.order, max_damping=identify.max_damping
+    )
+    noise = _per_mode("noise", test.noise, len(found.frequencies_hz))
+    data = found.test_data(
+        test.modes, 1.0 if section.at is None else section.at, test.condition or "row", noise=noise
+    )
+    given = {"damping_noise": test.damping_noise}
+    if "shape_noise" in test.model_fields_set:
+        given["shape_noise"] = test.shape_noise
+    return replace(data, **{key: value for key, value in given.items() if value is not None})
 
 
 def _read_curves(case: Case) -> list[str]:

@@ -30,6 +30,7 @@ __all__ = [
     "AttachedSpring",
     "CutoffUpdate",
     "Diagnose",
+    "FRFSection",
     "Joint",
     "MassSection",
     "Part",
@@ -432,6 +433,40 @@ class ValidationTest(Section):
 _COLUMN = r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*"
 
 
+class FRFSection(Section):
+    """``[test.frfs]``: measured frequency response functions, or ``frfs`` with a list of files.
+
+    ``kind``, ``units``, ``length_unit``, ``points`` (by node), ``directions`` (by node) and
+    ``keys`` are for what the files do not say: see `fenics_joints.frf_files.read_frfs`. ``at`` is
+    the condition at which they were measured, the last one by default.
+    """
+
+    class Identify(Section):
+        """``[test.frfs.identify]``: modes from the functions, in place of ``frequencies``.
+
+        ``near`` is about where they are, one for each mode; by default what is stable.
+        """
+
+        near: list[quantity("Hz", 0, above=True)] | None = None
+        order: Count = 30
+        max_damping: Positive = 0.1
+
+    files: Names
+    kind: Literal["receptance", "mobility", "accelerance"] | None = None
+    units: str | None = None
+    length_unit: str | None = None
+    points: dict[str, Point] = {}
+    directions: dict[str, Direction] = {}
+    keys: dict[str, str] = {}
+    band: ascending(Spacing) | None = None
+    at: float | None = None
+    identify: Identify | None = None
+
+
+def _frf_files(value: Any) -> Any:
+    return {"files": value} if isinstance(value, list | str) else value
+
+
 class PlannedTest(Section):
     """``[test.planned]``: a test that has not been made, for ``diagnose --plan``.
 
@@ -494,14 +529,21 @@ class Test(Section):
     damping_noise: quantity("", 0, above=True) | None = None
     shape_noise: quantity("", 0, above=True) = 0.05
     shapes_at: float | None = None
+    frfs: Annotated[FRFSection, BeforeValidator(_frf_files)] | None = None
     sees: Sees | None = None
     validation: ValidationTest | None = None
     planned: PlannedTest | None = None
 
     @model_validator(mode="after")
     def _measured_or_planned(self) -> Test:
-        if self.frequencies is None and self.planned is None:
-            raise ValueError("expected frequencies, or a section [test.planned]")
+        if self.frequencies is None and self.planned is None and self.frfs is None:
+            raise ValueError("expected frequencies, frfs, or a section [test.planned]")
+        if (
+            self.frequencies is not None
+            and self.frfs is not None
+            and self.frfs.identify is not None
+        ):
+            raise ValueError("frfs.identify: expected it only without frequencies")
         for key in ("damping", "shapes", "validation"):
             if self.frequencies is None and getattr(self, key) is not None:
                 raise ValueError(f"{key}: expected frequencies too")
