@@ -64,7 +64,8 @@ def read_frfs(
     """Read one matrix of functions from files in any order.
 
     - UFF (``.uff``, ``.unv``, ...; ASCII or binary; needs pyuff): functions and coherence of
-      datasets 58, nodes of 15 and 2411, axes of 2420, units of 164. See `fenics_joints.frf_uff`.
+      datasets 58, nodes of 15 and 2411, axes of 18 and 2420, units of 164;
+      see `fenics_joints.frf_uff`.
     - MATLAB (``.mat``, to version 7): see `fenics_joints.frf_mat`.
     - CSV: a table of functions or a table of nodes, see `fenics_joints.frf_csv`.
 

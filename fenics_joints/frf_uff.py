@@ -1,7 +1,8 @@
 """Measured functions from universal files (UFF), read by pyuff.
 
 Used are datasets 58 (functions, ASCII or binary) of type 4 (frequency response), 6 and 26
-(coherence), 15 and 2411 (nodes), 2420 (axes in which a node moves) and 164 (units), in any order.
+(coherence), 15 and 2411 (nodes), 18 and 2420 (axes in which a node moves) and 164 (units), in any
+order.
 The meaning of the fields: "Universal file formats", Structural Dynamics Research Laboratory,
 University of Cincinnati.
 """
@@ -108,7 +109,7 @@ def _read_sets(path: Path) -> list[tuple[str, dict[str, Any]]]:
         where = f"{path}: dataset {i + 1} (type {kind or 'unknown'})"
         if not kind:
             raise InputError(f"{where}: has no type; expected its number after the line '    -1'")
-        if kind in (15, 58, 164, 2411, 2420):
+        if kind in (15, 18, 58, 164, 2411, 2420):
             sets.append((where, _read_set(file, i, kind, where)))
     return sets
 
@@ -184,27 +185,42 @@ def _units(sets, said: Said) -> tuple[float | None, float | None]:
     return length, force
 
 
-def _axes(sets) -> dict[int, tuple[np.ndarray, str]]:
-    """Transformations (4, 3) of coordinate systems: axes as rows, and the origin."""
+def _axes(sets) -> dict[int, np.ndarray | None]:
+    """Transformations (4, 3) of coordinate systems: axes as rows, and the origin.
+
+    None for one that is not Cartesian (its axes would differ from place to place), or is given in
+    another one.
+    """
     found = {}
     for where, data in sets:
-        if data["type"] != 2420:
+        if data["type"] == 2420:
+            systems = zip(data["CS_sys_labels"], data["CS_types"], data["CS_matrices"], strict=True)
+        elif data["type"] == 18:
+            matrices = [*map(_frame, data["ref_o"], data["x_point"], data["xz_point"])]
+            kinds = np.asarray(data["cs_type"]) + np.asarray(data["ref_cs_num"])
+            systems = zip(data["cs_num"], kinds, matrices, strict=True)
+        else:
             continue
-        for label, kind, matrix in zip(
-            data["CS_sys_labels"], data["CS_types"], data["CS_matrices"], strict=True
-        ):
-            if kind != 0:
-                # Such axes differ from place to place; a node's own would have to be worked out.
-                matrix = None
-            elif matrix.shape != (4, 3) or not np.allclose(
+        for label, kind, matrix in systems:
+            good = matrix.shape == (4, 3) and np.allclose(
                 matrix[:3] @ matrix[:3].T, np.eye(3), atol=1e-4
-            ):
+            )
+            if kind == 0 and not good:
                 raise InputError(
-                    f"{where}: axes of coordinate system {label} are no rotation; expected three "
-                    "unit vectors at right angles, and an origin"
+                    f"{where}: axes of coordinate system {int(label)} are no rotation; expected an "
+                    "origin and three axes at right angles"
                 )
-            found[int(label)] = (matrix, where)
+            found[int(label)] = matrix if kind == 0 else None
     return found
+
+
+def _frame(origin: np.ndarray, on_x: np.ndarray, on_xz: np.ndarray) -> np.ndarray:
+    """Axes as rows, and the origin, by a point on x and one in the plane of x and z."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x = (on_x - origin) / np.linalg.norm(on_x - origin)
+        y = np.cross(on_xz - origin, x)
+        y = y / np.linalg.norm(y)
+    return np.vstack([x, y, np.cross(x, y), origin])
 
 
 def _add_nodes(contents: Contents, where: str, data, length: float | None, axes) -> None:
@@ -238,12 +254,12 @@ def _system(label: int, axes) -> tuple[np.ndarray, str]:
     common = np.vstack([np.eye(3), np.zeros(3)])
     if label == 0 or (label == 1 and 1 not in axes):
         return common, ""
-    if label in axes and axes[label][0] is not None:
-        return axes[label][0], ""
-    kind = "is not Cartesian" if label in axes else "is not in the file"
+    if axes.get(label) is not None:
+        return axes[label], ""
+    kind = "is not Cartesian in global axes" if label in axes else "is not in the file"
     return common, (
-        f"{label} {kind}; expected 0 or 1 (global), a Cartesian one in a dataset 2420, or the node "
-        "in points"
+        f"{label} {kind}; expected 0 or 1 (global), a Cartesian one in a dataset 18 or 2420, or "
+        "the node in points"
     )
 
 
@@ -299,8 +315,6 @@ def _abscissa(where: str, data) -> np.ndarray:
 
 def _dof(where: str, data, side: str, word: str) -> Dof:
     node, code = int(data[f"{side}_node"]), int(data[f"{side}_dir"])
-    if node <= 0:
-        raise InputError(f"{where}: {word} node is {node}, expected the label of a node, above 0")
     if abs(code) > 3:
         raise InputError(
             f"{where}: {word} direction code {code} of node {node} is a rotation, expected +-1, 2 "

@@ -152,6 +152,15 @@ class MeasuredFRFs:
     def __len__(self) -> int:
         return len(self.frequencies_hz)
 
+    def __str__(self) -> str:
+        """What there is and how good it is, in a few lines."""
+        f, shape = self.frequencies_hz, self.measured.shape
+        return "\n".join([
+            f"{int(self.measured.sum())} functions, {self.kind} in {self.unit}: {shape[0]} "
+            f"responses, {shape[1]} references, {f[0]:g} to {f[-1]:g} Hz in {len(f)} lines",
+            *map(str, (self.reciprocity(), self.coherence_report())), *self.notes,
+        ])  # fmt: skip
+
     @property
     def unit(self) -> str:
         """SI unit of the values."""

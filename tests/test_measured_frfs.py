@@ -157,6 +157,15 @@ def test_what_a_file_does_not_say_can_be_said(tmp_path):
     files = _uff(tmp_path, [world.function(0, 0)], "b.uff", [*nodes, system])
     read = read_frfs(files)
     assert read.response_names == ("1:+x",) and read.response_points[0, 1] == 10.0
+    older = dict(
+        type=18, cs_num=[5], cs_type=[0], ref_cs_num=[0], color=[8], method=[1], cs_name=["CS5"],
+        ref_o=[[1.0, 2.0, 3.0]], x_point=[[1.0, 4.0, 3.0]], xz_point=[[2.0, 9.0, 3.0]],
+    )  # fmt: skip
+    local = [world.units(1.0), world.geometry(15, disp_cs=[5, 0, 0], def_cs=[5, 0, 0])[1]]
+    read = read_frfs(_uff(tmp_path, [world.function(0, 0)], "d.uff", [*local, older]))
+    assert read.response_names == ("1:+x",)
+    # Node 1 is at x = 0, y = 10, z = 5 of those axes: 5 along x, 0 along y, 10 along z of all.
+    assert read.response_points[0] == pytest.approx([1 + 5, 2 + 0, 3 + 10])
     with pytest.raises(InputError, match="displacement system 5 is not in the file"):
         read_frfs(_uff(tmp_path, [world.function(0, 0)], "c.uff", nodes))
 
@@ -169,7 +178,7 @@ def _with_nan(text: bytes) -> bytes:
 
 BROKEN_FUNCTIONS = [
     (dict(rsp_node=4), "response node 4 has no coordinates.* known are nodes 1, 2, 7"),
-    (dict(ref_node=0), "reference node is 0, expected the label of a node"),
+    (dict(ref_node=0), "reference node 0 has no coordinates"),
     (dict(rsp_dir=0), r"response node 2 has no direction \(code 0 is a scalar\)"),
     (dict(rsp_dir=5), "response direction code 5 of node 2 is a rotation"),
     (dict(ordinate_spec_data_type=13), r"response is of type 13 \(excitation force\), expected"),
@@ -265,7 +274,7 @@ def test_kinds_reciprocity_and_parts(tmp_path):
     assert found.pairs == (("1:+z", "2:+y"), ("1:+z", "7:+z"), ("2:+y", "7:+z"))
     assert found.relative == pytest.approx([0.04 / 1.02, 0, 0.01 / 0.995], abs=1e-6)
     assert found.by_line.shape == (len(F), 3)
-    assert "1:+z and 2:+y" in str(found)
+    assert "1:+z and 2:+y" in str(found) and str(found) in str(read)
 
     # A receptance of its own: by the modes, not by inversion.
     f_modes, phi = world.modes()
