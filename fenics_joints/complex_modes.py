@@ -157,8 +157,8 @@ def solve_complex_modes(
 def _projected(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
     """s, (n,), and vectors on the basis, (m, n), without rigid-body modes.
 
-    Those are uncoupled from all others. With z = 1/s the rest, K + s C + s^2 M, has a stiffness that
-    can be inverted, whatever has no mass.
+    Those are uncoupled from all others. The rest, K + s C + s^2 M, has a stiffness that can be
+    inverted, and with z = 1/s it does not matter that some of it has no mass.
     """
     rigid, count = modal.modes.n_rigid, len(modal.modes) - modal.modes.n_rigid
     K = modal.stiffness(np.zeros(1))[0][rigid:, rigid:]
@@ -257,6 +257,7 @@ def _state_space(pencil: DampedPencil, given, n_modes: int, petsc_options) -> Co
     pep.setDimensions(2 * n_modes, max(4 * n_modes, 2 * n_modes + 20))
     pep.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
     pep.setTarget(sigma)
+    pep.setTolerances(1e-10)
     with petsc_defaults(prefix, {**_OPTIONS, **(petsc_options or {})}):
         pep.setFromOptions()
         try:

@@ -228,12 +228,12 @@ class DampedPencil:
                     yield Term(p, "M", self.damping.mass_factor, MatrixForm(A, True))
 
     def _matters(self, number: int, name: str) -> tuple[bool, bool]:
-        """Whether a parameter changes a region's stiffness and its mass."""
-        q = self.structure.field.region_values(number, self.values)
-        if q is None:
-            return True, True
-        region = self.structure.regions[number]
-        keys = [key for key in region.law.properties if region.properties[key] == name]
+        """Whether a parameter changes a region's stiffness and its mass, by its law's scalars."""
+        region, q = self.structure.regions[number], self.structure.field.means(number)
+        keys = [
+            key for key in region.law.properties
+            if region.properties[key] == name or callable(region.properties[key])
+        ]  # fmt: skip
         terms = region.law.stiffness_terms, region.law.inertia_terms
         return tuple(any(np.any(slopes(t, q, key)) for key in keys) for t in terms)
 

@@ -89,8 +89,8 @@ class Damping:
         for where, value in self._entries():
             if isinstance(value, str) and value not in structure.parameters:
                 raise InputError(
-                    f"damping.{where} names the parameter {value!r}, which does not exist; expected "
-                    f"a number or one of: {', '.join(structure.parameters) or 'none'}."
+                    f"damping.{where} names the parameter {value!r}, which does not exist; "
+                    f"expected a number or one of: {', '.join(structure.parameters) or 'none'}."
                 )
 
     def at(self, values: Mapping[str, float]) -> Damping:

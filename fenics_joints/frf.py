@@ -137,7 +137,7 @@ def solve_frf(
         raise InputError(f"method = {method!r}: expected direct or modal.")
     damping = damping or Damping()
     if method == "direct" and damping.is_modal:
-        raise InputError('damping.modal: expected method = "modal", or damping without modal ratios.')
+        raise InputError('damping.modal: expected method = "modal", or damping without ratios.')
     pencil = DampedPencil(structure, given, damping)
     loads = point_loads(structure, excitation, "excitation")
     reads = point_loads(structure, sensors)
@@ -213,8 +213,7 @@ def _errors(
 
 def _distinct(comm, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns without those that are there before, and where each is among them."""
-    count = columns.shape[1]
-    same = [[np.array_equal(columns[:, i], columns[:, j]) for j in range(count)] for i in range(count)]
+    same = [[np.array_equal(x, y) for y in columns.T] for x in columns.T]
     first = np.argmax(comm.allreduce(np.array(same, dtype=int)) == comm.size, axis=1)
     kept, where = np.unique(first, return_inverse=True)
     return np.ascontiguousarray(columns[:, kept]), where

@@ -28,7 +28,7 @@ __all__ = ["ModalPencil", "Response", "check_lines", "extended", "modal_pencil",
 
 #: Modes must reach this multiple of the highest line.
 _REACH = 1.5
-#: Residual vectors below this share of their energy, what modes and others have taken off, are none.
+#: Residual vectors that modes and others leave less than this share of their energy are none.
 _DEPENDENT = 1e-8
 #: Lines that are solved at once.
 _CHUNK = 256
@@ -36,7 +36,7 @@ _CHUNK = 256
 
 @dataclass(frozen=True)
 class Response:
-    """Receptances, (n_f, n_sensors, n_excitations), and derivatives, (..., n_parameters) or None."""
+    """Receptances, (n_f, n_sensors, n_excitations); derivatives, (..., n_parameters), or None."""
 
     values: np.ndarray
     gradients: np.ndarray | None = None

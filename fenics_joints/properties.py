@@ -83,7 +83,7 @@ class PropertyField:
         }
 
     def slopes(self, number: int, parameter: str, values: Mapping[str, float]) -> tuple | None:
-        """Derivative of a region's properties by one parameter.
+        """Derivative of a region's properties by one parameter. Collective.
 
         Returns:
             This rank's cells of the region, ghosts included, (n,), and the derivatives, (n,
@@ -96,10 +96,18 @@ class PropertyField:
             prop = region.properties[key]
             if callable(prop):
                 found[:, slot] = self._evaluate(number, region, key, cells, parameter)
-                depends |= self._expressions[number, key, parameter] is not None
+                depends |= self.mesh.comm.allreduce(bool(np.any(found[:, slot])), op=MPI.LOR)
             elif prop == parameter:
                 found[:, slot], depends = 1.0, True
         return (cells, found) if depends else None
+
+    def means(self, number: int) -> dict[str, float]:
+        """Mean over a region's cells of each property, as last updated. Collective."""
+        region, cells = self.regions[number]
+        cells = cells[cells < self.mesh.topology.index_map(self.mesh.topology.dim).size_local]
+        rows = self.q.x.array.reshape(-1, self.slots)[self._dof[cells]]
+        total = self.mesh.comm.allreduce(np.append(rows.sum(axis=0), len(cells)))
+        return dict(zip(region.law.properties, total[:-1] / max(total[-1], 1), strict=False))
 
     def put(self, function: fem.Function, cells: np.ndarray, table: np.ndarray) -> None:
         """Put rows of all slots, (n, n_slots), into cells of a function over `space`."""
