@@ -27,9 +27,10 @@ from fenics_joints.components import (
     Support,
     joint,
     part,
+    transition,
 )
 from fenics_joints.errors import InputError, MeshError
-from fenics_joints.meshes import TaggedMesh, read_msh
+from fenics_joints.meshes import TaggedMesh, extent, read_msh
 from fenics_joints.preload import (
     BeamBolt,
     Contact,
@@ -50,12 +51,15 @@ _UNITS = {
     "travel": "m",
     "k_n": "Pa/m",
     "k_t": "Pa/m",
+    "h": "m",
 }
 #: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
 _JOINT_MODULUS = (1e2, 1e14)
 #: How far a known property may be from its nominal value, as a factor.
 _KNOWN = 3.0
 _THICKNESS = (0.5, 2.0)
+#: How far the thickness of a transition layer may be from its nominal value, as a factor.
+_LAYER = 30.0
 _NU = (0.0, 0.49)
 #: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
 #: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
@@ -99,7 +103,8 @@ def build_structure(
     """The structure of a case, all its numbers as parameters. Collective.
 
     The parameters are named NAME.KEY: E, nu, rho and thickness of a part; E, G, thickness, and rho
-    if given, of a joint; mass, stiffness. A thickness is relative to the mesh's, 1.
+    if given, of a joint; E, nu, h of a transition layer; mass, stiffness. A thickness is relative
+    to the mesh's, 1; h is in metres.
 
     Args:
         case: The case.
@@ -126,7 +131,7 @@ def build_structure(
     try:
         return Structure(
             tagged,
-            [*_parts(case, width), *_joints(case, law)],
+            [*_parts(case, width), *_joints(case, tagged, law)],
             parameters(case, attached=attached, width=width, elastic_supports=elastic_supports),
             masses=masses,
             springs=springs,
@@ -241,6 +246,8 @@ def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]
         low, high = _THICKNESS
     elif isinstance(section, Joint) and key in ("E", "G"):
         low, high = _JOINT_MODULUS
+    elif key == "h":
+        low, high = value / _LAYER, value * _LAYER
     else:
         low, high = value / _KNOWN, value * _KNOWN
     return min(low, value), max(high, value)
@@ -263,9 +270,11 @@ def _parts(case: Case, width: bool) -> list[Region]:
     ]
 
 
-def _joints(case: Case, law: str | None) -> list[Region]:
+def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
     return [
-        joint(
+        _transition(name, j, tagged)
+        if j.law == "transition"
+        else joint(
             name,
             tuple(j.cells),
             E=f"{name}.E",
@@ -277,6 +286,16 @@ def _joints(case: Case, law: str | None) -> list[Region]:
         )
         for name, j in case.joints.items()
     ]
+
+
+def _transition(name: str, section: Joint, tagged: TaggedMesh) -> Region:
+    cells = tuple(section.cells)
+    meshed = section.meshed or extent(tagged, cells, section.normal)
+    rho = 0.0 if section.rho is None else f"{name}.rho"
+    return transition(
+        name, cells, E=f"{name}.E", nu=f"{name}.nu", h=f"{name}.h", meshed=meshed, rho=rho,
+        normal=section.normal,
+    )  # fmt: skip
 
 
 def _masses(name: str, section) -> list[PointMass]:

@@ -484,7 +484,7 @@ def _check_cutoff(case: Case) -> list[str]:
 def _check_update(case: Case) -> list[str]:
     update, measured = case.update, case._measured
     errors = [] if update.cutoff is None else _check_cutoff(case)
-    units = {"E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m"}
+    units = {"E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "h": "m"}
     known = case.nominal()
     for i, name in enumerate(update.parameters):
         if name not in known:

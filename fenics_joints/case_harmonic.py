@@ -282,6 +282,8 @@ def _check_nonlinear(case: Case, name: str, section) -> list[str]:
         return [f"{key}: no joint or contact has that name{known}"]
     if isinstance(section, CoulombSection):
         return [said(f"{key}.law", "coulomb", "expected a contact of that name, not a layer")]
+    if case.joints[name].law == "transition":
+        return [f"{key}: joints.{name} has law = 'transition', expected a layer with E and G"]
     return []
 
 

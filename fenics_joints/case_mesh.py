@@ -17,6 +17,7 @@ __all__ = [
     "BUILDERS",
     "BuilderMesh",
     "CBeamsMesh",
+    "DumbbellMesh",
     "FileMesh",
     "LapBeamMesh",
     "LapPlatesMesh",
@@ -159,6 +160,36 @@ class LapBeamMesh(BuilderMesh):
         return lap_beam(comm, **self.arguments())
 
 
+class DumbbellMesh(BuilderMesh):
+    """``builder = "dumbbell"``: arguments of `fenics_joints.meshes.dumbbell`."""
+
+    builder: Literal["dumbbell"]
+    head: tuple[Size, Size, Size] | None = None
+    neck: tuple[Size, Size, Size] | None = None
+    layer: Size | None = None
+    element_size: Size | None = None
+    n_layer: Count | None = None
+    rings: list[tuple[Length, Length]] | None = None
+    r_nei: Size | None = None
+    r_wai: Size | None = None
+    zone: Size | None = None
+    holes: bool | None = None
+    cell: Literal["hexahedron", "tetrahedron"] | None = None
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the cells' and of the facets' groups."""
+        from fenics_joints.meshes.dumbbell import BODIES, FACET_NAMES
+
+        joints = [f"ring_{i + 1}" for i in range(len(self.rings or ()))] or ["joint"]
+        return [*BODIES, *joints], list(FACET_NAMES)
+
+    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh. Collective."""
+        from fenics_joints.meshes import dumbbell
+
+        return dumbbell(comm, **self.arguments())
+
+
 class FileMesh(Section):
     """``[mesh]`` from a gmsh file with named physical groups."""
 
@@ -169,7 +200,10 @@ class FileMesh(Section):
 
 
 #: Classes of the builders, by name.
-BUILDERS = {"lap_plates": LapPlatesMesh, "c_beams": CBeamsMesh, "lap_beam": LapBeamMesh}
+BUILDERS = {
+    "lap_plates": LapPlatesMesh, "c_beams": CBeamsMesh, "lap_beam": LapBeamMesh,
+    "dumbbell": DumbbellMesh,
+}  # fmt: skip
 
 
 def _mesh_kind(data: Any) -> str | None:
@@ -185,6 +219,7 @@ Mesh = Annotated[
     Annotated[LapPlatesMesh, Tag("<LapPlatesMesh>")]
     | Annotated[CBeamsMesh, Tag("<CBeamsMesh>")]
     | Annotated[LapBeamMesh, Tag("<LapBeamMesh>")]
+    | Annotated[DumbbellMesh, Tag("<DumbbellMesh>")]
     | Annotated[FileMesh, Tag("<FileMesh>")],
     Discriminator(_mesh_kind),
 ]

@@ -206,6 +206,8 @@ class JointTolerance(Section):
 
     E: Share | None = None
     G: Share | None = None
+    nu: Share | None = None
+    h: Share | None = None
     rho: Share | None = None
     thickness: Share | None = None
 
@@ -215,6 +217,8 @@ class JointBounds(Section):
 
     E: ascending(Modulus) | None = None
     G: ascending(Modulus) | None = None
+    nu: ascending(Poisson) | None = None
+    h: ascending(Size) | None = None
     rho: ascending(Density) | None = None
     thickness: ascending(Positive) | None = None
 
@@ -224,12 +228,18 @@ class Joint(Section):
 
     ``bolts`` are points on the axes of the bolts through it or beside it; by default those that the
     mesh's builder knows. A diagnosis splits the joint into zones around them.
+
+    With ``law = "transition"`` (seed 000) it has E, nu and its thickness ``h`` in place of G; the
+    mesh's is ``meshed``, by default the extent of all its cells along the normal.
     """
 
     cells: Names
-    law: Literal["isotropic", "uncoupled", "constrained"] = "uncoupled"
+    law: Literal["isotropic", "uncoupled", "constrained", "transition"] = "uncoupled"
     E: Modulus
-    G: Modulus
+    G: Modulus | None = None
+    nu: Poisson | None = None
+    h: Size | None = None
+    meshed: Size | None = None
     rho: Density | None = None
     bolted: bool = False
     bolts: Annotated[list[Point], Field(min_length=1)] | None = None
@@ -239,7 +249,16 @@ class Joint(Section):
 
     @model_validator(mode="after")
     def _definite(self) -> Joint:
-        if self.law != "uncoupled" and not self.E < 3 * self.G:
+        own, others = ("G",), ("nu", "h", "meshed")
+        if self.law == "transition":
+            own, others = ("nu", "h"), ("G",)
+        missing = [key for key in own if getattr(self, key) is None]
+        extra = [key for key in others if getattr(self, key) is not None]
+        if missing or extra:
+            wrong = [f"{key} is missing" for key in missing] + [f"{key} is given" for key in extra]
+            expected = "E, " + ", ".join(own)
+            raise ValueError(f"{', '.join(wrong)}: expected {expected} with law = '{self.law}'")
+        if self.law in ("isotropic", "constrained") and not self.E < 3 * self.G:
             raise ValueError(
                 f"E = {self.E:g} Pa and G = {self.G:g} Pa: expected E < 3 G with law = "
                 f"'{self.law}' (nu < 0.5)"
@@ -258,6 +277,8 @@ class Joint(Section):
     def nominal(self) -> dict[str, float]:
         """Value of each parameter; a density only if the file gives one."""
         rho = {} if self.rho is None else {"rho": self.rho}
+        if self.law == "transition":
+            return {"E": self.E, "nu": self.nu, **rho, "h": self.h}
         return {"E": self.E, "G": self.G, **rho, "thickness": 1.0}
 
 

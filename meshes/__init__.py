@@ -12,10 +12,10 @@ from fenics_joints.meshes.lap_plates import lap_plates
 from fenics_joints.meshes.msh import read_msh
 from fenics_joints.meshes.plane import graded_lines, grid_lines
 from fenics_joints.meshes.separate import separate
-from fenics_joints.meshes.tagged import TaggedMesh
+from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [
     "ContactMatch", "MeshQuality", "TaggedMesh", "bolted_plates", "bolted_plates_section", "box",
-    "c_beams", "check_contact", "check_mesh", "dumbbell", "graded_lines", "grid_lines", "lap_beam",
-    "lap_beam_section", "lap_plates", "read_msh", "separate", "stacked_blocks",
+    "c_beams", "check_contact", "check_mesh", "dumbbell", "extent", "graded_lines", "grid_lines",
+    "lap_beam", "lap_beam_section", "lap_plates", "read_msh", "separate", "stacked_blocks",
 ]  # fmt: skip

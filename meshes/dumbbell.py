@@ -15,8 +15,8 @@ from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_ro
 
 __all__ = ["dumbbell"]
 
-_FACES = {"end_1": 1, "end_2": 2, "joint_lower": 3, "joint_upper": 4}
-_BODIES = ("head_1", "neck_1", "neck_2", "head_2")
+FACET_NAMES = {"end_1": 1, "end_2": 2, "joint_lower": 3, "joint_upper": 4}
+BODIES = ("head_1", "neck_1", "neck_2", "head_2")
 _INSIDE, _RING = 1, 2  # of a plane cell: within the hole's circle, within the ring
 
 _require = requirement("dumbbell")
@@ -125,7 +125,7 @@ class _Dumbbell:
     def cell_names(self) -> dict[str, int]:
         """Tag of each part."""
         joints = [f"ring_{i + 1}" for i in range(len(self.rings))] or ["joint"]
-        return {name: i for i, name in enumerate([*_BODIES, *joints], start=1)}
+        return {name: i for i, name in enumerate([*BODIES, *joints], start=1)}
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
@@ -139,19 +139,19 @@ class _Dumbbell:
         z = np.concatenate([-half[:0:-1], layer, half[1:] + self.layer])
         body = len(half) - 1
         n_neck = int(np.sum(half[1:] < self.neck[2] * (1 + 1e-9)))
-        head, n = np.ones(len(quads), dtype=int), len(_BODIES)
+        head, n = np.ones(len(quads), dtype=int), len(BODIES)
         joint = np.where(ring > 0, n + ring, 0) if len(self.rings) else (n + 1) * neck
         rows = [head] * (body - n_neck) + [2 * neck] * n_neck + [joint] * self.n_layer
         rows += [3 * neck] * n_neck + [4 * head] * (body - n_neck)
         column = Extrusion(points, quads, z, np.array(rows), self.cell)
         everywhere = np.ones(len(quads), dtype=bool)
-        column.tag_level(0, everywhere, _FACES["end_1"])
-        column.tag_level(len(z) - 1, everywhere, _FACES["end_2"])
-        column.tag_level(body, joint > 0, _FACES["joint_lower"])
-        column.tag_level(body + self.n_layer, joint > 0, _FACES["joint_upper"])
+        column.tag_level(0, everywhere, FACET_NAMES["end_1"])
+        column.tag_level(len(z) - 1, everywhere, FACET_NAMES["end_2"])
+        column.tag_level(body, joint > 0, FACET_NAMES["joint_lower"])
+        column.tag_level(body + self.n_layer, joint > 0, FACET_NAMES["joint_upper"])
         bolts = np.column_stack([self.rings, np.full(len(self.rings), self.layer / 2)])
         more = {"bolts": bolts} if len(bolts) else {}
-        return MeshLists(self.cell, *column.lists(), self.cell_names, dict(_FACES), more)
+        return MeshLists(self.cell, *column.lists(), self.cell_names, dict(FACET_NAMES), more)
 
     @property
     def n_zone(self) -> int:

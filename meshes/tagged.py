@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -13,7 +13,7 @@ from mpi4py import MPI
 from fenics_joints import _compat
 from fenics_joints.errors import MeshError
 
-__all__ = ["MeshLists", "TaggedMesh", "distribute", "on_root"]
+__all__ = ["MeshLists", "TaggedMesh", "distribute", "extent", "on_root"]
 
 T = TypeVar("T")
 
@@ -48,6 +48,27 @@ class TaggedMesh:
     def facet_tag(self, name: str) -> int:
         """Tag of the face ``name``; raises MeshError when the mesh has no such face."""
         return _lookup(self.facet_names, name, "face")
+
+
+def extent(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[float]) -> float:
+    """Extent, m, of parts together along a direction: the thickness of a flat layer. Collective.
+
+    Args:
+        tagged: The mesh.
+        cells: Names of the parts.
+        normal: The direction; of any length.
+
+    Raises:
+        MeshError: The mesh has no part of one of the names.
+    """
+    found = [tagged.cell_tags.find(tagged.cell_tag(name)) for name in cells]
+    corners = tagged.mesh.geometry.x[_compat.geometry_dofmap(tagged.mesh)[np.concatenate(found)]]
+    gdim = tagged.mesh.geometry.dim
+    n = np.asarray(normal, dtype=float)[:gdim]
+    along = corners[..., :gdim] @ (n / np.linalg.norm(n))
+    comm = tagged.mesh.comm
+    low = comm.allreduce(float(along.min(initial=np.inf)), op=MPI.MIN)
+    return comm.allreduce(float(along.max(initial=-np.inf)), op=MPI.MAX) - low
 
 
 def _lookup(names: dict[str, int], name: str, kind: str) -> int:

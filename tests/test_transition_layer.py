@@ -14,6 +14,8 @@ from mpi4py import MPI
 from scipy.integrate import quad
 
 from fenics_joints import forms
+from fenics_joints.build import build_structure
+from fenics_joints.case import load_case
 from fenics_joints.components import Parameter, part, transition
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.laws import TRANSITION
@@ -242,6 +244,35 @@ def test_terms_reproduce_the_assembled_matrices():
     ):
         assert reduced == pytest.approx(assembled, rel=1e-9, abs=1e-9 * np.abs(assembled).max())
     assert small.total_mass(given) == pytest.approx(model.total_mass(given))
+
+
+def test_case_names_the_layer(tmp_path):
+    """A case's NAME.h is the thickness, whatever the mesh's; wrong keys are named."""
+    text = """
+        mesh = { builder = "dumbbell", element_size = "65 mm", layer = "10 mm" }
+        [parts.bodies]
+        cells = ["head_1", "neck_1", "neck_2", "head_2"]
+        E = "130 GPa"
+        nu = 0.27
+        rho = 7850
+        [joints.layer]
+        cells = "joint"
+        law = "transition"
+        E = "10 GPa"
+        nu = 0.24
+        h = "5 mm"
+    """
+    (tmp_path / "case.toml").write_text(text)
+    model = build_structure(load_case(tmp_path), MPI.COMM_SELF)
+    assert [n for n in model.parameters if n.startswith("layer")] == [
+        "layer.E", "layer.nu", "layer.h",
+    ]  # fmt: skip
+    direct = sandwich(0.005, MPI.COMM_SELF, rho=0.0).stiffness({"h": 0.005})
+    K = model.stiffness()
+    assert K.norm() == pytest.approx(direct.norm(), rel=1e-12)
+    (tmp_path / "case.toml").write_text(text.replace("nu = 0.24", 'G = "4 GPa"'))
+    with pytest.raises(InputError, match="nu is missing, G is given: expected E, nu, h with law"):
+        load_case(tmp_path)
 
 
 # --- density -------------------------------------------------------------------------------------

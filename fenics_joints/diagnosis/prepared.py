@@ -31,6 +31,7 @@ from fenics_joints.diagnosis.library import (
 )
 from fenics_joints.diagnosis.result import Silent
 from fenics_joints.diagnosis.user_effects import for_zones
+from fenics_joints.errors import InputError
 from fenics_joints.measurements import TestData
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Structure
@@ -211,6 +212,12 @@ def prepare(
         InputError: If the case has no test, or names effects that do not exist.
     """
     case = case.diagnosed()
+    for name, section in case.joints.items():
+        if section.law == "transition":
+            raise InputError(
+                f"{case.path}: joints.{name}.law = 'transition': expected a layer with E and G in "
+                "a diagnosis, such as law = 'isotropic'"
+            )
     data = case.measurements() if data is None else data
     zones = None
     if case.contacts:
