@@ -62,11 +62,6 @@ class Damping:
         single = isinstance(self.modal, str | float | int)
         return (self.modal,) if single else tuple(self.modal)
 
-    @property
-    def everywhere(self) -> bool:
-        """Whether something other than single layers is damped."""
-        return any(v != 0 for v in (*self.rayleigh, self.structural))
-
     def check(self, structure) -> None:
         """Refuse names that are not the structure's.
 

@@ -86,7 +86,10 @@ class DynamicStiffness:
     def _lay_out(self) -> None:
         """Pattern of the real matrix, and where the entries of Z go."""
         count = len(self._columns)
-        coupled = np.full(count, self.pencil.damping.everywhere)
+        damping = self.pencil.damping
+        coupled = np.full(count, bool(damping.structural or damping.rayleigh[1]))
+        if damping.rayleigh[0]:
+            coupled |= self._heavy != 0.0
         for values in self._layers.values():
             coupled |= values != 0.0
         self._coupled = coupled
