@@ -1,0 +1,118 @@
+"""Scalars in which the matrices of beams and joint elements are linear, as laws of regions.
+
+A beam is one region with its stiffness and the first of its mass terms, and one region without
+stiffness for each further mass term: a region of `fenics_joints.affine` has a single scalar of mass,
+and the mass of a Timoshenko beam depends on Poisson's ratio and on the height in nine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.beams.element import bending_number
+from fenics_joints.errors import InputError
+from fenics_joints.laws import Law
+
+__all__ = ["AXIAL", "BEAM", "BEAM_MASSES", "LAPPED", "SECTION", "SLAP", "SLIP"]
+
+#: Properties of a beam's region: E, Pa; nu; rho, kg/m3; stretch and width, actual over nominal
+#: height and breadth; height, breadth and length of the element, m; shear coefficient; offset of
+#: the neutral axis over the height, in the stiffness and in the mass.
+SECTION = (
+    "E", "nu", "rho", "stretch", "width", "height", "breadth", "length", "shear", "offset",
+    "mass_offset",
+)  # fmt: skip
+_POSITIVE = {
+    "E": "Pa", "stretch": "", "width": "", "height": "m", "breadth": "m", "length": "m",
+    "shear": "",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _BeamLaw(Law):
+    """A law with a scalar of mass of its own."""
+
+    heavy: Callable = lambda q: 0.0
+
+    def inertia_terms(self, q) -> np.ndarray:
+        return np.array([self.heavy(q)])
+
+
+def _positive(where: str, key: str, value, unit: str) -> None:
+    if not value > 0 or not np.isfinite(value):
+        raise InputError(
+            f"{where}.{key} = {value:g} is out of range: expected {key} > 0 {unit}".rstrip() + "."
+        )
+
+
+def _check_section(where: str, q) -> None:
+    for key, unit in _POSITIVE.items():
+        _positive(where, key, q[key], unit)
+    if not q["rho"] >= 0:
+        raise InputError(f"{where}.rho = {q['rho']:g} is out of range: expected rho >= 0 kg/m3.")
+    if not -1 < q["nu"] < 0.5:
+        raise InputError(f"{where}.nu = {q['nu']:g} is out of range: expected -1 < nu < 0.5.")
+
+
+def _section(q):
+    """Height, m, area, m2, and phi."""
+    height = q["height"] * q["stretch"]
+    phi = bending_number(q["nu"], height, q["length"], q["shear"])
+    return height, height * q["breadth"] * q["width"], phi
+
+
+def _beam_stiffness(q) -> np.ndarray:
+    height, area, phi = _section(q)
+    EA, arm = q["E"] * area, q["offset"] * height
+    EI = EA * height**2 / 12
+    return np.array([EA, EA * arm, EA * arm**2 + EI, EI / (1 + phi)])
+
+
+def _beam_mass(number: int) -> Callable:
+    """The factor of a matrix of `mass_matrices`."""
+
+    def heavy(q):
+        height, area, phi = _section(q)
+        if number < 3:
+            return q["rho"] * area * (q["mass_offset"] * height) ** number
+        by_phi, across = (number - 3) % 3, height**2 / 12 if number > 5 else 1.0
+        return q["rho"] * area * across * phi**by_phi / (1 + phi) ** 2
+
+    return heavy
+
+
+def _none(*arguments):
+    raise NotImplementedError("laws of beams have matrices, no forms")
+
+
+def _law(name, properties, terms, check, heavy) -> _BeamLaw:
+    return _BeamLaw(name, properties, _none, terms, (), check, heavy=heavy)
+
+
+def _joint_law(name: str, key: str, unit: str, zero: bool = False) -> _BeamLaw:
+    def check(where, q):
+        if zero and q[key] == 0:
+            return
+        _positive(where.rpartition(".")[0] or where, key, q[key], unit)
+
+    return _law(name, (key,), lambda q: np.array([q[key]]), check, lambda q: 0.0 * q[key])
+
+
+#: A beam by itself.
+BEAM = _law("offset beam", SECTION, _beam_stiffness, _check_section, _beam_mass(0))
+#: A beam in a lap: the joint elements have its stiffness, all but the axial one.
+LAPPED = _law(
+    "lapped beam", SECTION, lambda q: _beam_stiffness(q)[:1], _check_section, _beam_mass(0)
+)
+#: The further terms of a beam's mass.
+BEAM_MASSES = tuple(
+    _law(f"beam mass {i}", SECTION, lambda q: np.zeros(0), _check_section, _beam_mass(i))
+    for i in range(1, 9)
+)
+#: Generic joint elements (seed 002, eq. 2): k1, k2 in N m, k_axial in N/m.
+SLAP = _joint_law("slap", "k1", "N m")
+SLIP = _joint_law("slip", "k2", "N m")
+AXIAL = _joint_law("axial", "k_axial", "N/m", zero=True)

@@ -1,0 +1,318 @@
+"""Lapped beams with generic joints as a structure with the calls of the solid ones (seed 002)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fenics_joints.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm, number
+from fenics_joints.array_model import ArrayModel
+from fenics_joints.beams.components import Beam, GenericJoint, Held, LumpedMass
+from fenics_joints.beams.element import (
+    joint_damping_matrix,
+    joint_matrices,
+    mass_matrices,
+    stiffness_matrices,
+)
+from fenics_joints.beams.laws import AXIAL, BEAM, BEAM_MASSES, LAPPED, SECTION, SLAP, SLIP
+from fenics_joints.beams.layout import Layout, Stretch, lay_out
+from fenics_joints.components import Parameter, Spring
+from fenics_joints.damping import Damping
+from fenics_joints.errors import InputError
+from fenics_joints.points import Sensors
+
+__all__ = ["BeamStructure"]
+
+#: Stations per element of the path of a mass that may move.
+_STATIONS = 2
+
+
+class BeamStructure:
+    """Beams in a row, each lapped with the next: above, below, above, ... the line of the nodes.
+
+    K, M are exact sums over the parameters, so that `arrays` gives, without a sample or a basis, an
+    `ArrayModel`: what updating, sampling and diagnosis work on. All of it is small and dense, and
+    the same on every rank.
+
+    The plane of motion is x, z: x along the beams from the free end of the first one, z above the
+    interfaces, which lie at z = 0. Sensors, masses and springs stand at (x, y, z), y of no account.
+
+    Args:
+        beams: The beams.
+        joints: Their laps, one fewer.
+        parameters: Parameters that the components name.
+        masses: Bolts, accelerometers.
+        springs: Grounding springs.
+        held: Places that cannot move.
+        offset_mass: Whether the offset enters the mass too; False as in the paper, see
+            `fenics_joints.beams.element`.
+
+    Raises:
+        InputError: For a bad dimension, an unknown parameter, a value out of range, or something
+            that stands beside the beams.
+
+    Attributes:
+        layout: Nodes and elements.
+        model: The matrices as sums.
+        dampers: (label, c, slip value, matrix) of each damped group of joint elements.
+    """
+
+    #: Coordinates of a point.
+    gdim = 3
+
+    def __init__(
+        self,
+        beams: Sequence[Beam],
+        joints: Sequence[GenericJoint] = (),
+        parameters: Sequence[Parameter] = (),
+        *,
+        masses: Sequence[LumpedMass] = (),
+        springs: Sequence[Spring] = (),
+        held: Sequence[Held] = (),
+        offset_mass: bool = True,
+    ):
+        self.beams, self.joints, self.offset_mass = tuple(beams), tuple(joints), offset_mass
+        known = _by_name(parameters)
+        _check_names(known, [*self.beams, *self.joints, *masses, *springs])
+        nominal = {name: p.value for name, p in known.items()}
+        sections = [(number(b.nu, nominal), b.height * number(b.stretch, nominal)) for b in beams]
+        self.layout = lay_out(self.beams, self.joints, held, sections)
+        regions, self.dampers = self._regions()
+        pencil = AffinePencil(
+            known, regions, [self._spring(s) for s in springs],
+            [self._mass(m) for m in masses],
+        )  # fmt: skip
+        self.model = ArrayModel(pencil, 1.0)
+        self.model = ArrayModel(pencil, self.dilation_frequency())
+
+    # -- the calls of a structure ------------------------------------------------------------
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Parameters by name."""
+        return self.model.parameters
+
+    @property
+    def pencil(self) -> AffinePencil:
+        """K(p) and M(p) as sums."""
+        return self.model.pencil
+
+    @property
+    def regions(self) -> Sequence[RegionTerm]:
+        """Beams and joints, with their laws; ``NAME.slap`` and ``NAME.slip`` are a joint's k1, k2."""
+        return self.model.regions
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of degrees of freedom that are not held."""
+        return self.model.n_dofs
+
+    @property
+    def scale_hz(self) -> float:
+        """See `dilation_frequency`."""
+        return self.model.scale_hz
+
+    def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+        """All parameters' values."""
+        return self.model.values(given)
+
+    def stiffness(self, given: Mapping[str, float] | None = None) -> np.ndarray:
+        """K(p), shape (n_dofs, n_dofs)."""
+        return self.model.stiffness(given)
+
+    def mass(self, given: Mapping[str, float] | None = None) -> np.ndarray:
+        """M(p), shape (n_dofs, n_dofs)."""
+        return self.model.mass(given)
+
+    def pencil_gradients(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
+        """Derivatives of x^T (K - lambda M) x by every parameter, see `ArrayModel`."""
+        return self.model.pencil_gradients(shapes, eigenvalues, given)
+
+    def pencil_products(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
+        """(dK/dp - lambda dM/dp) x for every parameter, see `ArrayModel`."""
+        return self.model.pencil_products(shapes, eigenvalues, given)
+
+    def shape_slopes(self, index, given=None) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes of some modes and their derivatives, see `ArrayModel`."""
+        return self.model.shape_slopes(index, given)
+
+    def total_mass(self, given: Mapping[str, float] | None = None) -> float:
+        """Mass, kg."""
+        return self.model.total_mass(given)
+
+    def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
+        """Shapes at sensors, shape (n_sensors, n_shapes)."""
+        return self.sensor_rows(sensors)[0] @ shapes
+
+    def sensor_rows(self, sensors: Sensors) -> tuple[np.ndarray, np.ndarray]:
+        """What sensors read, and the same per metre that they sit further along x.
+
+        Returns:
+            Two arrays (n_sensors, n_dofs).
+
+        Raises:
+            InputError: If a sensor is beside the beams.
+        """
+        if sensors.points.shape[1] != 3:
+            raise InputError(
+                f"sensors have points of {sensors.points.shape[1]} components: expected (x, y, z)."
+            )
+        found = np.array([self.layout.rows(point, "sensor") for point in sensors.points])
+        return tuple(np.einsum("sd,skdn->ksn", sensors.directions[:, [0, 2]], found[:, :, :2]))
+
+    def arrays(self, sensors: Sensors | None = None) -> ArrayModel:
+        """The structure as plain arrays, with what sensors see: exact, no reduction."""
+        rows = (None, None) if sensors is None else self.sensor_rows(sensors)
+        return ArrayModel(self.pencil, self.scale_hz, *rows)
+
+    def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
+        """Frequency, Hz, at which the beams would stretch evenly along x: a scale for shifts."""
+        values = self.values(given)
+        x = np.repeat(self.layout.x - self.layout.x.mean(), 3)[self.layout.free]
+        shape = np.where(self.layout.free % 3 == 0, x, 0.0)
+        K, M = self.model.stiffness(values), self.model.mass(values)
+        if not self.total_mass(values) > 0:
+            raise InputError("the structure has no mass: expected a density > 0 in some beam.")
+        return float(np.sqrt((shape @ K @ shape) / (shape @ M @ shape)) / (2 * np.pi))
+
+    # -- damping -----------------------------------------------------------------------------
+
+    def damping_matrix(self, given: Mapping[str, float] | None = None) -> np.ndarray:
+        """C(p) of eq. 3, N s/m, shape (n_dofs, n_dofs).
+
+        Raises:
+            InputError: If a c is negative.
+        """
+        values = self.values(given)
+        total = np.zeros((self.n_dofs, self.n_dofs))
+        for label, c, _, matrix in self.dampers:
+            total += _damping(label, number(c, values)) * matrix
+        return total
+
+    def layer_damping(self, given: Mapping[str, float] | None = None) -> Damping:
+        """The same damping as relaxation times c / k2 of the regions ``NAME.slip``.
+
+        It is what the suite's FRFs and complex modes take; k2 and c enter as numbers.
+
+        Raises:
+            InputError: If a c is negative, or k2 and c of a joint have different groups.
+        """
+        values = self.values(given)
+        slips = {r.name: number(r.properties["k2"], values) for r in self.regions if r.law is SLIP}
+        times = {}
+        for label, c, _, _ in self.dampers:
+            name = f"{label}.slip"
+            if name not in slips:
+                raise InputError(
+                    f"{label}.c: expected as many values as k2 has, to be a relaxation time of it."
+                )
+            times[name] = _damping(label, number(c, values)) / slips[name]
+        return Damping(viscous=times)
+
+    # -- assembly ----------------------------------------------------------------------------
+
+    def _regions(self):
+        regions, dampers = [], []
+        for stretch in self.layout.stretches:
+            joint = None if stretch.joint is None else self.joints[stretch.joint]
+            for i in stretch.beams:
+                regions += self._beam(i, stretch, joint)
+            if joint is not None:
+                regions += self._joint(stretch, joint)
+                dampers += self._dampers(stretch, joint)
+        # The first region is the first beam's: its size is the model's.
+        return regions, tuple(dampers)
+
+    def _beam(self, i: int, stretch: Stretch, joint: GenericJoint | None) -> list[RegionTerm]:
+        """A beam, or its share of a lap: its mass, and its axial stiffness unless that is given."""
+        beam, layout = self.beams[i], self.layout
+        name = beam.name if joint is None else f"{joint.name}.{beam.name}"
+        elements = range(stretch.first, stretch.first + stretch.n)
+        heavy = layout.assemble(mass_matrices(stretch.length), elements)
+        stiff = layout.assemble(stiffness_matrices(stretch.length), elements)
+        if joint is not None:
+            stiff = stiff[:1] * (joint.k_axial is None)
+        offset = 0.5 if i % 2 == 0 else -0.5
+        numbers = {
+            "height": beam.height, "breadth": beam.breadth, "length": stretch.length,
+            "shear": beam.shear, "offset": offset,
+            "mass_offset": offset if self.offset_mass else 0.0,
+        }  # fmt: skip
+        q = {key: numbers.get(key, getattr(beam, key, None)) for key in SECTION}
+        length = stretch.n * stretch.length
+        own = RegionTerm(name, BEAM if joint is None else LAPPED, q, stiff, heavy[0], length)
+        return [own] + [
+            RegionTerm(f"{name}.mass[{k}]", law, q, stiff[:0], matrix, 0.0)
+            for k, (law, matrix) in enumerate(zip(BEAM_MASSES, heavy[1:], strict=True), 1)
+        ]
+
+    def _joint(self, stretch: Stretch, joint: GenericJoint) -> list[RegionTerm]:
+        slap, slip, axial = joint_matrices(stretch.length)
+        found = []
+        for key, law, matrix in (("k1", SLAP, slap), ("k2", SLIP, slip)):
+            for label, value, elements in joint.groups(key):
+                found.append(self._term(f"{label}.{law.name}", law, key, value, matrix,
+                                        [stretch.first + e for e in elements]))  # fmt: skip
+        if joint.k_axial is not None:
+            elements = range(stretch.first, stretch.first + stretch.n)
+            found.append(self._term(f"{joint.name}.axial", AXIAL, "k_axial", joint.k_axial, axial,
+                                    elements))  # fmt: skip
+        return found
+
+    def _term(self, name, law, key, value, matrix, elements) -> RegionTerm:
+        stiff = self.layout.assemble(matrix[None], elements)
+        return RegionTerm(name, law, {key: value}, stiff, np.zeros_like(stiff[0]), 0.0)
+
+    def _dampers(self, stretch: Stretch, joint: GenericJoint):
+        for label, c, elements in joint.groups("c"):
+            at = [stretch.first + e for e in elements]
+            yield label, c, at, self.layout.assemble(joint_damping_matrix()[None], at)[0]
+
+    def _mass(self, mass: LumpedMass) -> MassTerm:
+        moves = isinstance(mass.travel, str)
+        if moves and mass.range is None:
+            raise InputError(f"{mass.name}.range is missing: expected the range of its travel, m.")
+        low, high = mass.range if moves else (float(mass.travel),) * 2
+        step = np.min(np.diff(self.layout.x)) / _STATIONS
+        n = 1 if low == high else max(4, int(np.ceil((high - low) / step)) + 1)
+        stations = np.linspace(low, high, n)
+        x, y, z = mass.point
+        rows = np.array([self.layout.rows((x + s, y, z), mass.name)[0] for s in stations])
+        # Scaled by the radius of gyration, the rotation's share of the mass is the rotary inertia.
+        rows[:, 2] *= mass.radius
+        travel = mass.travel if moves else low
+        return MassTerm(mass.name, mass.mass, travel, mass.share, stations, rows)
+
+    def _spring(self, spring: Spring) -> SpringTerm:
+        row = np.asarray(spring.direction)[[0, 2]] @ self.layout.rows(spring.point, spring.name)[0][:2]
+        return SpringTerm(spring.name, spring.stiffness, spring.share, row)
+
+
+def _by_name(parameters: Sequence[Parameter]) -> dict[str, Parameter]:
+    known: dict[str, Parameter] = {}
+    for p in parameters:
+        if p.name in known:
+            raise InputError(f"parameter {p.name}: expected each name once.")
+        known[p.name] = p
+    return known
+
+
+def _check_names(known: Mapping[str, Parameter], components: Sequence) -> None:
+    """Every string but a component's own name must be a parameter's."""
+    for component in components:
+        for key, value in vars(component).items():
+            if key == "name":
+                continue
+            for one in value if isinstance(value, tuple | list) else [value]:
+                if isinstance(one, str) and one not in known:
+                    raise InputError(
+                        f"{component.name}.{key} = {one!r}: no such parameter; expected a number "
+                        f"or one of: {', '.join(known) or 'none'}."
+                    )
+
+
+def _damping(label: str, c: float) -> float:
+    if not 0 <= c < np.inf:
+        raise InputError(f"{label}.c = {c:g}: expected a damping >= 0 N m s.")
+    return c
