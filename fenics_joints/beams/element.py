@@ -1,4 +1,4 @@
-"""The offset Timoshenko beam element and the generic joint element of seed 002, as sums of matrices.
+"""The offset Timoshenko beam and the generic joint element of seed 002, as sums of matrices.
 
 Two nodes with (u, w, theta) each: displacement along the reference line, across it, and rotation,
 theta = dw/dx. The neutral axis lies a distance q above the reference line, where the axial
@@ -81,7 +81,9 @@ def _between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def stiffness_matrices(length: float) -> np.ndarray:
-    """Matrices of eq. 1, shape (4, 6, 6): their factors are E A, E A q, E A q^2 + E I, E I / (1 + phi).
+    """Matrices of eq. 1, shape (4, 6, 6).
+
+    Their factors are E A, E A q, E A q^2 + E I and E I / (1 + phi).
 
     Args:
         length: Length L of the element, m.
@@ -94,13 +96,13 @@ def stiffness_matrices(length: float) -> np.ndarray:
 
 
 def joint_matrices(length: float) -> np.ndarray:
-    """Matrices of eq. 2, shape (3, 6, 6): their factors are k1, k2 (N m) and the axial 2 k_A (N/m)."""
+    """Matrices of eq. 2, shape (3, 6, 6); their factors: k1, k2 (N m), the axial 2 k_A (N/m)."""
     extension, bending, sway = _rows(length)
     return np.array([np.outer(row, row) for row in (sway, bending, extension)])
 
 
 def joint_damping_matrix() -> np.ndarray:
-    """Matrix of eq. 3, shape (6, 6): its factor is c, N m s. It is that of k2: slip alone is damped."""
+    """Matrix of eq. 3, shape (6, 6); its factor is c, N m s. It is k2's: slip alone is damped."""
     bending = _rows(1.0)[1]
     return np.outer(bending, bending)
 

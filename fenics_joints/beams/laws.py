@@ -1,8 +1,8 @@
 """Scalars in which the matrices of beams and joint elements are linear, as laws of regions.
 
 A beam is one region with its stiffness and the first of its mass terms, and one region without
-stiffness for each further mass term: a region of `fenics_joints.affine` has a single scalar of mass,
-and the mass of a Timoshenko beam depends on Poisson's ratio and on the height in nine.
+stiffness for each further mass term: a region of `fenics_joints.affine` has a single scalar of
+mass, and that of a Timoshenko beam depends on Poisson's ratio and on the height in nine.
 """
 
 from __future__ import annotations

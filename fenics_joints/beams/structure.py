@@ -16,7 +16,7 @@ from fenics_joints.beams.element import (
     stiffness_matrices,
 )
 from fenics_joints.beams.laws import AXIAL, BEAM, BEAM_MASSES, LAPPED, SECTION, SLAP, SLIP
-from fenics_joints.beams.layout import Layout, Stretch, lay_out
+from fenics_joints.beams.layout import Stretch, lay_out
 from fenics_joints.components import Parameter, Spring
 from fenics_joints.damping import Damping
 from fenics_joints.errors import InputError
@@ -55,7 +55,7 @@ class BeamStructure:
     Attributes:
         layout: Nodes and elements.
         model: The matrices as sums.
-        dampers: (label, c, slip value, matrix) of each damped group of joint elements.
+        dampers: (label, c, elements, matrix) of each group of joint elements with one c.
     """
 
     #: Coordinates of a point.
@@ -100,7 +100,7 @@ class BeamStructure:
 
     @property
     def regions(self) -> Sequence[RegionTerm]:
-        """Beams and joints, with their laws; ``NAME.slap`` and ``NAME.slip`` are a joint's k1, k2."""
+        """Beams and joints with their laws; ``NAME.slap``, ``NAME.slip`` are a joint's k1, k2."""
         return self.model.regions
 
     @property
@@ -285,7 +285,8 @@ class BeamStructure:
         return MassTerm(mass.name, mass.mass, travel, mass.share, stations, rows)
 
     def _spring(self, spring: Spring) -> SpringTerm:
-        row = np.asarray(spring.direction)[[0, 2]] @ self.layout.rows(spring.point, spring.name)[0][:2]
+        at, _ = self.layout.rows(spring.point, spring.name)
+        row = np.asarray(spring.direction)[[0, 2]] @ at[:2]
         return SpringTerm(spring.name, spring.stiffness, spring.share, row)
 
 

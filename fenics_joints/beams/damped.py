@@ -1,0 +1,251 @@
+"""Damped modes of bolted beams, the joint's damping from measured ratios, and why modes differ.
+
+The state matrix A of seed 002, eq. 9, is taken in the coordinates of the undamped modes, where it
+is well scaled: a similarity, so that the eigenvalues are those of eq. 9. Rigid-body modes, which
+slip does not damp, are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from scipy.optimize import least_squares
+
+from fenics_joints.affine import number
+from fenics_joints.beams.structure import BeamStructure
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.points import Sensors
+
+__all__ = [
+    "DampedModes",
+    "DampingFit",
+    "SlipTable",
+    "identify_damping",
+    "slip_table",
+    "solve_damped_modes",
+]
+
+
+@dataclass(frozen=True)
+class DampedModes:
+    """Elastic modes of a damped structure, in ascending order of |s|.
+
+    Attributes:
+        model: The structure.
+        given: The parameters that differed from their nominal values.
+        eigenvalues: s, 1/s, those above the real axis, shape (n,).
+        shapes: Complex shapes, with s^2 x^T M x - x^T K x = 2 s^2, shape (n_dofs, n).
+        gradients: ds/dc of each group of joint elements with one c, shape (n, n_groups).
+    """
+
+    model: BeamStructure
+    given: Mapping[str, float]
+    eigenvalues: np.ndarray
+    shapes: np.ndarray
+    gradients: np.ndarray
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """|s| / 2 pi, Hz."""
+        return np.abs(self.eigenvalues) / (2 * np.pi)
+
+    @property
+    def damping_ratios(self) -> np.ndarray:
+        """-Re s / |s|."""
+        return -self.eigenvalues.real / np.abs(self.eigenvalues)
+
+    def ratio_gradients(self) -> np.ndarray:
+        """Derivatives of the damping ratios by the c of each group, shape (n, n_groups)."""
+        s, ds = self.eigenvalues[:, None], self.gradients
+        size = np.abs(s)
+        return -ds.real / size + s.real * (s.conj() * ds).real / size**3
+
+    def at(self, sensors: Sensors) -> np.ndarray:
+        """Complex shapes at sensors, shape (n_sensors, n)."""
+        return self.model.observe(self.shapes, sensors)
+
+
+def solve_damped_modes(
+    structure: BeamStructure, given: Mapping[str, float] | None = None, *, n_modes: int = 10
+) -> DampedModes:
+    """Eigenvalues of the state matrix (seed 002, eq. 9) and their derivatives by c.
+
+    Args:
+        structure: The beams.
+        given: Values of parameters that differ from their nominal value.
+        n_modes: Number of elastic modes.
+
+    Raises:
+        InputError: If ``n_modes`` is out of range, or a c is negative.
+        ConvergenceError: If a mode is damped so heavily that it does not oscillate.
+    """
+    given = dict(given or {})
+    undamped = solve_modes(structure, given, n_modes=structure.n_dofs)
+    basis = undamped.shapes[:, undamped.n_rigid :]
+    stiff = undamped.eigenvalues[undamped.n_rigid :]
+    if not 1 <= n_modes <= len(stiff):
+        raise InputError(f"n_modes = {n_modes}: expected 1 to {len(stiff)}.")
+    damping = basis.T @ structure.damping_matrix(given) @ basis
+    m = len(stiff)
+    # Velocities over the frequency: both halves of the state are then of one size.
+    omega = np.sqrt(stiff)
+    state = np.block([[np.zeros((m, m)), np.diag(omega)], [-np.diag(omega), -damping]])
+    s, vectors = scipy.linalg.eig(state)
+    above = np.flatnonzero(s.imag > 0)
+    above = above[np.argsort(np.abs(s[above]))][:n_modes]
+    if len(above) < n_modes:
+        raise ConvergenceError(
+            f"{n_modes - len(above)} of {n_modes} modes do not oscillate: the damping c of the "
+            "joint is above the critical one"
+        )
+    s, y = s[above], vectors[:m, above] / omega[:, None]
+    y = y * np.sqrt(2 * s**2 / (s**2 * np.sum(y**2, axis=0) - np.sum(stiff[:, None] * y**2, 0)))
+    shapes = basis @ y
+    # d/dc of x^T (s^2 M + s C + K) x = 0, and its derivative by s, 2 s x^T M x + x^T C x =
+    # (s^2 x^T M x - x^T K x) / s = 2 s.
+    slip = [np.einsum("nk,nm,mk->k", shapes, D, shapes) for *_, D in structure.dampers]
+    gradients = -0.5 * np.array(slip).reshape(-1, n_modes).T
+    return DampedModes(structure, given, s, shapes, gradients)
+
+
+@dataclass(frozen=True)
+class DampingFit:
+    """Damping coefficients from measured damping ratios.
+
+    Attributes:
+        names: Names of the parameters c.
+        values: N m s.
+        sd: Their standard deviations, if the ratios' errors are independent.
+        ratios: The model's damping ratios, shape (m,).
+        measured: The measured ones, shape (m,).
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    sd: np.ndarray
+    ratios: np.ndarray
+    measured: np.ndarray
+
+
+def identify_damping(
+    structure: BeamStructure,
+    names: Sequence[str],
+    ratios: Sequence[float],
+    given: Mapping[str, float] | None = None,
+    *,
+    relative_sd: float | Sequence[float] = 0.1,
+) -> DampingFit:
+    """The c that makes the lowest modes' damping ratios nearest to measured ones (seed 002).
+
+    Args:
+        structure: The beams.
+        names: Parameters c of its joints.
+        ratios: Measured damping ratios of the lowest elastic modes, not per cent; nan if missing.
+        given: Values of the other parameters, such as k1 and k2 that frequencies gave.
+        relative_sd: Their relative standard deviation.
+
+    Raises:
+        InputError: If a name is no joint's c, or a ratio not positive.
+        ConvergenceError: If the least squares do not converge.
+    """
+    names, ratios = tuple(names), np.asarray(ratios, dtype=float)
+    of_groups = [c for _, c, *_ in structure.dampers]
+    for name in names:
+        if name not in of_groups:
+            known = sorted({c for c in of_groups if isinstance(c, str)})
+            raise InputError(
+                f"{name!r} is not the damping c of a joint: expected one of: "
+                f"{', '.join(known) or 'none, all are numbers'}."
+            )
+    used = np.isfinite(ratios)
+    if not used.any() or not np.all(ratios[used] > 0):
+        raise InputError(f"ratios = {ratios.tolist()}: expected positive damping ratios.")
+    sd = (np.broadcast_to(relative_sd, ratios.shape) * ratios)[used]
+    columns = np.array([[c == name for name in names] for c in of_groups], dtype=float)
+
+    def solve(x):
+        values = {**(given or {}), **dict(zip(names, x.tolist(), strict=True))}
+        return solve_damped_modes(structure, values, n_modes=len(ratios))
+
+    def residual(x):
+        return (solve(x).damping_ratios - ratios)[used] / sd
+
+    def slope(x):
+        return (solve(x).ratio_gradients() @ columns)[used] / sd[:, None]
+
+    # Ratios are nearly linear in c: the slope without damping gives the start.
+    at_zero = slope(np.zeros(len(names)))
+    start = np.linalg.lstsq(at_zero, -residual(np.zeros(len(names))), rcond=None)[0]
+    start = np.maximum(start, 1e-3 * np.max(np.abs(start)))
+    found = least_squares(residual, start, slope, bounds=(0, np.inf), x_scale=start)
+    if found.status <= 0:
+        raise ConvergenceError(f"identifying {', '.join(names)} did not converge", found.message)
+    covariance = np.linalg.pinv(found.jac.T @ found.jac)
+    return DampingFit(
+        names, found.x, np.sqrt(np.diag(covariance)), solve(found.x).damping_ratios, ratios
+    )
+
+
+@dataclass(frozen=True)
+class SlipTable:
+    """Which modes the joints damp, and why.
+
+    To first order a mode's damping ratio is sum_e c_e (theta_2 - theta_1)_e^2 / (2 omega), over the
+    joint elements e and with a mass-normalised shape: what counts is how much the line of the lap
+    bends, its curvature (theta_2 - theta_1) / L.
+
+    Attributes:
+        frequencies_hz: Of each elastic mode, shape (n,).
+        curvature: Root mean square of the curvature over the joints, relative to that over the
+            whole structure, shape (n,).
+        energy: Share of the strain energy that is in slip, shape (n,).
+        ratios: First-order damping ratios, shape (n,).
+    """
+
+    frequencies_hz: np.ndarray
+    curvature: np.ndarray
+    energy: np.ndarray
+    ratios: np.ndarray
+
+
+def slip_table(
+    structure: BeamStructure, given: Mapping[str, float] | None = None, *, n_modes: int = 10
+) -> SlipTable:
+    """Curvature at the joints, energy in slip and first-order damping of each elastic mode.
+
+    Raises:
+        InputError: If the structure has no joint, or ``n_modes`` is out of range.
+    """
+    if not structure.joints:
+        raise InputError("joints: expected at least one; beams alone have no damping here.")
+    modes = solve_modes(structure, given, n_modes=min(n_modes + 3, structure.n_dofs))
+    index = np.arange(modes.n_rigid, modes.n_rigid + n_modes)
+    if index[-1] >= len(modes):
+        raise InputError(f"n_modes = {n_modes}: expected at most {len(modes) - modes.n_rigid}.")
+    turns, lengths, lapped = _turns(structure, modes, index)
+    over = (lengths[lapped], lengths)
+    at_joint, whole = (
+        np.sqrt(np.sum(t**2 / L[:, None], axis=0) / np.sum(L))
+        for t, L in zip((turns[lapped], turns), over, strict=True)
+    )
+    omega = np.sqrt(modes.eigenvalues[index])
+    x, values = modes.shapes[:, index], structure.values(given)
+    slips = [r for r in structure.regions if r.law.name == "slip"]
+    energy = sum(
+        number(r.properties["k2"], values) * np.sum(x * (r.stiffness[0] @ x), axis=0) for r in slips
+    )
+    work = np.sum(x * (structure.damping_matrix(given) @ x), axis=0)
+    return SlipTable(omega / (2 * np.pi), at_joint / whole, energy / omega**2, work / (2 * omega))
+
+
+def _turns(structure: BeamStructure, modes: Modes, index) -> tuple[np.ndarray, ...]:
+    """theta_2 - theta_1 of all elements, their lengths, and which are in a lap."""
+    layout = structure.layout
+    whole = np.zeros((3 * len(layout.x), len(index)))
+    whole[layout.free] = modes.shapes[:, index]
+    lapped = np.concatenate([np.full(s.n, s.joint is not None) for s in layout.stretches])
+    return np.diff(whole[2::3], axis=0), np.diff(layout.x), lapped
