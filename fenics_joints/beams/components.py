@@ -45,6 +45,8 @@ class Beam:
         stretch: Actual over nominal height.
         width: Actual over nominal breadth.
         shear: Shear area coefficient; 1.2 for a rectangle.
+        offset: Height of the neutral axis above the line of the nodes, over the height; None for a
+            half above that of the first, third, ... beam of a chain and below that of the others.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Beam:
     stretch: Value = 1.0
     width: Value = 1.0
     shear: float = 1.2
+    offset: float | None = None
 
     def __post_init__(self):
         for key in ("length", "breadth", "height"):

@@ -233,7 +233,8 @@ class BeamStructure:
         stiff = layout.assemble(stiffness_matrices(stretch.length), elements)
         if joint is not None:
             stiff = stiff[:1] * (joint.k_axial is None)
-        offset = 0.5 if i % 2 == 0 else -0.5
+        usual = 0.5 if i % 2 == 0 else -0.5
+        offset = usual if beam.offset is None else beam.offset
         numbers = {
             "height": beam.height, "breadth": beam.breadth, "length": stretch.length,
             "shear": beam.shear, "offset": offset,
