@@ -143,7 +143,7 @@ def shape_functions(t: float, length: float, phi: float) -> tuple[np.ndarray, ..
     """Rows of u, w, theta at x = t L of an element, and of their slopes by x; each (3, 6).
 
     Those of a Timoshenko beam that is loaded at its ends only (Friedman and Kosmatka, Comput.
-    Struct. 47, 1993): A1 is their mass matrix, with u of the reference line linear.
+    Struct. 47, 1993): A1 is their mass matrix. Axial displacements are linear between the nodes.
 
     Args:
         t: Place in the element, from 0 to 1.
