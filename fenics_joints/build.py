@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import Case, unknown_groups
-from fenics_joints.case_mesh import FileMesh
+from fenics_joints.case_mesh import FileMesh, OffsetBeamsMesh
 from fenics_joints.case_preload import BeamBoltSection, PretensionBoltSection
 from fenics_joints.case_sections import (
     AXES,
@@ -40,6 +41,9 @@ from fenics_joints.preload import (
 )
 from fenics_joints.structure import Structure
 
+if TYPE_CHECKING:
+    from fenics_joints.beams import BeamStructure
+
 __all__ = ["RIGID_SUPPORT", "build_mesh", "build_preload", "build_structure", "parameters"]
 
 _UNITS = {
@@ -52,6 +56,10 @@ _UNITS = {
     "k_n": "Pa/m",
     "k_t": "Pa/m",
     "h": "m",
+    "k1": "N m",
+    "k2": "N m",
+    "k_axial": "N/m",
+    "c": "N m s",
 }
 #: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
 _JOINT_MODULUS = (1e2, 1e14)
@@ -60,6 +68,8 @@ _KNOWN = 3.0
 _THICKNESS = (0.5, 2.0)
 #: How far the thickness of a transition layer may be from its nominal value, as a factor.
 _LAYER = 30.0
+#: How far the stiffness of a lap of beams may be from its nominal value, as a factor; most damping.
+_LAP, _DAMPER = 1e3, 1e3
 _NU = (0.0, 0.49)
 #: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
 #: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
@@ -99,12 +109,12 @@ def build_structure(
     tagged: TaggedMesh | None = None,
     width: bool = False,
     elastic_supports: bool = False,
-) -> Structure:
+) -> Structure | BeamStructure:
     """The structure of a case, all its numbers as parameters. Collective.
 
     The parameters are named NAME.KEY: E, nu, rho and thickness of a part; E, G, thickness, and rho
-    if given, of a joint; E, nu, h of a transition layer; mass, stiffness. A thickness is relative
-    to the mesh's, 1; h is in metres.
+    if given, of a joint; E, nu, h of a transition layer; k1, k2, c, and k_axial if given, of a lap
+    of beams; mass, stiffness. A thickness is relative to the mesh's, 1; h is in metres.
 
     Args:
         case: The case.
@@ -123,6 +133,10 @@ def build_structure(
         InputError: For a value that is out of range.
         MeshError: As `build_mesh`.
     """
+    if isinstance(case.mesh, OffsetBeamsMesh):
+        from fenics_joints.build_beams import build_beams
+
+        return build_beams(case, attached=attached, width=width)
     tagged = build_mesh(case, comm) if tagged is None else tagged
     pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
     masses = [m for name, section in pointed.items() for m in _masses(name, section)]
@@ -246,6 +260,10 @@ def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]
         low, high = _THICKNESS
     elif isinstance(section, Joint) and key in ("E", "G"):
         low, high = _JOINT_MODULUS
+    elif key in ("k1", "k2", "k_axial"):
+        low, high = value / _LAP, value * _LAP
+    elif key == "c":
+        low, high = 0.0, _DAMPER
     elif key == "h":
         low, high = value / _LAYER, value * _LAYER
     else:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Discriminator, Tag
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from fenics_joints.case_sections import Count, Gap, Length, Section, Size
+from fenics_joints.case_sections import Count, Gap, Length, Positive, Section, Size, listed
+from fenics_joints.errors import MeshError
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -22,6 +23,7 @@ __all__ = [
     "LapBeamMesh",
     "LapPlatesMesh",
     "Mesh",
+    "OffsetBeamsMesh",
 ]
 
 
@@ -190,6 +192,66 @@ class DumbbellMesh(BuilderMesh):
         return dumbbell(comm, **self.arguments())
 
 
+_Sizes = Annotated[list[Size], BeforeValidator(listed), Field(min_length=1)]
+_Counts = Annotated[list[Count], BeforeValidator(listed), Field(min_length=1)]
+
+
+class OffsetBeamsMesh(BuilderMesh):
+    """``builder = "offset_beams"``: beams in a row, each lapped with the next, in place of a mesh.
+
+    The beams are ``beam_1``, ``beam_2``, ..., the laps ``lap``, or ``lap_1``, ... if there are
+    several, the ends ``left`` and ``right``; x starts at the left end, and z = 0 is where the beams
+    touch. A single value of a list holds for all. ``elements`` are those of each beam outside its
+    laps. With ``offset_mass = false`` the mass is that of beams whose axis is the line of the
+    nodes, as in seed 002: see `fenics_joints.beams.element`.
+    """
+
+    builder: Literal["offset_beams"]
+    lengths: _Sizes
+    laps: Annotated[list[Size], BeforeValidator(listed)] = []
+    width: _Sizes
+    thickness: _Sizes
+    elements: _Counts
+    lap_elements: _Counts = [5]
+    shear: Positive = 1.2
+    offset_mass: bool = True
+
+    @model_validator(mode="after")
+    def _one_for_each(self) -> OffsetBeamsMesh:
+        n = len(self.lengths)
+        if len(self.laps) not in ({1, n - 1} if n > 1 else {0}):
+            raise ValueError(f"laps has {len(self.laps)} values: expected {n - 1} for {n} beams")
+        numbers = {"width": n, "thickness": n, "elements": n, "lap_elements": n - 1}
+        for key, most in numbers.items():
+            found = len(getattr(self, key))
+            if found not in (1, most):
+                raise ValueError(f"{key} has {found} values: expected one, or {most}")
+        return self
+
+    def of(self, key: str) -> list:
+        """A value of ``key`` for each beam, or lap."""
+        n = len(self.lengths) - (key in ("laps", "lap_elements"))
+        values = list(getattr(self, key))
+        return values * n if len(values) == 1 else values
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the beams and laps, and of the ends."""
+        n = len(self.lengths)
+        laps = ["lap"] if n == 2 else [f"lap_{i + 1}" for i in range(n - 1)]
+        return [*(f"beam_{i + 1}" for i in range(n)), *laps], ["left", "right"]
+
+    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+        """Refused: beams have no mesh.
+
+        Raises:
+            MeshError: Always.
+        """
+        raise MeshError(
+            "builder = 'offset_beams' has no mesh of cells: expected another builder, or a file, "
+            "for what this command does; modes and update work on beams"
+        )
+
+
 class FileMesh(Section):
     """``[mesh]`` from a gmsh file with named physical groups."""
 
@@ -202,7 +264,7 @@ class FileMesh(Section):
 #: Classes of the builders, by name.
 BUILDERS = {
     "lap_plates": LapPlatesMesh, "c_beams": CBeamsMesh, "lap_beam": LapBeamMesh,
-    "dumbbell": DumbbellMesh,
+    "dumbbell": DumbbellMesh, "offset_beams": OffsetBeamsMesh,
 }  # fmt: skip
 
 
@@ -220,6 +282,7 @@ Mesh = Annotated[
     | Annotated[CBeamsMesh, Tag("<CBeamsMesh>")]
     | Annotated[LapBeamMesh, Tag("<LapBeamMesh>")]
     | Annotated[DumbbellMesh, Tag("<DumbbellMesh>")]
+    | Annotated[OffsetBeamsMesh, Tag("<OffsetBeamsMesh>")]
     | Annotated[FileMesh, Tag("<FileMesh>")],
     Discriminator(_mesh_kind),
 ]

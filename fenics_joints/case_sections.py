@@ -102,6 +102,9 @@ Modulus = quantity("Pa", 0, above=True)
 Density = quantity("kg/m3", 0, above=True)
 Mass = quantity("kg", 0, above=True)
 Stiffness = quantity("N/m", 0, above=True)
+Turning = quantity("N*m", 0, above=True)
+Damper = quantity("N*m*s", 0)
+Inertia = quantity("kg*m2", 0)
 Spacing = quantity("Hz", 0)
 Positive = quantity("", 0, above=True)
 Share = quantity("", 0)
@@ -210,6 +213,10 @@ class JointTolerance(Section):
     h: Share | None = None
     rho: Share | None = None
     thickness: Share | None = None
+    k1: Share | None = None
+    k2: Share | None = None
+    k_axial: Share | None = None
+    c: Share | None = None
 
 
 class JointBounds(Section):
@@ -221,6 +228,18 @@ class JointBounds(Section):
     h: ascending(Size) | None = None
     rho: ascending(Density) | None = None
     thickness: ascending(Positive) | None = None
+    k1: ascending(Turning) | None = None
+    k2: ascending(Turning) | None = None
+    k_axial: ascending(Stiffness) | None = None
+    c: ascending(Damper) | None = None
+
+
+#: What a joint must have by its law, and what it may have; all else is refused.
+_JOINT_KEYS = {
+    "transition": (("E", "nu", "h"), ("meshed", "rho")),
+    "generic": (("k1", "k2"), ("c", "k_axial")),
+}
+_LAYER_KEYS = ("E", "G"), ("rho",)
 
 
 class Joint(Section):
@@ -231,16 +250,24 @@ class Joint(Section):
 
     With ``law = "transition"`` (seed 000) it has E, nu and its thickness ``h`` in place of G; the
     mesh's is ``meshed``, by default the extent of all its cells along the normal.
+
+    With ``law = "generic"`` (seed 002) it is a lap of beams (``builder = "offset_beams"``) with the
+    stiffness of slap ``k1`` and of slip ``k2`` of each joint element, N m, the damping of slip
+    ``c``, N m s, and, if it is not the beams' own, the axial stiffness ``k_axial``, N/m.
     """
 
     cells: Names
-    law: Literal["isotropic", "uncoupled", "constrained", "transition"] = "uncoupled"
-    E: Modulus
+    law: Literal["isotropic", "uncoupled", "constrained", "transition", "generic"] = "uncoupled"
+    E: Modulus | None = None
     G: Modulus | None = None
     nu: Poisson | None = None
     h: Size | None = None
     meshed: Size | None = None
     rho: Density | None = None
+    k1: Turning | None = None
+    k2: Turning | None = None
+    k_axial: Stiffness | None = None
+    c: Damper | None = None
     bolted: bool = False
     bolts: Annotated[list[Point], Field(min_length=1)] | None = None
     normal: Direction = (0.0, 0.0, 1.0)
@@ -249,14 +276,14 @@ class Joint(Section):
 
     @model_validator(mode="after")
     def _definite(self) -> Joint:
-        own, others = ("G",), ("nu", "h", "meshed")
-        if self.law == "transition":
-            own, others = ("nu", "h"), ("G",)
+        own, more = _JOINT_KEYS.get(self.law, _LAYER_KEYS)
+        allowed = {"cells", "law", "bolted", "bolts", "normal", "tolerance", "bounds", *own, *more}
         missing = [key for key in own if getattr(self, key) is None]
-        extra = [key for key in others if getattr(self, key) is not None]
+        given = [key for key in self.model_fields_set if getattr(self, key) is not None]
+        extra = sorted(set(given) - allowed)
         if missing or extra:
             wrong = [f"{key} is missing" for key in missing] + [f"{key} is given" for key in extra]
-            expected = "E, " + ", ".join(own)
+            expected = ", ".join(own)
             raise ValueError(f"{', '.join(wrong)}: expected {expected} with law = '{self.law}'")
         if self.law in ("isotropic", "constrained") and not self.E < 3 * self.G:
             raise ValueError(
@@ -279,6 +306,9 @@ class Joint(Section):
         rho = {} if self.rho is None else {"rho": self.rho}
         if self.law == "transition":
             return {"E": self.E, "nu": self.nu, **rho, "h": self.h}
+        if self.law == "generic":
+            axial = {} if self.k_axial is None else {"k_axial": self.k_axial}
+            return {"k1": self.k1, "k2": self.k2, **axial, "c": self.c or 0.0}
         return {"E": self.E, "G": self.G, **rho, "thickness": 1.0}
 
 
@@ -292,10 +322,12 @@ class PointsSection(Section):
 class MassSection(PointsSection):
     """``[masses.NAME]``: a total mass in equal shares at points.
 
-    ``travel`` is where the first point may sit along ``along``; the others move with it.
+    ``travel`` is where the first point may sit along ``along``; the others move with it. On beams
+    (``builder = "offset_beams"``) each point may have a rotary ``inertia``.
     """
 
     mass: Mass
+    inertia: Inertia | None = None
     travel: ascending(Length) | None = None
     along: Literal["x", "y", "z"] = "x"
 

@@ -15,6 +15,8 @@ from scipy.optimize import least_squares
 from scipy.stats import qmc
 from threadpoolctl import threadpool_limits
 
+from fenics_joints.beams import BeamStructure
+from fenics_joints.beams.exact import ExactBeams
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
 from fenics_joints.components import Parameter
@@ -302,7 +304,13 @@ class _Run:
         self.surrogate = self._surrogate()
         self.forward = self.surrogate.forward
 
-    def _surrogate(self) -> Surrogate:
+    def _surrogate(self) -> Surrogate | ExactBeams:
+        if isinstance(self.full, BeamStructure):
+            return ExactBeams(
+                self.full, self.start, sensors=self.data.sensors,
+                n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
+                shapes=self.data.shapes,
+            )  # fmt: skip
         samples = self._samples()
         self.progress.step("reduced model: sampling the parameters", len(samples))
         return Surrogate(

@@ -307,9 +307,7 @@ def test_damping_is_identified_and_said_to_come_from_the_curvature():
     assert max(table.curvature[[1, 2]]) < min(table.curvature[[0, 3]])
     # The same damping as the relaxation times that the other analyses take.
     times = structure.layer_damping().viscous
-    C = sum(
-        times[r.name] * r.stiffness[0] * 37402.0 for r in structure.regions if r.name in times
-    )
+    C = sum(times[r.name] * r.stiffness[0] * 37402.0 for r in structure.regions if r.name in times)
     np.testing.assert_allclose(C, structure.damping_matrix(), atol=1e-12)
 
 

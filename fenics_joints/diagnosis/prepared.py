@@ -15,6 +15,7 @@ from scipy.stats import qmc
 from fenics_joints import __version__
 from fenics_joints.build import build_mesh, build_structure
 from fenics_joints.case import Case
+from fenics_joints.case_mesh import OffsetBeamsMesh
 from fenics_joints.diagnosis.contact_zones import ContactZones, contact_zones
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.evidence import Evidence, evidence_of
@@ -212,6 +213,11 @@ def prepare(
         InputError: If the case has no test, or names effects that do not exist.
     """
     case = case.diagnosed()
+    if isinstance(case.mesh, OffsetBeamsMesh):
+        raise InputError(
+            f"{case.path}: mesh.builder = 'offset_beams': a diagnosis needs a mesh of cells, whose "
+            "zones it can search; modes and update work on beams"
+        )
     for name, section in case.joints.items():
         if section.law == "transition":
             raise InputError(

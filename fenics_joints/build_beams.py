@@ -1,0 +1,122 @@
+"""The beams that a case describes: ``builder = "offset_beams"``."""
+
+from __future__ import annotations
+
+import math
+
+from fenics_joints.beams import Beam, BeamStructure, GenericJoint, Held, LumpedMass
+from fenics_joints.build import parameters
+from fenics_joints.case import Case
+from fenics_joints.case_sections import AXES, MassSection, SpringSection
+from fenics_joints.components import Spring
+from fenics_joints.errors import InputError
+
+__all__ = ["build_beams"]
+
+
+def build_beams(case: Case, *, attached: bool = False, width: bool = False) -> BeamStructure:
+    """The beams of a case, all its numbers as parameters; the same on every rank.
+
+    Args:
+        case: The case.
+        attached: See `fenics_joints.build.build_structure`.
+        width: See there.
+
+    Raises:
+        InputError: For a value that is out of range, or a section that beams have not.
+    """
+    pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
+    try:
+        return BeamStructure(
+            _beams(case, width),
+            _joints(case),
+            parameters(case, attached=attached, width=width),
+            masses=[m for item in pointed.items() for m in _masses(*item)],
+            springs=[s for item in pointed.items() for s in _springs(*item)],
+            held=_held(case),
+            offset_mass=case.mesh.offset_mass,
+        )
+    except InputError as error:
+        raise InputError(f"{case.path}: {error}") from error
+
+
+def _owners(sections) -> dict[str, str]:
+    """Name of the section that each beam, or lap, is in."""
+    return {cell: name for name, section in sections.items() for cell in section.cells}
+
+
+def _beams(case: Case, width: bool) -> list[Beam]:
+    mesh, owners = case.mesh, _owners(case.parts)
+    keys = ("lengths", "width", "thickness", "elements")
+    found = []
+    for i, sizes in enumerate(zip(*(mesh.of(key) for key in keys), strict=True)):
+        part = owners[f"beam_{i + 1}"]
+        names = {key: f"{part}.{key}" for key in ("E", "nu", "rho")}
+        stretch, wide = f"{part}.thickness", f"{part}.width" if width else 1.0
+        found.append(
+            Beam(f"beam_{i + 1}", *sizes, **names, stretch=stretch, width=wide, shear=mesh.shear)
+        )
+    return found
+
+
+def _joints(case: Case) -> list[GenericJoint]:
+    mesh, owners = case.mesh, _owners(case.joints)
+    laps = [cell for cell in mesh.groups()[0] if not cell.startswith("beam_")]
+    found = []
+    for lap, length, n in zip(laps, mesh.of("laps"), mesh.of("lap_elements"), strict=True):
+        joint = owners[lap]
+        section = case.joints[joint]
+        names = {key: f"{joint}.{key}" for key in ("k1", "k2", "c")}
+        axial = None if section.k_axial is None else f"{joint}.k_axial"
+        name = joint if len(section.cells) == 1 else lap
+        found.append(GenericJoint(name, length, n, **names, k_axial=axial))
+    return found
+
+
+def _held(case: Case) -> list[Held]:
+    mesh = case.mesh
+    x = {"left": 0.0, "right": sum(mesh.lengths) - sum(mesh.of("laps"))}
+    found = []
+    for section in case.supports.values():
+        every = set(section.directions) == set(AXES)
+        motions = ("x", "z", "turn") if every else tuple(d for d in section.directions if d != "y")
+        if motions:
+            found.append(Held(x[section.facets], motions))
+    return found
+
+
+def _masses(name: str, section) -> list[LumpedMass]:
+    if not isinstance(section, MassSection):
+        return []
+    n, moves = len(section.points), section.travel is not None
+    if moves and section.along != "x":
+        raise InputError(f"{name}.along = {section.along!r}: expected 'x', along the beams")
+    return [
+        LumpedMass(
+            label,
+            f"{name}.mass",
+            point,
+            radius=math.sqrt((section.inertia or 0.0) * n / section.mass),
+            travel=f"{name}.travel" if moves else 0.0,
+            range=section.shift(),
+            share=1 / n,
+        )
+        for label, point in _labelled(name, section.points)
+    ]
+
+
+def _springs(name: str, section) -> list[Spring]:
+    if not isinstance(section, SpringSection):
+        return []
+    length = math.hypot(*section.direction)
+    direction = tuple(c / length for c in section.direction)
+    return [
+        Spring(label, f"{name}.stiffness", point, direction)
+        for label, point in _labelled(name, section.points)
+    ]
+
+
+def _labelled(name: str, points):
+    if len(points) == 1:
+        return [(name, points[0])]
+    return [(f"{name}[{i}]", point) for i, point in enumerate(points)]

@@ -1,0 +1,116 @@
+"""Cases with ``builder = "offset_beams"``: the commands, supports, travel, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.build import build_structure
+from fenics_joints.case import load_case
+from fenics_joints.errors import InputError
+from fenics_joints.modal import solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.updating import run
+
+DEMO = Path(__file__).parents[1] / "demos" / "bolted_beams"
+
+
+def written(folder: Path, changes: dict[str, str], more: str = "") -> Path:
+    """The demo's case with changes, in a folder of its own."""
+    text = (DEMO / "case.toml").read_text(encoding="utf-8")
+    for old, new in changes.items():
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    text = text.replace('"frequencies.csv"', f"'{DEMO / 'frequencies.csv'}'")
+    path = folder / "case.toml"
+    path.write_text(text + more, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parallel
+def test_update_identifies_slap_and_slip():
+    """Seed 002, Tables 1 and 2."""
+    found = run(load_case(DEMO), MPI.COMM_WORLD, Progress(silent=True))
+    k1, k2 = (p["value"] for p in found.parameters)
+    assert k1 == pytest.approx(1763.2, rel=0.04)
+    assert k2 == pytest.approx(37402, rel=0.01)
+    assert found.gap_after.rms < 2e-3 < found.gap_before.rms
+    assert max(np.abs(found.published["errors_percent"])) < 0.2
+    assert found.model["frequency_error"] == 0.0
+    assert MPI.COMM_WORLD.allgather(k1) == [k1] * MPI.COMM_WORLD.size
+
+
+def test_supports_springs_travel_and_what_is_attached(tmp_path):
+    more = """
+[supports.clamp]
+facets = "left"
+[attached.cable]
+kind = "mass"
+mass = "5 g"
+points = [["500 mm", "0 mm", "0 mm"]]
+travel = ["450 mm", "560 mm"]
+[springs.cord]
+points = [["570 mm", "0 mm", "0 mm"]]
+direction = [0, 0, 1]
+stiffness = "1 MN/m"
+"""
+    case = load_case(written(tmp_path, {}, more))
+    structure = build_structure(case, MPI.COMM_WORLD, attached=True, width=True)
+    held = solve_modes(structure, n_modes=3)
+    assert held.n_rigid == 0
+    assert structure.n_dofs == 165
+    heavier, moved = (
+        solve_modes(structure, {"cable.mass": 5e-3, **given}, n_modes=3)
+        for given in ({}, {"cable.travel": 0.05})
+    )
+    assert np.all(heavier.frequencies_hz < held.frequencies_hz)
+    assert moved.frequencies_hz[0] != pytest.approx(heavier.frequencies_hz[0], rel=1e-4)
+    softer = solve_modes(structure, {"cord.stiffness": 1e4}, n_modes=1)
+    assert softer.frequencies_hz[0] < 0.9 * held.frequencies_hz[0]
+    wider = structure.total_mass({"beams.width": 2.0}) - structure.total_mass()
+    assert wider == pytest.approx(7860 * 0.021 * 0.0106 * 0.62)
+
+
+def test_three_beams_in_a_row(tmp_path):
+    changes = {
+        'lengths = ["360 mm", "260 mm"]': 'lengths = ["200 mm", "300 mm", "170 mm"]',
+        "elements = [30, 20]": "elements = 12",
+        'cells = ["beam_1", "beam_2"]': 'cells = ["beam_1", "beam_2", "beam_3"]',
+        'cells = "lap"': 'cells = ["lap_1", "lap_2"]',
+    }
+    structure = build_structure(load_case(written(tmp_path, changes)), MPI.COMM_WORLD)
+    assert structure.layout.x[-1] == pytest.approx(0.57)
+    assert solve_modes(structure, n_modes=5).n_rigid == 3
+    assert {"lap_1.slip", "lap_2.slip"} <= {r.name for r in structure.regions}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({'law = "generic"': 'law = "uncoupled"'}, "E is missing.*k1 is given"),
+        ({'k1 = "1763.2 N m"': 'k1 = "-5 N m"'}, r"joints\.lap\.k1 = .*expected above 0"),
+        ({'k2 = "37402 N m"': 'k2 = "37402 N/m"'}, "measures something else"),
+        ({'c = "0.15 N m s"': "G = 1e9"}, "G is given"),
+        ({'cells = "lap"': 'cells = "beam_1"'}, "in none"),
+        ({'laps = "50 mm"': 'laps = ["50 mm", "40 mm"]'}, "laps has 2 values: expected 1"),
+        ({'laps = "50 mm"': 'laps = "300 mm"'}, "expected more than the sum of its laps"),
+        ({'"335 mm", "0 mm", "0 mm"': '"735 mm", "0 mm", "0 mm"'}, "outside the structure"),
+        ({'cells = ["beam_1", "beam_2"]': 'cells = ["beam_1"]'}, "'beam_2' is in none"),
+    ],
+)
+def test_bad_cases_are_said(changes, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        build_structure(load_case(written(tmp_path, changes)), MPI.COMM_WORLD)
+
+
+def test_solid_cases_refuse_what_beams_have(tmp_path):
+    solid = DEMO.parent / "lap_beam" / "case.toml"
+    text = solid.read_text(encoding="utf-8")
+    text = text.replace('mass = "15 g"', 'inertia = 1e-6\nmass = "15 g"')
+    text = text.replace('"frequencies.csv"', f"'{solid.parent / 'frequencies.csv'}'")
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"bolt_set\.inertia.*offset_beams"):
+        load_case(tmp_path)
