@@ -61,15 +61,23 @@ def _beams(case: Case, width: bool) -> list[Beam]:
 
 def _joints(case: Case) -> list[GenericJoint]:
     mesh, owners = case.mesh, _owners(case.joints)
-    laps = [cell for cell in mesh.groups()[0] if not cell.startswith("beam_")]
     found = []
-    for lap, length, n in zip(laps, mesh.of("laps"), mesh.of("lap_elements"), strict=True):
-        joint = owners[lap]
-        section = case.joints[joint]
-        names = {key: f"{joint}.{key}" for key in ("k1", "k2", "c")}
-        axial = None if section.k_axial is None else f"{joint}.k_axial"
-        name = joint if len(section.cells) == 1 else lap
-        found.append(GenericJoint(name, length, n, **names, k_axial=axial))
+    for cells, length in zip(mesh.lap_cells(), mesh.of("laps"), strict=True):
+        joints = [owners[cell] for cell in cells]
+        alone = len(set(joints)) == 1
+        names = {
+            key: f"{joints[0]}.{key}" if alone else [f"{joint}.{key}" for joint in joints]
+            for key in ("k1", "k2", "c")
+        }
+        axial = [joint for joint in joints if case.joints[joint].k_axial is not None]
+        if axial and not alone:
+            raise InputError(
+                f"joints.{axial[0]}.k_axial: expected none where a lap has zones of several joints"
+            )
+        single = alone and len(set(case.joints[joints[0]].cells)) == len(set(cells))
+        name = joints[0] if single else cells[0] if len(set(cells)) == 1 else "lap"
+        k_axial = f"{joints[0]}.k_axial" if axial else None
+        found.append(GenericJoint(name, length, len(cells), **names, k_axial=k_axial))
     return found
 
 

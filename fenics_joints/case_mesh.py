@@ -202,8 +202,10 @@ class OffsetBeamsMesh(BuilderMesh):
     The beams are ``beam_1``, ``beam_2``, ..., the laps ``lap``, or ``lap_1``, ... if there are
     several, the ends ``left`` and ``right``; x starts at the left end, and z = 0 is where the beams
     touch. A single value of a list holds for all. ``elements`` are those of each beam outside its
-    laps. With ``offset_mass = false`` the mass is that of beams whose axis is the line of the
-    nodes, as in seed 002: see `fenics_joints.beams.element`.
+    laps. With ``lap_zones``, of two beams, the lap is ``zone_1``, ``zone_2``, ... instead, of that
+    many joint elements each, which together are the ``lap_elements``. With ``offset_mass = false``
+    the mass is that of beams whose axis is the line of the nodes, as in seed 002: see
+    `fenics_joints.beams.element`.
     """
 
     builder: Literal["offset_beams"]
@@ -213,6 +215,7 @@ class OffsetBeamsMesh(BuilderMesh):
     thickness: _Sizes
     elements: _Counts
     lap_elements: _Counts = [5]
+    lap_zones: _Counts | None = None
     shear: Positive = 1.2
     offset_mass: bool = True
 
@@ -226,6 +229,10 @@ class OffsetBeamsMesh(BuilderMesh):
             found = len(getattr(self, key))
             if found not in (1, most):
                 raise ValueError(f"{key} has {found} values: expected one, or {most}")
+        zones = self.lap_zones
+        if zones is not None and (n != 2 or sum(zones) != self.lap_elements[0]):
+            expected = f"expected two beams, and zones of {self.lap_elements[0]} elements together"
+            raise ValueError(f"lap_zones = {zones}: {expected}")
         return self
 
     def of(self, key: str) -> list:
@@ -236,9 +243,17 @@ class OffsetBeamsMesh(BuilderMesh):
 
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the beams and laps, and of the ends."""
-        n = len(self.lengths)
-        laps = ["lap"] if n == 2 else [f"lap_{i + 1}" for i in range(n - 1)]
-        return [*(f"beam_{i + 1}" for i in range(n)), *laps], ["left", "right"]
+        beams = [f"beam_{i + 1}" for i in range(len(self.lengths))]
+        laps = dict.fromkeys(cell for lap in self.lap_cells() for cell in lap)
+        return [*beams, *laps], ["left", "right"]
+
+    def lap_cells(self) -> list[list[str]]:
+        """Name of each joint element of each lap."""
+        laps = len(self.lengths) - 1
+        if self.lap_zones is not None:
+            return [[f"zone_{i + 1}" for i, n in enumerate(self.lap_zones) for _ in range(n)]]
+        names = ["lap"] if laps == 1 else [f"lap_{i + 1}" for i in range(laps)]
+        return [[lap] * n for lap, n in zip(names, self.of("lap_elements"), strict=True)]
 
     def build(self, comm: MPI.Intracomm) -> TaggedMesh:
         """Refused: beams have no mesh.

@@ -87,6 +87,29 @@ def test_three_beams_in_a_row(tmp_path):
     assert {"lap_1.slip", "lap_2.slip"} <= {r.name for r in structure.regions}
 
 
+def test_zones_of_a_lap(tmp_path):
+    """Equal zones are the lap; the middle one, under the bolt, on its own is another structure."""
+    zones = {
+        "lap_elements = 5 ": "lap_elements = 5\nlap_zones = [2, 1, 2] ",
+        'cells = "lap"': 'cells = ["zone_1", "zone_3"]',
+    }
+    more = """
+[joints.bolted]
+cells = "zone_2"
+law = "generic"
+k1 = 1763.2
+k2 = 37402
+c = 0.15
+"""
+    whole = build_structure(load_case(DEMO), MPI.COMM_WORLD)
+    split = build_structure(load_case(written(tmp_path, zones, more)), MPI.COMM_WORLD)
+    for call in ("stiffness", "mass", "damping_matrix"):
+        a, b = (getattr(s, call)() for s in (split, whole))
+        np.testing.assert_allclose(a, b, atol=1e-12 * np.abs(b).max())
+    change = split.stiffness({"bolted.k2": 1e5}) - split.stiffness()
+    assert np.linalg.matrix_rank(change, tol=1.0) == 1
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -96,6 +119,7 @@ def test_three_beams_in_a_row(tmp_path):
         ({'c = "0.15 N m s"': "G = 1e9"}, "G is given"),
         ({'cells = "lap"': 'cells = "beam_1"'}, "in none"),
         ({'laps = "50 mm"': 'laps = ["50 mm", "40 mm"]'}, "laps has 2 values: expected 1"),
+        ({"lap_elements = 5 ": "lap_zones = [2, 2] "}, "zones of 5 elements together"),
         ({'laps = "50 mm"': 'laps = "300 mm"'}, "expected more than the sum of its laps"),
         ({'"335 mm", "0 mm", "0 mm"': '"735 mm", "0 mm", "0 mm"'}, "outside the structure"),
         ({'cells = ["beam_1", "beam_2"]': 'cells = ["beam_1"]'}, "'beam_2' is in none"),
