@@ -161,6 +161,18 @@ class BeamStructure:
         found = np.array([self.layout.rows(point, "sensor") for point in sensors.points])
         return tuple(np.einsum("sd,skdn->ksn", sensors.directions[:, [0, 2]], found[:, :, :2]))
 
+    def displacement_rows(self, points: np.ndarray) -> np.ndarray:
+        """The whole displacement at points (x, y, z), m: shape (n_points, 3, n_dofs), y of it zero.
+
+        Raises:
+            InputError: If a point is beside the beams.
+        """
+        points = np.atleast_2d(np.asarray(points, dtype=float))
+        rows = np.zeros((len(points), 3, self.n_dofs))
+        for i, point in enumerate(points):
+            rows[i, [0, 2]] = self.layout.rows(point)[0][:2]
+        return rows
+
     def arrays(self, sensors: Sensors | None = None) -> ArrayModel:
         """The structure as plain arrays, with what sensors see: exact, no reduction."""
         rows = (None, None) if sensors is None else self.sensor_rows(sensors)

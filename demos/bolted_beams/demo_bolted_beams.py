@@ -1,0 +1,193 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: py:light
+# ---
+
+# # Two bolted beams: what slaps, what slips, and what scatters
+#
+# Two steel beams in a lap with one bolt hang free. The paper behind this demo (seed 002, see
+# `README.md`) models them by offset Timoshenko beams and five generic joint elements, which have a
+# stiffness against slap, k1, and one against slip, k2; identifies both from five frequencies; and
+# predicts three more.
+#
+# This demo does the same, then asks what two choices of the paper are worth: a mass matrix without
+# the offset, and a joint that is the same all along the lap. It ends with scatter and damping.
+#
+# Run it with `./with-fenicsx python3 demos/bolted_beams/demo_bolted_beams.py [PICTURE]`, on as many
+# ranks as you like.
+
+# +
+import sys
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints import updating
+from fenics_joints.beams.damped import slip_table, solve_damped_modes
+from fenics_joints.build import build_structure
+from fenics_joints.case import load_case
+from fenics_joints.measurements import read_test_data
+from fenics_joints.modal import solve_modes
+from fenics_joints.narrow import narrow
+from fenics_joints.random_fields import RandomField
+from fenics_joints.random_propagation import propagate_samples, propagate_sensitivities
+from fenics_joints.surrogate import Forward
+
+comm = MPI.COMM_WORLD
+here = Path(__file__).parent
+
+
+def say(*lines: str) -> None:
+    """Print on rank 0."""
+    if comm.rank == 0:
+        print(*lines, sep="\n", flush=True)
+
+
+def row(name: str, values, digits: int = 2) -> str:
+    """A line of numbers."""
+    return f"{name:34s}" + "".join(f"{v:10.{digits}f}" for v in values)
+
+
+case = load_case(here)
+beams = build_structure(case, comm)
+sensors = case.sensors()
+held = read_test_data(here / "frequencies_held.csv", condition="torque")
+measured = np.concatenate([case.measurements().frequencies_hz[0], held.frequencies_hz[0]])
+TABLE_1 = np.array([158.37, 443.5, 861.6, 1382.7, 2045.3, 2809.0, 3613.4, 4172.2])
+# -
+
+# ## The paper's model
+#
+# With the k1 and k2 of Table 2 the model has the frequencies of Table 1; at the lower torques one
+# measured frequency each stands in Figure 7.
+
+# +
+TABLE_2 = {7: (1690.2, 31047.0), 15: (1715.9, 34810.0), 23: (1763.2, 37402.0)}
+forward = Forward(beams.arrays(sensors), sensors, 8, 16)
+
+
+def frequencies(**given) -> np.ndarray:
+    """Frequencies of the eight modes, Hz."""
+    return np.exp(forward({**beams.values(), **given})[0])
+
+
+at = {t: frequencies(**{"lap.k1": k1, "lap.k2": k2}) for t, (k1, k2) in TABLE_2.items()}
+say("frequencies, Hz", row("paper, Table 1, 23 N m", TABLE_1), row("this model", at[23]))
+say(f"mode 4 at 15 N m: {at[15][3]:.1f} (Figure 7: 1373.1)")
+say(f"mode 5 at 7 N m: {at[7][4]:.1f} (Figure 7, median of its Weibull: 2034.2)")
+assert np.max(np.abs(at[23] / TABLE_1 - 1)) < 2e-3
+# -
+
+# ## Five modes fitted, three predicted
+
+# +
+fit = updating.run(case, comm)
+found = {p["name"]: p["value"] for p in fit.parameters}
+errors = 100 * (frequencies(**found) / measured - 1)
+say("", "after updating: " + ", ".join(f"{name} {value:.0f}" for name, value in found.items()))
+say(row("errors of the paper, %", [-0.02, 0.15, 0.07, -0.06, -0.02, -2.10, 5.07, -2.50]))
+say(row("errors here, %", errors))
+assert np.allclose(errors[5:], [-2.10, 5.07, -2.50], atol=0.4)
+# -
+
+# ## What the paper leaves out
+#
+# First the offset in the mass, then a lap whose middle element, under the bolt, and whose ends have
+# stiffness of their own, fitted to all eight modes: the prediction is gone, but not the question
+# whether a joint of this kind can have these frequencies at all.
+
+# +
+mesh = case.mesh.model_copy(update={"offset_mass": True})
+whole = build_structure(case.model_copy(update={"mesh": mesh}), comm)
+moved = np.exp(Forward(whole.arrays(sensors), sensors, 8, 16)(whole.values())[0]) / at[23] - 1
+say("", row("offset in the mass moves them by, %", 100 * moved))
+
+lap = case.joints["lap"]
+cells = {"ends": ["zone_1", "zone_5"], "near": ["zone_2", "zone_4"], "bolted": ["zone_3"]}
+zones = case.model_copy(
+    update={
+        "mesh": case.mesh.model_copy(update={"lap_zones": [1] * 5}),
+        "joints": {n: lap.model_copy(update={"cells": c}) for n, c in cells.items()},
+    }
+)
+graded = build_structure(zones, comm)
+names = [f"{zone}.{key}" for key in ("k1", "k2") for zone in cells]
+split = updating.update(
+    Forward(graded.arrays(sensors), sensors, 8, 16),
+    [graded.parameters[name] for name in names], measured, np.full(8, 1e-3), graded.values(),
+)  # fmt: skip
+uniform = updating.update(
+    forward, [beams.parameters[f"lap.{k}"] for k in ("k1", "k2")], measured, np.full(8, 1e-3),
+    beams.values(),
+)  # fmt: skip
+say(row("one k1, k2, fitted to all 8, %", 100 * (uniform.frequencies_hz / measured - 1)))
+say(row("three zones, fitted to all 8, %", 100 * (split.frequencies_hz / measured - 1)))
+say(row("k2 of ends, near, bolted, kN m", split.values[3:] / 1e3, 1))
+# -
+
+# ## Scatter
+#
+# Figure 7 has the first frequency at 23 N m with a standard deviation of 0.625 Hz over 25
+# specimens. If k1 and k2 scatter alike, by how much? And how do the frequencies then correlate? The
+# samples are of a model for these two parameters alone, which is cheap, and whose error is known.
+
+# +
+small = narrow(beams.arrays(sensors), {"lap.k1": (1000.0, 3000.0), "lap.k2": (2e4, 7e4)}, 14)
+quick = Forward(small.model, sensors, 8, 14)
+mean = {"lap.k1": 1763.2, "lap.k2": 37402.0}
+
+
+def fields(eps: float) -> list[RandomField]:
+    """k1 and k2 as one random variable each."""
+    return [RandomField((name,), eps) for name in mean]
+
+
+eps = 0.01 * 0.625 / propagate_sensitivities(quick, fields(0.01), mean, order=1).sd[0]
+linear = propagate_sensitivities(quick, fields(eps), mean)
+drawn = propagate_samples(quick, fields(eps), mean, 500)
+say("", f"small model: {small.model.n_dofs} vectors, error {small.error:.0e}")
+say(f"coefficient of variation of k1 and k2: {100 * eps:.1f} %")
+say(row("s.d. by sensitivities, Hz", linear.sd), row("s.d. of 500 samples, Hz", drawn.sd))
+say(row("correlation with mode 1", drawn.correlation[0]))
+assert np.allclose(drawn.sd, linear.sd, rtol=0.15)
+# -
+
+# ## Damping
+#
+# The paper's c damps slip, and with it what bends the line of the lap.
+
+# +
+damped = solve_damped_modes(beams, n_modes=8)
+table = slip_table(beams, n_modes=8)
+say("", row("damping ratio, c = 0.15 N m s, %", 100 * damped.damping_ratios, 3))
+say(row("curvature at the joint, relative", table.curvature))
+say(row("strain energy in slip, %", 100 * table.energy))
+assert max(table.curvature[1:3]) < min(table.curvature[[0, 3]])
+# -
+
+# ## A picture
+
+if comm.rank == 0 and len(sys.argv) > 1:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    modes = solve_modes(beams, found, n_modes=8)
+    for i in range(5):
+        shape = np.zeros(3 * len(beams.layout.x))
+        shape[beams.layout.free] = modes.shape(modes.n_rigid + i)
+        w = shape[1::3] / np.abs(shape[1::3]).max()
+        left.plot(1e3 * beams.layout.x, 0.4 * w - i, color="C0")
+        inside = (beams.layout.x > 0.3099) & (beams.layout.x < 0.3601)
+        left.plot(1e3 * beams.layout.x[inside], 0.4 * w[inside] - i, color="C3", lw=3)
+    left.set(xlabel="x, mm", yticks=-np.arange(5), yticklabels=[f"mode {i + 1}" for i in range(5)])
+    places = np.arange(8)
+    right.bar(places - 0.2, errors, 0.4, label="k1, k2 from modes 1 to 5")
+    right.bar(places + 0.2, 100 * (split.frequencies_hz / measured - 1), 0.4,
+              label="three zones, all modes")  # fmt: skip
+    right.axvline(4.5, color="0.6", ls=":")
+    right.set(xlabel="mode", ylabel="error, %", xticks=places, xticklabels=places + 1)
+    right.legend()
+    figure.savefig(sys.argv[1], dpi=120)
