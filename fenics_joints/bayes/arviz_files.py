@@ -1,0 +1,128 @@
+"""ArviZ, old (0.17 on) and new (1 on): convergence numbers and NetCDF files of chains.
+
+The one module that knows of both: version 1 needs Python 3.12 and has other calls.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+
+__all__ = ["arviz", "convergence", "data_tree", "read_chains", "write_chains"]
+
+_GROUPS = ("posterior", "sample_stats")
+
+
+def arviz():
+    """The library.
+
+    Raises:
+        InputError: If it is not installed.
+    """
+    try:
+        import arviz
+        import h5netcdf  # noqa: F401  (what writes the files)
+    except ImportError as error:
+        raise InputError(
+            f"Bayesian identification needs ArviZ and h5netcdf, and {error.name} is not installed: "
+            "expected pip install 'fenics-joints[bayes]'."
+        ) from error
+    return arviz
+
+
+def convergence(draws: np.ndarray) -> dict[str, float]:
+    """Rank-normalised split R-hat and effective sample sizes (Vehtari et al., Bayesian Anal. 2021).
+
+    Args:
+        draws: Of one quantity, (n_chains, n_draws).
+
+    Returns:
+        rhat, ess_bulk, ess_tail; nan where they are not defined.
+    """
+    az = arviz()
+    return {
+        "rhat": float(az.rhat(draws)),
+        "ess_bulk": float(az.ess(draws)),
+        "ess_tail": float(az.ess(draws, method="tail", prob=(0.05, 0.95))),
+    }
+
+
+def data_tree(draws: Mapping[str, np.ndarray], statistics: Mapping[str, np.ndarray] | None = None):
+    """What ArviZ plots and writes.
+
+    Args:
+        draws: By name, (n_chains, n_draws).
+        statistics: Of the sampler, likewise.
+    """
+    az = arviz()
+    groups = {"posterior": dict(draws)}
+    if statistics:
+        groups["sample_stats"] = dict(statistics)
+    old = int(az.__version__.split(".")[0]) < 1
+    return az.from_dict(**groups) if old else az.from_dict(groups)
+
+
+def write_chains(
+    path: Path,
+    draws: Mapping[str, np.ndarray],
+    statistics: Mapping[str, np.ndarray],
+    resume: Mapping[str, object],
+) -> None:
+    """Write chains, whole or not at all.
+
+    Args:
+        path: The file.
+        draws: By name, (n_chains, n_draws).
+        statistics: Of the sampler, likewise.
+        resume: What the chains go on from, for JSON.
+
+    Raises:
+        InputError: If it cannot be written.
+    """
+    import h5py
+
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        data_tree(draws, statistics).to_netcdf(str(part), engine="h5netcdf")
+        with h5py.File(part, "a") as file:
+            file.create_dataset("resume/state", data=json.dumps(resume))
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error})") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def read_chains(path: Path, names: Sequence[str]) -> tuple[dict, dict, dict]:
+    """Draws, the sampler's statistics and what to go on from, as `write_chains` has written them.
+
+    Raises:
+        InputError: If the file is not one of these chains.
+    """
+    import h5py
+    import xarray
+
+    try:
+        with h5py.File(path, "r") as file:
+            resume = json.loads(file["resume/state"].asstr()[()])
+        found = []
+        for group in _GROUPS:
+            with xarray.open_dataset(path, group=group, engine="h5netcdf") as data:
+                found.append({str(k): np.array(v.values) for k, v in data.data_vars.items()})
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{path}: is not a file of chains that can go on ({error}); expected one that "
+            "--keep wrote, or a new name"
+        ) from error
+    if set(found[0]) != set(names):
+        raise InputError(
+            f"{path}: holds chains of {', '.join(sorted(found[0]))}; expected {', '.join(names)}. "
+            "Choose another file."
+        )
+    return found[0], found[1], resume

@@ -1,0 +1,201 @@
+"""A distribution for one measured frequency over nominally equal specimens (seed 002, eq. 7).
+
+Candidates are fitted by maximum likelihood; the one with the least AICc is taken;
+and whether it fits at all is tested with the Anderson-Darling distance, whose p-value comes from
+fits to data that the distribution itself makes (a table's would take its parameters for known).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from fenics_joints.errors import InputError
+
+__all__ = ["FAMILIES", "Fitted", "choose", "fit"]
+
+#: Samples of the distribution that give its p-value, and many more where that is small.
+_TRIALS, _MORE, _LOOK = 199, 1999, 0.02
+#: A p-value below the first warns, below the second the distribution is refused.
+WARN, REFUSE = 0.05, 0.001
+_FEWEST = 5
+#: The paper names a Beta without its interval: the data's, widened by its own range on either side.
+_WIDER = 1.0
+#: Numbers taken from the data, where they are not two: the Beta's interval is.
+_COUNT = {"beta": 4}
+
+
+def _normal(x):
+    return stats.norm(x.mean(), x.std())
+
+
+def _lognormal(x):
+    logs = np.log(x)
+    return stats.lognorm(logs.std(), scale=np.exp(logs.mean()))
+
+
+def _weibull(x):
+    # ln of a Weibull variable is a Gumbel one of minima: well-scaled where the shape is 1000.
+    loc, scale = stats.gumbel_l.fit(np.log(x))
+    return stats.weibull_min(1 / scale, scale=np.exp(loc))
+
+
+def _gamma(x):
+    # Around the mean with the digamma equation by scipy; shapes of 1e5 start it far away.
+    shape, _, scale = stats.gamma.fit(x, (x.mean() / x.std()) ** 2, floc=0)
+    return stats.gamma(shape, scale=scale)
+
+
+def _beta(x):
+    low, high = x.min() - _WIDER * np.ptp(x), x.max() + _WIDER * np.ptp(x)
+    a, b, _, _ = stats.beta.fit((x - low) / (high - low), floc=0, fscale=1)
+    return stats.beta(a, b, low, high - low)
+
+
+#: Families by name: from data to a frozen distribution of scipy with the greatest likelihood.
+FAMILIES: dict[str, Callable] = {
+    "normal": _normal,
+    "lognormal": _lognormal,
+    "weibull": _weibull,
+    "beta": _beta,
+    "gamma": _gamma,
+    "gumbel": lambda x: stats.gumbel_r(*stats.gumbel_r.fit(x)),
+    "gumbel_min": lambda x: stats.gumbel_l(*stats.gumbel_l.fit(x)),
+    "logistic": lambda x: stats.logistic(*stats.logistic.fit(x)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A distribution of one frequency.
+
+    Attributes:
+        family: A key of `FAMILIES`.
+        frozen: The distribution, of scipy; Hz.
+        aicc: Akaike's criterion for small samples, by family that could be fitted.
+        p_value: Of the Anderson-Darling distance.
+        n: Number of specimens.
+    """
+
+    family: str
+    frozen: object
+    aicc: dict[str, float]
+    p_value: float
+    n: int
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the data are unlikely to be of this distribution."""
+        return self.p_value < WARN
+
+    def words(self, name: str) -> str:
+        """What was found, in a sentence."""
+        mean, sd = float(self.frozen.mean()), float(self.frozen.std())
+        text = f"{name}: {self.family}, mean {mean:.2f} Hz, s.d. {sd:.3f} Hz, "
+        text += f"p = {self.p_value:.3f}"
+        return f"{text}: the distribution fits badly" if self.doubtful else text
+
+
+def fit(x: np.ndarray, families: Sequence[str]) -> dict[str, object]:
+    """Families by name with the greatest likelihood; those that cannot be fitted are left out."""
+    found = {}
+    for family in families:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                frozen = FAMILIES[family](x)
+                finite = np.all(np.isfinite(frozen.logpdf(x)))
+            except (ValueError, RuntimeError, FloatingPointError, stats.FitError):
+                continue
+        if finite:
+            found[family] = frozen
+    return found
+
+
+def choose(
+    name: str,
+    frequencies_hz: np.ndarray,
+    families: Sequence[str] | None = None,
+    *,
+    seed: int = 0,
+    accept_misfit: bool = False,
+) -> Fitted:
+    """The family of the least AICc for a mode's frequency over specimens.
+
+    Args:
+        name: Of the mode, for messages.
+        frequencies_hz: Shape (n,); nan where a specimen's was not measured.
+        families: Keys of `FAMILIES`; all by default.
+        seed: Of the samples that give the p-value.
+        accept_misfit: Take a distribution that does not fit all the same.
+
+    Raises:
+        InputError: For fewer than five values, values that are not positive or all equal, an
+            unknown family; or if no family fits: p below 0.001.
+    """
+    families = list(FAMILIES) if families is None else list(families)
+    for family in families:
+        if family not in FAMILIES:
+            raise InputError(
+                f"distribution {family!r}: expected some of: {', '.join(FAMILIES)}."
+            )
+    x = _checked(name, frequencies_hz)
+    found = fit(x, families)
+    if not found:
+        raise InputError(f"{name}: none of {', '.join(families)} can be fitted to the frequencies.")
+    n = len(x)
+    aicc = {f: _aicc(float(np.sum(d.logpdf(x))), _COUNT.get(f, 2), n) for f, d in found.items()}
+    best = min(aicc, key=aicc.get)
+    p = _p_value(found[best], best, x, np.random.default_rng(seed))
+    if p < REFUSE and not accept_misfit:
+        raise InputError(
+            f"{name}: no distribution fits its {n} frequencies; the best, {best}, has p = "
+            f"{p:.4f}: expected data of one kind. Look for outliers, or for specimens of two kinds."
+        )
+    return Fitted(best, found[best], aicc, p, n)
+
+
+def _aicc(log_likelihood: float, k: int, n: int) -> float:
+    """Akaike's criterion for small samples; infinite for as many parameters as data."""
+    extra = 2 * k * (k + 1) / (n - k - 1) if n > k + 1 else np.inf
+    return 2 * k + extra - 2 * log_likelihood
+
+
+def _checked(name: str, frequencies_hz) -> np.ndarray:
+    x = np.asarray(frequencies_hz, dtype=float)
+    x = x[~np.isnan(x)]
+    if len(x) < _FEWEST:
+        raise InputError(
+            f"{name}: {len(x)} measured frequencies: expected at least {_FEWEST} for a distribution"
+        )
+    if not np.all(np.isfinite(x) & (x > 0)):
+        raise InputError(f"{name}: expected positive frequencies, Hz; the least is {x.min():g}.")
+    if not np.ptp(x) > 1e-9 * x.mean():
+        raise InputError(f"{name}: all frequencies are {x[0]:g} Hz: expected some scatter.")
+    return x
+
+
+def _p_value(frozen, family: str, x: np.ndarray, rng) -> float:
+    """Share of fits to its own samples that are worse (parametric bootstrap)."""
+    found, worse, done = _distance(frozen, x), 0, 0
+    for trials in (_TRIALS, _MORE):
+        while done < trials:
+            sample = frozen.rvs(len(x), random_state=rng)
+            own = fit(sample, [family]).get(family)
+            worse += own is None or _distance(own, sample) >= found
+            done += 1
+        p = (worse + 1) / (done + 1)
+        if p > _LOOK:
+            break
+    return p
+
+
+def _distance(frozen, x: np.ndarray) -> float:
+    """Anderson-Darling distance between data and a distribution."""
+    x, n = np.sort(x), len(x)
+    weight = (2 * np.arange(n) + 1) / n
+    return float(-n - np.sum(weight * (frozen.logcdf(x) + frozen.logsf(x[::-1]))))

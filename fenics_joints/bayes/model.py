@@ -1,0 +1,164 @@
+"""The model inside a likelihood: frequencies at many parameter values, and how good they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.bayes.priors import Prior
+from fenics_joints.diagnosis.lean import LeanForward
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.narrow import freeze, narrow
+from fenics_joints.surrogate import Forward
+
+__all__ = ["Frequencies", "ReducedCheck", "check_reduced", "narrow_frequencies"]
+
+
+@dataclass(eq=False)
+class Frequencies:
+    """ln f at many parameter values.
+
+    Args:
+        names: Names of the parameters.
+        forward: What maps values by name to (ln f, derivatives), as
+            `fenics_joints.surrogate.Forward` does. One that has `prepare`, as
+            `fenics_joints.diagnosis.lean.LeanForward`, is asked for many together.
+        fixed: Values of its other parameters.
+        error: Bound of the relative error of its frequencies, as stated by who made it.
+
+    Attributes:
+        calls: Parameter values asked for so far.
+    """
+
+    names: tuple[str, ...]
+    forward: Callable[[Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
+    fixed: Mapping[str, float]
+    error: float = 0.0
+    calls: int = 0
+
+    def by_name(self, values: np.ndarray) -> list[dict[str, float]]:
+        """Rows of values, (n, d), as dicts of all the model's values."""
+        return [
+            {**self.fixed, **dict(zip(self.names, row, strict=True))}
+            for row in np.asarray(values, dtype=float).tolist()
+        ]
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """ln f at values (n, d): (n, m); nan where the model lacks a mode that the test saw."""
+        wanted = self.by_name(values)
+        self.calls += len(wanted)
+        if isinstance(self.forward, LeanForward):
+            found = self.forward.prepare(wanted, slopes=False)
+            self.forward.release()
+            return found
+        return np.array([self._one(each) for each in wanted])
+
+    def _one(self, values) -> np.ndarray:
+        try:
+            return self.forward(values)[0]
+        except InputError:
+            return np.full(self.n_modes, np.nan)
+
+    @property
+    def n_modes(self) -> int:
+        """Number of the test's modes."""
+        return self.forward.n_test
+
+    def log_slope(self, values: np.ndarray) -> np.ndarray:
+        """d ln f / d ln p at one point, (m, d), by central differences of the model."""
+        values, step = np.asarray(values, dtype=float), 1e-4
+        shifts = step * np.eye(len(values))
+        up, down = (self(values * np.exp(sign * shifts)) for sign in (1, -1))
+        return ((up - down) / (2 * step)).T
+
+
+def narrow_frequencies(
+    forward: Forward,
+    prior: Prior,
+    given: Mapping[str, float],
+    *,
+    tolerance: float = 1e-5,
+    tail: float = 1e-3,
+    seed: int = 0,
+) -> Frequencies:
+    """A small model for the parameters of a prior, in its range, that solves for many together.
+
+    Args:
+        forward: Of an `ArrayModel`.
+        prior: What is sampled.
+        given: Values of the model's other parameters.
+        tolerance: Largest relative error of a frequency against ``forward``, checked at 50 random
+            points of the range.
+        tail: Of the prior, on either side, that is out of the range.
+        seed: Of the points.
+
+    Returns:
+        The frequencies; from the model as it is, but frozen, where none smaller is good enough.
+    """
+    names = prior.names
+    rest = {k: v for k, v in given.items() if k not in names}
+    try:
+        small = narrow(
+            forward.model, prior.ranges(tail), forward.n_modes, given=rest, tolerance=tolerance,
+            seed=seed,
+        )  # fmt: skip
+        model, error = small.model, small.error
+    except ConvergenceError:
+        model, error = freeze(forward.model, names, given), 0.0
+    lean = LeanForward(forward, model)
+    return Frequencies(tuple(names), lean, {}, error)
+
+
+@dataclass(frozen=True)
+class ReducedCheck:
+    """A reduced model against the full one.
+
+    Attributes:
+        error: Largest relative error of a frequency.
+        median: Median over the points of the largest error there.
+        n_points: Points of the prior at which they were compared.
+        n_missing: Further points at which either lacked a mode that the test saw.
+    """
+
+    error: float
+    median: float
+    n_points: int
+    n_missing: int
+
+    def require(self, limit: float = 1e-4) -> None:
+        """Raise ConvergenceError where the error is above a limit."""
+        if not self.error <= limit:
+            raise ConvergenceError(
+                f"the reduced model's frequencies are off by {100 * self.error:.3g} % in the "
+                f"prior, more than {100 * limit:g} %: narrow the prior, or take more samples"
+            )
+
+
+def check_reduced(
+    frequencies: Frequencies,
+    exact: Callable[[Sequence[Mapping[str, float]]], np.ndarray],
+    prior: Prior,
+    n_points: int = 50,
+    *,
+    seed: int = 12345,
+) -> ReducedCheck:
+    """Compare at random points of the prior. Collective where ``exact`` is.
+
+    Args:
+        frequencies: Of the reduced model.
+        exact: Gives the full model's ln f, (n, m), at parameter values; nan where it lacks a mode.
+        prior: Where the points are drawn from.
+        n_points: Number of points.
+        seed: Of the points.
+    """
+    values = prior.values(prior.sample(n_points, np.random.default_rng(seed)))
+    off = np.abs(frequencies(values) - exact(frequencies.by_name(values)))
+    there = np.all(np.isfinite(off), axis=1)
+    if not there.any():
+        raise InputError("prior: the model has the test's modes at none of its points.")
+    worst = off[there].max(axis=1)
+    return ReducedCheck(
+        float(worst.max()), float(np.median(worst)), int(there.sum()), int((~there).sum())
+    )
