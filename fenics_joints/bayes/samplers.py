@@ -11,12 +11,12 @@ from mpi4py import MPI
 
 from fenics_joints.bayes.arviz_files import read_chains, write_chains
 from fenics_joints.bayes.chains import Chains
-from fenics_joints.bayes.posterior import Posterior, Starts
+from fenics_joints.bayes.posterior import Posterior
 from fenics_joints.bayes.walks import Ensembles, Independence, RandomWalk, generator
 from fenics_joints.errors import InputError
 from fenics_joints.meshes.tagged import on_root
 
-__all__ = ["SAMPLERS", "Settings", "sample"]
+__all__ = ["SAMPLERS", "Settings", "Task", "grow", "sample"]
 
 SAMPLERS = ("metropolis", "prior_metropolis", "emcee")
 #: Steps between two writings of the file.
@@ -56,7 +56,7 @@ class Settings:
 
     def walkers(self, d: int) -> int:
         """Walkers of a chain."""
-        return max(16, 4 * d) if self.sampler == "emcee" else 1
+        return max(8, 4 * d) if self.sampler == "emcee" else 1
 
     def steps(self, d: int) -> tuple[int, int]:
         """Steps of each walker, and those thrown away."""
@@ -88,49 +88,95 @@ def sample(
         InputError: If the file is of another posterior, sampler or seed, or cannot be written.
     """
     d = posterior.prior.size
-    n_steps, burn_in = settings.steps(d)
-    starts = posterior.starts(settings.chains * settings.walkers(d), settings.seed)
+    w, (n_steps, burn_in) = settings.walkers(d), settings.steps(d)
+    starts = posterior.starts(settings.chains * w, settings.seed)
+    points = starts.points.reshape(settings.chains, w, d)
+
+    def walk(mine, states):
+        rngs = [generator(settings.seed, c) for c in mine]
+        own = points[list(mine)]
+        if settings.sampler == "emcee":
+            return Ensembles(posterior, own, rngs, states)
+        if settings.sampler == "metropolis":
+            return RandomWalk(posterior, own[:, 0], starts.covariance, rngs, burn_in, states)
+        return Independence(
+            posterior.log_likelihood, posterior.prior.sample, own[:, 0], rngs, states
+        )
+
+    def values(x):
+        return posterior.prior.values(x.reshape(-1, d)).reshape(x.shape)
+
+    label = {"metropolis": RandomWalk, "emcee": Ensembles, "prior_metropolis": Independence}
+    task = Task(
+        posterior.names, walk, values, np.append(posterior(starts.points), starts.points.ravel()),
+        label[settings.sampler].label, w, n_steps, burn_in,
+    )  # fmt: skip
+    return grow(task, settings, comm, keep=keep, told=told)
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Chains to be grown.
+
+    Attributes:
+        names: Of the quantities.
+        walk: Makes the walk of some chains: from their numbers, and their states or None.
+        values: From a walk's points (n_chains, n, d) to the quantities.
+        mark: Numbers that tell this task from others, for files; -inf may be among them.
+        label: How the draws are made.
+        walkers: Rows of points for each chain.
+        n_steps: Steps in all.
+        burn_in: Those thrown away.
+        cost: Times that the model is asked for frequencies in a step of a walker.
+    """
+
+    names: tuple[str, ...]
+    walk: Callable
+    values: Callable[[np.ndarray], np.ndarray]
+    mark: np.ndarray
+    label: str
+    walkers: int
+    n_steps: int
+    burn_in: int
+    cost: int = 1
+
+
+def grow(
+    task: Task,
+    settings: Settings,
+    comm: MPI.Intracomm,
+    *,
+    keep: Path | None = None,
+    told: Callable[[float], None] | None = None,
+) -> Chains:
+    """Let the chains of a task grow to their length, see `sample`. Collective."""
     mine = range(comm.rank, settings.chains, comm.size)
-    kept = None if keep is None else _kept(comm, keep, posterior, settings, starts)
-    states = None if kept is None else [kept["states"][c] for c in mine]
-    walk = _walk(posterior, settings, starts, mine, burn_in, states)
+    kept = None if keep is None else _kept(comm, keep, task, settings)
+    walk = task.walk(mine, None if kept is None else [kept["states"][c] for c in mine])
     done = 0 if kept is None else kept["steps"]
     parts = [] if kept is None else [kept["part"]]
-    evaluations = settings.chains * settings.walkers(d) * (n_steps + 1)
-    while done < n_steps:
-        n = _next(done, n_steps, burn_in)
-        part = _gathered(comm, walk.advance(n), settings)
+    while done < task.n_steps:
+        n = _next(done, task)
+        points, lps, accepted = _gathered(comm, walk.advance(n), task.walkers, settings.chains)
         done += n
-        if done > burn_in:
-            parts.append(part)
-        if keep is not None and done > burn_in:
-            found = _joined(posterior, settings, parts, evaluations)
-            states = _in_order(comm, walk.states(), settings.chains)
-            resume = {"settings": asdict(settings), "steps": done, "states": states,
-                      "starts": starts.points.tolist(), "at_starts": _at(posterior, starts),
+        if done > task.burn_in:
+            parts.append((task.values(points), lps, accepted))
+        if keep is not None and done > task.burn_in:
+            found = _joined(task, settings, parts)
+            resume = {"settings": asdict(settings), "steps": done,
+                      "states": _in_order(comm, walk.states(), settings.chains),
+                      "mark": [float(v) if np.isfinite(v) else None for v in task.mark],
                       "acceptance": found.acceptance.tolist()}  # fmt: skip
             on_root(comm, lambda: _write(keep, found, resume))  # noqa: B023
         if told is not None:
-            told(done / n_steps)
-    return _joined(posterior, settings, parts, evaluations)
+            told(done / task.n_steps)
+    return _joined(task, settings, parts)
 
 
-def _next(done: int, n_steps: int, burn_in: int) -> int:
+def _next(done: int, task: Task) -> int:
     """Steps to the next place where the file is written: never over the end of the burn-in."""
-    end = burn_in if done < burn_in else n_steps
+    end = task.burn_in if done < task.burn_in else task.n_steps
     return min(_CHUNK, end - done)
-
-
-def _walk(posterior, settings: Settings, starts: Starts, mine, burn_in: int, states):
-    rngs = [generator(settings.seed, c) for c in mine]
-    points = starts.points.reshape(settings.chains, -1, posterior.prior.size)[list(mine)]
-    if settings.sampler == "emcee":
-        return Ensembles(posterior, points, rngs, states)
-    if settings.sampler == "metropolis":
-        return RandomWalk(posterior, points[:, 0], starts.covariance, rngs, burn_in, states)
-    return Independence(
-        posterior.log_likelihood, posterior.prior.sample, points[:, 0], rngs, states
-    )
 
 
 def _in_order(comm, own: list, n_chains: int) -> list:
@@ -139,49 +185,39 @@ def _in_order(comm, own: list, n_chains: int) -> list:
     return [every[c % comm.size][c // comm.size] for c in range(n_chains)]
 
 
-def _gathered(comm, found, settings: Settings):
+def _gathered(comm, found, w: int, n_chains: int):
     """Points, ln densities and acceptance of all walkers, in the order of the chains."""
-    w = -1 if not len(found[1]) else settings.walkers(found[0].shape[2])
-    mine = len(range(comm.rank, settings.chains, comm.size))
+    mine = len(range(comm.rank, n_chains, comm.size))
     return tuple(
-        np.concatenate(
-            _in_order(comm, [a[i * w : (i + 1) * w] for i in range(mine)], settings.chains)
-        )
+        np.concatenate(_in_order(comm, [a[i * w : (i + 1) * w] for i in range(mine)], n_chains))
         for a in found
     )
 
 
-def _joined(posterior, settings: Settings, parts, evaluations: int) -> Chains:
-    x = np.concatenate([part[0] for part in parts], axis=1)
+def _joined(task: Task, settings: Settings, parts) -> Chains:
     lengths = np.array([part[0].shape[1] for part in parts], dtype=float)
     shares = np.array([part[2] for part in parts])
-    label = {"metropolis": RandomWalk, "emcee": Ensembles, "prior_metropolis": Independence}
     return Chains(
-        posterior.names,
-        posterior.prior.values(x.reshape(-1, x.shape[2])).reshape(x.shape),
+        task.names,
+        np.concatenate([part[0] for part in parts], axis=1),
         np.concatenate([part[1] for part in parts], axis=1),
         lengths @ shares / lengths.sum(),
-        label[settings.sampler].label,
-        evaluations,
+        task.label,
+        settings.chains * task.walkers * task.n_steps * task.cost,
     )
 
 
 # -- the file --------------------------------------------------------------------------------------
 
 
-def _at(posterior: Posterior, starts: Starts) -> list:
-    """ln density where the chains begin: what tells one posterior from another."""
-    return [float(v) if np.isfinite(v) else None for v in posterior(starts.points)]
-
-
 def _write(path: Path, chains: Chains, resume: dict) -> None:
     write_chains(path, chains.by_name(), {"lp": chains.log_density}, resume)
 
 
-def _kept(comm, path: Path, posterior: Posterior, settings: Settings, starts: Starts):
+def _kept(comm, path: Path, task: Task, settings: Settings):
     """What the file holds; None if it is not there. Collective."""
     found = comm.bcast(
-        on_root(comm, lambda: _read(path, posterior.names) if path.exists() else None)
+        on_root(comm, lambda: read_chains(path, task.names) if path.exists() else None)
     )
     if found is None:
         return None
@@ -193,19 +229,13 @@ def _kept(comm, path: Path, posterior: Posterior, settings: Settings, starts: St
                 f"{path}: holds chains with {key} = {then}, not {now}; expected the same to go on "
                 "from them, or a new name"
             )
-    then = np.array([np.nan if v is None else v for v in resume["at_starts"]])
-    now = np.array([np.nan if v is None else v for v in _at(posterior, starts)])
-    same = then.shape == now.shape and np.allclose(then, now, 1e-3, 1e-3, equal_nan=True)
-    if not same or not np.allclose(resume["starts"], starts.points, 1e-6, 1e-6):
+    then = np.array([np.nan if v is None else v for v in resume["mark"]])
+    now = np.where(np.isfinite(task.mark), task.mark, np.nan)
+    if then.shape != now.shape or not np.allclose(then, now, 1e-3, 1e-3, equal_nan=True):
         raise InputError(
             f"{path}: holds chains of another posterior: the model, the prior or the data have "
             "changed. Expected the same to go on from them, or a new name."
         )
-    values = np.stack([draws[name] for name in posterior.names], axis=2)
-    x = posterior.prior.coordinates(values.reshape(-1, len(posterior.names))).reshape(values.shape)
-    resume["part"] = x, statistics["lp"], np.array(resume["acceptance"])
+    values = np.stack([draws[name] for name in task.names], axis=2)
+    resume["part"] = values, statistics["lp"], np.array(resume["acceptance"])
     return resume
-
-
-def _read(path: Path, names):
-    return read_chains(path, names)

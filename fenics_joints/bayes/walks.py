@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-__all__ = ["Ensembles", "Independence", "RandomWalk", "generator"]
+__all__ = ["Ensembles", "Independence", "RandomWalk", "generator", "restored"]
 
 #: Acceptance that the scale of the steps is led to, in a few dimensions (Roberts and Rosenthal,
 #: Stat. Sci. 16, 2001).
@@ -27,7 +27,8 @@ def generator(seed: int, chain: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([seed, 2, chain]))
 
 
-def _restored(state: Mapping) -> np.random.Generator:
+def restored(state: Mapping) -> np.random.Generator:
+    """The generator whose state was kept."""
     rng = np.random.default_rng()
     rng.bit_generator.state = state
     return rng
@@ -71,7 +72,7 @@ class RandomWalk:
             return
         for key in ("x", "lp", "root", "mean", "moment", "log_scale"):
             setattr(self, key, np.array([state[key] for state in states], dtype=float))
-        self.rngs = [_restored(state["rng"]) for state in states]
+        self.rngs = [restored(state["rng"]) for state in states]
         self.t = int(states[0]["t"]) if len(states) else 0
 
     def states(self) -> list[dict]:
@@ -153,7 +154,7 @@ class Independence:
             return
         self.x = np.array([state["x"] for state in states])
         self.lp = np.array([state["lp"] for state in states])
-        self.rngs = [_restored(state["rng"]) for state in states]
+        self.rngs = [restored(state["rng"]) for state in states]
 
     def states(self) -> list[dict]:
         """See `RandomWalk.states`."""
@@ -181,7 +182,8 @@ class Independence:
 
 
 class Ensembles:
-    """Affine-invariant ensembles of walkers by emcee (Foreman-Mackey et al., PASP 125, 2013).
+    """Ensembles of walkers by emcee (Foreman-Mackey et al., PASP 125, 2013), with its moves of
+    differential evolution: a third of the autocorrelation of the usual stretches.
 
     Each chain is an ensemble of its own.
 
@@ -192,14 +194,17 @@ class Ensembles:
         states: See `RandomWalk`.
     """
 
-    label = "emcee, affine-invariant ensembles"
+    label = "emcee, differential evolution of ensembles"
 
     def __init__(self, log_density, points, rngs, states=None):
         import emcee
 
         self.samplers, self.now = [], []
         for i, (start, rng) in enumerate(zip(points, rngs, strict=True)):
-            sampler = emcee.EnsembleSampler(*start.shape, log_density, vectorize=True)
+            moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
+            sampler = emcee.EnsembleSampler(
+                *start.shape, log_density, vectorize=True, moves=moves
+            )
             if states is None:
                 random = np.random.RandomState(rng.integers(2**32)).get_state()
                 state = emcee.State(start, random_state=random)

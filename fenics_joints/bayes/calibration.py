@@ -1,0 +1,67 @@
+"""Simulation-based calibration: do intervals hold the truth as often as they say?
+
+For truths drawn from the prior and data made from them, the rank of the truth among draws of the
+posterior is even (Talts, Betancourt, Simpson, Vehtari and Gelman, arXiv:1804.06788, 2018).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from fenics_joints.errors import InputError
+
+__all__ = ["Calibration", "calibrate", "rank"]
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Ranks of truths.
+
+    Attributes:
+        counts: Ranks in each bin, (n_bins,).
+        p_value: Of a chi-square test of their evenness.
+        covered: Share of truths inside of the central 90 % of the draws.
+    """
+
+    counts: np.ndarray
+    p_value: float
+    covered: float
+
+
+def rank(truth: float, draws: np.ndarray, n: int) -> int:
+    """Rank of the truth among n draws, taken evenly from a chain: 0 to n.
+
+    Raises:
+        InputError: If there are fewer draws.
+    """
+    draws = np.ravel(draws)
+    if len(draws) < n:
+        raise InputError(f"n = {n}: expected at most {len(draws)}, the number of draws.")
+    picked = draws[np.linspace(0, len(draws) - 1, n).astype(int)]
+    return int(np.sum(picked < truth))
+
+
+def calibrate(ranks: np.ndarray, n: int, bins: int = 10) -> Calibration:
+    """Test whether ranks are even.
+
+    Args:
+        ranks: Of the truths, each 0 to n, (n_truths,).
+        n: Number of draws that they are ranks among; n + 1 is a multiple of ``bins``.
+        bins: Number of bins.
+
+    Raises:
+        InputError: If the bins do not divide the ranks, or there are fewer than five for each.
+    """
+    ranks = np.asarray(ranks)
+    if (n + 1) % bins or len(ranks) < 5 * bins:
+        raise InputError(
+            f"bins = {bins}: expected a divisor of n + 1 = {n + 1}, and at least {5 * bins} ranks."
+        )
+    counts = np.bincount(ranks * bins // (n + 1), minlength=bins)
+    # The central 90 % of n + 1 equally likely ranks.
+    edge = 0.05 * (n + 1)
+    covered = np.mean((ranks >= edge) & (ranks < n + 1 - edge))
+    return Calibration(counts, float(stats.chisquare(counts).pvalue), float(covered))

@@ -1,0 +1,267 @@
+"""Gibbs sampling of the hierarchical model, for several chains (or sets of data) at a time.
+
+x_s ~ N(mu, Sigma),  y_s = g(x_s) + b + e_s,  e_s ~ N(0, tau^2),  b ~ N(0, discrepancy^2)
+
+mu has any prior. The scatter's standard deviations have half-t priors and its correlations even
+ones (Huang and Wand, Bayesian Anal. 8, 2013, with nu = 2); tau a half-Cauchy one (Gelman, Bayesian
+Anal. 1, 2006), or it is known. All steps but those of x and mu are exact draws; x is proposed from
+the model's linearisation and accepted by the model itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.bayes.walks import restored
+
+__all__ = ["Gibbs", "Level"]
+
+_NU = 2.0
+#: Standard deviations of the linearisation's proposals; share of steps about the last point.
+_WIDER, _WALKS = 1.2, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What the sampler needs to know.
+
+    Attributes:
+        log_prior: ln prior of mu, from (n, p) to (n,).
+        model: g, from (n, p) to (n, m); nan where it cannot be.
+        centre: Point of the linearisation, (p,).
+        slope: Derivative of g there, (m, p).
+        at_centre: g there, (m,).
+        scatter: Scale of the half-t priors of the scatter.
+        noise: Scale of tau's half-Cauchy prior, or tau itself.
+        known: Whether it is tau itself.
+        discrepancy: Standard deviation of b; 0 for none.
+    """
+
+    log_prior: Callable[[np.ndarray], np.ndarray]
+    model: Callable[[np.ndarray], np.ndarray]
+    centre: np.ndarray
+    slope: np.ndarray
+    at_centre: np.ndarray
+    scatter: float
+    noise: float
+    known: bool
+    discrepancy: float
+
+
+class Gibbs:
+    """Chains of (mu, Sigma, tau, b), and of the specimens' x inside.
+
+    Args:
+        level: The model.
+        data: ln f of the specimens, (n_chains, S, m); nan where not measured.
+        rngs: One for each chain.
+        states: What `states` returned, to go on from; None to begin.
+    """
+
+    label = "Gibbs, with Metropolis steps for the specimens"
+    _KEYS = ("x", "g", "mu", "sigma", "aux", "tau2", "b")
+
+    def __init__(
+        self,
+        level: Level,
+        data: np.ndarray,
+        rngs: Sequence[np.random.Generator],
+        states: Sequence[Mapping] | None = None,
+    ):
+        self.level, self.rngs = level, list(rngs)
+        self.there = np.isfinite(data)
+        self.y = np.where(self.there, data, 0.0)
+        self.upper = np.triu_indices(level.slope.shape[1])
+        self.accepted = np.zeros(len(data))
+        if states is not None:
+            for key in self._KEYS:
+                setattr(self, key, np.array([state[key] for state in states], dtype=float))
+            self.rngs = [restored(state["rng"]) for state in states]
+        elif len(data):
+            self._begin()
+
+    def _begin(self) -> None:
+        """Specimens near where the linearised model has them, spread by chance."""
+        level, (n, S, m), p = self.level, self.y.shape, self.level.slope.shape[1]
+        square = level.slope.T @ level.slope
+        ridge = square + 1e-8 * np.trace(square) * np.eye(p)
+        off = np.where(self.there, self.y - level.at_centre, 0.0)
+        guess = np.linalg.solve(ridge, level.slope.T @ off.reshape(-1, m).T).T.reshape(n, S, p)
+        guess = np.clip(guess, -3 * level.scatter, 3 * level.scatter)
+        spread = guess.std(axis=1, keepdims=True) + 1e-3 * level.scatter
+        self.x = level.centre + guess + 0.5 * spread * self._normal(S, p)
+        self.g = self._model(self.x)
+        bad = ~np.all(np.isfinite(self.g), axis=2)
+        self.x[bad] = level.centre
+        self.g = np.where(bad[:, :, None], level.at_centre, self.g)
+        self.mu = self.x.mean(axis=1)
+        off = self.x - self.mu[:, None]
+        floor = (1e-2 * level.scatter) ** 2 * np.eye(p)
+        self.sigma = np.einsum("csp,csq->cpq", off, off) / S + floor
+        self.aux = np.full((n, p), level.scatter**2)
+        self.tau2 = np.full(n, level.noise**2)
+        self.b = np.zeros((n, m))
+
+    def states(self) -> list[dict]:
+        """What each chain goes on from, for JSON."""
+        return [
+            {"rng": rng.bit_generator.state}
+            | {key: np.asarray(getattr(self, key)[i]).tolist() for key in self._KEYS}
+            for i, rng in enumerate(self.rngs)
+        ]
+
+    def advance(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Move all chains.
+
+        Returns:
+            (mu, upper triangle of Sigma, tau, b) by row, (n_chains, n, q); ln of the likelihood
+            given the specimens' x, (n_chains, n); accepted shares of the specimens' steps.
+        """
+        m, p = self.level.slope.shape
+        q = p + len(self.upper[0]) + 1 + m
+        points, lps = np.empty((len(self.y), n, q)), np.empty((len(self.y), n))
+        self.accepted[:] = 0.0
+        if len(self.y):
+            for i in range(n):
+                self.sweep()
+                upper = self.sigma[:, self.upper[0], self.upper[1]]
+                tau = np.sqrt(self.tau2)[:, None]
+                points[:, i] = np.concatenate([self.mu, upper, tau, self.b], axis=1)
+                lps[:, i] = self._fits(self.g, self.b).sum(axis=1)
+        return points, lps, self.accepted / n
+
+    def sweep(self) -> None:
+        """One step of everything."""
+        self._specimens()
+        if self.level.discrepancy:
+            self._bias()
+            self._shift()
+        self._mean()
+        self._scatter()
+        if not self.level.known:
+            self._noise()
+
+    # -- random numbers ----------------------------------------------------------------------
+
+    def _normal(self, *shape) -> np.ndarray:
+        return np.array([rng.standard_normal(shape) for rng in self.rngs])
+
+    def _even(self, *shape) -> np.ndarray:
+        return np.array([rng.random(shape) for rng in self.rngs])
+
+    def _gamma(self, shape: np.ndarray) -> np.ndarray:
+        """Gamma variables of scale 1, one for each entry of (n_chains, ...)."""
+        return np.array([rng.standard_gamma(s) for rng, s in zip(self.rngs, shape, strict=True)])
+
+    # -- steps -------------------------------------------------------------------------------
+
+    def _model(self, x: np.ndarray) -> np.ndarray:
+        n, S, p = x.shape
+        return self.level.model(x.reshape(-1, p)).reshape(n, S, -1)
+
+    def _fits(self, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """ln of each specimen's likelihood, (n_chains, S)."""
+        off = np.where(self.there, self.y - g - b[:, None], 0.0)
+        count = self.there.sum(axis=2)
+        total = -0.5 * np.sum(off**2, axis=2) / self.tau2[:, None]
+        total -= 0.5 * count * np.log(2 * np.pi * self.tau2)[:, None]
+        return np.where(np.isfinite(total), total, -np.inf)
+
+    def _specimens(self) -> None:
+        level, (S, p) = self.level, self.x.shape[1:]
+        precision = np.linalg.inv(self.sigma)
+        weight = self.there / self.tau2[:, None, None]
+        information = precision[:, None] + np.einsum(
+            "csm,mp,mq->cspq", weight, level.slope, level.slope, optimize=True
+        )
+        target = self.y - self.b[:, None] - level.at_centre + level.slope @ level.centre
+        pull = np.einsum("cpq,cq->cp", precision, self.mu)[:, None]
+        pull = pull + np.einsum("csm,mp->csp", weight * target, level.slope)
+        centre = np.linalg.solve(information, pull[..., None])[..., 0]
+        # x = centre + L^-T z has the covariance information^-1.
+        lower = np.linalg.cholesky(information)
+        draw = np.linalg.solve(np.swapaxes(lower, 2, 3), self._normal(S, p)[..., None])[..., 0]
+        walks = self._even() < _WALKS
+        step = 2.38 / np.sqrt(p) * draw
+        proposed = np.where(walks[:, None, None], self.x + step, centre + _WIDER * draw)
+        g = self._model(proposed)
+
+        def weigh(x, fits):
+            """ln target less ln proposal, which is symmetric for a walk."""
+            off = x - self.mu[:, None]
+            total = fits - 0.5 * np.einsum("csp,cpq,csq->cs", off, precision, off)
+            from_centre = x - centre
+            own = np.einsum("csp,cspq,csq->cs", from_centre, information, from_centre)
+            return total + np.where(walks[:, None], 0.0, 0.5 * own / _WIDER**2)
+
+        now = weigh(self.x, self._fits(self.g, self.b))
+        then = weigh(proposed, self._fits(g, self.b))
+        taken = np.log(self._even(S)) < then - now
+        self.x = np.where(taken[..., None], proposed, self.x)
+        self.g = np.where(taken[..., None], g, self.g)
+        self.accepted += taken.mean(axis=1)
+
+    def _bias(self) -> None:
+        off = np.where(self.there, self.y - self.g, 0.0).sum(axis=1) / self.tau2[:, None]
+        count = self.there.sum(axis=1) / self.tau2[:, None]
+        precision = count + 1 / self.level.discrepancy**2
+        self.b = off / precision + self._normal(off.shape[1]) / np.sqrt(precision)
+
+    def _shift(self) -> None:
+        """All x and mu by a step, and b back: along what the data leave open."""
+        level, p = self.level, self.x.shape[2]
+        open_ = level.slope.T @ level.slope / level.discrepancy**2
+        open_ = open_ + np.eye(p) / max(level.scatter, 1e-3) ** 2
+        root = np.linalg.inv(np.linalg.cholesky(open_)).T
+        step = self._normal(p) @ root.T * (2.38 / np.sqrt(p)) * 0.7
+        x, mu = self.x + step[:, None], self.mu + step
+        b = self.b - step @ level.slope.T
+        g = self._model(x)
+
+        def density(mu, g, b):
+            prior = level.log_prior(mu) - 0.5 * np.sum(b**2, axis=1) / level.discrepancy**2
+            return prior + self._fits(g, b).sum(axis=1)
+
+        taken = np.log(self._even()) < density(mu, g, b) - density(self.mu, self.g, self.b)
+        self.mu, self.b = (
+            np.where(taken[:, None], a, o) for a, o in ((mu, self.mu), (b, self.b))
+        )
+        self.x, self.g = (
+            np.where(taken[:, None, None], a, o) for a, o in ((x, self.x), (g, self.g))
+        )
+
+    def _mean(self) -> None:
+        """From what the specimens say, accepted by the prior."""
+        S, p = self.x.shape[1:]
+        root = np.linalg.cholesky(self.sigma / S)
+        middle = self.x.mean(axis=1)
+        proposed = middle + np.einsum("cpq,cq->cp", root, self._normal(p))
+        gain = self.level.log_prior(proposed) - self.level.log_prior(self.mu)
+        taken = np.log(self._even()) < gain
+        self.mu = np.where(taken[:, None], proposed, self.mu)
+
+    def _scatter(self) -> None:
+        n, S, p = self.x.shape
+        off = self.x - self.mu[:, None]
+        sums = np.einsum("csp,csq->cpq", off, off)
+        sums += 2 * _NU * (1 / self.aux)[:, :, None] * np.eye(p)
+        freedom = _NU + p - 1 + S
+        # Bartlett: the inverse of Sigma is L A (L A)^T with L L^T the inverse of the sums.
+        lower = np.linalg.cholesky(np.linalg.inv(sums))
+        chi2 = 2 * self._gamma(np.tile((freedom - np.arange(p)) / 2, (n, 1)))
+        bartlett = np.tril(self._normal(p, p), -1) + np.sqrt(chi2)[:, :, None] * np.eye(p)
+        root = lower @ bartlett
+        inverse = root @ np.swapaxes(root, 1, 2)
+        self.sigma = np.linalg.inv(inverse)
+        self.sigma = 0.5 * (self.sigma + np.swapaxes(self.sigma, 1, 2))
+        rate = _NU * np.einsum("cpp->cp", inverse) + 1 / self.level.scatter**2
+        self.aux = rate / self._gamma(np.full((n, p), (_NU + p) / 2))
+
+    def _noise(self) -> None:
+        off = np.where(self.there, self.y - self.g - self.b[:, None], 0.0)
+        squares, count = np.sum(off**2, axis=(1, 2)), self.there.sum(axis=(1, 2))
+        aux = (1 / self.tau2 + 1 / self.level.noise**2) / self._gamma(np.ones(len(self.y)))
+        self.tau2 = (0.5 * squares + 1 / aux) / self._gamma((1 + count) / 2)
