@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError
 
+from fenics_joints.case_bayes import UNITS, Update, check_bayes
 from fenics_joints.case_beams import check_beams
 from fenics_joints.case_harmonic import HarmonicSection, NonlinearSection, check_harmonic
 from fenics_joints.case_mesh import FileMesh, Mesh
@@ -31,7 +32,6 @@ from fenics_joints.case_sections import (
     SpringSection,
     SupportSection,
     Test,
-    Update,
     ValidationTest,
     named,
 )
@@ -232,7 +232,7 @@ def load_case(path: str | Path) -> Case:
     case._coarse = _diagnosed_mesh(case, raw)
     errors = [*_check_names(case), *_check_mesh(case), *_read_tests(case), *_read_frfs(case)]
     errors += _check_update(case) if case.update else []
-    errors += [*check_beams(case), *check_harmonic(case), *_read_curves(case)]
+    errors += [*check_bayes(case), *check_beams(case), *check_harmonic(case), *_read_curves(case)]
     if errors:
         raise case_error(path, errors)
     return case
@@ -485,8 +485,6 @@ def _check_cutoff(case: Case) -> list[str]:
 def _check_update(case: Case) -> list[str]:
     update, measured = case.update, case._measured
     errors = [] if update.cutoff is None else _check_cutoff(case)
-    units = {"E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "h": "m",
-             "k1": "N*m", "k2": "N*m", "k_axial": "N/m", "c": "N*m*s"}  # fmt: skip
     known = case.nominal()
     for i, name in enumerate(update.parameters):
         if name not in known:
@@ -505,7 +503,7 @@ def _check_update(case: Case) -> list[str]:
                 errors.append(said(key, value, f"is not in update.parameters{hint}"))
                 continue
             try:
-                into[name] = to_si(value, units.get(name.rpartition(".")[2], ""))
+                into[name] = to_si(value, UNITS.get(name.rpartition(".")[2], ""))
             except InputError as error:
                 errors.append(said(key, value, str(error)))
     if measured is None:

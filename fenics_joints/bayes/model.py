@@ -98,7 +98,7 @@ def narrow_frequencies(
         The frequencies; from the model as it is, but frozen, where none smaller is good enough.
     """
     names = prior.names
-    rest = {k: v for k, v in given.items() if k not in names}
+    rest = {k: v for k, v in forward.model.values(given).items() if k not in names}
     try:
         small = narrow(
             forward.model, prior.ranges(tail), forward.n_modes, given=rest, tolerance=tolerance,
@@ -108,7 +108,7 @@ def narrow_frequencies(
     except ConvergenceError:
         model, error = freeze(forward.model, names, given), 0.0
     lean = LeanForward(forward, model)
-    return Frequencies(tuple(names), lean, {}, error)
+    return Frequencies(tuple(names), lean, rest, error)
 
 
 @dataclass(frozen=True)
@@ -120,12 +120,14 @@ class ReducedCheck:
         median: Median over the points of the largest error there.
         n_points: Points of the prior at which they were compared.
         n_missing: Further points at which either lacked a mode that the test saw.
+        errors: Largest relative error at each point, 0 where a mode was lacked, (n,).
     """
 
     error: float
     median: float
     n_points: int
     n_missing: int
+    errors: np.ndarray
 
     def require(self, limit: float = 1e-4) -> None:
         """Raise ConvergenceError where the error is above a limit."""
@@ -160,5 +162,6 @@ def check_reduced(
         raise InputError("prior: the model has the test's modes at none of its points.")
     worst = off[there].max(axis=1)
     return ReducedCheck(
-        float(worst.max()), float(np.median(worst)), int(there.sum()), int((~there).sum())
-    )
+        float(worst.max()), float(np.median(worst)), int(there.sum()), int((~there).sum()),
+        np.where(there, off.max(axis=1), 0.0),
+    )  # fmt: skip

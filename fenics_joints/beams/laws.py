@@ -42,19 +42,25 @@ class _BeamLaw(Law):
 
 
 def _positive(where: str, key: str, value, unit: str) -> None:
-    if not value > 0 or not np.isfinite(value):
+    """Also for many values at a time, as sampling asks for."""
+    good = np.isfinite(value) & (np.asarray(value) > 0)
+    if not np.all(good):
+        bad = np.atleast_1d(value)[~np.atleast_1d(good)][0]
         raise InputError(
-            f"{where}.{key} = {value:g} is out of range: expected {key} > 0 {unit}".rstrip() + "."
+            f"{where}.{key} = {bad:g} is out of range: expected {key} > 0 {unit}".rstrip() + "."
         )
 
 
 def _check_section(where: str, q) -> None:
     for key, unit in _POSITIVE.items():
         _positive(where, key, q[key], unit)
-    if not q["rho"] >= 0:
-        raise InputError(f"{where}.rho = {q['rho']:g} is out of range: expected rho >= 0 kg/m3.")
-    if not -1 < q["nu"] < 0.5:
-        raise InputError(f"{where}.nu = {q['nu']:g} is out of range: expected -1 < nu < 0.5.")
+    if not np.all(q["rho"] >= 0):
+        rho = np.min(q["rho"])
+        raise InputError(f"{where}.rho = {rho:g} is out of range: expected rho >= 0 kg/m3.")
+    nu = np.atleast_1d(q["nu"])
+    bad = nu[~((nu > -1) & (nu < 0.5))]
+    if len(bad):
+        raise InputError(f"{where}.nu = {bad[0]:g} is out of range: expected -1 < nu < 0.5.")
 
 
 def _section(q):
@@ -84,6 +90,10 @@ def _beam_mass(number: int) -> Callable:
     return heavy
 
 
+def _no_stiffness(q) -> np.ndarray:
+    return np.zeros((0, *np.shape(q["E"])))
+
+
 def _none(*arguments):
     raise NotImplementedError("laws of beams have matrices, no forms")
 
@@ -94,7 +104,7 @@ def _law(name, properties, terms, check, heavy) -> _BeamLaw:
 
 def _joint_law(name: str, key: str, unit: str, zero: bool = False) -> _BeamLaw:
     def check(where, q):
-        if zero and q[key] == 0:
+        if zero and np.all(np.asarray(q[key]) == 0):
             return
         _positive(where.rpartition(".")[0] or where, key, q[key], unit)
 
@@ -109,7 +119,7 @@ LAPPED = _law(
 )
 #: The further terms of a beam's mass.
 BEAM_MASSES = tuple(
-    _law(f"beam mass {i}", SECTION, lambda q: np.zeros(0), _check_section, _beam_mass(i))
+    _law(f"beam mass {i}", SECTION, _no_stiffness, _check_section, _beam_mass(i))
     for i in range(1, 9)
 )
 #: Generic joint elements (seed 002, eq. 2): k1, k2 in N m, k_axial in N/m.

@@ -1,0 +1,148 @@
+"""``[update.bayes]``: what `fenics-joints update --bayes` assumes and how it samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from fenics_joints.case_messages import did_you_mean, said
+from fenics_joints.case_sections import Names, Section, Share
+from fenics_joints.case_sections import Update as PlainUpdate
+from fenics_joints.errors import InputError
+from fenics_joints.measurements import read_table
+from fenics_joints.units import to_si
+
+if TYPE_CHECKING:
+    from fenics_joints.case import Case
+
+__all__ = ["UNITS", "Bayes", "PriorSection", "Update", "check_bayes", "prior_numbers", "specimens"]
+
+#: Units of parameters, by the last part of their name.
+UNITS = {
+    "E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "h": "m",
+    "k1": "N*m", "k2": "N*m", "k_axial": "N/m", "c": "N*m*s",
+}  # fmt: skip
+_WITHOUT_UNIT = ("log_sd",)
+
+
+class PriorSection(Section):
+    """A prior, such as ``{ kind = "normal", mean = "1763 N m", sd = "88 N m" }``.
+
+    `fenics_joints.bayes.priors.KINDS` says which numbers each kind needs.
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    kind: str
+
+
+class Bayes(Section):
+    """``[update.bayes]``.
+
+    Without ``specimens`` the frequencies of the test are one set of data. With a table of them, a
+    row for each specimen and a column for each mode, the ``likelihood`` is ``hierarchical``
+    (scatter of the specimens and lack of knowledge apart), ``fitted`` (the paper's: the product of
+    a distribution for each mode) or ``gaussian`` (of the specimens' mean). ``noise`` is that of a
+    measured frequency of a specimen: the scale of its prior, or itself if ``noise_known``.
+    ``discrepancy`` is the relative error of frequencies that the best model may have, by default
+    that of ``[diagnose]``; the fitted likelihood has no place for it. ``tolerance`` is the largest
+    relative error of the reduced model's frequencies. A parameter without a prior has a lognormal
+    one about its start, as wide as the regularisation.
+    """
+
+    likelihood: Literal["gaussian", "fitted", "hierarchical"] | None = None
+    specimens: str | None = None
+    distributions: Names | None = None
+    sampler: Literal["metropolis", "prior_metropolis", "emcee"] = "metropolis"
+    samples: Annotated[int, Field(ge=10, strict=True)] | None = None
+    burn_in: Annotated[int, Field(ge=0, strict=True)] | None = None
+    chains: Annotated[int, Field(ge=2, strict=True)] = 4
+    seed: Annotated[int, Field(ge=0, strict=True)] = 1
+    discrepancy: Share | None = None
+    scatter: Share = 0.1
+    noise: Share = 0.001
+    noise_known: bool = False
+    tolerance: Share = 1e-4
+    priors: dict[str, PriorSection] = {}
+
+    @property
+    def kind(self) -> str:
+        """The likelihood, the default one put in."""
+        return self.likelihood or ("gaussian" if self.specimens is None else "hierarchical")
+
+    def length(self) -> tuple[int, int]:
+        """Samples and burn-in: the paper's 20,000 and 5,000, but fewer of the costlier Gibbs."""
+        samples = self.samples or (4000 if self.kind == "hierarchical" else 20000)
+        return samples, samples // 4 if self.burn_in is None else self.burn_in
+
+
+class Update(PlainUpdate):
+    """``[update]`` with its ``[update.bayes]``."""
+
+    bayes: Bayes | None = None
+
+
+def check_bayes(case: Case) -> list[str]:
+    """A line for each thing in [update.bayes] that cannot be used."""
+    bayes = None if case.update is None else case.update.bayes
+    if bayes is None:
+        return []
+    if case.update.cutoff is not None:
+        return ["update.bayes: expected none beside update.cutoff; it identifies parameters"]
+    errors = []
+    for name in bayes.priors:
+        if name not in case.update.parameters:
+            hint = did_you_mean(name, case.update.parameters)
+            errors.append(f"update.bayes.priors.{name}: is not in update.parameters{hint}")
+    for name in set(bayes.priors) & set(case.update.parameters):
+        try:
+            prior_numbers(case, name)
+        except InputError as error:
+            errors.append(f"update.bayes.priors.{name}: {error}")
+    samples, burn_in = bayes.length()
+    if burn_in >= samples:
+        errors.append(said("update.bayes.burn_in", burn_in, f"expected below samples = {samples}"))
+    if bayes.kind != "gaussian" and bayes.specimens is None:
+        expected = "expected update.bayes.specimens too, a table of their frequencies"
+        errors.append(said("update.bayes.likelihood", bayes.kind, expected))
+    if bayes.specimens is not None and case.test is not None:
+        try:
+            specimens(case)
+        except InputError as error:
+            errors.append(f"update.bayes.specimens: {error}")
+    return errors
+
+
+def prior_numbers(case: Case, name: str) -> dict[str, float]:
+    """Numbers of a parameter's prior, SI.
+
+    Raises:
+        InputError: If a unit is wrong, or the kind or a number is not usable.
+    """
+    from fenics_joints.bayes.priors import density
+
+    section = case.update.bayes.priors[name]
+    unit, found = UNITS.get(name.rpartition(".")[2], ""), {}
+    for key, value in (section.model_extra or {}).items():
+        try:
+            found[key] = to_si(value, "" if key in _WITHOUT_UNIT else unit)
+        except InputError as error:
+            raise InputError(f"{key} = {value!r}: {error}") from error
+    density(name, section.kind, found)
+    return found
+
+
+def specimens(case: Case) -> np.ndarray:
+    """Frequencies of the specimens, Hz, (n, m): columns named as the test's modes.
+
+    Raises:
+        InputError: If the table cannot be read, lacks a mode, or has a frequency that is not
+            positive.
+    """
+    from fenics_joints.bayes.likelihood import checked_specimens
+
+    table = read_table(case.folder / case.update.bayes.specimens)
+    modes = case.measurements().mode_names
+    columns = np.column_stack([table.column(mode, "Hz") for mode in modes])
+    return checked_specimens(modes, columns)
