@@ -115,6 +115,17 @@ def preload(
 @app.command()
 def update(
     case: CaseArgument,
+    bayes: Annotated[
+        bool,
+        typer.Option("--bayes", help="The posterior of the parameters, by [update.bayes]."),
+    ] = False,
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            "--keep", metavar="FILE.nc",
+            help="With --bayes: keep the chains there (NetCDF), and go on from what is there.",
+        ),
+    ] = None,
     json: JsonOption = None,
     report: ReportOption = None,
     debug: DebugOption = False,
@@ -124,9 +135,21 @@ def update(
     JSON: parameters (name, value, unit, standard deviation), frequencies_hz before and after,
     errors_percent. For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz,
     crossings_pa, stuck_area_m2, minimum, sweep), test and stuck frequencies.
+
+    With --bayes instead: parameters (name, mean, sd, median, low and high of 90 %, rhat, ess_bulk,
+    ess_tail, unit), correlation, prior, likelihood and doubts in words, frequencies (measured and
+    predicted), predictive_check (scatter and correlation of specimens), sampler, model.
     """
 
     def run(case, comm, progress):
+        if bayes:
+            from fenics_joints.bayes_run import run_bayes
+
+            return run_bayes(case, comm, progress, keep=keep)
+        if keep is not None:
+            from fenics_joints.errors import InputError
+
+            raise InputError(f"--keep {keep}: expected --bayes too; there are no chains without")
         from fenics_joints.workflow import run_update
 
         return run_update(case, comm, progress)

@@ -8,12 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.bayes.priors import Prior
-from fenics_joints.diagnosis.lean import LeanForward
+from fenics_joints.diagnosis.lean import LeanForward, lean_forward, modes_at
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.narrow import freeze, narrow
+from fenics_joints.narrow import freeze
 from fenics_joints.surrogate import Forward
 
 __all__ = ["Frequencies", "ReducedCheck", "check_reduced", "narrow_frequencies"]
+
+#: Draws of the prior whose modes make the small model, those that check it, rounds of both, and
+#: the sizes that are tried.
+_DRAWS, _CHECKS, _ROUNDS = 64, 50, 3
+_SIZES = (12, 16, 20, 24, 28, 32, 40, 50, 60, 80)
 
 
 @dataclass(eq=False)
@@ -80,35 +85,57 @@ def narrow_frequencies(
     given: Mapping[str, float],
     *,
     tolerance: float = 1e-5,
-    tail: float = 1e-3,
     seed: int = 0,
 ) -> Frequencies:
-    """A small model for the parameters of a prior, in its range, that solves for many together.
+    """A small model for the parameters of a prior that solves for many values together.
+
+    On the modes at draws of the prior, as few vectors of them as are good enough.
 
     Args:
         forward: Of an `ArrayModel`.
         prior: What is sampled.
         given: Values of the model's other parameters.
-        tolerance: Largest relative error of a frequency against ``forward``, checked at 50 random
-            points of the range.
-        tail: Of the prior, on either side, that is out of the range.
-        seed: Of the points.
+        tolerance: Largest relative error of a frequency against ``forward``, at 50 other draws.
+        seed: Of the draws.
 
     Returns:
         The frequencies; from the model as it is, but frozen, where none smaller is good enough.
     """
-    names = prior.names
-    rest = {k: v for k, v in forward.model.values(given).items() if k not in names}
-    try:
-        small = narrow(
-            forward.model, prior.ranges(tail), forward.n_modes, given=rest, tolerance=tolerance,
-            seed=seed,
+    names, start = prior.names, forward.model.values(given)
+    frozen = freeze(forward.model, names, start)
+    middle = Forward(
+        frozen, forward.sensors, forward.n_test, forward.n_modes, forward.reference
+    )
+    rng, snapshots, error = np.random.default_rng([seed, 6]), [], np.inf
+
+    def drawn(n: int) -> list[dict[str, float]]:
+        rows = prior.values(prior.sample(n, rng)).tolist()
+        return [dict(zip(names, row, strict=True)) for row in rows]
+
+    wanted = [{name: start[name] for name in names}, *drawn(_DRAWS)]
+    for _ in range(_ROUNDS):
+        snapshots += [modes_at(middle, values) for values in wanted]
+        checks = [values for values in drawn(_CHECKS) if _has_modes(middle, values)]
+        every = np.hstack(snapshots)
+        lean, error = lean_forward(
+            middle, frozen, wanted[0], every, np.ones(every.shape[1]), checks, tolerance,
+            sizes=_SIZES,
         )  # fmt: skip
-        model, error = small.model, small.error
-    except ConvergenceError:
-        model, error = freeze(forward.model, names, given), 0.0
-    lean = LeanForward(forward, model)
+        if error <= tolerance:
+            break
+        wanted = checks
+    else:
+        lean, error = LeanForward(middle, frozen), 0.0
+    rest = {name: value for name, value in start.items() if name not in names}
     return Frequencies(tuple(names), lean, rest, error)
+
+
+def _has_modes(forward: Forward, values: Mapping[str, float]) -> bool:
+    try:
+        forward(values)
+    except InputError:
+        return False
+    return True
 
 
 @dataclass(frozen=True)
