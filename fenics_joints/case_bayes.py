@@ -73,7 +73,7 @@ class Bayes(Section):
 
     def length(self) -> tuple[int, int]:
         """Samples and burn-in: the paper's 20,000 and 5,000, but fewer of the costlier Gibbs."""
-        samples = self.samples or (4000 if self.kind == "hierarchical" else 20000)
+        samples = self.samples or (8000 if self.kind == "hierarchical" else 20000)
         return samples, samples // 4 if self.burn_in is None else self.burn_in
 
 

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.errors import InputError
 from fenics_joints.files import write_arrays
-from fenics_joints.gap import pair_modes
+from fenics_joints.gap import Pairing, pair_modes
 from fenics_joints.interface_files import read_array_model, write_array_model
 from fenics_joints.meshes.tagged import on_root
 from fenics_joints.modal import Modes, solve_modes
@@ -90,6 +90,10 @@ class Forward:
                 count = min(count + self.n_test + _SPARE, self.model.n_dofs)
                 continue
             return modes, pairing
+
+    def pairing(self, values: Mapping[str, float]) -> Pairing:
+        """Which of the model's modes the test's are."""
+        return self._solve(values)[1]
 
     def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
         """Shapes of the test's modes at the sensors, and their derivatives.

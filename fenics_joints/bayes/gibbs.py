@@ -22,6 +22,8 @@ __all__ = ["Gibbs", "Level"]
 _NU = 2.0
 #: Standard deviations of the linearisation's proposals; share of steps about the last point.
 _WIDER, _WALKS = 1.2, 0.3
+#: Correlation of a near step of the mean with where it was.
+_NEAR = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,7 @@ class Level:
         centre: Point of the linearisation, (p,).
         slope: Derivative of g there, (m, p).
         at_centre: g there, (m,).
+        middle, spread: Mean and standard deviation of mu's prior, (p,): for proposals alone.
         scatter: Scale of the half-t priors of the scatter.
         noise: Scale of tau's half-Cauchy prior, or tau itself.
         known: Whether it is tau itself.
@@ -45,6 +48,8 @@ class Level:
     centre: np.ndarray
     slope: np.ndarray
     at_centre: np.ndarray
+    middle: np.ndarray
+    spread: np.ndarray
     scatter: float
     noise: float
     known: bool
@@ -211,21 +216,37 @@ class Gibbs:
         self.b = off / precision + self._normal(off.shape[1]) / np.sqrt(precision)
 
     def _shift(self) -> None:
-        """All x and mu by a step, and b back: along what the data leave open."""
+        """All x and mu by a step, and b back: along what the data leave open.
+
+        b takes what the step changes in the specimens' mean, by the model itself, so that the data
+        hardly notice; the map keeps volumes. The step is drawn as if the model were linear and the
+        prior normal. Half of the steps stay near: far ones are refused where it is less so.
+        """
         level, p = self.level, self.x.shape[2]
-        open_ = level.slope.T @ level.slope / level.discrepancy**2
-        open_ = open_ + np.eye(p) / max(level.scatter, 1e-3) ** 2
-        root = np.linalg.inv(np.linalg.cholesky(open_)).T
-        step = self._normal(p) @ root.T * (2.38 / np.sqrt(p)) * 0.7
-        x, mu = self.x + step[:, None], self.mu + step
-        b = self.b - step @ level.slope.T
-        g = self._model(x)
+        hold = 1 / level.spread**2
+        information = level.slope.T @ level.slope / level.discrepancy**2 + np.diag(hold)
+        root = np.linalg.inv(np.linalg.cholesky(information)).T
+        near = np.where(self._even() < 0.5, _NEAR, 0.0)[:, None]
+
+        def middle(mu, b):
+            pull = b @ level.slope / level.discrepancy**2 + hold * (level.middle - mu)
+            return (1 - near) * np.linalg.solve(information, pull.T).T
 
         def density(mu, g, b):
             prior = level.log_prior(mu) - 0.5 * np.sum(b**2, axis=1) / level.discrepancy**2
             return prior + self._fits(g, b).sum(axis=1)
 
-        taken = np.log(self._even()) < density(mu, g, b) - density(self.mu, self.g, self.b)
+        def proposal(off):
+            return -0.5 * np.einsum("cp,pq,cq->c", off, information, off) / (1 - near[:, 0] ** 2)
+
+        there = middle(self.mu, self.b)
+        step = there + np.sqrt(1 - near**2) * (self._normal(p) @ root.T)
+        x, mu = self.x + step[:, None], self.mu + step
+        g = self._model(x)
+        b = self.b - (g - self.g).mean(axis=1)
+        gain = density(mu, g, b) - density(self.mu, self.g, self.b)
+        gain += proposal(-step - middle(mu, b)) - proposal(step - there)
+        taken = np.log(self._even()) < gain
         self.mu, self.b = (
             np.where(taken[:, None], a, o) for a, o in ((mu, self.mu), (b, self.b))
         )

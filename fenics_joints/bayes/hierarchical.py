@@ -145,10 +145,12 @@ def sample_hierarchy(
     def g(x):
         return model(prior.values(x))
 
-    centre = _nearest(specimens, prior, g, settings.seed)
+    draws = prior.sample(64 * prior.size, np.random.default_rng([settings.seed, 4]))
+    centre = _nearest(specimens, prior, g, draws)
     level = Level(
-        prior.log_density, g, centre, _slope(g, centre), g(centre[None])[0], specimens.scatter,
-        specimens.noise, specimens.noise_known, specimens.discrepancy,
+        prior.log_density, g, centre, _slope(g, centre), g(centre[None])[0], draws.mean(axis=0),
+        draws.std(axis=0), specimens.scatter, specimens.noise, specimens.noise_known,
+        specimens.discrepancy,
     )  # fmt: skip
     data = np.log(specimens.frequencies_hz)
     names = _names(prior.names, specimens)
@@ -228,11 +230,10 @@ def _unpacked(rows: np.ndarray, prior: Prior, specimens: Specimens):
 # -- where the model is linearised -----------------------------------------------------------------
 
 
-def _nearest(specimens: Specimens, prior: Prior, g, seed: int) -> np.ndarray:
+def _nearest(specimens: Specimens, prior: Prior, g, draws: np.ndarray) -> np.ndarray:
     """Coordinates at which the model is nearest to the mean of the specimens."""
     log_f = np.nanmean(np.log(specimens.frequencies_hz), axis=0)
     sd = np.nanstd(np.log(specimens.frequencies_hz), axis=0) + specimens.noise
-    draws = prior.sample(64 * prior.size, np.random.default_rng([seed, 4]))
     middle, spread = draws.mean(axis=0), draws.std(axis=0)
 
     def residuals(x: np.ndarray) -> np.ndarray:

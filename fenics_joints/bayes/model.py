@@ -19,6 +19,8 @@ __all__ = ["Frequencies", "ReducedCheck", "check_reduced", "narrow_frequencies"]
 #: the sizes that are tried.
 _DRAWS, _CHECKS, _ROUNDS = 64, 50, 3
 _SIZES = (12, 16, 20, 24, 28, 32, 40, 50, 60, 80)
+#: Modes beyond the highest of the test's.
+_SPARE = 2
 
 
 @dataclass(eq=False)
@@ -113,6 +115,7 @@ def narrow_frequencies(
         return [dict(zip(names, row, strict=True)) for row in rows]
 
     wanted = [{name: start[name] for name in names}, *drawn(_DRAWS)]
+    middle.n_modes = _enough(middle, wanted)
     for _ in range(_ROUNDS):
         snapshots += [modes_at(middle, values) for values in wanted]
         checks = [values for values in drawn(_CHECKS) if _has_modes(middle, values)]
@@ -128,6 +131,14 @@ def narrow_frequencies(
         lean, error = LeanForward(middle, frozen), 0.0
     rest = {name: value for name, value in start.items() if name not in names}
     return Frequencies(tuple(names), lean, rest, error)
+
+
+def _enough(forward: Forward, points) -> int:
+    """Number of modes that holds the test's at all these points, and a few more."""
+    found = [
+        int(forward.pairing(values).index.max()) for values in points if _has_modes(forward, values)
+    ]
+    return min(forward.n_modes, max(found, default=forward.n_modes) + 1 + _SPARE)
 
 
 def _has_modes(forward: Forward, values: Mapping[str, float]) -> bool:

@@ -1,0 +1,267 @@
+"""Posteriors against closed forms and grids; distributions, convergence, files of chains."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy import stats
+
+from fenics_joints.bayes import (
+    FittedLikelihood,
+    GaussianLikelihood,
+    Posterior,
+    Prior,
+    Settings,
+    sample,
+    samplers,
+)
+from fenics_joints.bayes.calibration import calibrate, rank
+from fenics_joints.bayes.densities import log_pdf
+from fenics_joints.bayes.distributions import choose
+from fenics_joints.bayes.priors import density
+from fenics_joints.bayes.walks import RandomWalk, generator
+from fenics_joints.components import Parameter
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.log_scale import LogScale
+
+pytest.importorskip("arviz")
+
+SLOPE = np.array([[0.3, 0.1], [0.1, 0.4], [0.2, 0.2]])
+MODES = ("first", "second", "third")
+
+
+class NoLaws:
+    regions = ()
+
+
+def prior(log_sd=0.5, **bounds):
+    parameters = tuple(Parameter(name, 1.0, **bounds) for name in "ab")
+    given = {"median": 1.0, "log_sd": log_sd}
+    densities = tuple(density(name, "lognormal", given) for name in "ab")
+    return Prior(parameters, densities, LogScale("ab", NoLaws()))
+
+
+def linear(values):
+    """ln f of a model that is linear in the logarithms."""
+    return np.log(100.0) + np.log(values) @ SLOPE.T
+
+
+def gaussian(shift=0.0):
+    covariance = 1e-4 * np.array([[4.0, 2, 1], [2, 9, 3], [1, 3, 4]])
+    return GaussianLikelihood(MODES, np.log(100) + SLOPE @ [0.1, -0.2] + shift, covariance)
+
+
+@pytest.mark.parametrize("kind", ["metropolis", "emcee"])
+def test_conjugate_posterior(kind):
+    """A linear model, normal in the logarithms: mean and covariance in closed form."""
+    likelihood = gaussian()
+    weight = np.linalg.inv(likelihood.covariance)
+    covariance = np.linalg.inv(SLOPE.T @ weight @ SLOPE + np.eye(2) / 0.25)
+    mean = covariance @ SLOPE.T @ weight @ (likelihood.log_f - np.log(100))
+    found = sample(
+        Posterior(prior(), linear, likelihood), Settings(kind, 10000, 2000, 4)
+    )
+    logs = np.log(found.draws())
+    sd, n = np.sqrt(np.diag(covariance)), min(c["ess_bulk"] for c in found.convergence.values())
+    assert np.all(np.abs(logs.mean(axis=0) - mean) < 4.5 * sd / np.sqrt(n))
+    np.testing.assert_allclose(np.cov(logs.T), covariance, atol=0.15 * sd.max() ** 2)
+
+
+def test_fitted_likelihood_against_a_grid():
+    """Eq. 8 with Weibull, normal and Gumbel frequencies of a nonlinear model."""
+    rng = np.random.default_rng(2)
+    laws = (stats.weibull_min(40, scale=102), stats.norm(96, 3), stats.gumbel_r(99, 2))
+    table = np.column_stack([law.rvs(25, random_state=rng) for law in laws])
+    likelihood = FittedLikelihood.from_specimens(MODES, table, ["weibull", "normal", "gumbel"])
+
+    def model(values):
+        return linear(values) + 0.3 * np.log(values[:, :1]) ** 2
+
+    posterior = Posterior(prior(0.3), model, likelihood)
+    axis = np.linspace(-1.2, 1.2, 241)
+    grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    values = np.exp(grid)
+    # The density by scipy alone.
+    logs = sum(
+        d.frozen.logpdf(f)
+        for d, f in zip(likelihood.fitted, np.exp(model(values)).T, strict=True)
+    )
+    logs += stats.norm(0, 0.3).logpdf(grid).sum(axis=1)
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    mean = weights @ grid
+    sd = np.sqrt(weights @ (grid - mean) ** 2)
+    for kind in ("metropolis", "emcee"):
+        n = 8000 if kind == "metropolis" else 16000
+        draws = np.log(sample(posterior, Settings(kind, n, 2000, 4)).draws())
+        assert np.all(np.abs(draws.mean(axis=0) - mean) < 0.12 * sd), kind
+        np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.12)
+
+
+def test_proposals_from_the_prior_are_the_same_posterior():
+    """The paper's chain, on a posterior that is not far narrower than its prior."""
+    wide = GaussianLikelihood(MODES, gaussian().log_f, 0.01 * np.eye(3))
+    posterior = Posterior(prior(), linear, wide)
+    found = {
+        kind: np.log(sample(posterior, Settings(kind, 8000, 1000, 4)).draws())
+        for kind in ("metropolis", "prior_metropolis")
+    }
+    for moment in (np.mean, np.std):
+        one, other = (moment(draws, axis=0) for draws in found.values())
+        np.testing.assert_allclose(one, other, atol=0.04)
+
+
+def test_intervals_hold_the_truth():
+    """Simulation-based calibration of the random walk: a chain for each set of data."""
+    rng, n = np.random.default_rng(8), 200
+    truths = 0.5 * rng.standard_normal((n, 2))
+    likelihood = gaussian()
+    lower = np.linalg.cholesky(likelihood.covariance)
+    data = truths @ SLOPE.T + rng.standard_normal((n, 3)) @ lower.T
+    weight, known = np.linalg.inv(likelihood.covariance), prior()
+
+    def log_density(x):
+        off = data - x @ SLOPE.T
+        return known.log_density(x) - 0.5 * np.einsum("ni,ij,nj->n", off, weight, off)
+
+    rngs = [generator(3, c) for c in range(n)]
+    walk = RandomWalk(log_density, np.zeros((n, 2)), 0.1 * np.eye(2), rngs, 1000)
+    walk.advance(1000)
+    points, _, _ = walk.advance(3000)
+    for i in range(2):
+        ranks = np.array([rank(truths[k, i], points[k, :, i], 39) for k in range(n)])
+        assert calibrate(ranks, 39).p_value > 0.01
+        assert 0.83 < calibrate(ranks, 39).covered < 0.97
+    # A posterior that is too narrow is found out.
+    narrow = points.mean(axis=1, keepdims=True) + 0.5 * (
+        points - points.mean(axis=1, keepdims=True)
+    )
+    ranks = np.array([rank(truths[k, 0], narrow[k, :, 0], 39) for k in range(n)])
+    assert calibrate(ranks, 39).p_value < 1e-3
+
+
+def test_densities_in_closed_form():
+    shapes = {
+        "norm": (), "lognorm": (0.3,), "uniform": (), "loguniform": (0.5, 3.0), "gamma": (4.0,),
+        "truncnorm": (-1.0, 2.0), "weibull_min": (8.0,), "beta": (2.0, 3.0), "gumbel_r": (),
+        "gumbel_l": (), "logistic": (),
+    }  # fmt: skip
+    for name, args in shapes.items():
+        frozen = getattr(stats, name)(*args, 1.5, 2.0)
+        x = np.append(frozen.rvs(40, random_state=1), [-30.0, 0.0, 1.5, 300.0])
+        closed = log_pdf(frozen)
+        assert closed.__name__ == "closed"
+        np.testing.assert_allclose(closed(x), frozen.logpdf(x), rtol=1e-9, atol=1e-12)
+    assert log_pdf(stats.pareto(3.0))(np.array([2.0])) == stats.pareto(3.0).logpdf(2.0)
+
+
+def test_distributions_of_figure_7_are_found():
+    """Seed 002, Figure 7: a Weibull of shape 819 is found, and not taken for a normal."""
+    x = stats.weibull_min(819.5, scale=2035.08).rvs(400, random_state=3)
+    found = choose("mode 5", x, ["normal", "weibull", "gumbel"])
+    shape, scale = found.frozen.args[0], found.frozen.kwds["scale"]
+    assert found.family == "weibull" and found.p_value > 0.05
+    # Where the likelihood is greatest, by its derivatives.
+    z = x / scale
+    assert np.mean(z**shape) == pytest.approx(1, abs=1e-6)
+    assert 1 / shape + np.mean(np.log(z)) == pytest.approx(np.mean(z**shape * np.log(z)), abs=1e-6)
+    assert scale == pytest.approx(2035.08, rel=5e-4) and shape == pytest.approx(819.5, rel=0.15)
+
+
+def test_what_does_not_fit_is_refused():
+    rng = np.random.default_rng(4)
+    two_kinds = np.concatenate([rng.normal(100, 0.1, 20), rng.normal(110, 0.1, 20)])
+    with pytest.raises(InputError, match="first: no distribution fits its 40 frequencies"):
+        choose("first", two_kinds, ["normal", "lognormal"])
+    accepted = choose("first", two_kinds, ["normal"], accept_misfit=True)
+    assert accepted.doubtful and "fits badly" in accepted.words("first")
+    for bad, words in (
+        ([1.0, 2.0], "at least 5"), ([1.0, -2, 3, 4, 5], "positive"), ([5.0] * 9, "some scatter"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=words):
+            choose("first", np.array(bad))
+
+
+def test_chains_that_did_not_converge_are_not_used():
+    found = sample(Posterior(prior(), linear, gaussian()), Settings(samples=120, burn_in=20))
+    assert not found.converged
+    with pytest.raises(ConvergenceError, match="did not converge"):
+        found.draws()
+    # Two maxima that chains cannot leave.
+    apart = found.__class__(
+        ("a",), np.repeat([[[0.0]], [[5.0]]], 2000, axis=1)
+        + np.random.default_rng(0).standard_normal((2, 2000, 1)),
+        np.zeros((2, 2000)), np.ones(2), "by hand",
+    )  # fmt: skip
+    assert "the chains disagree" in apart.problems[0]
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("kind", ["metropolis", "prior_metropolis", "emcee"])
+def test_chains_are_kept_and_prolonged(kind, tmp_path_factory, monkeypatch):
+    """Prolonged chains are those of a single run; on several ranks they are the serial ones."""
+    comm = MPI.COMM_WORLD
+    folder = comm.bcast(tmp_path_factory.mktemp("chains") if comm.rank == 0 else None)
+    posterior, file = Posterior(prior(), linear, gaussian()), folder / "chains.nc"
+    # Writings fall on the same steps, so that the random numbers do.
+    monkeypatch.setattr(samplers, "_CHUNK", 250)
+    walkers = 8 if kind == "emcee" else 1
+    short, long = (Settings(kind, n * walkers, 100 * walkers, 3) for n in (600, 850))
+    begun = sample(posterior, short, comm, keep=file)
+    whole = sample(posterior, long, comm, keep=file)
+    alone = sample(posterior, long)
+    np.testing.assert_array_equal(begun.values, whole.values[:, : begun.values.shape[1]])
+    np.testing.assert_allclose(whole.values, alone.values, rtol=1e-9)
+    with pytest.raises(InputError, match="another posterior"):
+        sample(Posterior(prior(), linear, gaussian(0.01)), long, comm, keep=file)
+    with pytest.raises(InputError, match="seed = 1, not 2"):
+        sample(posterior, Settings(kind, 9000, long.burn_in, 3, 2), comm, keep=file)
+
+
+def test_file_is_arviz(tmp_path):
+    import arviz
+
+    file = tmp_path / "chains.nc"
+    posterior, settings = Posterior(prior(), linear, gaussian()), Settings(samples=900, burn_in=300)
+    found = sample(posterior, settings, keep=file)
+    tree = arviz.from_netcdf(str(file))
+    np.testing.assert_array_equal(tree["posterior"]["a"].values, found.values[:, :, 0])
+    file.write_text("nothing")
+    with pytest.raises(InputError, match="not a file of chains"):
+        sample(posterior, settings, keep=file)
+
+
+def test_priors_keep_to_bounds_and_laws():
+    """The Jacobian: draws of a chain without data have the prior's moments."""
+    known = prior(0.5, lower=0.5, upper=3.0)
+    silent = Posterior(known, linear, lambda log_f: np.zeros(len(log_f)))
+    draws = sample(silent, Settings(samples=8000, burn_in=1000)).draws()
+    exact = stats.truncnorm(np.log(0.5) / 0.5, np.log(3.0) / 0.5, 0, 0.5)
+    assert np.log(draws).mean() == pytest.approx(exact.mean(), abs=0.03)
+    assert np.log(draws).std() == pytest.approx(exact.std(), rel=0.05)
+    drawn = known.values(known.sample(4000, np.random.default_rng(0)))
+    assert np.log(drawn).mean() == pytest.approx(exact.mean(), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers", "words"),
+    [
+        ("nomral", {"mean": 1, "sd": 0.1}, "expected one of: normal"),
+        ("normal", {"mean": 1}, "expected mean, sd"),
+        ("normal", {"mean": 1, "sd": -0.1}, "finite number above 0"),
+        ("normal", {"mean": 1, "sd": 0.9}, "negative values"),
+        ("normal", {"mean": -5, "sd": 1}, "positive number"),
+        ("uniform", {"low": 3, "high": 2}, "0 <= low < high"),
+        ("lognormal", {"median": 0, "log_sd": 1}, "positive number"),
+    ],
+)
+def test_bad_priors_are_named(kind, numbers, words):
+    with pytest.raises(InputError, match=f"prior of lap.k1: .*{words}"):
+        density("lap.k1", kind, numbers)
+
+
+def test_prior_beside_its_bounds_is_named():
+    far = (Parameter("a", 30.0, lower=20.0),)
+    with pytest.raises(InputError, match="prior of a: has .* of its probability"):
+        Prior(far, prior().densities[:1], LogScale("a", NoLaws()))
