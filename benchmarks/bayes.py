@@ -1,8 +1,8 @@
 """Bayesian identification: what a sample costs, and how good the model is that is sampled.
 
 The beams of seed 002 with the paper's likelihood and chain (20,000 samples, 5,000 thrown away) on
-all ranks; and the lap plates, a solid model, through their reduced model: its error against the full
-model at 50 random points of the prior, and the cost of a sample against that of a full solution.
+all ranks; and the lap plates, a solid model, through their reduced model: its error against the
+full one at 50 random points of the prior, and the cost of a sample against a full solution.
 
     mpirun -n 2 python3 benchmarks/bayes.py beams
     python3 benchmarks/bayes.py plates

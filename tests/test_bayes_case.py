@@ -1,0 +1,109 @@
+"""``fenics-joints update --bayes`` on a case, and what is wrong with a case, in words."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from rich.console import Console
+
+from fenics_joints.bayes.case_model import case_model
+from fenics_joints.bayes_run import run_bayes
+from fenics_joints.build import build_structure
+from fenics_joints.case import load_case
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.files import json_text
+from fenics_joints.progress import Progress
+from fenics_joints.surrogate import Forward
+
+pytest.importorskip("arviz")
+
+DEMO = Path(__file__).parents[1] / "demos" / "bolted_beams"
+SPECIMENS = 'specimens = "specimens_simulated.csv"'
+
+
+def written(folder: Path, changes: dict[str, str]) -> Path:
+    """The demo's case with changes, in a folder of its own."""
+    text = (DEMO / "case.toml").read_text(encoding="utf-8")
+    for old, new in changes.items():
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    for name in ("frequencies.csv", "specimens_simulated.csv"):
+        text = text.replace(f'"{name}"', f"'{DEMO / name}'")
+    path = folder / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parallel
+def test_small_model_is_the_whole_one():
+    """The issue's bound, 0.01 % at 50 points of the prior, against the beams themselves."""
+    case = load_case(DEMO)
+    model = case_model(case, MPI.COMM_WORLD)
+    assert model.check.n_points == 50 and model.check.error < 1e-4
+    beams, sensors = build_structure(case, MPI.COMM_WORLD), case.sensors()
+    exact = Forward(beams.arrays(sensors), sensors, 5, 16)
+    values = model.prior.values(model.prior.sample(20, np.random.default_rng(77)))
+    log_f = [exact(point)[0] for point in model.frequencies.by_name(values)]
+    np.testing.assert_allclose(model.frequencies(values), log_f, atol=1e-4)
+    assert model.n_basis < model.n_dofs / 4
+
+
+@pytest.mark.parallel
+def test_command(tmp_path_factory):
+    """The paper's likelihood; chains in a file; JSON, page and summary."""
+    comm = MPI.COMM_WORLD
+    folder = comm.bcast(tmp_path_factory.mktemp("bayes") if comm.rank == 0 else None)
+    changes = {SPECIMENS: SPECIMENS + '\nlikelihood = "fitted"\nsamples = 3000\n'
+               'distributions = ["normal", "weibull"]'}  # fmt: skip
+    path = comm.bcast(written(folder, changes) if comm.rank == 0 else None)
+    found = run_bayes(load_case(path), comm, Progress(silent=True), keep=folder / "chains.nc")
+    content = json.loads(json_text(found.json()))
+    rows = {row["name"]: row for row in content["parameters"]}
+    assert set(rows) == {"lap.k1", "lap.k2"} and all(r["rhat"] <= 1.01 for r in rows.values())
+    # Of the truth that the specimens were simulated from.
+    assert rows["lap.k2"]["mean"] == pytest.approx(37402, rel=0.02)
+    assert content["model"]["frequency_error"] < 1e-4
+    assert len(content["likelihood"]) == 5 and (folder / "chains.nc").is_file()
+    if comm.rank == 0:
+        page, stream = found.html(), io.StringIO()
+        assert page.count("<svg") == 4 and "R-hat" in page
+        found.show(Console(file=stream, width=100))
+        assert "lap.k1" in stream.getvalue() and "new specimens scatter" in stream.getvalue()
+
+
+def test_without_specimens_and_without_convergence(tmp_path):
+    one_set = {SPECIMENS: "samples = 3000"}
+    case = load_case(written(tmp_path, one_set))
+    found = run_bayes(case, MPI.COMM_SELF, Progress(silent=True))
+    assert found.check is None and found.html().count("<svg") == 3
+    # Seed 002, Table 1: the updated model is within 0.15 % of these frequencies.
+    median = np.array([row["median_hz"] for row in found.predicted()])
+    assert np.max(np.abs(median / case.measurements().frequencies_hz[0] - 1)) < 2.5e-3
+    too_few = load_case(written(tmp_path, {SPECIMENS: SPECIMENS + "\nsamples = 40"}))
+    with pytest.raises(ConvergenceError, match="the chains did not converge .*lap.k1"):
+        run_bayes(too_few, MPI.COMM_SELF, Progress(silent=True))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('sd = "88.16 N m"', 'sd = "88.16 N"', "update.bayes.priors.lap.k1: sd = '88.16 N'"),
+        ('mean = "1763.2 N m"', 'mean = "-1 N m"', "mean = -1: expected a positive number"),
+        ('{ kind = "normal", mean = "37402', '{ kind = "norm", mean = "37402', "kind = 'norm'"),
+        ('"lap.k2" = { kind', '"lap.k3" = { kind', "lap.k3: is not in update.parameters"),
+        (SPECIMENS, 'likelihood = "fitted"', "expected update.bayes.specimens too"),
+        (SPECIMENS, 'specimens = "nowhere.csv"', "no such file"),
+        (SPECIMENS, SPECIMENS + "\nsampler = 'nuts'", "update.bayes.sampler"),
+        (SPECIMENS, SPECIMENS + "\nchains = 1", "update.bayes.chains"),
+        (SPECIMENS, SPECIMENS + "\nsamples = 20\nburn_in = 20", "expected below samples = 20"),
+    ],
+)
+def test_bad_cases_are_named(tmp_path, old, new, words):
+    with pytest.raises(InputError) as error:
+        load_case(written(tmp_path, {old: new}))
+    assert words in str(error.value)
