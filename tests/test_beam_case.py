@@ -24,7 +24,8 @@ def written(folder: Path, changes: dict[str, str], more: str = "") -> Path:
     for old, new in changes.items():
         assert text.count(old) == 1, old
         text = text.replace(old, new)
-    text = text.replace('"frequencies.csv"', f"'{DEMO / 'frequencies.csv'}'")
+    for name in ("frequencies.csv", "specimens_simulated.csv"):
+        text = text.replace(f'"{name}"', f"'{DEMO / name}'")
     path = folder / "case.toml"
     path.write_text(text + more, encoding="utf-8")
     return path
