@@ -52,6 +52,9 @@ _UNITS = {
     "k_n": "Pa/m",
     "k_t": "Pa/m",
     "h": "m",
+    "alpha": "1/s",
+    "beta": "s",
+    "relaxation": "s",
 }
 #: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
 _JOINT_MODULUS = (1e2, 1e14)
@@ -65,6 +68,8 @@ _NU = (0.0, 0.49)
 #: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
 RIGID_SUPPORT = 1e19
 _SUPPORT = (1e6, 1e21)
+#: How far a damping value may be from its nominal one, as a factor; a ratio is at most 1.
+_DAMPING = 1e3
 #: How much heavier or stiffer than the case says something attached may be.
 _ATTACHED = {"mass": 10.0, "stiffness": 1e3}
 
@@ -99,6 +104,7 @@ def build_structure(
     tagged: TaggedMesh | None = None,
     width: bool = False,
     elastic_supports: bool = False,
+    damping: bool = False,
 ) -> Structure:
     """The structure of a case, all its numbers as parameters. Collective.
 
@@ -118,6 +124,7 @@ def build_structure(
             They double the terms that a reduced model has of a part.
         elastic_supports: Whether the ``[supports]`` that hold all directions are springs spread
             over their facets, as good as rigid at their nominal NAME.k_n and NAME.k_t.
+        damping: Whether the values of ``[damping]`` are parameters too; see `Case.damped`.
 
     Raises:
         InputError: For a value that is out of range.
@@ -132,7 +139,10 @@ def build_structure(
         return Structure(
             tagged,
             [*_parts(case, width), *_joints(case, tagged, law)],
-            parameters(case, attached=attached, width=width, elastic_supports=elastic_supports),
+            parameters(
+                case, attached=attached, width=width, elastic_supports=elastic_supports,
+                damping=damping,
+            ),
             masses=masses,
             springs=springs,
             supports=supports,
@@ -183,7 +193,12 @@ def _bolt(name: str, section) -> BeamBolt | PretensionSection | WasherForce:
 
 
 def parameters(
-    case: Case, *, attached: bool = False, width: bool = False, elastic_supports: bool = False
+    case: Case,
+    *,
+    attached: bool = False,
+    width: bool = False,
+    elastic_supports: bool = False,
+    damping: bool = False,
 ) -> list[Parameter]:
     """The parameters of a case's structure, with units and bounds, in order."""
     bounds = _bounds(case)
@@ -194,6 +209,11 @@ def parameters(
                 for key in ("k_n", "k_t"):
                     values[f"{name}.{key}"] = RIGID_SUPPORT
                     bounds[f"{name}.{key}"] = _SUPPORT
+    if damping and case.damping is not None:
+        for name, value in case.damping.nominal().items():
+            values[name] = value
+            high = value * _DAMPING
+            bounds[name] = value / _DAMPING, high if _unit(name) else min(high, max(1.0, value))
     return [
         Parameter(name, value, _unit(name), *bounds[name], log=_is_log(name, value))
         for name, value in values.items()

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError
 
+from fenics_joints.case_combined import check_combined
+from fenics_joints.case_damping import DampingSection
 from fenics_joints.case_harmonic import HarmonicSection, NonlinearSection, check_harmonic
 from fenics_joints.case_mesh import FileMesh, Mesh
 from fenics_joints.case_messages import case_error, describe, did_you_mean, said
@@ -71,6 +73,7 @@ class Case(Section):
         diagnose: What a diagnosis may assume.
         nonlinear: Laws of nonlinear joints and contacts, by their name.
         harmonic: What response to sinusoidal forces is wanted, or None.
+        damping: Linear damping of the model, or None.
     """
 
     title: str = ""
@@ -88,6 +91,7 @@ class Case(Section):
     diagnose: Diagnose = Diagnose()
     nonlinear: named(NonlinearSection) = {}
     harmonic: HarmonicSection | None = None
+    damping: DampingSection | None = None
 
     _path: Path = PrivateAttr(Path("case.toml"))
     _coarse: Mesh | None = PrivateAttr(None)
@@ -172,19 +176,41 @@ class Case(Section):
         """Somebody's values of the parameters, SI; those in ``update.published.parameters``."""
         return dict(self._published)
 
-    def nominal(self, attached: bool = False, width: bool = False) -> dict[str, float]:
+    def combined(self) -> bool:
+        """Whether an update takes functions or shapes beside frequencies, at one condition."""
+        update = self.update
+        if update is None or update.cutoff is not None:
+            return False
+        return bool(update.combined_keys()) or self._frfs is not None
+
+    def fitted_data(self) -> tuple[str, ...]:
+        """Kinds of data that a combined update fits."""
+        if self.update is not None and self.update.data is not None:
+            return tuple(dict.fromkeys(self.update.data))
+        there = {
+            "frequencies": self._measured is not None,
+            "shapes": self._measured is not None and self._measured.shapes is not None,
+            "frfs": self._frfs is not None,
+        }
+        return tuple(kind for kind, has in there.items() if has)
+
+    def nominal(
+        self, attached: bool = False, width: bool = False, damping: bool = False
+    ) -> dict[str, float]:
         """Value of every parameter of the model, SI, by name (``near.E``), in order.
 
         Args:
             attached: Whether to add those of ``[attached]``, at zero: not there.
             width: Whether to add the widths of the parts, relative to the mesh's: 1.
+            damping: Whether to add those of ``[damping]``.
         """
         values = {name: part.nominal(width) for name, part in self.parts.items()}
         sections = {**self.joints, **self.masses, **self.springs}
         values |= {name: section.nominal() for name, section in sections.items()}
         if attached:
             values |= {name: section.absent() for name, section in self.attached.items()}
-        return {f"{name}.{key}": v for name, own in values.items() for key, v in own.items()}
+        found = {f"{name}.{key}": v for name, own in values.items() for key, v in own.items()}
+        return found | (self.damping.nominal() if damping and self.damping is not None else {})
 
     def tolerances(self) -> dict[str, float]:
         """Relative standard deviations that the case gives, by parameter.
@@ -231,6 +257,7 @@ def load_case(path: str | Path) -> Case:
     case._coarse = _diagnosed_mesh(case, raw)
     errors = [*_check_names(case), *_check_mesh(case), *_read_tests(case), *_read_frfs(case)]
     errors += _check_update(case) if case.update else []
+    errors += check_combined(case)
     errors += [*check_harmonic(case), *_read_curves(case)]
     if errors:
         raise case_error(path, errors)
@@ -484,8 +511,11 @@ def _check_cutoff(case: Case) -> list[str]:
 def _check_update(case: Case) -> list[str]:
     update, measured = case.update, case._measured
     errors = [] if update.cutoff is None else _check_cutoff(case)
-    units = {"E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "h": "m"}
-    known = case.nominal()
+    units = {
+        "E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "h": "m",
+        "alpha": "1/s", "beta": "s", "relaxation": "s",
+    }  # fmt: skip
+    known = case.nominal(damping=case.combined())
     for i, name in enumerate(update.parameters):
         if name not in known:
             key = f"update.parameters[{i}]"

@@ -21,6 +21,8 @@ _KINDS = {
     "Hz": ("a frequency", "12.5 Hz"),
     "N": ("a force", "28 kN"),
     "N*m": ("a torque", "25 N m"),
+    "s": ("a time", "2 us"),
+    "1/s": ("a rate", "5 1/s"),
 }
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 #: Angles are no dimension, so that rad/s and rpm would pass for Hz and be wrong by 2 pi or 60.
