@@ -1,4 +1,4 @@
-"""Frequency response functions of a structure, direct or by modes, and their derivatives.
+"""Frequency response functions of a structure, full or reduced, and their derivatives.
 
 H_ij(w) = c_i^T Z(i w)^-1 b_j for a sensor c_i and a unit force b_j, with the dynamic stiffness Z of
 `fenics_joints.damping`. By the adjoint,
@@ -23,6 +23,7 @@ from fenics_joints.dynamic_stiffness import DynamicStiffness
 from fenics_joints.eigensolver import product
 from fenics_joints.errors import InputError
 from fenics_joints.frf_modal import ModalPencil, Response, check_lines, modal_pencil
+from fenics_joints.frf_reduced import reduced_pencil
 from fenics_joints.modal import Modes
 from fenics_joints.points import Sensors
 from fenics_joints.structure import Structure
@@ -50,8 +51,10 @@ class FRF:
             n_sensors, n_excitations, n_parameters); None unless they were asked for.
         error: By modes: |H - H_direct| / |H_direct|, (n_checked, n_sensors, n_excitations).
         error_hz: Lines at which that was found, Hz, (n_checked,).
-        solver: PETSc's KSP of the direct solution; by modes the `EigenSolver`'s SLEPc EPS.
-        modal: The structure on its modes and residual vectors; None for a direct solution.
+        solver: PETSc's KSP of the direct solution; by modes the `EigenSolver`'s SLEPc EPS. None of
+            a reduced model.
+        modal: The structure on its modes and residual vectors, or the reduced model on its modes;
+            None for a direct solution of the full one.
     """
 
     frequencies_hz: np.ndarray
@@ -90,7 +93,7 @@ def _power(kind: str) -> int:
 
 
 def solve_frf(
-    structure: Structure,
+    model,
     given: Mapping[str, float] | None = None,
     *,
     frequencies_hz,
@@ -108,15 +111,16 @@ def solve_frf(
     """FRFs at sensors under unit forces. Collective.
 
     Args:
-        structure: The full model.
+        model: A `Structure`; or a `ReducedStructure` or `ArrayModel`, whose FRFs are found by
+            `fenics_joints.frf_reduced`, on all of its modes, with either method.
         given: Values of parameters that differ from their nominal value.
         frequencies_hz: Lines, Hz, above 0, (n_f,).
         excitation: Points and directions of the forces.
         sensors: Points and directions of the responses.
         damping: The damping; without it a direct solution fails at a resonance.
         kind: ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
-        method: ``"direct"``: one factorisation for each line. ``"modal"``: on modes, rigid-body
-            modes among them, and residual vectors for the forces and sensors: see
+        method: Of a full model; ``"direct"``: one factorisation for each line. ``"modal"``: on
+            modes, rigid-body modes among them, and residual vectors for the forces and sensors: see
             `fenics_joints.frf_modal`.
         gradients: Whether the derivatives by all parameters are wanted, those that the damping
             names among them.
@@ -136,12 +140,21 @@ def solve_frf(
     if method not in ("direct", "modal"):
         raise InputError(f"method = {method!r}: expected direct or modal.")
     damping = damping or Damping()
+    common = {"sensors": sensors, "excitation": excitation, "given": dict(given or {})}
+    if not isinstance(model, Structure):
+        reduced = reduced_pencil(model, given, damping, gradients=gradients)
+        loads, reads = (
+            reduced.basis.T @ model.rows(places, what).T
+            for places, what in ((excitation, "excitation"), (sensors, "sensor"))
+        )
+        found = reduced.response(lines, loads, reads, gradients)
+        frf = FRF(lines, found.values, "receptance", method=method, gradients=found.gradients,
+                  modal=reduced, **common)  # fmt: skip
+        return frf.to(kind) if power else frf
     if method == "direct" and damping.is_modal:
         raise InputError('damping.modal: expected method = "modal", or damping without ratios.')
-    pencil = DampedPencil(structure, given, damping)
-    loads = point_loads(structure, excitation, "excitation")
-    reads = point_loads(structure, sensors)
-    common = {"sensors": sensors, "excitation": excitation, "given": dict(given or {})}
+    pencil = DampedPencil(model, given, damping)
+    loads, reads = point_loads(model, excitation, "excitation"), point_loads(model, sensors)
     try:
         if method == "direct":
             found, solver = _direct(pencil, lines, loads, reads, gradients, petsc_options)

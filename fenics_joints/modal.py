@@ -13,7 +13,7 @@ from fenics_joints.eigensolver import EigenSolver
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.points import Sensors
 
-__all__ = ["SHIFT_SHARE", "Modes", "dense_modes", "solve_modes"]
+__all__ = ["SHIFT_SHARE", "Modes", "count_rigid", "dense_modes", "solve_modes"]
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
 #: for a safe factorisation of a free body, near enough for fast convergence.
@@ -123,7 +123,7 @@ def solve_modes(
         solver = EigenSolver(n_modes, shift=shift, tol=tolerance, petsc_options=petsc_options)
     result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
     K.destroy(), M.destroy()
-    n_rigid = _count_rigid(result.values, np.sqrt(-solver.shift) / (2 * np.pi))
+    n_rigid = count_rigid(result.values, np.sqrt(-solver.shift) / (2 * np.pi))
     return Modes(
         model, given, result.values, result.shapes, n_rigid, result.residuals, solver,
         result.statistics,
@@ -137,7 +137,7 @@ def _solve_dense(model, given, K, M, n_modes) -> Modes:
         )
     shift_hz = model.scale_hz * SHIFT_SHARE
     values, vectors = dense_modes(K, M, shift_hz, n_modes)
-    return Modes(model, given, values, vectors, _count_rigid(values, shift_hz))
+    return Modes(model, given, values, vectors, count_rigid(values, shift_hz))
 
 
 def dense_modes(
@@ -166,5 +166,6 @@ def dense_modes(
     return 1 / inverse - shift, vectors / np.sqrt(inverse)
 
 
-def _count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
+def count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
+    """Number of rigid-body modes among eigenvalues that were found with that shift."""
     return int(np.sum(np.abs(eigenvalues) < (2 * np.pi * _RIGID_SHARE * shift_hz) ** 2))

@@ -9,17 +9,21 @@ the error at parameters that were not sampled.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.array_model import ArrayModel
 from fenics_joints.components import PointMass, Region, Spring
 from fenics_joints.errors import InputError
 from fenics_joints.laws import ELASTIC_SUPPORT
 from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.place_rows import PlaceRows
 from fenics_joints.points import Sensors
 from fenics_joints.structure import Structure
 
@@ -171,11 +175,7 @@ class ReducedStructure:
             eigenvalues: lambda of each, shape (k,).
             given: Values of parameters that differ from their nominal value.
         """
-        if self._graded:
-            raise InputError(
-                f"{self.full.regions[self._graded[0]].name}: derivatives of a graded joint need "
-                "the full model; expected uniform properties in a reduced one."
-            )
+        self._refuse_graded()
         return self.affine.gradients(shapes, eigenvalues, self.values(given))
 
     def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
@@ -184,6 +184,61 @@ class ReducedStructure:
         if key not in self._sensor_rows:
             self._sensor_rows[key] = self.full.observe(self.basis, sensors)
         return self._sensor_rows[key] @ shapes
+
+    def rows(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
+        """What sensors read of the basis, and loads of one newton on it, (n_sensors, n_dofs).
+
+        Raises:
+            InputError: If one is outside the mesh; ``what`` is its name in the message.
+        """
+        self.full.rows(sensors.points, what)
+        return self.observe(np.eye(self.n_dofs), sensors)
+
+    def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
+        """Stiffness of one part, joint or elastic support alone, shape (n_dofs, n_dofs)."""
+        for i in self._graded:
+            if self.full.regions[i].name == name:
+                return self._varying(i, self.values(given))[0]
+        return self._affine_arrays.region_stiffness(name, given)
+
+    def slopes(self, given: Mapping[str, float] | None = None, apart: Sequence[str] = ()):
+        """dK/dp and dM/dp as matrices, see `ArrayModel.slopes`.
+
+        Raises:
+            InputError: If a region is graded.
+        """
+        self._refuse_graded()
+        return self._affine_arrays.slopes(given, apart)
+
+    @cached_property
+    def _affine_arrays(self) -> ArrayModel:
+        """What does not vary in space, as plain arrays."""
+        return ArrayModel(self.affine, self.scale_hz)
+
+    def arrays(self, *places: Sensors) -> ArrayModel:
+        """The same model as plain arrays, which need no mesh and no other rank. Collective.
+
+        Args:
+            places: Excitations and sensors for which it shall carry the displacements.
+
+        Raises:
+            InputError: If a region is graded, or a point outside the mesh.
+        """
+        self._refuse_graded()
+        points = [np.asarray(s.points)[:, : self.full.gdim] for s in places]
+        if not points:
+            return self._affine_arrays
+        # Once each, in the order in which they are named.
+        first = np.sort(np.unique(np.vstack(points), axis=0, return_index=True)[1])
+        distinct = np.vstack(points)[first]
+        return replace(self._affine_arrays, places=PlaceRows(distinct, self.point_rows(distinct)))
+
+    def _refuse_graded(self) -> None:
+        if self._graded:
+            raise InputError(
+                f"{self.full.regions[self._graded[0]].name}: derivatives and arrays of a graded "
+                "joint need the full model; expected uniform properties in a reduced one."
+            )
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg, as the full structure's."""

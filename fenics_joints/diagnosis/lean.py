@@ -68,7 +68,8 @@ def project(model: ArrayModel, basis: np.ndarray) -> ArrayModel:
         pencil.fixed_mass,
     )
     rows = [None if a is None else a @ basis for a in (model.sensor_rows, model.shift_rows)]
-    return replace(model, pencil=lean, sensor_rows=rows[0], shift_rows=rows[1])
+    places = model.places and model.places.on(basis)
+    return replace(model, pencil=lean, sensor_rows=rows[0], shift_rows=rows[1], places=places)
 
 
 def pod(
