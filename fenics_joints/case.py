@@ -181,16 +181,19 @@ class Case(Section):
         update = self.update
         if update is None or update.cutoff is not None:
             return False
-        return bool(update.combined_keys()) or self._frfs is not None
+        return bool(update.combined_keys()) or "frfs" in self.fitted_data()
 
     def fitted_data(self) -> tuple[str, ...]:
-        """Kinds of data that a combined update fits."""
+        """Kinds of data that a combined update fits: what there is, unless the case says it.
+
+        Without ``[damping]`` the model has no functions to compare with those of the test.
+        """
         if self.update is not None and self.update.data is not None:
             return tuple(dict.fromkeys(self.update.data))
         there = {
             "frequencies": self._measured is not None,
             "shapes": self._measured is not None and self._measured.shapes is not None,
-            "frfs": self._frfs is not None,
+            "frfs": self._frfs is not None and self.damping is not None,
         }
         return tuple(kind for kind, has in there.items() if has)
 
