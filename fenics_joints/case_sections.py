@@ -645,9 +645,10 @@ class Update(Section):
     starting value: it holds what the data leave open, and is 2.3 (a factor of 10) by default.
 
     ``data`` says what is fitted: any of ``"frequencies"``, ``"shapes"`` and ``"frfs"``; by default
-    what there is, functions only with a section ``[damping]``. ``method`` is ``"log"`` (logarithms of functions at frequencies relative to the
-    resonances) or ``"weighted"`` (seed 000, eqs. 15 to 20). ``lines`` are the lines of the
-    functions that are fitted: how many, spread over flanks and antiresonances, or which.
+    what there is, functions only with a section ``[damping]``. ``method`` is ``"log"`` (logarithms
+    of functions at frequencies relative to the resonances) or ``"weighted"`` (seed 000, eqs. 15 to
+    20). ``lines`` are the lines of the functions that are fitted: how many, spread over flanks and
+    antiresonances, or which.
     """
 
     at: float | None = None
