@@ -18,6 +18,7 @@ __all__ = [
     "BuilderMesh",
     "CBeamsMesh",
     "DumbbellMesh",
+    "EngravingMachineMesh",
     "FileMesh",
     "LapBeamMesh",
     "LapPlatesMesh",
@@ -190,6 +191,40 @@ class DumbbellMesh(BuilderMesh):
         return dumbbell(comm, **self.arguments())
 
 
+class EngravingMachineMesh(BuilderMesh):
+    """``builder = "engraving_machine"``: arguments of `fenics_joints.meshes.engraving_machine`."""
+
+    builder: Literal["engraving_machine"]
+    bed: tuple[Size, Size, Size] | None = None
+    column: Size | None = None
+    arm: tuple[Size, Size] | None = None
+    wall: Size | None = None
+    flange: Size | None = None
+    gusset: Size | None = None
+    ribs: Count | None = None
+    bolts: tuple[Count, Count] | None = None
+    layer: Size | None = None
+    r_nei: Size | None = None
+    r_wai: Size | None = None
+    zone: Size | None = None
+    element_size: Size | None = None
+    n_layer: Count | None = None
+    cell: Literal["hexahedron", "tetrahedron"] | None = None
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the cells' and of the facets' groups."""
+        from fenics_joints.meshes.engraving_machine import BODIES, FACET_NAMES, number_of_bolts
+
+        rings = number_of_bolts(**self.model_dump(include={"bolts"}, exclude_none=True))
+        return [*BODIES, *(f"ring_{i + 1}" for i in range(rings))], list(FACET_NAMES)
+
+    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh. Collective."""
+        from fenics_joints.meshes import engraving_machine
+
+        return engraving_machine(comm, **self.arguments())
+
+
 class FileMesh(Section):
     """``[mesh]`` from a gmsh file with named physical groups."""
 
@@ -202,7 +237,7 @@ class FileMesh(Section):
 #: Classes of the builders, by name.
 BUILDERS = {
     "lap_plates": LapPlatesMesh, "c_beams": CBeamsMesh, "lap_beam": LapBeamMesh,
-    "dumbbell": DumbbellMesh,
+    "dumbbell": DumbbellMesh, "engraving_machine": EngravingMachineMesh,
 }  # fmt: skip
 
 
@@ -220,6 +255,7 @@ Mesh = Annotated[
     | Annotated[CBeamsMesh, Tag("<CBeamsMesh>")]
     | Annotated[LapBeamMesh, Tag("<LapBeamMesh>")]
     | Annotated[DumbbellMesh, Tag("<DumbbellMesh>")]
+    | Annotated[EngravingMachineMesh, Tag("<EngravingMachineMesh>")]
     | Annotated[FileMesh, Tag("<FileMesh>")],
     Discriminator(_mesh_kind),
 ]
