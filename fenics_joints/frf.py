@@ -24,14 +24,12 @@ from fenics_joints.eigensolver import product
 from fenics_joints.errors import InputError
 from fenics_joints.frf_modal import ModalPencil, Response, check_lines, modal_pencil
 from fenics_joints.frf_reduced import reduced_pencil
+from fenics_joints.frf_units import KINDS, MOTION, checked_kind
 from fenics_joints.modal import Modes
 from fenics_joints.points import Sensors
 from fenics_joints.structure import Structure
 
-__all__ = ["FRF", "KINDS", "solve_frf"]
-
-#: Kinds of FRF, with the power of i w by which each is the receptance's multiple, and their unit.
-KINDS = {"receptance": (0, "m/N"), "mobility": (1, "m/(s N)"), "accelerance": (2, "m/(s2 N)")}
+__all__ = ["FRF", "solve_frf"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class FRF:
     Attributes:
         frequencies_hz: Lines, Hz, (n_f,).
         values: Responses per unit force, complex, (n_f, n_sensors, n_excitations); the time factor
-            is exp(+i w t). In the unit of `KINDS`.
+            is exp(+i w t). In `unit`.
         kind: ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
         sensors: Where and in which direction the response is read.
         excitation: Where and in which direction the forces act.
@@ -70,13 +68,18 @@ class FRF:
     solver: object | None = None
     modal: ModalPencil | None = None
 
+    @property
+    def unit(self) -> str:
+        """Unit of the values, such as ``m/s2/N``."""
+        return f"{MOTION[self.kind]}/N"
+
     def to(self, kind: str) -> FRF:
         """The same response as another kind.
 
         Raises:
             InputError: For an unknown kind.
         """
-        power = _power(kind) - _power(self.kind)
+        power = KINDS[checked_kind(kind)] - KINDS[self.kind]
         factor = (2j * np.pi * self.frequencies_hz) ** power
         gradients = self.gradients
         if gradients is not None:
@@ -84,12 +87,6 @@ class FRF:
         return replace(
             self, kind=kind, values=self.values * factor[:, None, None], gradients=gradients
         )
-
-
-def _power(kind: str) -> int:
-    if kind not in KINDS:
-        raise InputError(f"kind = {kind!r}: expected one of {', '.join(KINDS)}.")
-    return KINDS[kind][0]
 
 
 def solve_frf(
@@ -136,7 +133,7 @@ def solve_frf(
         ConvergenceError: If the system is singular at a line, or the modes were not found.
     """
     lines = check_lines(frequencies_hz)
-    power = _power(kind)
+    power = KINDS[checked_kind(kind)]
     if method not in ("direct", "modal"):
         raise InputError(f"method = {method!r}: expected direct or modal.")
     damping = damping or Damping()

@@ -14,7 +14,6 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
@@ -25,15 +24,12 @@ from fenics_joints.laws import ELASTIC_SUPPORT
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.place_rows import PlaceRows
 from fenics_joints.points import Sensors
+from fenics_joints.snapshots import SNAPSHOT, Snapshots, dense_columns, orthonormal, project
 from fenics_joints.structure import Structure
 
 __all__ = ["ReducedStructure", "enrich", "reduce"]
 
 _TRAVEL_SAMPLES = 41
-#: Share of the largest energy below which a direction among the rigid-body modes is none.
-_RIGID = 1e-10
-#: Snapshots span a basis; their own error matters by its square.
-_SNAPSHOT = 1e-4
 
 
 class ReducedStructure:
@@ -61,7 +57,7 @@ class ReducedStructure:
         self.parameters, self.values = structure.parameters, structure.values
         self.basis = basis
         self.n_dofs = len(basis)
-        self._dense = _columns(basis)
+        self._dense = dense_columns(basis)
         self.scale_hz = structure.dilation_frequency()
         volumes = structure.volumes()
         graded = [_is_graded(region) for region in structure.regions]
@@ -83,7 +79,7 @@ class ReducedStructure:
 
     def project(self, A: PETSc.Mat) -> np.ndarray:
         """Z^T A Z, shape (n_dofs, n_dofs), equal on all ranks. Collective."""
-        return _project(A, self._dense)
+        return project(A, self._dense)
 
     def _region_term(self, number: int, volume: float) -> RegionTerm:
         """Projections of the law's stiffness terms and of the unit mass."""
@@ -278,26 +274,14 @@ def reduce(
     Raises:
         InputError: Without samples.
     """
-    rigid, snapshots, first, solver = [], [], None, None
+    snapshots, solver = Snapshots(structure), None
     for given in samples:
-        modes = solve_modes(
-            structure, given, n_modes=n_modes, solver=solver, tolerance=_SNAPSHOT
-        )
+        modes = solve_modes(structure, given, n_modes=n_modes, solver=solver, tolerance=SNAPSHOT)
         solver = modes.solver
-        first = given if first is None else first
-        for i in range(len(modes)) if keep is None else keep(modes):
-            (rigid if i < modes.n_rigid else snapshots).append(modes.shapes[int(i)])
+        snapshots.add(modes, None if keep is None else keep(modes))
         if progress:
             progress()
-    if not rigid and not snapshots:
-        raise InputError("samples: expected at least one set of parameter values.")
-    # Rigid bodies are kept whole, or they would no longer be rigid; they are the same in all
-    # samples, but that soft springs may mix them.
-    whole = _orthonormal(structure, rigid, first, _RIGID, only_mass=True) if rigid else []
-    if not snapshots:
-        return ReducedStructure(structure, whole, travel)
-    basis = _orthonormal(structure, [*whole, *snapshots], first, tolerance, len(whole))
-    return ReducedStructure(structure, basis, travel)
+    return ReducedStructure(structure, snapshots.basis(tolerance), travel)
 
 
 def enrich(
@@ -316,60 +300,5 @@ def enrich(
         travel: Ranges of moving masses, see `ReducedStructure`.
         tolerance: As in `reduce`.
     """
-    joined = _orthonormal(structure, [*basis, *shapes], None, tolerance)
+    joined = orthonormal(structure, [*basis, *shapes], None, tolerance)
     return ReducedStructure(structure, joined, travel)
-
-
-def _orthonormal(
-    structure, snapshots, given, tolerance, whole: int = 0, only_mass: bool = False
-) -> list[PETSc.Vec]:
-    """Snapshots made orthonormal in the energy of one sample, without the dependent ones.
-
-    The first ``whole`` of them are kept, and what the others have of them is taken off.
-    """
-    # The energy of a support as good as rigid would hide how the snapshots differ elsewhere.
-    soft = [k for s in structure.elastic_supports for k in (s.k_n, s.k_t) if isinstance(k, str)]
-    given = {**(given or {}), **dict.fromkeys(soft, 0.0)}
-    K, M = structure.stiffness(given), structure.mass(given)
-    Z = _columns(snapshots)
-    stiff, heavy = _project(K, Z), _project(M, Z)
-    scale = np.trace(stiff) / np.trace(heavy)
-    # Rigid bodies have no energy but round-off, which may be below zero: there the mass decides.
-    gram = heavy if only_mass else stiff + scale * heavy
-    norms = np.sqrt(np.diag(gram))
-    gram = gram / np.outer(norms, norms)
-    first, rest = slice(0, whole), slice(whole, None)
-    onto = np.linalg.solve(gram[first, first], gram[first, rest])
-    values, vectors = np.linalg.eigh(gram[rest, rest] - gram[rest, first] @ onto)
-    keep = values > tolerance * values[-1]
-    rest_vectors = vectors[:, keep] / np.sqrt(values[keep])
-    combine = np.zeros((len(gram), whole + int(keep.sum())))
-    combine[first, first] = np.linalg.inv(np.linalg.cholesky(gram[first, first])).T
-    combine[first, rest], combine[rest, rest] = -onto @ rest_vectors, rest_vectors
-    combine /= norms[:, None]
-    basis = []
-    for column in (Z.getDenseArray() @ combine).T:
-        vector = snapshots[0].duplicate()
-        vector.array[:] = column
-        basis.append(vector)
-    return basis
-
-
-def _columns(vectors: list[PETSc.Vec]) -> PETSc.Mat:
-    """Dense matrix with these columns."""
-    Z = PETSc.Mat().createDense((vectors[0].getSizes(), (None, len(vectors))), comm=vectors[0].comm)
-    Z.setUp()
-    array = Z.getDenseArray()
-    for column, vector in enumerate(vectors):
-        array[:, column] = vector.array_r
-    Z.assemble()
-    return Z
-
-
-def _project(A: PETSc.Mat, Z: PETSc.Mat) -> np.ndarray:
-    """Z^T A Z, made symmetric, equal on all ranks. Collective."""
-    AZ = A.matMult(Z)
-    local = Z.getDenseArray().T @ AZ.getDenseArray()
-    A.comm.tompi4py().Allreduce(MPI.IN_PLACE, local)
-    AZ.destroy()
-    return 0.5 * (local + local.T)
