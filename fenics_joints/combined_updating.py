@@ -33,6 +33,9 @@ __all__ = ["MOVES", "update_combined"]
 MOVES = ("first", "always", "never")
 #: Accuracy, in coordinates, at which the fit with moved lines may end.
 _ROUGH = 1e-3
+#: In that fit, standard deviation of ln H beside the noise: FRFs over moved lines differ by their
+#: shape, by some decibels where the model is far off, and until then the frequencies lead.
+_SHAPE = 0.3
 
 
 def update_combined(
@@ -78,10 +81,11 @@ def update_combined(
         raise InputError(f"moves = {moves!r}: expected one of {', '.join(MOVES)}")
     fit = _Fit(model, parameters, target, start, damping, n_modes, regularisation, centre)
     can_move = target.frfs is not None and fit.predictor.moves.any()
-    x, done = fit.start, None
+    x = fit.start
     if moves != "never" and can_move:
-        done = fit.solve(x, True, max_evaluations, rough=moves == "first")
-        x = done.x
+        fit.residuals.weaken(_SHAPE)
+        x = fit.solve(x, True, max_evaluations, rough=True).x
+        fit.residuals.weaken(0.0)
         if moves == "always":
             fit.residuals.inflate(fit.predict(x, True), fit.predictor.moves)
             done = fit.solve(x, True, max_evaluations)
@@ -98,6 +102,8 @@ def update_combined(
     return fit.finish(done, moved, converged)
 
 
+#: Root mean square of residuals, in standard deviations, above which the message speaks of them.
+_MISFIT = 2.0
 #: What scipy's status says, in words.
 _WORDS = {
     0: "not converged: out of evaluations",
@@ -193,9 +199,13 @@ class _Fit:
         inverse = by_x @ np.linalg.pinv(information, hermitian=True)
         whitened = data * self.coordinates.working(values)
         chi2 = float(np.sum(self.residuals.values(prediction) ** 2))
+        freedom = self.residuals.count - len(values)
+        message = _WORDS.get(done.status, done.message)
+        if chi2 > _MISFIT**2 * max(freedom, 1):
+            off = np.sqrt(chi2 / max(freedom, 1))
+            message += f", where test and model differ by {off:.2g} standard deviations"
         return CombinedUpdate(
             "log", self.coordinates.names, self.first, values, inverse @ middle @ inverse.T,
             identifiability(whitened, self.coordinates.names), converged,
-            _WORDS.get(done.status, done.message), self.predictor.calls, tuple(self.history),
-            prediction, chi2, self.residuals.count - len(values),
+            message, self.predictor.calls, tuple(self.history), prediction, chi2, freedom,
         )  # fmt: skip

@@ -26,9 +26,11 @@ from fenics_joints.damped_pencil import point_loads
 from fenics_joints.damping import Damping
 from fenics_joints.errors import InputError
 from fenics_joints.frf import solve_frf
+from fenics_joints.frf_modal import ModalPencil
 from fenics_joints.frf_units import KINDS
 from fenics_joints.gap import Pairing, mac, pair_modes
 from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.points import Sensors
 from fenics_joints.sensitivity import frequency_sensitivity
 from fenics_joints.structure import Structure
 from fenics_joints.updating_data import Target
@@ -250,14 +252,14 @@ class Predictor:
         if not by_line:
             return found.values, slopes, None
         beside = np.concatenate([lines * (1 + _STEP), lines * (1 - _STEP)])
-        if self.is_full:
-            loads, reads = (
-                found.modal.project(point_loads(self.model, at))
-                for at in (frfs.excitation, frfs.sensors)
-            )
-            values = found.modal.response(beside, loads, reads).values
-            values = values * ((2j * np.pi * beside) ** KINDS[frfs.kind])[:, None, None]
-        else:
-            values = solve_frf(self.model, given, frequencies_hz=beside, **common).values
+        loads, reads = (self._on_modes(found.modal, at) for at in (frfs.excitation, frfs.sensors))
+        values = found.modal.response(beside, loads, reads).values
+        values = values * ((2j * np.pi * beside) ** KINDS[frfs.kind])[:, None, None]
         up, down = np.split(values, 2)
         return found.values, slopes, (up - down) / (2 * _STEP)
+
+    def _on_modes(self, modal: ModalPencil, places: Sensors) -> np.ndarray:
+        """Loads of one newton at places on the modes, (n, n_places)."""
+        if self.is_full:
+            return modal.project(point_loads(self.model, places))
+        return modal.basis.T @ self.model.rows(places).T

@@ -79,6 +79,10 @@ class Residuals:
 
     # -- moved lines ---------------------------------------------------------------------------
 
+    def weaken(self, sd: float) -> None:
+        """Give the FRFs this relative standard deviation beside that of their noise."""
+        self.frf_sd = np.hypot(self.target.frfs.relative_sd, sd)
+
     def inflate(self, found: Prediction, moves: np.ndarray) -> None:
         """Add to the FRFs' noise what errors of the test's frequencies do through moved lines."""
         by_line = np.abs(found.frf_by_line / found.frfs)
