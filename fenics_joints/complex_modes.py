@@ -161,6 +161,11 @@ def _projected(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
     inverted, and with z = 1/s it does not matter that some of it has no mass.
     """
     rigid, count = modal.modes.n_rigid, len(modal.modes) - modal.modes.n_rigid
+    if count < 1:
+        raise InputError(
+            f"n_modes = {len(modal.modes)}: expected more than the {rigid} rigid-body modes that "
+            "are among them"
+        )
     K = modal.stiffness(np.zeros(1))[0][rigid:, rigid:]
     C = modal.stiffness_slope(0.0)[rigid:, rigid:]
     M = np.diag(modal.heavy[rigid:])
