@@ -7,8 +7,8 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case import Case, unknown_groups
-from fenics_joints.case_mesh import FileMesh
+from fenics_joints.case import Case, matching, unknown_groups
+from fenics_joints.case_mesh import MeshFile
 from fenics_joints.case_preload import BeamBoltSection, PretensionBoltSection
 from fenics_joints.case_sections import (
     AXES,
@@ -30,7 +30,7 @@ from fenics_joints.components import (
     transition,
 )
 from fenics_joints.errors import InputError, MeshError
-from fenics_joints.meshes import TaggedMesh, extent, read_msh
+from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
 from fenics_joints.preload import (
     BeamBolt,
     Contact,
@@ -81,14 +81,14 @@ def build_mesh(case: Case, comm: MPI.Intracomm) -> TaggedMesh:
         MeshError: If it cannot be built or read, or lacks a group that the case names.
     """
     try:
-        if isinstance(case.mesh, FileMesh):
-            mesh = case.mesh
-            file = case.folder / mesh.file
-            tagged = read_msh(file, comm, gdim=mesh.gdim, scale=mesh.scale)
+        if isinstance(case.mesh, MeshFile):
+            tagged = case.mesh.read(case.folder, comm)
         else:
             tagged = case.mesh.build(comm)
     except MeshError as error:
         raise MeshError(f"{case.path}: mesh: {error}") from error
+    except InputError as error:
+        raise InputError(f"{case.path}: {error}") from error
     missing = unknown_groups(case, tagged.cell_names, tagged.facet_names)
     if missing:
         raise MeshError("\n  ".join([f"{case.path}: names groups of the mesh:", *missing]))
@@ -309,8 +309,15 @@ def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
 
 
 def _transition(name: str, section: Joint, tagged: TaggedMesh) -> Region:
-    cells = tuple(section.cells)
-    meshed = section.meshed or extent(tagged, cells, section.normal)
+    there = sorted(tagged.cell_names, key=tagged.cell_names.get)
+    cells = tuple(dict.fromkeys(c for pattern in section.cells for c in matching(pattern, there)))
+    meshed = section.meshed
+    if meshed is None:
+        try:
+            thickness = layer_thickness if tagged.mesh.geometry.dim == 3 else extent
+            meshed = thickness(tagged, cells, section.normal)
+        except MeshError as error:
+            raise MeshError(f"joints.{name}: {error}") from error
     rho = 0.0 if section.rho is None else f"{name}.rho"
     return transition(
         name, cells, E=f"{name}.E", nu=f"{name}.nu", h=f"{name}.h", meshed=meshed, rho=rho,

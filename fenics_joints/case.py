@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,7 @@ from pydantic import Field, PrivateAttr, ValidationError
 from fenics_joints.case_combined import check_combined
 from fenics_joints.case_damping import DampingSection
 from fenics_joints.case_harmonic import HarmonicSection, NonlinearSection, check_harmonic
-from fenics_joints.case_mesh import FileMesh, Mesh
+from fenics_joints.case_mesh import Mesh, MeshFile
 from fenics_joints.case_messages import case_error, describe, did_you_mean, said
 from fenics_joints.case_preload import Bolt, ContactSection
 from fenics_joints.case_sections import (
@@ -51,7 +52,7 @@ else:
 if TYPE_CHECKING:
     from fenics_joints.points import Sensors
 
-__all__ = ["Case", "load_case", "unknown_groups"]
+__all__ = ["Case", "load_case", "matching", "unknown_groups"]
 
 
 class Case(Section):
@@ -307,7 +308,7 @@ def _check_bounds(key: str, section: Part | Joint) -> list[str]:
 
 def _check_mesh(case: Case) -> list[str]:
     """Names of cells and facets against the builder's; a file's are checked when it is read."""
-    if isinstance(case.mesh, FileMesh):
+    if isinstance(case.mesh, MeshFile):
         file = case.folder / case.mesh.file
         missing = said("mesh.file", case.mesh.file, f"no such file, expected a mesh at {file}")
         return [] if file.is_file() else [missing]
@@ -328,6 +329,7 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
         for table in ("parts", "joints")
         for name, section in getattr(case, table).items()
         for cell in section.cells
+        if not (getattr(section, "law", "") == "transition" and matching(cell, cells))
     ] + [(f"supports.{name}.facets", s.facets, facets) for name, s in case.supports.items()]
     named += [
         (f"{table}.{name}.{side}", getattr(section, side), facets)
@@ -340,6 +342,14 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
         for key, name, there in named
         if name not in there
     ]
+
+
+def matching(pattern: str, names: Iterable[str]) -> list[str]:
+    """Those of the names of cells that a pattern such as ``ring_*`` stands for, in their order."""
+    names = list(names)
+    if pattern in names:
+        return [pattern]
+    return [name for name in names if fnmatchcase(name, pattern)]
 
 
 def _read_tests(case: Case) -> list[str]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Discriminator, Tag
 
+from fenics_joints.case_cad import STEP_SUFFIXES, MeshFile, StepMesh
 from fenics_joints.case_sections import Count, Gap, Length, Section, Size
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ __all__ = [
     "LapBeamMesh",
     "LapPlatesMesh",
     "Mesh",
+    "MeshFile",
+    "StepMesh",
 ]
 
 
@@ -225,13 +229,17 @@ class EngravingMachineMesh(BuilderMesh):
         return engraving_machine(comm, **self.arguments())
 
 
-class FileMesh(Section):
+class FileMesh(MeshFile):
     """``[mesh]`` from a gmsh file with named physical groups."""
 
-    file: str
     scale: Size = 1.0
     gdim: Literal[2, 3] = 3
-    degree: Literal[1, 2] = 2
+
+    def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh; ``folder`` is the case's. Collective."""
+        from fenics_joints.meshes import read_msh
+
+        return read_msh(folder / self.file, comm, gdim=self.gdim, scale=self.scale)
 
 
 #: Classes of the builders, by name.
@@ -245,7 +253,8 @@ def _mesh_kind(data: Any) -> str | None:
     if not isinstance(data, dict) or ("file" in data) == ("builder" in data):
         return None
     if "file" in data:
-        return "<FileMesh>"
+        step = str(data["file"]).lower().endswith(STEP_SUFFIXES)
+        return "<StepMesh>" if step else "<FileMesh>"
     name = data["builder"]
     return f"<{BUILDERS[name].__name__}>" if isinstance(name, str) and name in BUILDERS else None
 
@@ -256,6 +265,7 @@ Mesh = Annotated[
     | Annotated[LapBeamMesh, Tag("<LapBeamMesh>")]
     | Annotated[DumbbellMesh, Tag("<DumbbellMesh>")]
     | Annotated[EngravingMachineMesh, Tag("<EngravingMachineMesh>")]
-    | Annotated[FileMesh, Tag("<FileMesh>")],
+    | Annotated[FileMesh, Tag("<FileMesh>")]
+    | Annotated[StepMesh, Tag("<StepMesh>")],
     Discriminator(_mesh_kind),
 ]

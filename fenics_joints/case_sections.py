@@ -231,7 +231,8 @@ class Joint(Section):
     mesh's builder knows. A diagnosis splits the joint into zones around them.
 
     With ``law = "transition"`` (seed 000) it has E, nu and its thickness ``h`` in place of G; the
-    mesh's is ``meshed``, by default the extent of all its cells along the normal.
+    mesh's is ``meshed``, by default measured between the faces of each of its rings, and ``cells``
+    may be a pattern such as ``ring_*``: rings with one set of parameters.
     """
 
     cells: Names
