@@ -84,6 +84,9 @@ def _check_data(case: Case) -> list[str]:
             errors.append(said(f"update.data[{i}]", kind, f"there are none: expected {where}"))
     if not wanted:
         errors.append("update: expected measured frequencies, shapes or functions in [test]")
+    if "frequencies" in wanted and measured is not None and not (measured.log_sd() > 0).all():
+        expected = "expected it or test.resolution above 0: it is what frequencies weigh"
+        errors.append(f"test.noise = 0: {expected}")
     if "shapes" in wanted and update.method == "weighted":
         expected = "expected no shapes in update.data: the seed's equations have none"
         errors.append(said("update.method", update.method, expected))
