@@ -164,6 +164,8 @@ class Case(Section):
         if self.test is None or self.test.sees is None:
             # Modes that were identified are seen by what measured the functions.
             seen = self.test is not None and self.test.frequencies is None
+            if seen and self._measured is not None:
+                return self._measured.sensors
             return self._frfs.sensors() if seen and self._frfs is not None else None
         from fenics_joints.points import Sensors
 
