@@ -24,7 +24,10 @@ from fenics_joints.eigensolver import product
 from fenics_joints.errors import InputError
 from fenics_joints.modal import Modes, solve_modes
 
-__all__ = ["ModalPencil", "Response", "check_lines", "extended", "modal_pencil", "with_terms"]
+__all__ = [
+    "ModalPencil", "Response", "check_lines", "check_modes", "extended", "modal_pencil",
+    "with_terms",
+]  # fmt: skip
 
 #: Modes must reach this multiple of the highest line.
 _REACH = 1.5
@@ -254,7 +257,7 @@ def modal_pencil(
     shapes = np.column_stack([x.array_r for x in modes.shapes])
     if modes.solver is None or modes.model is not pencil.structure:
         raise InputError("modes: expected those of this structure, with their solver.")
-    _check_modes(pencil, modes, shapes)
+    check_modes(pencil, modes, shapes)
     s = 2j * np.pi * np.median(lines)
     modal = _on_basis(pencil, modes, _residual_vectors(pencil, modes, shapes, loads, s))
     return with_terms(modal, pencil) if gradients else modal
@@ -308,7 +311,7 @@ def _modes_for(pencil: DampedPencil, lines, n_modes: int | None) -> Modes:
         count *= 2
 
 
-def _check_modes(pencil: DampedPencil, modes: Modes, shapes: np.ndarray) -> None:
+def check_modes(pencil: DampedPencil, modes: Modes, shapes: np.ndarray) -> None:
     """Refuse modes of other values, or whose solver has since solved something else."""
     last, lam = shapes[:, -1:], modes.eigenvalues[-1]
     force = (lam - modes.solver.shift) * product(pencil.M, last)
