@@ -32,6 +32,7 @@ from fenics_joints.gap import Pairing, mac, pair_modes
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.points import Sensors
 from fenics_joints.sensitivity import frequency_sensitivity
+from fenics_joints.shape_sensitivity import shape_gradients
 from fenics_joints.structure import Structure
 from fenics_joints.updating_data import Target
 
@@ -155,8 +156,6 @@ class Predictor:
                 found["mac"] = pairing.mac
         if "shapes" in target.kinds:
             found["shapes"] = pairing.shapes
-            from fenics_joints.shape_sensitivity import shape_gradients
-
             slopes = shape_gradients(modes, pairing.index, target.shape_sensors)
             found["shape_slopes"] = np.asarray(slopes)[..., self.columns]
         if "damping" in target.kinds:
