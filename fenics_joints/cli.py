@@ -119,11 +119,19 @@ def update(
     report: ReportOption = None,
     debug: DebugOption = False,
 ) -> None:
-    """Fit the parameters, or the cut-off pressure, that the case names to the frequencies.
+    """Fit the parameters, or the cut-off pressure, that the case names to what was measured.
+
+    To frequencies; with test.frfs and [damping], or update.data, to any mix of frequencies, shapes
+    and frequency response functions at one condition.
 
     JSON: parameters (name, value, unit, standard deviation), frequencies_hz before and after,
-    errors_percent. For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz,
-    crossings_pa, stuck_area_m2, minimum, sweep), test and stuck frequencies.
+    errors_percent. For a mix: method, data, parameters, modes (test, before and after, Hz, errors,
+    MAC), functions_db (RMS of |H| in dB, all, fitted and held out), held_modes (predicted_hz,
+    error_percent), condition_numbers (before and after weighting), identifiability (in_words,
+    undetermined, weakest_direction), fit (chi2, evaluations), history.
+
+    For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz, crossings_pa,
+    stuck_area_m2, minimum, sweep), test and stuck frequencies.
     """
 
     def run(case, comm, progress):

@@ -260,7 +260,7 @@ def in_words(found: Identifiability) -> list[str]:
         words = f"The data alone determine {_and(found.names)}"
         if len(found.names) > 1:
             sd = found.sd[least]
-            words += f"; the least well known is {found.names[least]}, to {spread(sd)}"
+            words += f"; the least well known is {found.names[least]}, to {accuracy(sd)}"
         sentences = [words + "."]
     else:
         rest = [name for name in found.names if name not in found.undetermined]
@@ -293,6 +293,11 @@ def _together(found: Identifiability) -> str | None:
 def _and(names: Sequence[str]) -> str:
     *others, last = names
     return f"{', '.join(others)} and {last}" if others else last
+
+
+def accuracy(sd: float) -> str:
+    """A relative standard deviation of two digits, or as a factor either way where it is large."""
+    return f"{number(100 * sd, 2)} %" if np.isfinite(sd) and sd < 0.3 else spread(sd)
 
 
 def decibel(value: float | None) -> str:
