@@ -179,6 +179,8 @@ def merge(
 
 
 def _check_like(record: FRFRecord, first: FRFRecord) -> None:
+    if not len(record.values):
+        raise InputError(f"{record.where}: holds no line, expected some")
     if not np.isfinite(record.values).all():
         line = int(np.argmin(np.isfinite(record.values)))
         raise InputError(

@@ -212,6 +212,11 @@ def _with_nan(text: bytes) -> bytes:
     return b"\n".join(lines)
 
 
+def _without_lines(text: bytes) -> bytes:
+    lines = text.split(b"\n")
+    return b"\n".join([*lines[:8], lines[8].replace(b"600", b"  0"), *lines[9:13], b"    -1\n"])
+
+
 BROKEN_FUNCTIONS = [
     (dict(rsp_node=4), "response node 4 has no coordinates.* known are nodes 1, 2, 7"),
     (dict(ref_node=0), "reference node 0 has no coordinates"),
@@ -241,6 +246,7 @@ BROKEN_FILES = [
     (0, lambda b: b.replace(b"    58 ", b"    5x ", 1), "dataset 1 .* has no type"),
     (1, lambda b: b.replace(b"58b     1     2", b"58b     1     3", 1), r"format 3 \(IBM 370\)"),
     (0, _with_nan, "is .*nan.*, expected a finite"),
+    (0, _without_lines, "dataset 1 .* holds no line"),
     (0, lambda b: b"", "stops within a dataset"),
 ]  # fmt: skip
 
