@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from fenics_joints.complex_modes import solve_complex_modes
 from fenics_joints.components import (
     ElasticSupport,
     Parameter,
@@ -166,6 +167,79 @@ def test_what_a_reduced_model_cannot_do_is_said(small):
     for refused in (lambda: response(graded), lambda: graded.arrays(FORCE)):
         with pytest.raises(InputError, match=r"plates: .* graded"):
             refused()
+
+
+# -- complex modes of reduced models --------------------------------------------------------------
+
+
+def roots_by_hand(model, given, damping, count=5):
+    """|s| / 2 pi and damping ratios from a state matrix, or for modal ratios from one mode each."""
+    values = model.values(given)
+    K, M, d = model.stiffness(given), model.mass(given), damping.at(values)
+    if damping is MODAL:
+        w = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)[:count])
+        zeta = np.where(np.arange(count) == 0, 0.01, values["zeta"])
+        return np.array([w / (2 * np.pi), zeta])
+    C, whole = d.rayleigh[0] * M + d.rayleigh[1] * K, K * (1 + 1j * d.structural)
+    if damping is LAYERS:
+        for names, tau, eta in (
+            (("layer.E", "layer.G"), 0.0, values["eta"]),
+            (("wall.k_n", "wall.k_t"), values["tau"], 0.0),
+        ):
+            half = model.stiffness({**values, **{n: 0.5 * values[n] for n in names}})
+            C, whole = C + tau * 2 * (K - half), whole + 1j * eta * 2 * (K - half)
+    n = len(K)
+    state = np.block([[np.zeros((n, n)), np.eye(n)],
+                      [-np.linalg.solve(M, whole), -np.linalg.solve(M, C)]])  # fmt: skip
+    s = np.linalg.eigvals(state)
+    s = s[s.imag > 0]
+    s = s[np.argsort(np.abs(s))][:count]
+    return np.array([np.abs(s) / (2 * np.pi), -s.real / np.abs(s)])
+
+
+@pytest.mark.parametrize("damping", [EVENLY, LAYERS, MODAL], ids=["even", "layers", "modal"])
+def test_complex_modes_and_their_derivatives(small, damping):
+    given = {"layer.G": 4e8, "tip.travel": 0.02}
+    model = small.arrays(FORCE, PLACES)
+    found = solve_complex_modes(model, given, damping=damping, n_modes=5, gradients=True)
+    expected = roots_by_hand(small, given, damping)
+    assert found.frequencies_hz == pytest.approx(expected[0], rel=1e-7)
+    assert found.damping_ratios == pytest.approx(expected[1], rel=1e-5)
+    assert found.residuals.max() < 1e-7
+    at = found.at(PLACES)
+    assert at == pytest.approx(small.observe(found.shapes, PLACES), abs=1e-9 * np.abs(at).max())
+    for i, name in enumerate(VALUES):
+        value = small.values(given)[name]
+        h = 1e-4 * value
+        up, down = (roots_by_hand(small, {**given, name: value + d}, damping) for d in (h, -h))
+        for mine, slope, scale in zip(
+            found.gradients(), (up - down) / (2 * h), expected / value, strict=True
+        ):
+            assert np.abs(mine[:, i] - slope).max() < 3e-5 * scale.max(), name
+    # Every damping parameter that is named has an effect on the ratios.
+    by = dict(zip(VALUES, np.abs(found.gradients()[1]).max(axis=0), strict=True))
+    named = {id(MODAL): ["zeta"], id(LAYERS): ["eta", "tau", "alpha", "loss"]}
+    assert all(by[name] > 0 for name in named.get(id(damping), ["alpha", "loss"]))
+
+
+@pytest.mark.parametrize("damping", [EVENLY, MODAL], ids=["even", "modal"])
+def test_damping_ratios_of_the_full_model_leave_a_remainder_of_second_order(damping):
+    """Along stiffness and damping parameters together."""
+    model, names = plates(), ["E", "layer.G", "cord.k", "alpha", "loss", "zeta"]
+    direction = np.array([0.5, -0.7, 0.6, 0.8, -0.4, 0.5])
+    start = solve_complex_modes(model, damping=damping, n_modes=5, gradients=True)
+    columns = [list(VALUES).index(name) for name in names]
+    values = np.array([VALUES[name] for name in names])
+    slope = start.gradients()[1][:, columns] @ (values * direction)
+    off = []
+    for h in (4e-2, 2e-2):
+        given = dict(zip(names, values * (1 + h * direction), strict=True))
+        moved = solve_complex_modes(model, given, damping=damping, n_modes=5).damping_ratios
+        off.append(np.linalg.norm(moved - start.damping_ratios - h * slope))
+    if damping is MODAL:  # linear in zeta, and independent of all others
+        assert max(off) < 1e-9
+    else:
+        assert off[0] / off[1] == pytest.approx(4.0, abs=0.3)
 
 
 # -- dumbbells: bases that hold over wide ranges --------------------------------------------------
