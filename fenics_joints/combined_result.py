@@ -57,8 +57,9 @@ class CombinedUpdate:
         history: The iterations, the start first.
         prediction: What the updated model says of the data, at the test's lines unless they were
             moved throughout.
-        chi2: Sum of squared residuals in standard deviations, and
-        degrees_of_freedom: what it is expected to be: independent data less parameters.
+        chi2: Sum of squared residuals in standard deviations, regularisation left out.
+        degrees_of_freedom: What it is expected to be: independent data less parameters. Less where
+            lines were moved throughout, since then one error of a frequency counts at many lines.
     """
 
     method: str

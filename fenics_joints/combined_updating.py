@@ -33,9 +33,9 @@ __all__ = ["MOVES", "update_combined"]
 MOVES = ("first", "always", "never")
 #: Accuracy, in coordinates, at which the fit with moved lines may end.
 _ROUGH = 1e-3
-#: In that fit, standard deviation of ln H beside the noise: FRFs over moved lines differ by their
-#: shape, by some decibels where the model is far off, and until then the frequencies lead.
-_SHAPE = 0.3
+#: In that fit, standard deviation of ln H beside the noise: over moved lines FRFs differ by their
+#: shape, by a factor of about e where the model is far off, and until then the frequencies lead.
+_SHAPE = 1.0
 
 
 def update_combined(
@@ -146,12 +146,19 @@ class _Fit:
         return self.predictor(self.coordinates.mapping(self.coordinates.values(x)), moved)
 
     def residual(self, x, moved: bool) -> np.ndarray:
-        """Residuals in standard deviations."""
-        found = self.residuals.values(self.predict(x, moved))
-        if self.pull is None:
-            return found
-        off = self._working(self.coordinates.values(x)) - self.centre
-        return np.concatenate([found, self.pull * off])
+        """Residuals in standard deviations; infinite where a step leaves the model's range, which
+        the trust region answers with a shorter one. At the start that is an exception."""
+        try:
+            found = self.residuals.values(self.predict(x, moved))
+        except (InputError, ConvergenceError):
+            if not self.history:
+                raise
+            return np.full(self.size, np.inf)
+        if self.pull is not None:
+            off = self._working(self.coordinates.values(x)) - self.centre
+            found = np.concatenate([found, self.pull * off])
+        self.size = len(found)
+        return found
 
     def slope(self, x, moved: bool) -> np.ndarray:
         """Their derivatives by the coordinates; called once at each accepted step."""
@@ -196,7 +203,7 @@ class _Fit:
         if self.pull is not None:
             own = self.pull * by_x / self.coordinates.working(values)[:, None]
             information, middle = information + own.T @ own, middle + own.T @ own
-        inverse = by_x @ np.linalg.pinv(information, hermitian=True)
+        inverse = by_x @ _inverse(information)
         whitened = data * self.coordinates.working(values)
         chi2 = float(np.sum(self.residuals.values(prediction) ** 2))
         freedom = self.residuals.count - len(values)
@@ -209,3 +216,10 @@ class _Fit:
             identifiability(whitened, self.coordinates.names), converged,
             message, self.predictor.calls, tuple(self.history), prediction, chi2, freedom,
         )  # fmt: skip
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    """Inverse; of what the data leave open very large, not zero as a pseudo-inverse's."""
+    values, vectors = np.linalg.eigh(information)
+    floor = np.finfo(float).eps * max(values[-1], np.finfo(float).tiny)
+    return (vectors / np.maximum(values, floor)) @ vectors.T
