@@ -338,6 +338,14 @@ class ArrayModel:
             raise InputError("sensors: expected a reduced model that was made with them.")
         return self.sensor_rows @ shapes
 
+    def on(self, basis: np.ndarray) -> ArrayModel:
+        """The same on fewer vectors, which are the columns of ``basis``, (n_dofs, k)."""
+        sensors, shifts = (
+            None if a is None else a @ basis for a in (self.sensor_rows, self.shift_rows)
+        )
+        places = self.places and self.places.on(basis)
+        return ArrayModel(self.pencil.on(basis), self.scale_hz, sensors, shifts, places)
+
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg."""
         return self.pencil.total_mass(self.values(given))

@@ -124,7 +124,7 @@ class ModalPencil:
             whole += np.outer(s, self.modal_damping)
         return whole
 
-    def _solve(self, s: np.ndarray, rights: np.ndarray) -> np.ndarray:
+    def solve(self, s: np.ndarray, rights: np.ndarray) -> np.ndarray:
         """Z(s)^-1 of the columns of (m, k), (len(s), m, k)."""
         if not self.parts:
             return rights / self._diagonal(s)[:, :, None]
@@ -154,7 +154,7 @@ class ModalPencil:
 
     def _lines(self, s: np.ndarray, loads, reads, terms) -> Response:
         rights = np.hstack([loads, reads]) if terms else loads
-        x = self._solve(s, rights)
+        x = self.solve(s, rights)
         u, psi = x[..., : loads.shape[1]], x[..., loads.shape[1] :]
         values = reads.T @ u
         if not terms:
