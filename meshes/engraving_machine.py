@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from fenics_joints.meshes.arguments import is_count, is_positive, requirement
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import grid_lines, o_grid, tensor_grid
+from fenics_joints.meshes.plane import disc_grid, grid_lines, o_grid, tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
 
 __all__ = ["engraving_machine", "number_of_bolts"]
@@ -21,7 +21,6 @@ __all__ = ["engraving_machine", "number_of_bolts"]
 FACET_NAMES = {"bottom": 1, "top": 2, "joint_lower": 3, "joint_upper": 4}
 BODIES = ("bed", "column")
 BOLTS = (5, 5)
-_RING = 1  # number of the circle of a plane cell within a ring; see `o_grid`
 #: Part of a ring's square that its polygon may reach, so that cells around it keep some width.
 _ROOM = 0.98
 
@@ -272,6 +271,8 @@ class _Machine:
                 rows[np.ix_(_inside(z, box[4:]), _in_plan(middle, box[:4]))] = tag
         first = len(below) - 1
         rows[first : first + self.n_layer] = np.where(ring > 0, n + ring, 0)
+        # The holes end with the flanges: the arm may be above them.
+        rows[np.ix_(_inside(z, (z[0], frame.layer + frame.flange)), np.flatnonzero(ring < 0))] = 0
         column = Extrusion(points, quads, z, rows, self.cell)
         for level, cells, name in (
             (0, rows[0] > 0, "bottom"), (len(z) - 1, rows[-1] > 0, "top"),
@@ -285,25 +286,30 @@ class _Machine:
         return MeshLists(self.cell, *column.lists(), cell_names, dict(FACET_NAMES), named)
 
     def plan(self, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Plane points; cells, none in the holes; and the ring of each cell, from 1."""
+        """Plane points; cells; and the ring of each cell, from 1, or minus that of its hole."""
         x, y = self.lines(0), self.lines(1)
         points, quads = tensor_grid(x, y)
         number = np.arange(len(points)).reshape(len(x), len(y))
-        ring = np.zeros(len(quads), dtype=int)
-        size = min(self.size, self.frame.zone / 2)
+        ring, side = np.zeros(len(quads), dtype=int), self.frame.zone
         for i, centre in enumerate(bolts, start=1):
-            square = number[_pocket(x, centre[0], self.frame.zone)]
-            square = square[:, _pocket(y, centre[1], self.frame.zone)]
-            loop = np.concatenate(
-                [square[:-1, 0], square[-1, :-1], square[:0:-1, -1], square[0, :0:-1]]
-            )
-            outside = np.abs(points[quads].mean(axis=1) - centre).max(axis=1) > self.frame.zone / 2
-            more, new, circle = o_grid(
-                loop, points[loop], centre, self.corners(), size, len(points)
-            )
+            square = number[_pocket(x, centre[0], side)][:, _pocket(y, centre[1], side)]
+            outside = np.abs(points[quads].mean(axis=1) - centre).max(axis=1) > side / 2
+            more, new, where = self.pocket(points, square, centre)
             points, quads = np.vstack([points, more]), np.vstack([quads[outside], new])
-            ring = np.concatenate([ring[outside], np.where(circle == _RING, i, 0)])
+            ring = np.concatenate([ring[outside], i * where])
         return points, quads, ring
+
+    def pocket(self, points, square, centre):
+        """New points and cells inside a pocket; 1 for those in the ring, -1 in the hole."""
+        sides = square[:-1, 0], square[-1, :-1], square[:0:-1, -1], square[0, :0:-1]
+        loop = np.concatenate(sides)
+        size, first, n = min(self.size, self.frame.zone / 2), len(points), len(loop)
+        x, quads, circle = o_grid(loop, points[loop], centre, self.corners(), size, first)
+        # The square's loop starts at its corner of least x and y, 3/8 of a turn before the x-axis.
+        turn = np.roll(np.arange(n), -3 * n // 8)
+        inner, disc = disc_grid(first + turn, x[turn] - centre, size, first + len(x), False)
+        where = np.concatenate([np.where(circle == 1, 1, 0), np.full(len(disc), -1)])
+        return np.vstack([x, inner + centre]), np.vstack([quads, disc]), where
 
     def lines(self, axis: int) -> np.ndarray:
         """Lines of the plan along x or y: all walls', and those of the pockets evenly spaced."""
