@@ -224,7 +224,13 @@ def _coupled(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
     K = modal.stiffness(np.zeros(1))[0][rigid:, rigid:]
     C = modal.stiffness_slope(0.0)[rigid:, rigid:]
     M = np.diag(modal.heavy[rigid:])
-    n = len(K)
+    n, alpha = len(K), modal.damping.rayleigh[0]
+    if not np.any(C - alpha * M):
+        # K x = lambda M x with s^2 + alpha s + lambda = 0: no state space.
+        z, vectors = scipy.linalg.eig(np.linalg.solve(K, M))
+        good = np.abs(z) > 1e-12 * np.abs(z).max()
+        root = np.sqrt(0.25 * alpha**2 - 1 / z[good] + 0j)
+        return np.where(root.imag < 0, -root, root) - 0.5 * alpha, vectors[:, good]
     # (z^2 K + z C + M) x = 0, with z in units of the first mode's.
     unit = 1 / np.sqrt(modal.eigenvalues[rigid])
     state = np.zeros((2 * n, 2 * n), dtype=complex)

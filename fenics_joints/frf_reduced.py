@@ -17,7 +17,7 @@ from mpi4py import MPI
 from fenics_joints.affine import parameter_values
 from fenics_joints.damped_pencil import Term, imaginary, linear
 from fenics_joints.damping import Damping
-from fenics_joints.errors import ConvergenceError
+from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.frf_modal import ModalPencil
 from fenics_joints.modal import SHIFT_SHARE, Modes, count_rigid
 
@@ -46,10 +46,15 @@ def reduced_pencil(
         The modes; their ``basis`` is in the coordinates of the reduced model.
 
     Raises:
-        InputError: If a value is out of range or unknown, or a region is graded and derivatives
-            are wanted.
+        InputError: If a value is out of range or unknown, the model is of another kind, or a
+            region is graded and derivatives are wanted.
         ConvergenceError: If the matrices are singular.
     """
+    if not hasattr(model, "region_stiffness"):
+        raise InputError(
+            f"model: expected a Structure, ReducedStructure or ArrayModel, not a "
+            f"{type(model).__name__}."
+        )
     values = parameter_values(model.parameters, given)
     named = damping or Damping()
     named.check(getattr(model, "full", model))

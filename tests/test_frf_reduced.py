@@ -45,7 +45,12 @@ LAYERS = Damping(
     viscous={"wall": "tau"},
 )  # fmt: skip
 EVENLY = Damping(structural="loss", rayleigh=("alpha", 1e-7))
+#: Without what is viscous in the layers.
+LOSSY = Damping(structural="loss", rayleigh=("alpha", 0.0), hysteretic={"layer": "eta"})
 MODAL = Damping(modal=(0.01, "zeta"))
+KINDS = [EVENLY, LAYERS, LOSSY, MODAL]
+#: The parameters that each of them names.
+NAMED = [["alpha", "loss"], ["alpha", "loss", "eta", "tau"], ["alpha", "loss", "eta"], ["zeta"]]
 LINES = np.linspace(60.0, 1500.0, 9)
 
 
@@ -82,11 +87,11 @@ def by_hand(model, given, damping):
     K, M, d = model.stiffness(given), model.mass(given), damping.at(values)
     w = 2 * np.pi * LINES[:, None, None]
     Z = K * (1 + 1j * d.structural + 1j * w * d.rayleigh[1]) + M * (1j * w * d.rayleigh[0] - w**2)
-    if damping is LAYERS:
+    if damping.layers:
         # The layers' stiffness is what is gone with them.
         for names, factor in (
             (("layer.E", "layer.G"), 1j * d.hysteretic["layer"]),
-            (("wall.k_n", "wall.k_t"), 1j * w * d.viscous["wall"]),
+            (("wall.k_n", "wall.k_t"), 1j * w * d.viscous.get("wall", 0.0)),
         ):
             half = model.stiffness({**values, **{n: 0.5 * values[n] for n in names}})
             Z = Z + factor * 2 * (K - half)
@@ -102,7 +107,7 @@ def by_hand(model, given, damping):
     return -(w**2) * (c @ np.linalg.solve(Z, b.T.astype(complex)))
 
 
-@pytest.mark.parametrize("damping", [EVENLY, LAYERS, MODAL], ids=["even", "layers", "modal"])
+@pytest.mark.parametrize("damping", KINDS, ids=["even", "layers", "lossy", "modal"])
 def test_values_and_derivatives_of_every_parameter(small, damping):
     arrays = small.arrays(FORCE, PLACES)
     given = {"layer.G": 4e8, "tip.travel": 0.02}
@@ -116,9 +121,7 @@ def test_values_and_derivatives_of_every_parameter(small, damping):
         0.0, abs=1e-9 * np.abs(found.gradients).max()
     )
     named = [n for n in VALUES if n not in ("eta", "tau", "alpha", "loss", "zeta")]
-    named += {id(EVENLY): ["alpha", "loss"], id(MODAL): ["zeta"]}.get(
-        id(damping), ["alpha", "loss", "eta", "tau"]
-    )
+    named += NAMED[KINDS.index(damping)]
     for i, name in enumerate(VALUES):
         slope = found.gradients[..., i]
         if name not in named:
@@ -161,6 +164,8 @@ def test_what_a_reduced_model_cannot_do_is_said(small):
         response(arrays, damping=Damping(viscous={"bolt": 1e-5}))
     with pytest.raises(InputError, match="accelerance"):
         response(small, kind="dynamic")
+    with pytest.raises(InputError, match="not a dict"):
+        response({})
     graded = reduce(plates(E=lambda x, p: p["E"] * (1 + x[0])), [VALUES], 4,
                     travel={"tip": (0.0, 0.1)})  # fmt: skip
     assert np.isfinite(response(graded, gradients=False).values).all()
@@ -181,10 +186,10 @@ def roots_by_hand(model, given, damping, count=5):
         zeta = np.where(np.arange(count) == 0, 0.01, values["zeta"])
         return np.array([w / (2 * np.pi), zeta])
     C, whole = d.rayleigh[0] * M + d.rayleigh[1] * K, K * (1 + 1j * d.structural)
-    if damping is LAYERS:
+    if damping.layers:
         for names, tau, eta in (
             (("layer.E", "layer.G"), 0.0, values["eta"]),
-            (("wall.k_n", "wall.k_t"), values["tau"], 0.0),
+            (("wall.k_n", "wall.k_t"), d.viscous.get("wall", 0.0), 0.0),
         ):
             half = model.stiffness({**values, **{n: 0.5 * values[n] for n in names}})
             C, whole = C + tau * 2 * (K - half), whole + 1j * eta * 2 * (K - half)
@@ -197,7 +202,7 @@ def roots_by_hand(model, given, damping, count=5):
     return np.array([np.abs(s) / (2 * np.pi), -s.real / np.abs(s)])
 
 
-@pytest.mark.parametrize("damping", [EVENLY, LAYERS, MODAL], ids=["even", "layers", "modal"])
+@pytest.mark.parametrize("damping", KINDS, ids=["even", "layers", "lossy", "modal"])
 def test_complex_modes_and_their_derivatives(small, damping):
     given = {"layer.G": 4e8, "tip.travel": 0.02}
     model = small.arrays(FORCE, PLACES)
@@ -218,8 +223,7 @@ def test_complex_modes_and_their_derivatives(small, damping):
             assert np.abs(mine[:, i] - slope).max() < 3e-5 * scale.max(), name
     # Every damping parameter that is named has an effect on the ratios.
     by = dict(zip(VALUES, np.abs(found.gradients()[1]).max(axis=0), strict=True))
-    named = {id(MODAL): ["zeta"], id(LAYERS): ["eta", "tau", "alpha", "loss"]}
-    assert all(by[name] > 0 for name in named.get(id(damping), ["alpha", "loss"]))
+    assert all(by[name] > 0 for name in NAMED[KINDS.index(damping)])
 
 
 @pytest.mark.parametrize("damping", [EVENLY, MODAL], ids=["even", "modal"])
