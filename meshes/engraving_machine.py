@@ -30,12 +30,12 @@ _require = requirement("engraving_machine")
 def engraving_machine(
     comm: MPI.Intracomm,
     *,
-    bed: tuple[float, float, float] = (0.8, 1.3, 0.3),
-    column: float = 1.2,
-    arm: tuple[float, float] = (0.3, 0.3),
-    wall: float = 0.02,
+    bed: tuple[float, float, float] = (0.924, 1.39, 0.263),
+    column: float = 1.165,
+    arm: tuple[float, float] = (0.78, 0.262),
+    wall: float = 0.033,
     flange: float = 0.025,
-    gusset: float = 0.1,
+    gusset: float = 0.16,
     ribs: int = 3,
     bolts: tuple[int, int] = BOLTS,
     layer: float = 0.72e-3,
@@ -48,7 +48,11 @@ def engraving_machine(
 ) -> TaggedMesh:
     """Mesh of a machine frame: a bed and a column with an arm, bolted flange to flange.
 
-    A stand-in for the engraving machine of seed 000, section 5, whose dimensions are lost.
+    A stand-in for the engraving machine of seed 000, section 5, whose dimensions are lost. Those
+    of ``bed``, ``column``, ``arm``, ``wall`` and ``gusset`` by default are a fit to the first five
+    frequencies that the paper computed (Table 12): with its materials and rings, iron of 7250 kg/m3
+    and elements of 30 mm they come within 0.5 %, which therefore validates nothing. Elements of
+    150 mm give 1 to 4 % more.
 
     The bed lies below z = 0: a plate, ``flange`` thick, on walls and ribs, open below as castings
     are. The column stands on a flange centred on x = y = 0: a hollow box with a hollow arm towards
