@@ -11,13 +11,14 @@ from collections.abc import Iterable
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import Field, PrivateAttr, ValidationError
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from fenics_joints.case_combined import check_combined
 from fenics_joints.case_damping import DampingSection
+from fenics_joints.case_densities import with_average_densities
 from fenics_joints.case_harmonic import HarmonicSection, NonlinearSection, check_harmonic
 from fenics_joints.case_mesh import Mesh, MeshFile
 from fenics_joints.case_messages import case_error, describe, did_you_mean, said
@@ -93,6 +94,11 @@ class Case(Section):
     nonlinear: named(NonlinearSection) = {}
     harmonic: HarmonicSection | None = None
     damping: DampingSection | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _averages(cls, raw: Any) -> Any:
+        return with_average_densities(raw)
 
     _path: Path = PrivateAttr(Path("case.toml"))
     _coarse: Mesh | None = PrivateAttr(None)

@@ -232,7 +232,8 @@ class Joint(Section):
 
     With ``law = "transition"`` (seed 000) it has E, nu and its thickness ``h`` in place of G; the
     mesh's is ``meshed``, by default measured between the faces of each of its rings, and ``cells``
-    may be a pattern such as ``ring_*``: rings with one set of parameters.
+    may be a pattern such as ``ring_*``: rings with one set of parameters. Its density is zero
+    without ``rho``; with ``rho = "average"`` it is that of the bodies, see `case_densities`.
     """
 
     cells: Names
