@@ -62,7 +62,7 @@ class CombinedModel:
         self.samples = 0
         self.arrays: ArrayModel | None = None
         self._snapshots = Snapshots(full)
-        self._solver = None
+        self._solver = self._exact = None
         frfs = target.frfs
         self._loads = None
         if frfs is not None:
@@ -105,7 +105,9 @@ class CombinedModel:
 
     def modes(self, values: Mapping[str, float]) -> Modes:
         """Modes of the full model."""
-        return solve_modes(self.full, values, n_modes=self.n_modes)
+        modes = solve_modes(self.full, values, n_modes=self.n_modes, solver=self._exact)
+        self._exact = modes.solver
+        return modes
 
     def error(self, values: Mapping[str, float], modes: Modes) -> ModelError:
         """Error of the reduced model.

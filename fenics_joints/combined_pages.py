@@ -181,7 +181,8 @@ def show_combined(console: Console, r: CombinedReport) -> None:
     """Print the result on one screen."""
     at = _at(r)
     say(console, f"{r.title}: update{' at ' + at if at else ''} on {data_words(r)}", "bold")
-    say(console, f"{gap_words(r)}; {r.update.evaluations} model evaluations, {r.update.message}")
+    gaps = f"{gap_words(r)} in {r.update.evaluations} model evaluations. {r.update.message}"
+    console.print(gaps, markup=False, highlight=False)
     for note in r.notes:
         console.print(f"but: {note}", style="yellow", markup=False, highlight=False)
     console.print()
@@ -207,7 +208,7 @@ def show_combined(console: Console, r: CombinedReport) -> None:
 
 def _mode_rows(modes: ModeTable):
     shapes = modes.mac_after is not None
-    more = [">MAC", ">MAC after"] if shapes else []
+    more = [">MAC"] if shapes else []
     table = new_table("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after", *more)
     for j, name in enumerate(modes.names[:_MODES]):
         row = [
@@ -215,7 +216,7 @@ def _mode_rows(modes: ModeTable):
             percent(modes.before[j], sign=True), percent(modes.after[j], sign=True),
         ]  # fmt: skip
         if shapes:
-            row += [f"{modes.mac_before[j, j]:.2f}", f"{modes.mac_after[j, j]:.2f}"]
+            row.append(f"{modes.mac_after[j, j]:.2f}")
         table.add_row(Text(name if modes.fitted[j] else f"{name} (not fitted)"), *row)
     return table
 
@@ -233,8 +234,8 @@ def _level_rows(functions: Functions):
 def _held_rows(r: CombinedReport):
     theirs = _theirs(r)
     alone = all(h.alone for h in r.held)
-    more = [">published, fitted"] if theirs else []
-    heading = "held out, each in turn" if alone and len(r.held) > 1 else "held out"
+    more = [">published"] if theirs else []
+    heading = "held out in turn" if alone and len(r.held) > 1 else "held out"
     table = new_table(heading, ">test, Hz", ">predicted, Hz", ">error", ">± s.d.", *more)
     for h in r.held[:_MODES]:
         row = [hertz(h.test_hz), hertz(h.predicted_hz), percent(h.error, sign=True),

@@ -315,7 +315,5 @@ def gap_words(report: CombinedReport) -> str:
         parts.append(f"frequencies {percent(before)} -> {percent(after)}")
     if report.functions is not None:
         found = report.functions.summary()
-        parts.append(
-            f"functions {decibel(found['all_before'])} -> {decibel(found['all_after'])}"
-        )
+        parts.append(f"functions {decibel(found['all_before'])} -> {decibel(found['all_after'])}")
     return ", ".join(parts)

@@ -19,7 +19,7 @@ from fenics_joints.combined_updating import update_combined
 from fenics_joints.components import Parameter
 from fenics_joints.damping import Damping
 from fenics_joints.errors import InputError
-from fenics_joints.formatting import number, percent
+from fenics_joints.formatting import number, percent, quantity
 from fenics_joints.frf import solve_frf
 from fenics_joints.gap import Pairing, mac, pair_modes
 from fenics_joints.modal import Modes
@@ -31,8 +31,10 @@ from fenics_joints.weighted_updating import update_weighted
 
 __all__ = ["run_combined"]
 
-#: Samples of the parameters beside the start, and their range about it, a factor either way.
-_SAMPLES, _RANGE = 8, 30.0
+#: Samples for each parameter, beside the start, and their range about it, a factor either way.
+_SAMPLES, _RANGE = 2, 30.0
+#: Modes beyond the rigid-body ones and those of the test.
+_SPARE = 4
 #: Largest accepted relative error of the reduced model's frequencies; and of its functions, as a
 #: share of the noise.
 _FREQUENCY, _SHARE = 2e-4, 0.1
@@ -41,6 +43,8 @@ _ROUNDS = 4
 #: chi^2 per degree of freedom above which a model has not the test's resonances: lines are then
 #: compared at the same place relative to them.
 _MISFIT = 9.0
+#: A value as near to a bound, relative to it, has been stopped there.
+_AT_BOUND = 2e-3
 #: Eq. 14's tolerances in standard deviations, where the noise is above their usual values.
 _EPS = 4.0
 
@@ -72,7 +76,9 @@ class _Run:
         self.parameters = [self.full.parameters[name] for name in self.section.parameters]
         self.start = {**case.nominal(damping=functions), **case.start()}
         self.notes: list[str] = []
-        n_modes = max(case.diagnose.n_modes, 6 + len(self.data.target) + 4)
+        n_modes = 6 + len(self.data.target) + _SPARE
+        if functions or "n_modes" in case.diagnose.model_fields_set:
+            n_modes = max(case.diagnose.n_modes, n_modes)
         self.model = CombinedModel(self.full, self.data.target, self.damping, n_modes)
 
     # -- the loop ------------------------------------------------------------------------------
@@ -86,9 +92,10 @@ class _Run:
             self.progress.advance()
         self.model.build()
         found, modes, error = self._checked()
-        held = self._held(found)
-        self.progress.step("comparing test and model, before and after")
+        self._tell_bounds(found)
         first = self.model.modes(self.start)
+        held = self._held(first)
+        self.progress.step("comparing test and model, before and after")
         values = self._values(found)
         functions = self._functions(values)
         return CombinedReport(
@@ -109,14 +116,14 @@ class _Run:
         """A Sobol sequence about the start; damping hardly changes what a basis needs."""
         own = {} if self.case.damping is None else self.case.damping.nominal()
         moved = [p for p in self.parameters if p.name not in own]
-        samples = [self.start]
-        for row in qmc.Sobol(len(moved), seed=1).random(8 * _SAMPLES) if moved else ():
+        samples, most = [self.start], _SAMPLES * len(moved)
+        for row in qmc.Sobol(len(moved), seed=1).random_base2(6) if moved else ():
             point = {p.name: _between(p, self.start[p.name], share)
                      for p, share in zip(moved, row, strict=True)}  # fmt: skip
             values = {**self.start, **point}
             if self._allowed(values):
                 samples.append(values)
-            if len(samples) > _SAMPLES:
+            if len(samples) > most:
                 break
         return samples
 
@@ -153,6 +160,15 @@ class _Run:
             )
         return found, modes, error
 
+    def _tell_bounds(self, found: CombinedUpdate) -> None:
+        for p, value in zip(self.parameters, found.values, strict=True):
+            for bound in (p.lower, p.upper):
+                if np.isfinite(bound) and abs(value - bound) <= _AT_BOUND * max(abs(bound), 1e-3):
+                    self.notes.append(
+                        f"{p.name} ended at its bound, {quantity(bound, p.unit)}: the data want it "
+                        "beyond, and its standard deviation says nothing"
+                    )
+
     def _limit(self) -> float:
         """Largest accepted relative error of functions."""
         frfs = self.data.target.frfs
@@ -185,7 +201,7 @@ class _Run:
 
     # -- held out ------------------------------------------------------------------------------
 
-    def _held(self, found: CombinedUpdate) -> list[HeldMode]:
+    def _held(self, first: Modes) -> list[HeldMode]:
         """Every mode in turn, if the case asks for it: fitted anew to all else, from the start."""
         if not self.data.each:
             return []
@@ -198,7 +214,7 @@ class _Run:
             values = self._values(other)
             # The full model's frequency, so that the reduced one's error is none of the test's.
             modes = self.model.modes(values)
-            rows.append(self._held_row(int(j), self.model.modes(self.start), modes, other, True))
+            rows.append(self._held_row(int(j), first, modes, other, True))
             self.progress.advance()
         return rows
 

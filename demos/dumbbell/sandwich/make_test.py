@@ -34,9 +34,9 @@ NODES = {57: (0.12, 0.09, -0.13), 12: (-0.12, 0.09, 0.13 + MESHED)}
 BODIES = ("head_1", "neck_1", "neck_2", "head_2")
 
 
-def structure() -> Structure:
+def structure(element_size: float) -> Structure:
     """The dumbbells with the true layer, in a mesh of its thickness."""
-    tagged = dumbbell(MPI.COMM_WORLD, layer=H, element_size=0.045)
+    tagged = dumbbell(MPI.COMM_WORLD, layer=H, element_size=element_size)
     bodies = part("bodies", BODIES, E=130e9, nu=0.27, rho=7850.0)
     layer = transition("sandwich", "joint", E=E, nu=NU, h=H, meshed=H, rho=7850.0)
     return Structure(tagged, [bodies, layer])
@@ -52,15 +52,15 @@ def places(axes: str, nodes) -> tuple[Sensors, list[tuple[int, int]]]:
     return Sensors(points, directions), [(node, "xyz".index(axis) + 1) for node, axis in there]
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, element_size: float = 0.045, lines: np.ndarray = LINES) -> None:
     """Write ``frequencies.csv`` and ``frfs.uff``."""
-    model, rng = structure(), np.random.default_rng(42)
+    model, rng = structure(element_size), np.random.default_rng(42)
     modes = solve_modes(model, n_modes=12)
     f = modes.frequencies_hz[6:12] * np.exp(FREQUENCY_NOISE * rng.standard_normal(6))
     sensors, responses = places("xyz", (57, 12))
     excitation, references = places("xz", (57,))
     frf = solve_frf(
-        model, frequencies_hz=LINES, excitation=excitation, sensors=sensors, kind="accelerance",
+        model, frequencies_hz=lines, excitation=excitation, sensors=sensors, kind="accelerance",
         damping=Damping(structural=STRUCTURAL, hysteretic={"sandwich": LOSS}),
     )  # fmt: skip
     noise = rng.standard_normal((2, *frf.values.shape))
@@ -70,10 +70,10 @@ def main(folder: Path) -> None:
     heads = ",".join(f"mode {i + 1} [Hz]" for i in range(6))
     row = ",".join(f"{value:.3f}" for value in f)
     (folder / "frequencies.csv").write_text(f"{heads}\n{row}\n", encoding="utf-8")
-    write_uff(folder / "frfs.uff", values, responses, references)
+    write_uff(folder / "frfs.uff", lines, values, responses, references)
 
 
-def write_uff(path: Path, values: np.ndarray, responses, references) -> None:
+def write_uff(path: Path, lines, values: np.ndarray, responses, references) -> None:
     """Nodes, units and one dataset 58 for each function."""
     xyz, n = np.array(list(NODES.values())), len(NODES)
     sets = [
@@ -87,7 +87,7 @@ def write_uff(path: Path, values: np.ndarray, responses, references) -> None:
             sets.append(dict(
                 type=58, binary=0, func_type=4, rsp_node=node, rsp_dir=direction, ref_node=at,
                 ref_dir=along, abscissa_spacing=1, abscissa_spec_data_type=18,
-                ordinate_spec_data_type=12, orddenom_spec_data_type=13, x=LINES,
+                ordinate_spec_data_type=12, orddenom_spec_data_type=13, x=lines,
                 data=values[:, i, j].astype(np.complex64), ord_data_type=5,
                 ordinate_axis_units_lab="m/s2", orddenom_axis_units_lab="N",
             ))  # fmt: skip
