@@ -117,13 +117,14 @@ class BoltsSection(Section):
 
     def radius(self) -> float:
         """Contact radius of the thread and the torque, m, from the package's database."""
-        from fenics_joints.database.query import TorqueToForce, query
+        from fenics_joints.database.query import Surfaces, TorqueToForce, query
         from fenics_joints.database.store import seed_database
 
         try:
             with seed_database() as store:
                 answer = query(
-                    store, bolt=self.thread, thickness=self.thickness, torque=self.torque,
+                    Surfaces.fit(store, outputs=["radius"]), bolt=self.thread,
+                    thickness=self.thickness, torque=self.torque,
                     torque_to_force=TorqueToForce(self.nut_factor),
                 )  # fmt: skip
         except InputError as error:
@@ -162,8 +163,9 @@ class StepMesh(MeshFile):
     def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh; ``folder`` is the case's. Collective."""
         from fenics_joints.meshes import read_step
+        from fenics_joints.meshes.tagged import on_root
 
         given = self.model_dump(exclude={"file", "degree", "size", "bolts"}, exclude_none=True)
         given["joint"] = self.joint or ("layer" if self.bolts is None else "rings")
-        more = {} if self.bolts is None else self.bolts.arguments()
+        more = {} if self.bolts is None else comm.bcast(on_root(comm, self.bolts.arguments))
         return read_step(folder / self.file, comm, element_size=self.size, **given, **more)

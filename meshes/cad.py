@@ -31,9 +31,12 @@ __all__ = ["read_step"]
 
 JOINTS = ("rings", "layer", "contact")
 _require = requirement("read_step")
-#: Of gmsh, while a file is read: metres whatever the file's unit, and straight-sided cells.
+#: Of gmsh, while a file is read: millimetres whatever the file's unit, which are
+#: OpenCASCADE's default (any other would stay for whatever the caller reads or writes next), and
+#: straight-sided cells.
+_MM = 1e3
 _OPTIONS = {
-    "Geometry.OCCTargetUnit": "M", "Mesh.ElementOrder": 1, "Mesh.MeshSizeMax": 1e22,
+    "Geometry.OCCTargetUnit": "MM", "Mesh.ElementOrder": 1, "Mesh.MeshSizeMax": 1e22,
     "Mesh.MeshSizeMin": 0, "Mesh.MeshSizeFromCurvature": 0, "Mesh.MeshSizeFromPoints": 0,
     "Mesh.MeshSizeExtendFromBoundary": 1, "Mesh.MeshSizeFactor": 1, "Mesh.Algorithm": 6,
     "Mesh.Algorithm3D": 1, "Mesh.Optimize": 1, "Mesh.RecombineAll": 0,
@@ -118,8 +121,9 @@ def read_step(
         fits = np.shape(hole) == (2,) and 0 < hole[0] <= hole[1]
         _require(fits, "hole", hole, "the least and the largest diameter, in metres")
     assembly = _Assembly(
-        Path(path), parts or {}, tuple(map(tuple, bonded)), between, joint, radii, r_nei, bolts,
-        hole, layer, n_layer, _points(faces or {}), element_size, ring_size, circle,
+        Path(path), _places(parts or {}), tuple(map(tuple, bonded)), between, joint, radii * _MM,
+        _in_mm(r_nei), _in_mm(bolts), _pair_in_mm(hole), layer * _MM, n_layer, _points(faces or {}),
+        element_size * _MM, _in_mm(ring_size), circle,
     )  # fmt: skip
     tagged = distribute(comm, on_root(comm, assembly.lists))
     try:
@@ -147,10 +151,25 @@ def _outer_radii(joint: str, r_wai, bolts) -> np.ndarray:
     return np.broadcast_to(radii, len(bolts))
 
 
+def _in_mm(length):
+    return None if length is None else np.array(length, dtype=float) * _MM
+
+
+def _pair_in_mm(pair):
+    return None if pair is None else (float(pair[0]) * _MM, float(pair[1]) * _MM)
+
+
+def _places(parts: Mapping[str, Place]) -> dict[str, Place]:
+    return {
+        name: place if isinstance(place, str | int) else _in_mm(place)
+        for name, place in parts.items()
+    }
+
+
 def _points(faces) -> dict[str, np.ndarray]:
     found = {}
     for name, points in faces.items():
-        found[name] = np.atleast_2d(np.array(points, dtype=float))
+        found[name] = np.atleast_2d(np.array(points, dtype=float)) * _MM
         fits = found[name].ndim == 2 and found[name].shape[1] == 3
         _require(fits, f"faces.{name}", points, "a point (x, y, z) in metres, or several")
     return found
@@ -158,7 +177,7 @@ def _points(faces) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class _Assembly:
-    """Checked arguments of ``read_step``."""
+    """Checked arguments of ``read_step``, lengths in millimetres."""
 
     path: Path
     parts: Mapping[str, Place]
@@ -219,12 +238,12 @@ class _Assembly:
                 a, b = (solids.names[i] for i in pair)
                 raise MeshError(
                     f"{self.path}: {a!r} and {b!r} have no flat faces that touch, or are apart by "
-                    f"at most {1e3 * reach:.6g} mm; expected some, as between names them"
+                    f"at most {reach:.6g} mm; expected some, as between names them"
                 )
         if not contacts:
             raise MeshError(
                 f"{self.path}: no two of {', '.join(map(repr, solids.names))} have flat faces that "
-                f"touch, or are apart by at most {1e3 * reach:.6g} mm; expected some"
+                f"touch, or are apart by at most {reach:.6g} mm; expected some"
             )
         return contacts
 
@@ -301,12 +320,12 @@ class _Assembly:
         all_facets = np.vstack(found) if found else np.empty((0, 3), np.int64)
         points = {}
         if bolts:
-            points["bolts"] = np.array([
+            points["bolts"] = 1 / _MM * np.array([
                 b.centre + shifts[b.contact.lower] + moves[body[b.contact.lower]]
                 + self.layer / 2 * b.contact.normal for b in bolts
             ])  # fmt: skip
         return MeshLists(
-            "tetrahedron", opened.x, opened.turned(np.vstack(cells)), np.concatenate(values),
+            "tetrahedron", opened.x / _MM, opened.turned(np.vstack(cells)), np.concatenate(values),
             all_facets, tags, {name: i for i, name in enumerate(names, start=1)},
             {name: i for i, name in enumerate(facets, start=1)}, points,
         )  # fmt: skip

@@ -1,4 +1,7 @@
-"""Where the bolts of an assembly are: holes in two faces that touch, or given centres."""
+"""Where the bolts of an assembly are: holes in two faces that touch, or given centres.
+
+All lengths are in millimetres; see `fenics_joints.meshes.cad_shapes`.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +26,10 @@ class BoltPlace:
     """A bolt's ring on a contact.
 
     Attributes:
-        centre: On the first solid's face, m, in the file's coordinates; shape (3,).
+        centre: On the first solid's face, in the file's coordinates; shape (3,).
         contact: The contact.
-        r_nei: Inner radius, m.
-        r_wai: Outer radius, m.
+        r_nei: Inner radius.
+        r_wai: Outer radius.
         imprinted: Whether the inner circle is no hole's edge, and so has to be drawn.
     """
 
@@ -40,7 +43,7 @@ class BoltPlace:
         """The bolt for a message."""
         at = ", ".join(f"{x:.6g}" for x in self.centre)
         a, b = (solids.names[i] for i in (self.contact.lower, self.contact.upper))
-        return f"bolt {number} at ({at}) m between {a!r} and {b!r}"
+        return f"bolt {number} at ({at}) mm between {a!r} and {b!r}"
 
 
 class _Holes:
@@ -74,7 +77,7 @@ class _Holes:
         for face, solid in dict.fromkeys(side for pair in sides for side in pair):
             for hole in self.of(face):
                 at = ", ".join(f"{x:.6g}" for x in hole.centre)
-                said.append(f"{self.solids.names[solid]!r}: {2e3 * hole.radius:g} mm at ({at}) m")
+                said.append(f"{self.solids.names[solid]!r}: {2 * hole.radius:g} mm at ({at}) mm")
         return "; ".join(sorted(said)) or "none"
 
 
@@ -93,9 +96,9 @@ def hole_bolts(
         model: gmsh's model.
         solids: The solids.
         contacts: Their contacts.
-        r_wai: Outer radius of the rings, m.
-        r_nei: Inner radius, m; None: that of the wider hole.
-        hole: Least and largest diameter of a bolt's hole, m; None: any below 2 ``r_wai``.
+        r_wai: Outer radius of the rings.
+        r_nei: Inner radius; None: that of the wider hole.
+        hole: Least and largest diameter of a bolt's hole; None: any below 2 ``r_wai``.
 
     Raises:
         MeshError: There is no such pair; the message lists the holes.
@@ -108,15 +111,20 @@ def hole_bolts(
             sizes = 2 * a.radius, 2 * b.radius
             if low * (1 - _SAME) <= min(sizes) and max(sizes) <= high * (1 + _SAME):
                 found.append(_place(a, b, apart, contact, r_nei, r_wai))
+                if apart > TOUCH:
+                    raise MeshError(
+                        f"{solids.path}: {found[-1].said(len(found), solids)}: the axes of its two "
+                        f"holes are {apart:.3g} mm apart, expected one axis"
+                    )
                 _check_nei(r_nei, max(a.radius, b.radius + apart), found[-1], len(found), solids)
     if not found:
         raise MeshError(
-            f"{solids.path}: no bolt: expected holes of {1e3 * low:g} to {1e3 * high:g} mm with "
+            f"{solids.path}: no bolt: expected holes of {low:g} to {high:g} mm with "
             f"one axis in two faces that touch; the holes in such faces are: {seen.listing()}"
         )
     order = sorted(
         found,
-        key=lambda b: (b.contact.lower, b.contact.upper, *np.round(b.centre, 6)),
+        key=lambda b: (b.contact.lower, b.contact.upper, *np.round(b.centre, 3)),
     )
     _check_inner(order, solids)
     return order
@@ -124,7 +132,7 @@ def hole_bolts(
 
 def _place(a: Hole, b: Hole, apart: float, contact, r_nei, r_wai) -> BoltPlace:
     widest = max(a.radius, b.radius + apart)
-    edge = apart < TOUCH and (r_nei is None or abs(r_nei / widest - 1) < _SAME)
+    edge = r_nei is None or abs(r_nei / widest - 1) < _SAME
     inner = widest if r_nei is None else r_nei
     return BoltPlace(a.centre, contact, inner, r_wai, not edge)
 
@@ -132,8 +140,8 @@ def _place(a: Hole, b: Hole, apart: float, contact, r_nei, r_wai) -> BoltPlace:
 def _check_nei(r_nei: float | None, widest: float, bolt, number: int, solids: Solids) -> None:
     if r_nei is not None and r_nei < widest * (1 - _SAME):
         raise MeshError(
-            f"{solids.path}: {bolt.said(number, solids)}: r_nei is {r_nei:g} m, expected at least "
-            f"the hole's radius, {widest:g} m"
+            f"{solids.path}: {bolt.said(number, solids)}: r_nei is {r_nei:g} mm, expected at least "
+            f"the hole's radius, {widest:g} mm"
         )
 
 
@@ -141,8 +149,8 @@ def _check_inner(bolts: Sequence[BoltPlace], solids: Solids) -> None:
     for number, bolt in enumerate(bolts, start=1):
         if not bolt.r_nei < bolt.r_wai:
             raise MeshError(
-                f"{solids.path}: {bolt.said(number, solids)}: r_wai is {bolt.r_wai:g} m, expected "
-                f"more than the inner radius, {bolt.r_nei:g} m"
+                f"{solids.path}: {bolt.said(number, solids)}: r_wai is {bolt.r_wai:g} mm, expected "
+                f"more than the inner radius, {bolt.r_nei:g} mm"
             )
 
 
@@ -162,10 +170,10 @@ def given_bolts(
         model: gmsh's model.
         solids: The solids.
         contacts: Their contacts.
-        centres: Points on the contacts, m, in the file's coordinates.
-        r_wai: Outer radius of each ring, m.
-        r_nei: Inner radius, m; None: that of the wider of the two holes there.
-        reach: How far from the first solid's face a centre may be, m.
+        centres: Points on the contacts, in the file's coordinates.
+        r_wai: Outer radius of each ring.
+        r_nei: Inner radius; None: that of the wider of the two holes there.
+        reach: How far from the first solid's face a centre may be.
 
     Raises:
         MeshError: No contact is there, or no hole although ``r_nei`` is None.
@@ -174,7 +182,7 @@ def given_bolts(
     found = []
     for number, (centre, outer) in enumerate(zip(centres, r_wai, strict=True), start=1):
         centre = np.asarray(centre, dtype=float)
-        at = f"{solids.path}: bolt {number} at ({', '.join(f'{x:.6g}' for x in centre)}) m"
+        at = f"{solids.path}: bolt {number} at ({', '.join(f'{x:.6g}' for x in centre)}) mm"
         contact = _contact_at(model, contacts, centre, outer, reach)
         if contact is None:
             touching = {(solids.names[c.lower], solids.names[c.upper]) for c in contacts}
@@ -235,6 +243,6 @@ def check_rings(bolts: Sequence[BoltPlace], solids: Solids) -> None:
             if distance < least:
                 raise MeshError(
                     f"{solids.path}: the rings of {a.said(i + 1, solids)} and "
-                    f"{b.said(j + 1, solids)} overlap: {1e3 * distance:.6g} mm apart, expected at "
-                    f"least the sum of their r_wai, {1e3 * least:.6g} mm"
+                    f"{b.said(j + 1, solids)} overlap: {distance:.6g} mm apart, expected at "
+                    f"least the sum of their r_wai, {least:.6g} mm"
                 )

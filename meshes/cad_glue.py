@@ -2,6 +2,7 @@
 
 Where two solids touch, one face is meshed for both, so that their meshes match vertex by vertex
 whatever the shapes of the faces; `fenics_joints.meshes.cad_layer` then opens the contacts.
+All lengths are in millimetres; see `fenics_joints.meshes.cad_shapes`.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ class Sizes:
     """Sizes of the cells.
 
     Attributes:
-        element: Largest, m.
-        ring: In the rings, m.
+        element: Largest.
+        ring: In the rings.
         circle: Number of edges in a whole circle, at least.
     """
 
@@ -58,12 +59,12 @@ class Glued:
     """The mesh of the closed assembly.
 
     Attributes:
-        x: Vertices, m, shape (n, 3).
+        x: Vertices, shape (n, 3).
         cells: Tetrahedra, shape (n_cells, 4).
         solid: Solid of each cell, shape (n_cells,).
         interfaces: Where solids touch.
         faces: Named faces of the surface: the solid of each triangle, and its vertices.
-        volumes: Volume of each solid in CAD, m3.
+        volumes: Volume of each solid in CAD.
     """
 
     x: np.ndarray
@@ -88,10 +89,10 @@ def glue(
     Args:
         model: gmsh's model, with the solids.
         solids: The solids.
-        shifts: How far each moves to close the gaps, m, shape (n_solids, 3).
+        shifts: How far each moves to close the gaps, shape (n_solids, 3).
         contacts: The contacts.
         bolts: The bolts.
-        faces: Points on each face that is to have a name, m, shape (n, 3), in the file's
+        faces: Points on each face that is to have a name, shape (n, 3), in the file's
             coordinates.
         sizes: Sizes of the cells.
 
@@ -117,7 +118,7 @@ def glue(
         model.mesh.generate(3)
     except Exception as error:
         raise MeshError(
-            f"{solids.path}: gmsh cannot mesh it with cells of {sizes.element:g} m: {error}"
+            f"{solids.path}: gmsh cannot mesh it with cells of {sizes.element:g} mm: {error}"
         ) from error
     return _extract(model, pieces, sharing, contacts, planes, ring_of, named)
 
@@ -154,7 +155,7 @@ def _check_apart(model, solids: Solids, pieces) -> None:
                 volume = sum(model.occ.getMass(3, tag) for tag in common)
                 raise MeshError(
                     f"{solids.path}: {solids.names[j]!r} and {solids.names[i]!r} overlap by "
-                    f"{1e9 * volume:.6g} mm3, expected solids that touch or are apart"
+                    f"{volume:.6g} mm3, expected solids that touch or are apart"
                 )
 
 
@@ -190,8 +191,8 @@ def _ring(model, solids: Solids, sharing, number: int, bolt: BoltPlace, disc) ->
     expected = np.pi * (bolt.r_wai**2 - bolt.r_nei**2)
     if area < expected * (1 - _WHOLE):
         raise MeshError(
-            f"{solids.path}: the ring of {bolt.said(number, solids)}, {1e3 * bolt.r_nei:g} to "
-            f"{1e3 * bolt.r_wai:g} mm, leaves the faces that touch: {100 * area / expected:.3g} % "
+            f"{solids.path}: the ring of {bolt.said(number, solids)}, {bolt.r_nei:g} to "
+            f"{bolt.r_wai:g} mm, leaves the faces that touch: {100 * area / expected:.3g} % "
             "of it is on both; expected all (a smaller r_wai, or another centre)"
         )
     return found
@@ -217,8 +218,8 @@ def _face(model, solids: Solids, pieces, sharing, shifts, name: str, points) -> 
         if best[0] > 10 * TOUCH:
             at = ", ".join(f"{x:.6g}" for x in point)
             raise MeshError(
-                f"{solids.path}: faces.{name}: no face of a solid is at ({at}) m, expected a point "
-                "on an outer face, in metres (where solids touch, the faces have names already)"
+                f"{solids.path}: faces.{name}: no face of a solid is at ({at}) mm, expected a "
+                "point on an outer face (where solids touch, the faces have names already)"
             )
         found[best[1]] = best[2]
     return found

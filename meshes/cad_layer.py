@@ -1,4 +1,7 @@
-"""Opening a glued mesh at its contacts, and building layers of cells into the openings."""
+"""Opening a glued mesh at its contacts, and building layers of cells into the openings.
+
+All lengths are in millimetres; see `fenics_joints.meshes.cad_shapes`.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ class Opened:
     Args:
         glued: The glued mesh.
         body: Body of each solid, shape (n_solids,).
-        moves: How far each body moves, m, shape (n_bodies, 3).
+        moves: How far each body moves, shape (n_bodies, 3).
 
     Attributes:
         x: Vertices, shape (n, 3).

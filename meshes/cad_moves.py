@@ -1,4 +1,7 @@
-"""How far the solids of an assembly move, so that contacts close, and then open by a layer."""
+"""How far the solids of an assembly move, so that contacts close, and then open by a layer.
+
+All lengths are in millimetres; see `fenics_joints.meshes.cad_shapes`.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ def bodies(solids: Solids, bonded: Sequence[tuple[int, int]]) -> np.ndarray:
 
 
 def closing(solids: Solids, contacts: Sequence[Contact]) -> np.ndarray:
-    """Moves of the solids, m, shape (n_solids, 3), that bring the faces of contacts together.
+    """Moves of the solids, shape (n_solids, 3), that bring the faces of contacts together.
 
     The first of the solids that hang together stays.
 
@@ -35,7 +38,7 @@ def closing(solids: Solids, contacts: Sequence[Contact]) -> np.ndarray:
         if abs(left) > TOUCH:
             a, b = (solids.names[i] for i in (c.lower, c.upper))
             raise MeshError(
-                f"{solids.path}: {a!r} and {b!r} are {1e3 * c.gap:.6g} mm apart and cannot be "
+                f"{solids.path}: {a!r} and {b!r} are {c.gap:.6g} mm apart and cannot be "
                 "brought together without opening others; expected gaps that close, or none"
             )
     return place
@@ -44,7 +47,7 @@ def closing(solids: Solids, contacts: Sequence[Contact]) -> np.ndarray:
 def opening(
     solids: Solids, body: np.ndarray, contacts: Sequence[Contact], layer: float
 ) -> np.ndarray:
-    """Moves of the bodies, m, shape (n_bodies, 3), that open contacts by a layer's thickness.
+    """Moves of the bodies, shape (n_bodies, 3), that open contacts by a layer's thickness.
 
     The body of the first solid stays.
 
@@ -65,7 +68,7 @@ def opening(
         if np.linalg.norm(miss) > 1e-6 * layer:
             a, b = (solids.names[i] for i in (c.lower, c.upper))
             raise MeshError(
-                f"{solids.path}: {a!r} and {b!r} cannot be moved {1e3 * layer:g} mm apart along "
+                f"{solids.path}: {a!r} and {b!r} cannot be moved {layer:g} mm apart along "
                 "the normal of each face that has a joint, as they or others are joined on faces "
                 "of other directions too; expected joints that close no loop of such faces"
             )

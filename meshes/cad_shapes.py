@@ -1,4 +1,7 @@
-"""What a STEP file holds: named solids, the flat faces by which they touch, and holes in these."""
+"""What a STEP file holds: named solids, the flat faces by which they touch, and holes in these.
+
+All lengths here are in millimetres, OpenCASCADE's own unit whatever the file's.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,15 @@ from fenics_joints.errors import MeshError
 
 __all__ = ["Contact", "Hole", "Place", "Solids", "find_contacts", "holes", "import_solids"]
 
-#: A solid by its label in the file, its number there from 1, or a point inside, in metres.
+#: A solid by its label in the file, its number there from 1, or a point inside.
 Place = str | int | Sequence[float]
-#: Distances below this, m, are those of round-off in CAD.
-TOUCH = 1e-6
+#: Distances below this are those of round-off in CAD.
+TOUCH = 1e-3
 _PARALLEL = 1e-6
-#: How far from a face, m, a point is asked for being in the solid.
-_PROBE = 1e-5
+#: Share of a face below which a common area is round-off.
+_NO_AREA = 1e-6
+#: How far from a face a point is asked for being in the solid.
+_PROBE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -45,10 +50,10 @@ class Contact:
         lower: Index of the first solid.
         upper: Index of the second.
         normal: Unit normal from the first to the second, shape (3,).
-        point: A point of the first's face, m, shape (3,).
-        gap: Distance of the second's face in the file, m.
+        point: A point of the first's face, shape (3,).
+        gap: Distance of the second's face in the file.
         faces: gmsh's numbers of the two faces.
-        area: Area that they have in common, m2.
+        area: Area that they have in common.
     """
 
     lower: int
@@ -62,18 +67,18 @@ class Contact:
 
 @dataclass(frozen=True)
 class Hole:
-    """A round hole in a flat face: its centre, m, shape (3,), and radius, m."""
+    """A round hole in a flat face: its centre, shape (3,), and radius."""
 
     centre: np.ndarray
     radius: float
 
 
 def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
-    """Read a STEP file into gmsh's current model, in metres, and name its solids.
+    """Read a STEP file into gmsh's current model, and name its solids.
 
     Args:
         path: The file.
-        model: gmsh's model; its option ``Geometry.OCCTargetUnit`` is ``M``.
+        model: gmsh's model; its option ``Geometry.OCCTargetUnit`` is ``MM``.
         names: Where the solid of each name is; others are called by their label, or ``solid_1``.
 
     Raises:
@@ -112,7 +117,7 @@ def _named(path, model, tags, labels, names: Mapping[str, Place]) -> list[str]:
         if len(which) != 1:
             raise MeshError(
                 f"{path}: parts.{name} = {place!r} fits {len(which)} solids, expected one by its "
-                f"label, its number from 1, or a point inside, in metres; there are: {listing}"
+                f"label, its number from 1, or a point inside; there are: {listing}"
             )
         if which[0] in given:
             twice = f"parts.{given[which[0]]} and parts.{name} are both solid {which[0] + 1}"
@@ -164,7 +169,7 @@ class _Flat:
 
 
 def find_contacts(model, solids: Solids, reach: float) -> list[Contact]:
-    """Pairs of flat faces that touch, or are apart by at most ``reach``, m; see `Contact`."""
+    """Pairs of flat faces that touch, or are apart by at most ``reach``; see `Contact`."""
     flats = [_flats(model, tag) for tag in solids.tags]
     found = []
     for i, lower in enumerate(flats):
@@ -184,7 +189,7 @@ def _contact(model, i: int, j: int, a: _Flat, b: _Flat, reach: float) -> Contact
     if np.any(shifted[1] < a.box[0] - TOUCH) or np.any(a.box[1] < shifted[0] - TOUCH):
         return None
     area = _common_area(model, a, b, gap)
-    if area <= TOUCH * model.occ.getMass(2, a.tag):
+    if area <= _NO_AREA * model.occ.getMass(2, a.tag):
         return None
     return Contact(i, j, a.normal, a.point, gap, (a.tag, b.tag), area)
 
