@@ -115,7 +115,7 @@ class World:
         samples = [random_values(u) for u in qmc.Sobol(3, seed=1).random(8)]
         common = {"frequencies_hz": LINES, "excitation": excitation, "sensors": sensors,
                   "damping": DAMPING}  # fmt: skip
-        model = frf_basis(self.full, samples, n_modes=14, tolerance=1e-7, **common)
+        model = frf_basis(self.full, samples, n_modes=24, tolerance=1e-8, **common)
         error = frf_error(model, self.full, [TRUE], lines=None, **common)
         print(f"{self.full.n_dofs} DOFs, {model.n_dofs} reduced; FRF error at the true values: "
               f"median {np.median(error.relative):.1e}, largest {error.worst:.1e}")  # fmt: skip

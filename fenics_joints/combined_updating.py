@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from fenics_joints.combined_result import CombinedUpdate, Iteration
@@ -193,17 +194,14 @@ class _Fit:
         values, by_x = self.coordinates.values(done.x), self.coordinates.slope(done.x)
         prediction = self.predict(done.x, moved)
         data = self.residuals.slopes(prediction)
-        slope = data @ by_x
-        information = slope.T @ slope
-        # What the noise of residuals that are not independent does to the estimate.
-        middle = information
+        slope, noise = data @ by_x, None
         if moved:
-            each = slope.T @ self.residuals.noise(prediction, self.predictor.moves)
-            middle = each @ each.T
+            noise = self.residuals.noise(prediction, self.predictor.moves)
         if self.pull is not None:
             own = self.pull * by_x / self.coordinates.working(values)[:, None]
-            information, middle = information + own.T @ own, middle + own.T @ own
-        inverse = by_x @ _inverse(information)
+            slope = np.concatenate([slope, own])
+            noise = None if noise is None else block_diag(noise, np.eye(len(own)))
+        covariance = _covariance(slope, noise, by_x)
         whitened = data * self.coordinates.working(values)
         chi2 = float(np.sum(self.residuals.values(prediction) ** 2))
         freedom = self.residuals.count - len(values)
@@ -212,14 +210,26 @@ class _Fit:
             off = np.sqrt(chi2 / max(freedom, 1))
             message += f", where test and model differ by {off:.2g} standard deviations"
         return CombinedUpdate(
-            "log", self.coordinates.names, self.first, values, inverse @ middle @ inverse.T,
+            "log", self.coordinates.names, self.first, values, covariance,
             identifiability(whitened, self.coordinates.names), converged,
             message, self.predictor.calls, tuple(self.history), prediction, chi2, freedom,
         )  # fmt: skip
 
 
-def _inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse; of what the data leave open very large, not zero as a pseudo-inverse's."""
+def _covariance(slope: np.ndarray, noise: np.ndarray | None, by_x: np.ndarray) -> np.ndarray:
+    """Covariance of the values, very large where the data leave them open.
+
+    Args:
+        slope: Derivatives of the residuals by the coordinates, (r, p).
+        noise: What the data's errors do to the residuals where one error does to several, (r, k).
+        by_x: Derivatives of the values by the coordinates, (p, p).
+    """
+    information = slope.T @ slope
     values, vectors = np.linalg.eigh(information)
     floor = np.finfo(float).eps * max(values[-1], np.finfo(float).tiny)
-    return (vectors / np.maximum(values, floor)) @ vectors.T
+    root = by_x @ (vectors / np.sqrt(np.maximum(values, floor)))
+    if noise is None:
+        return root @ root.T
+    known = values > floor
+    change = root[:, known] @ (vectors[:, known] / np.sqrt(values[known])).T @ slope.T @ noise
+    return change @ change.T + root[:, ~known] @ root[:, ~known].T
