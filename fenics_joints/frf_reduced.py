@@ -89,7 +89,7 @@ def _modes(K: np.ndarray, M: np.ndarray, shift_hz: float) -> tuple[np.ndarray, .
     massive = inverse > _MASSLESS * inverse[0]
     scale = np.where(massive, inverse, 1.0)
     stiff = np.where(massive, 1 / scale - shift, 1.0)
-    n_rigid = count_rigid(stiff, shift_hz)
+    n_rigid = count_rigid(stiff[massive], shift_hz)  # a massless one has energy 1, near 0 too
     stiff[:n_rigid] = 0.0
     return stiff, massive.astype(float), vectors / np.sqrt(scale), n_rigid
 
