@@ -631,8 +631,9 @@ def _line_hz(value: Any) -> float:
 class Held(Section):
     """``[update.held]``: what no fit sees and the updated model must predict.
 
-    ``modes`` by name, or ``"each"``: every mode in turn, predicted by a fit to all else; ``bands``
-    of frequency of the functions, and ``responses`` by name.
+    ``modes`` by name, with the functions' lines around them, or ``"each"``: every mode in turn,
+    predicted by a fit to all else; ``bands`` of frequency of the functions, and ``responses`` by
+    name.
     """
 
     modes: Names | None = None

@@ -20,6 +20,8 @@ __all__ = ["CombinedData", "combined_data"]
 _NOISE = 0.05
 #: That of functions by coherence is at least this: a coherence of 1 is not a perfect test.
 _LEAST = 1e-3
+#: How far the band of the lowest and the highest mode goes where there is no other, as a factor.
+_ALONE = 1.2
 #: Lines that are fitted by default, at most.
 _LINES = 60
 
@@ -52,6 +54,27 @@ class CombinedData:
     lines: np.ndarray | None = None
     held: np.ndarray | None = None
 
+    def without(self, mode: int) -> Target:
+        """What is fitted, without a mode: neither its frequency, nor lines around its resonance."""
+        target = self.target.without_modes([mode])
+        if target.frfs is None:
+            return target
+        low, high = _around(self.target.frequencies_hz, mode)
+        frfs = target.frfs
+        out = (frfs.frequencies_hz >= low) & (frfs.frequencies_hz <= high)
+        values = np.where(out[:, None, None], np.nan, frfs.values)
+        return replace(target, frfs=replace(frfs, values=values))
+
+
+def _around(frequencies_hz: np.ndarray, mode: int) -> tuple[float, float]:
+    """The band of a mode: to the middle, in ln f, between it and its neighbours."""
+    f = float(frequencies_hz[mode])
+    others = frequencies_hz[np.isfinite(frequencies_hz)]
+    below, above = others[others < f], others[others > f]
+    low = np.sqrt(f * below.max()) if len(below) else f / _ALONE
+    high = np.sqrt(f * above.min()) if len(above) else f * _ALONE
+    return float(low), float(high)
+
 
 def combined_data(case: Case) -> CombinedData:
     """The data of a case that `case_combined.check_combined` has passed.
@@ -65,7 +88,8 @@ def combined_data(case: Case) -> CombinedData:
     held = update.held.modes if update.held is not None and update.held.modes else []
     each = held == [EACH]
     held_modes = () if each else tuple(names.index(name) for name in held)
-    functions = _functions(case) if "frfs" in kinds else {}
+    bands = [_around(fields["frequencies_hz"], mode) for mode in held_modes]
+    functions = _functions(case, bands) if "frfs" in kinds else {}
     target = Target(**fields, frfs=functions.pop("target", None))
     if held_modes:
         target = target.without_modes(held_modes)
@@ -103,15 +127,15 @@ def _modes(case: Case, kinds) -> dict:
     return fields
 
 
-def _functions(case: Case) -> dict:
-    """Fields of `CombinedData` on functions, and their target."""
+def _functions(case: Case, bands: list[tuple[float, float]]) -> dict:
+    """Fields of `CombinedData` on functions, and their target; no line of ``bands`` is fitted."""
     frfs, section, held = case.frfs(), case.test.frfs, case.update.held
     sd = np.full(frfs.values.shape, section.noise or _NOISE)
     if section.averages is not None:
         sd = np.maximum(np.nan_to_num(frfs.relative_sd(section.averages), nan=1.0), _LEAST)
     out = np.zeros(frfs.values.shape, dtype=bool)
-    bands = held_lines(frfs.frequencies_hz, None if held is None else held.bands)
-    out[bands] = True
+    bands = [*bands, *((held.bands if held is not None else None) or ())]
+    out[held_lines(frfs.frequencies_hz, bands)] = True
     for name in (held.responses if held is not None else None) or ():
         out[:, frfs.response_names.index(name)] = True
     lines = _lines(case, frfs, sd, out)

@@ -22,7 +22,7 @@ from fenics_joints.updating_data import Target
 __all__ = ["CombinedModel", "ModelError"]
 
 #: Share of the largest energy below which a direction is left out of the basis.
-_BASIS = 1e-7
+_BASIS = 1e-5
 #: Lines at which functions are checked against the direct solution.
 _CHECKED = 6
 

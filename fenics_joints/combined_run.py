@@ -77,7 +77,7 @@ class _Run:
         self.start = {**case.nominal(damping=functions), **case.start()}
         self.notes: list[str] = []
         n_modes = 6 + len(self.data.target) + _SPARE
-        if functions or "n_modes" in case.diagnose.model_fields_set:
+        if "n_modes" in case.diagnose.model_fields_set:
             n_modes = max(case.diagnose.n_modes, n_modes)
         self.model = CombinedModel(self.full, self.data.target, self.damping, n_modes)
 
@@ -210,7 +210,7 @@ class _Run:
         self.progress.step("holding out each mode in turn", len(measured))
         rows = []
         for j in measured:
-            other = self._fit(target.without_modes([int(j)]))
+            other = self._fit(self.data.without(int(j)))
             values = self._values(other)
             # The full model's frequency, so that the reduced one's error is none of the test's.
             modes = self.model.modes(values)
