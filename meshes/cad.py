@@ -204,13 +204,13 @@ class _Assembly:
             bolts = self._bolts(model, solids, contacts)
             if self.joint == "rings":
                 contacts = [c for c in contacts if any(b.contact is c for b in bolts)]
-            shifts = closing(solids, contacts)
+            shifts, body = closing(solids, contacts), bodies(solids, bonded)
+            moves = np.zeros((int(body.max()) + 1, 3))
+            if self.joint != "contact":
+                moves = opening(solids, body, contacts, self.layer)
             glued = glue(model, solids, shifts, contacts, bolts, self.faces, self._sizes(bolts))
-        body = bodies(solids, bonded)
         self._check_bonds(solids, bonded, glued)
-        moves = np.zeros((int(body.max()) + 1, 3))
         if self.joint != "contact":
-            moves = opening(solids, body, contacts, self.layer)
             self._check_one(solids, body, contacts)
         return self._named(solids, glued, Opened(glued, body, moves), body, moves, shifts, bolts)
 
@@ -301,6 +301,7 @@ class _Assembly:
         facets: dict[str, list[np.ndarray]] = {}
         layers = self._layers(glued)
         for name, interfaces in layers.items():
+            self._check_new(name, names, "part")
             names.append(name)
             cells.append(opened.layer(interfaces, self.n_layer))
             values.append(np.full(len(cells[-1]), len(names)))
@@ -314,6 +315,7 @@ class _Assembly:
                     face = f"{solids.names[one]}_to_{solids.names[other]}"
                     facets.setdefault(face, []).append(opened.side(i, upper))
         for name, (solid, triangles) in glued.faces.items():
+            self._check_new(name, facets, "face")
             facets.setdefault(name, []).append(opened.of(solid, triangles))
         found = [np.vstack(f) for f in facets.values()]
         tags = np.repeat(np.arange(1, len(found) + 1), [len(f) for f in found])
@@ -329,6 +331,13 @@ class _Assembly:
             all_facets, tags, {name: i for i, name in enumerate(names, start=1)},
             {name: i for i, name in enumerate(facets, start=1)}, points,
         )  # fmt: skip
+
+    def _check_new(self, name: str, there, kind: str) -> None:
+        if name in there:
+            raise MeshError(
+                f"{self.path}: {kind}s has the name {name!r}, which is that of a {kind} of the "
+                "joints; expected another"
+            )
 
     def _layers(self, glued: Glued) -> dict[str, list]:
         """The interfaces that are filled, by the name of their layer."""

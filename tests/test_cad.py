@@ -9,6 +9,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from step_files import (
     FLANGE_BOLTS,
+    bores,
     bracket,
     dumbbell_halves,
     flanges,
@@ -184,6 +185,25 @@ def test_layer_and_contact(tmp_path):
     assert area == pytest.approx(ring.area + wall, rel=1e-2)
 
 
+def pile(occ):
+    """Three blocks of 80 x 40 x 20 mm on each other, with two holes through all."""
+    for z in (0, 20, 40):
+        block = occ.addBox(0, 0, z, 80, 40, 20)
+        occ.cut([(3, block)], bores(occ, [(20, 20), (60, 20)], z - 1, z + 21, 5))
+
+
+def test_pile_of_parts(tmp_path):
+    """A bolt through three parts has two rings, lifted by those below; one if two are welded."""
+    path = write_step(tmp_path / "pile.step", pile)
+    given = {"parts": {"a": 1, "b": 2, "c": 3}, "r_wai": 12 * MM, "circle": 8, "ring_size": 8 * MM}
+    for bonded, heights in ([], [20.35, 20.35, 41.05, 41.05]), ([("b", "c")], [20.35, 20.35]):
+        tagged = read_step(path, MPI.COMM_SELF, element_size=30 * MM, bonded=bonded, **given)
+        assert tagged.points["bolts"][:, 2] / MM == pytest.approx(heights)
+        assert check_mesh(tagged).bodies == 1
+        assert ("b_to_c" in tagged.facet_names) == (not bonded)
+    assert measure_ring(tagged, "ring_2").upper == ("b",)
+
+
 CASE = """
 [mesh]
 file = "machine.step"
@@ -317,6 +337,10 @@ REFUSED = {
     "no face": (flanges(), {"faces": {"end": (1, 1, 1)}}, "faces.end: no face of a solid is at"),
     "bonded too": (flanges(), {"bonded": [("a", "b")], **AB}, "no two of 'a', 'b'"),
     "not there": (flanges(), {"bonded": [("a", "b")]}, "bonded has .*expected two of the parts"),
+    "reserved": (flanges(), {"parts": {"ring_2": 1}}, "parts has the name 'ring_2', which is that"),
+    "reserved face": (
+        flanges(), {"faces": {"joint_upper": (0, 0.03, 0.01)}}, "faces has the name 'joint_upper'"
+    ),
     "loop": (corner, {}, "cannot be moved 0.7 mm apart along the normal"),
     "radius": (flanges(), {"r_wai": -1.0}, "r_wai is -1.0, expected the outer radius"),
 }  # fmt: skip
