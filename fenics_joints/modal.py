@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -12,6 +13,9 @@ from petsc4py import PETSc
 from fenics_joints.eigensolver import EigenSolver
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.points import Sensors
+
+if TYPE_CHECKING:
+    from fenics_joints.iterative_eigensolver import IterativeEigenSolver
 
 __all__ = ["SHIFT_SHARE", "Modes", "count_rigid", "dense_modes", "solve_modes"]
 
@@ -33,7 +37,8 @@ class Modes:
         shapes: M-normalised shapes: n PETSc vectors, or an array (n_dofs, n) of a reduced model.
         n_rigid: Number of rigid-body modes.
         residuals: Relative residuals, shape (n,); None for a dense solution.
-        solver: The `EigenSolver` that was used; its ``solver`` is SLEPc's. None when dense.
+        solver: The `EigenSolver` that was used; its ``solver`` is SLEPc's. With the iterative
+            method an `IterativeEigenSolver`, whose ``solver`` is PETSc's. None when dense.
         statistics: What the solver says of its work.
     """
 
@@ -43,7 +48,7 @@ class Modes:
     shapes: list[PETSc.Vec] | np.ndarray
     n_rigid: int
     residuals: np.ndarray | None = None
-    solver: EigenSolver | None = None
+    solver: EigenSolver | IterativeEigenSolver | None = None
     statistics: Mapping[str, object] | None = None
 
     def __len__(self) -> int:
@@ -90,9 +95,10 @@ def solve_modes(
     n_modes: int = 20,
     shift_hz: float | None = None,
     petsc_options: Mapping[str, object] | None = None,
-    solver: EigenSolver | None = None,
+    solver: EigenSolver | IterativeEigenSolver | None = None,
     initial: Modes | None = None,
-    tolerance: float = 1e-7,
+    tolerance: float | None = None,
+    method: str = "direct",
 ) -> Modes:
     """Lowest modes of K(p) x = omega^2 M(p) x.
 
@@ -106,23 +112,57 @@ def solve_modes(
         solver: One from an earlier solution, to keep its ordering.
         initial: Modes of a near model, to start from.
         tolerance: Relative error of the shapes; an eigenvalue's is of the order of its square.
+            By default 1e-7, with the iterative method 1e-6.
+        method: ``"direct"`` factorises; ``"iterative"`` takes LOBPCG with multigrid, which needs
+            much less memory, and a `Structure`.
 
     Raises:
-        InputError: If ``n_modes`` is out of range.
+        InputError: If ``n_modes`` or ``method`` is out of range, or the iterative method is asked
+            of something that is no `Structure`.
         ConvergenceError: If fewer modes converged than asked for.
     """
     if n_modes < 1:
         raise InputError(f"n_modes = {n_modes}: expected at least 1.")
+    if method not in ("direct", "iterative"):
+        raise InputError(f"method = {method!r}: expected 'direct' or 'iterative'.")
     given = dict(given or {})
+    settings = {"tol": tolerance} if tolerance is not None else {}
+    settings["petsc_options"] = petsc_options
+    if method == "iterative":
+        return _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings)
     K, M = model.stiffness(given), model.mass(given)
     if isinstance(K, np.ndarray):
         return _solve_dense(model, given, K, M, n_modes)
-    if solver is None or solver.n != n_modes:
-        scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / SHIFT_SHARE
-        shift = -((2 * np.pi * SHIFT_SHARE * scale) ** 2)
-        solver = EigenSolver(n_modes, shift=shift, tol=tolerance, petsc_options=petsc_options)
+    if solver is None or solver.n != n_modes or not isinstance(solver, EigenSolver):
+        solver = EigenSolver(n_modes, shift=_shift(model, given, shift_hz), **settings)
     result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
     K.destroy(), M.destroy()
+    return _modes(model, given, solver, result)
+
+
+def _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings) -> Modes:
+    # Here, as DOLFINx need not be loaded for the modes of reduced models.
+    from fenics_joints.iterative_eigensolver import IterativeEigenSolver
+    from fenics_joints.structure import Structure
+
+    if not isinstance(model, Structure):
+        raise InputError(
+            f"method = 'iterative': a {type(model).__name__} has no mesh for multigrid; expected "
+            "a Structure, or method = 'direct'."
+        )
+    if solver is None or solver.n != n_modes or not isinstance(solver, IterativeEigenSolver):
+        shift = _shift(model, given, shift_hz)
+        solver = IterativeEigenSolver(n_modes, shift=shift, **settings)
+    result = solver.solve(model, given, initial=None if initial is None else initial.shapes)
+    return _modes(model, given, solver, result)
+
+
+def _shift(model, given, shift_hz: float | None) -> float:
+    scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / SHIFT_SHARE
+    return -((2 * np.pi * SHIFT_SHARE * scale) ** 2)
+
+
+def _modes(model, given, solver, result) -> Modes:
     n_rigid = count_rigid(result.values, np.sqrt(-solver.shift) / (2 * np.pi))
     return Modes(
         model, given, result.values, result.shapes, n_rigid, result.residuals, solver,

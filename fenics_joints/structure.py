@@ -96,6 +96,10 @@ class Structure:
         self.regions, self.masses = tuple(regions), tuple(masses)
         supports = tuple(supports)
         self.springs = tuple(springs)
+        self._made_of = {
+            "regions": self.regions, "masses": self.masses, "springs": self.springs,
+            "supports": supports, "axisymmetric": axisymmetric,
+        }  # fmt: skip
         self.supports = tuple(s for s in supports if isinstance(s, Support))
         self.elastic_supports = tuple(s for s in supports if isinstance(s, ElasticSupport))
         self._check_names()
@@ -211,6 +215,11 @@ class Structure:
                 dofs = fem.locate_dofs_topological((self.V.sub(i), W), fdim, facets)
                 bcs.append(fem.dirichletbc(fem.Function(W), dofs, self.V.sub(i)))
         return bcs
+
+    def coarser(self) -> Structure:
+        """The same structure with displacements of degree 1, for multigrid."""
+        parameters = self.parameters.values()
+        return Structure(self.tagged, parameters=parameters, degree=1, **self._made_of)
 
     # -- forms -------------------------------------------------------------------------------
 
