@@ -87,6 +87,9 @@ def _check_data(case: Case) -> list[str]:
     if "frequencies" in wanted and measured is not None and not (measured.log_sd() > 0).all():
         expected = "expected it or test.resolution above 0: it is what frequencies weigh"
         errors.append(f"test.noise = 0: {expected}")
+    if update.step_limit is not None and update.method != "weighted":
+        expected = "expected it only with update.method = 'weighted'"
+        errors.append(said("update.step_limit", update.step_limit, expected))
     if "shapes" in wanted and update.method == "weighted":
         expected = "expected no shapes in update.data: the seed's equations have none"
         errors.append(said("update.method", update.method, expected))

@@ -650,8 +650,9 @@ class Update(Section):
     ``data`` says what is fitted: any of ``"frequencies"``, ``"shapes"`` and ``"frfs"``; by default
     what there is, functions only with a section ``[damping]``. ``method`` is ``"log"`` (logarithms
     of functions at frequencies relative to the resonances) or ``"weighted"`` (seed 000, eqs. 15 to
-    20). ``lines`` are the lines of the functions that are fitted: how many, spread over flanks and
-    antiresonances, or which.
+    20), whose steps ``step_limit`` limits, relative to each value; the seed does not. ``lines`` are
+    the lines of the functions that are fitted: how many, spread over flanks and antiresonances, or
+    which.
     """
 
     at: float | None = None
@@ -665,6 +666,7 @@ class Update(Section):
         list[Literal["frequencies", "shapes", "frfs"]], BeforeValidator(listed), Field(min_length=1)
     ] | None = None
     method: Literal["log", "weighted"] | None = None
+    step_limit: Positive | None = None
     lines: Annotated[int | list[float], BeforeValidator(_lines)] | None = None
     held: Held | None = None
 

@@ -198,6 +198,8 @@ def show_combined(console: Console, r: CombinedReport) -> None:
     console.print()
     if r.modes is not None:
         console.print(_mode_rows(r.modes))
+        if not r.modes.fitted.all():
+            say(console, "* no fit saw its frequency", "dim")
     if r.functions is not None:
         console.print()
         console.print(_level_rows(r.functions))
@@ -217,7 +219,7 @@ def _mode_rows(modes: ModeTable):
         ]  # fmt: skip
         if shapes:
             row.append(f"{modes.mac_after[j, j]:.2f}")
-        table.add_row(Text(name if modes.fitted[j] else f"{name} (not fitted)"), *row)
+        table.add_row(Text(name if modes.fitted[j] else f"{name} *", no_wrap=True), *row)
     return table
 
 

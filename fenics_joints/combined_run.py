@@ -177,8 +177,10 @@ class _Run:
     def _fit(self, target: Target) -> CombinedUpdate:
         model, common = self.model.arrays, {"damping": self.damping}
         if self.section.method == "weighted":
-            return update_weighted(model, self.parameters, target, self.start, **common,
-                                   **_tolerances(target))  # fmt: skip
+            return update_weighted(
+                model, self.parameters, target, self.start, step_limit=self.section.step_limit,
+                **common, **_tolerances(target),
+            )  # fmt: skip
         common["regularisation"] = self.section.regularisation
         found = update_combined(model, self.parameters, target, self.start, **common)
         both = {"frequencies", "frfs"} <= set(target.kinds)
