@@ -304,17 +304,9 @@ class Structure:
         Returns:
             (K, M), PETSc matrices that the next call with the same ``number`` overwrites.
         """
-        region = self.regions[number]
         if number not in self._region_forms:
             u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
-            tags = tuple(self.tagged.cell_tag(name) for name in region.cells)
-            slots = {name: self.field.q[i] for i, name in enumerate(region.law.properties)}
-            n, ways = self._directions(region.normal, region.across)
-            dx = self._dx(tags)
-            forms = [
-                fem.form(region.law.stiffness(u, v, slots, n, dx, **ways)),
-                fem.form(region.law.inertia(u, v, slots, dx)),
-            ]
+            forms = [fem.form(form) for form in self.region_form(number, u, v)]
             self._region_forms[number] = [(f, fem_petsc.create_matrix(f)) for f in forms]
         if q is not None:
             self.field.fill(number, q)
