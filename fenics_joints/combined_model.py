@@ -21,8 +21,9 @@ from fenics_joints.updating_data import Target
 
 __all__ = ["CombinedModel", "ModelError"]
 
-#: Share of the largest energy below which a direction is left out of the basis.
-_BASIS = 1e-5
+#: Share of the largest energy below which a direction is left out of the basis: at first, and by
+#: which factor it falls when the model is bettered.
+_BASIS, _FINER = 1e-5, 0.03
 #: Lines at which functions are checked against the direct solution.
 _CHECKED = 6
 
@@ -59,7 +60,7 @@ class CombinedModel:
 
     def __init__(self, full: Structure, target: Target, damping: Damping, n_modes: int):
         self.full, self.target, self.damping, self.n_modes = full, target, damping, n_modes
-        self.samples = 0
+        self.samples, self._tolerance = 0, _BASIS
         self.arrays: ArrayModel | None = None
         self._snapshots = Snapshots(full)
         self._solver = self._exact = None
@@ -99,9 +100,15 @@ class CombinedModel:
             places.append(target.shape_sensors)
         if target.frfs is not None:
             places += [target.frfs.excitation, target.frfs.sensors]
-        reduced = ReducedStructure(self.full, self._snapshots.basis(_BASIS))
+        reduced = ReducedStructure(self.full, self._snapshots.basis(self._tolerance))
         self.arrays = reduced.arrays(*places)
         return self.arrays
+
+    def better(self, values: Mapping[str, float]) -> ArrayModel:
+        """The reduced model with one more sample, and with directions of less energy."""
+        self.add(values)
+        self._tolerance *= _FINER
+        return self.build()
 
     def modes(self, values: Mapping[str, float]) -> Modes:
         """Modes of the full model."""

@@ -33,8 +33,8 @@ __all__ = ["CombinedOutcome", "combined_html", "show_combined"]
 
 #: The method in words.
 METHODS = {
-    "log": "logarithms of the functions, maximum likelihood",
-    "weighted": "weighted equations of seed 000 (eqs. 15 to 20)",
+    "log": "Maximum likelihood, by the logarithms of frequencies and functions",
+    "weighted": "By the weighted equations of seed 000 (eqs. 15 to 20)",
 }
 _KINDS = {"frequencies": "frequencies", "shapes": "mode shapes", "frfs": "functions"}
 #: Rows of each table on the terminal.

@@ -150,8 +150,7 @@ class _Run:
             good = error.frequencies <= _FREQUENCY and (error.frfs or 0.0) <= limit
             if good or round_ == _ROUNDS - 1:
                 break
-            self.model.add(values)
-            self.model.build()
+            self.model.better(values)
         if not good:
             self.notes.append(
                 "the reduced model is still off at what was found: frequencies by "
