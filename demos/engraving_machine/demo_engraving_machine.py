@@ -176,7 +176,9 @@ say(
 loose, solver = {}, None
 for i in left:
     given = {f"ring_{i + 1}.E": 1e-3 * ring.E}
-    found = solve_modes(model, given, n_modes=RIGID + SHOWN + 1, solver=solver, tolerance=1e-5)
+    found = solve_modes(
+        model, given, n_modes=RIGID + SHOWN + 1, solver=solver, initial=modes, tolerance=1e-5
+    )
     solver = found.solver
     loose[i] = found.frequencies_hz[first_five] / hz - 1
 exact = np.array([loose[i] if i in loose else loose[mirror[i]] for i in range(n_bolts)])
