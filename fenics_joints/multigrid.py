@@ -25,7 +25,7 @@ __all__ = ["Multigrid", "held_dofs", "lean_mass", "rigid_motions", "to_upper_hal
 
 _GAMG = {
     # Aggregates must not reach across a soft layer, nor skip a distance.
-    "pc_gamg_threshold": "0.03",
+    "pc_gamg_threshold": "0.02",
     "pc_gamg_aggressive_coarsening": "0",
 }
 #: Options of two levels of degree. Some steps of CG on the coarse level cost little: it has a
