@@ -68,6 +68,11 @@ def modes(
         typer.Option(help="What contacts are: stuck, or as the preload leaves them.",
                      metavar="stuck|preload"),
     ] = "stuck",
+    iterative: Annotated[
+        bool,
+        typer.Option("--iterative", help="Multigrid instead of a factorisation: slower, in a "
+                     "fraction of the memory; not for contacts."),
+    ] = False,
     json: JsonOption = None,
     report: ReportOption = None,
     debug: DebugOption = False,
@@ -81,7 +86,8 @@ def modes(
     def run(case, comm, progress):
         from fenics_joints.mode_list import run_modes
 
-        return run_modes(case, comm, progress, n_modes=n, state=contacts)
+        method = "iterative" if iterative else "direct"
+        return run_modes(case, comm, progress, n_modes=n, state=contacts, method=method)
 
     _command(run, case, json, report, debug)
 

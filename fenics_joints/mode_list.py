@@ -96,6 +96,7 @@ def run_modes(
     *,
     n_modes: int | None = None,
     state: str = "stuck",
+    method: str = "direct",
 ) -> ModeList:
     """Modes of a case's nominal model. Collective.
 
@@ -106,6 +107,7 @@ def run_modes(
         n_modes: Number of modes, rigid-body modes included; the case's ``diagnose.n_modes`` by
             default.
         state: What contacts are: ``"stuck"``, or as the ``"preload"`` leaves them.
+        method: ``"direct"`` or ``"iterative"``, see `solve_modes`; contacts need the direct one.
 
     Raises:
         JointsError: If the case, the mesh or the solution fails.
@@ -117,7 +119,7 @@ def run_modes(
     else:
         model = build_structure(case, comm)
     progress.step(f"solving {n_modes} modes of {model.n_dofs} degrees of freedom")
-    modes = solve_modes(model, n_modes=n_modes)
+    modes = solve_modes(model, n_modes=n_modes, method=method)
     sensors = case.sensors()
     return ModeList(case, modes, None if sensors is None else modes.visibility(sensors))
 
