@@ -22,6 +22,7 @@ from fenics_joints.meshes.cad_shapes import (
     Solids,
     find_contacts,
     import_solids,
+    nearest,
 )
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.gmsh_model import gmsh_model
@@ -118,7 +119,7 @@ def read_step(
     _require(is_count(circle) and circle >= 6, "circle", circle, "a whole number of at least 6")
     radii = _outer_radii(joint, r_wai, bolts)
     if hole is not None:
-        fits = np.shape(hole) == (2,) and 0 < hole[0] <= hole[1]
+        fits = np.shape(hole) == (2,) and all(map(is_positive, hole)) and hole[0] <= hole[1]
         _require(fits, "hole", hole, "the least and the largest diameter, in metres")
     assembly = _Assembly(
         Path(path), _places(parts or {}), tuple(map(tuple, bonded)), between, joint, radii * _MM,
@@ -239,11 +240,13 @@ class _Assembly:
                 raise MeshError(
                     f"{self.path}: {a!r} and {b!r} have no flat faces that touch, or are apart by "
                     f"at most {reach:.6g} mm; expected some, as between names them"
+                    f"{nearest(model, solids, reach, [(a, b)])}"
                 )
         if not contacts:
             raise MeshError(
                 f"{self.path}: no two of {', '.join(map(repr, solids.names))} have flat faces that "
                 f"touch, or are apart by at most {reach:.6g} mm; expected some"
+                f"{nearest(model, solids, reach)}"
             )
         return contacts
 

@@ -59,7 +59,7 @@ class _Holes:
         return self._found[face]
 
     def pairs(self, contact: Contact) -> list[tuple[Hole, Hole, float]]:
-        """Holes of the two faces that have one axis, and how far apart their axes are."""
+        """Holes of the two faces that contain each other's axis, and how far apart these are."""
         lower, upper = (self.of(face) for face in contact.faces)
         shift = contact.gap * contact.normal
         return [
@@ -67,7 +67,7 @@ class _Holes:
             for a in lower
             for b in upper
             if (apart := float(np.linalg.norm(b.centre - shift - a.centre)))
-            < _COAXIAL * min(a.radius, b.radius)
+            < min(a.radius, b.radius)
         ]
 
     def listing(self) -> str:
@@ -114,7 +114,8 @@ def hole_bolts(
                 if apart > TOUCH:
                     raise MeshError(
                         f"{solids.path}: {found[-1].said(len(found), solids)}: the axes of its two "
-                        f"holes are {apart:.3g} mm apart, expected one axis"
+                        f"holes are {apart:.3g} mm apart, expected one axis (or bolts' centres "
+                        "and r_nei)"
                     )
                 _check_nei(r_nei, max(a.radius, b.radius + apart), found[-1], len(found), solids)
     if not found:

@@ -18,6 +18,8 @@ from fenics_joints.meshes.cad_shapes import TOUCH, Contact, Solids
 
 __all__ = ["Glued", "Interface", "Sizes", "glue"]
 
+#: A mesh of more cells than this is refused before it is made.
+_MOST = 2e7
 #: How much smaller than its two circles say a ring's face may be.
 _WHOLE = 1e-4
 
@@ -113,6 +115,7 @@ def glue(
         for name, points in faces.items()
     }
     _check_once(solids, named)
+    _check_sizes(model, solids, pieces, ring_of, sizes)
     _set_sizes(model, ring_of, sizes)
     try:
         model.mesh.generate(3)
@@ -143,6 +146,7 @@ def _fragments(model, solids: Solids, shifts, bolts: Sequence[BoltPlace]):
     discs = [[] for _ in bolts]
     for i, part in zip(owner, parts[len(volumes) :], strict=True):
         discs[i].append({tag for dim, tag in part if dim == 2})
+    _check_whole(model, solids, pieces, bolts, discs)
     _remove_loose(model, discs)
     return [tags[0] for tags in pieces], discs
 
@@ -157,6 +161,20 @@ def _check_apart(model, solids: Solids, pieces) -> None:
                     f"{solids.path}: {solids.names[j]!r} and {solids.names[i]!r} overlap by "
                     f"{volume:.6g} mm3, expected solids that touch or are apart"
                 )
+
+
+def _check_whole(model, solids: Solids, pieces, bolts: Sequence[BoltPlace], discs) -> None:
+    """Refuse solids that bolts' circles cut in two."""
+    for name, tags in zip(solids.names, pieces, strict=True):
+        if len(tags) == 1:
+            continue
+        cut = {i for i, parts in enumerate(discs) for face in set().union(*parts)
+               if len(set(model.getAdjacencies(2, face)[0].tolist()) & set(tags)) == 2}  # fmt: skip
+        where = "; ".join(bolts[i].said(i + 1, solids) for i in sorted(cut)) or "a ring"
+        raise MeshError(
+            f"{solids.path}: {name!r} passes through the middle of {where}; expected an empty "
+            "hole there (leave bolts and pins out of the file)"
+        )
 
 
 def _remove_loose(model, discs) -> None:
@@ -202,7 +220,7 @@ def _face(model, solids: Solids, pieces, sharing, shifts, name: str, points) -> 
     """gmsh's faces with a name, and the solid of each."""
     found = {}
     for point in points:
-        best = (np.inf, None, None)
+        near = []
         for i, volume in enumerate(pieces):
             place = (point + shifts[i]).tolist()
             for _, face in model.getBoundary([(3, volume)], oriented=False):
@@ -213,15 +231,20 @@ def _face(model, solids: Solids, pieces, sharing, shifts, name: str, points) -> 
                     continue
                 nearest, _ = model.getClosestPoint(2, face, place)
                 distance = float(np.linalg.norm(nearest - np.array(place)))
-                if model.isInside(2, face, place):
-                    best = min(best, (distance, face, i), key=lambda entry: entry[0])
-        if best[0] > 10 * TOUCH:
-            at = ", ".join(f"{x:.6g}" for x in point)
+                if distance <= 10 * TOUCH and model.isInside(2, face, place):
+                    near.append((face, i))
+        at = ", ".join(f"{x:.6g}" for x in point)
+        if len(near) > 1:
+            raise MeshError(
+                f"{solids.path}: faces.{name}: {len(near)} faces of solids meet at ({at}) mm, "
+                "expected a point inside one"
+            )
+        if not near:
             raise MeshError(
                 f"{solids.path}: faces.{name}: no face of a solid is at ({at}) mm, expected a "
                 "point on an outer face (where solids touch, the faces have names already)"
             )
-        found[best[1]] = best[2]
+        found[near[0][0]] = near[0][1]
     return found
 
 
@@ -233,6 +256,22 @@ def _check_once(solids: Solids, named) -> None:
                 both = f"faces.{used[face]} and faces.{name}"
                 raise MeshError(f"{solids.path}: {both} are one face, expected one name for it")
             used[face] = name
+
+
+def _check_sizes(model, solids: Solids, pieces, ring_of, sizes: Sizes) -> None:
+    """Refuse sizes that would fill the memory; often a length in another unit than metres."""
+    volume = sum(model.occ.getMass(3, tag) for tag in pieces)
+    area = sum(model.occ.getMass(2, face) for face in ring_of)
+    # A regular tetrahedron of size s has the volume s^3 / 8.5, a triangle the area 0.43 s^2.
+    for key, size, n in (
+        ("element_size", sizes.element, 8.5 * volume / sizes.element**3),
+        ("ring_size", sizes.ring, area / (0.43 * sizes.ring**2)),
+    ):
+        if n > _MOST:
+            raise MeshError(
+                f"{solids.path}: {key} is {size:.6g} mm, for which there would be about {n:.2g} "
+                f"cells; expected at most {_MOST:.0e} (in what unit is it given?)"
+            )
 
 
 def _set_sizes(model, ring_of, sizes: Sizes) -> None:

@@ -6,6 +6,7 @@ All lengths here are in millimetres, OpenCASCADE's own unit whatever the file's.
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,16 @@ import numpy as np
 
 from fenics_joints.errors import MeshError
 
-__all__ = ["Contact", "Hole", "Place", "Solids", "find_contacts", "holes", "import_solids"]
+__all__ = [
+    "Contact",
+    "Hole",
+    "Place",
+    "Solids",
+    "find_contacts",
+    "holes",
+    "import_solids",
+    "nearest",
+]
 
 #: A solid by its label in the file, its number there from 1, or a point inside.
 Place = str | int | Sequence[float]
@@ -23,6 +33,11 @@ TOUCH = 1e-3
 _PARALLEL = 1e-6
 #: Share of a face below which a common area is round-off.
 _NO_AREA = 1e-6
+#: Letters that are more than a plain one with an accent.
+_LETTERS = str.maketrans({
+    "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss",
+    "æ": "ae", "Æ": "Ae", "ø": "oe", "Ø": "Oe", "ł": "l", "Ł": "L",
+})  # fmt: skip
 #: How far from a face a point is asked for being in the solid.
 _PROBE = 1e-2
 
@@ -111,10 +126,14 @@ def _label(path: str) -> list[str]:
 
 def _named(path, model, tags, labels, names: Mapping[str, Place]) -> list[str]:
     given: dict[int, str] = {}
-    listing = "; ".join(f"{i}: {label[-1]!r}" for i, label in enumerate(labels, start=1))
+    own = [label[-1] for label in labels]
+    said = ["/".join(label) if own.count(label[-1]) > 1 else label[-1] for label in labels]
+    listing = "; ".join(f"{i}: {label!r}" for i, label in enumerate(said, start=1))
     for name, place in names.items():
         which = _matching(model, tags, labels, place)
         if len(which) != 1:
+            if not isinstance(place, str | int):
+                place = f"({', '.join(f'{x:.6g}' for x in np.ravel(place))}) mm"
             raise MeshError(
                 f"{path}: parts.{name} = {place!r} fits {len(which)} solids, expected one by its "
                 f"label, its number from 1, or a point inside; there are: {listing}"
@@ -134,6 +153,9 @@ def _named(path, model, tags, labels, names: Mapping[str, Place]) -> list[str]:
 def _matching(model, tags, labels, place: Place) -> list[int]:
     if isinstance(place, str):
         own = [i for i, label in enumerate(labels) if label[-1] == place]
+        # Names may have slashes themselves; and a longer path tells instances of a part apart.
+        paths = ["/" + "/".join(label) for label in labels]
+        own = own or [i for i, path in enumerate(paths) if path.endswith(f"/{place}")]
         return own or [i for i, label in enumerate(labels) if place in label]
     if isinstance(place, int | np.integer):
         return [place - 1] if 1 <= place <= len(tags) else []
@@ -144,7 +166,9 @@ def _matching(model, tags, labels, place: Place) -> list[int]:
 
 
 def _sanitised(label: str) -> str:
-    return re.sub(r"^[^A-Za-z]+", "", re.sub(r"[^A-Za-z0-9_-]+", "_", label)).strip("_")
+    plain = unicodedata.normalize("NFKD", label.translate(_LETTERS))
+    plain = "".join(c for c in plain if not unicodedata.combining(c))
+    return re.sub(r"^[^A-Za-z]+", "", re.sub(r"[^A-Za-z0-9_-]+", "_", plain)).strip("_")
 
 
 def _free(name: str, used: set[str]) -> str:
@@ -177,6 +201,36 @@ def find_contacts(model, solids: Solids, reach: float) -> list[Contact]:
             pairs = [(a, b) for a in lower for b in flats[j]]
             found += [c for a, b in pairs if (c := _contact(model, i, j, a, b, reach))]
     return found
+
+
+def nearest(
+    model, solids: Solids, reach: float, pairs: Sequence[tuple[str, str]] | None = None
+) -> str:
+    """Why there are no contacts, for a message: solids that overlap, or how far faces are apart.
+
+    Args:
+        model: gmsh's model.
+        solids: The solids.
+        reach: How far faces that touch may be apart.
+        pairs: Names of the pairs that are looked at; None: all.
+    """
+    names = solids.names
+    if pairs is None:
+        pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    for a, b in pairs:
+        both = [model.occ.copy([(3, solids.tags[names.index(name)])]) for name in (a, b)]
+        common, _ = model.occ.intersect(*both)
+        if volume := sum(model.occ.getMass(3, tag) for dim, tag in common if dim == 3):
+            return f"; {a!r} and {b!r} overlap by {volume:.6g} mm3"
+    wanted = {frozenset(pair) for pair in pairs}
+    apart = [
+        (c.gap, names[c.lower], names[c.upper]) for c in find_contacts(model, solids, np.inf)
+        if frozenset((names[c.lower], names[c.upper])) in wanted and c.gap > reach
+    ]  # fmt: skip
+    if not apart:
+        return ""
+    gap, a, b = min(apart)
+    return f"; those of {a!r} and {b!r} are {gap:.6g} mm apart (layer says how far they may be)"
 
 
 def _contact(model, i: int, j: int, a: _Flat, b: _Flat, reach: float) -> Contact | None:

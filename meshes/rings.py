@@ -71,7 +71,10 @@ def measure_ring(
     """
     sides, areas, parts, walls = _skin(tagged, name)
     if not len(sides):
-        raise MeshError(f"{name}: it touches no other part, expected one on each side")
+        raise MeshError(
+            f"{name}: it touches no other part, expected one on each side "
+            "(do the meshes share their vertices?)"
+        )
     n = _normal(areas) if normal is None else np.asarray(normal, dtype=float)
     n = n / np.linalg.norm(n) + 0.0  # no negative zeros in messages
     cosine = np.abs(areas @ n) / np.linalg.norm(areas, axis=1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import ufl
@@ -299,6 +301,17 @@ def corner(occ):
     occ.cut(angle, drills)
 
 
+def with_bolts(occ):
+    """A bolt left in each hole, as wide as the bed's."""
+    flanges(upper_radius=7)(occ)
+    for x, y in FLANGE_BOLTS:
+        occ.addCylinder(x, y, 5, 0, 0, 40, 6)
+
+
+def sunk(occ):
+    flanges(gap=-0.1)(occ)
+
+
 AB = {"parts": {"a": 1, "b": 2}}
 FIRST, SECOND = r"bolt 1 at \(45, 15, 20\) mm", r"bolt 2 at \(45, 45, 20\) mm"
 REFUSED = {
@@ -342,6 +355,18 @@ REFUSED = {
         flanges(), {"faces": {"joint_upper": (0, 0.03, 0.01)}}, "faces has the name 'joint_upper'"
     ),
     "loop": (corner, {}, "cannot be moved 0.7 mm apart along the normal"),
+    "bolts in the file": (
+        with_bolts, {"parts": {"bed": 1, "foot": 2, "stud": 3}},
+        f"'stud' passes through the middle of {FIRST} between 'bed' and 'foot'; expected an empty",
+    ),
+    "far out of line": (flanges(shift=4), {}, "the axes of its two holes are 4 mm apart"),
+    "sunk": (sunk, AB, "no two of 'a', 'b' .*; 'a' and 'b' overlap by 434"),
+    "how far": (far_apart, AB, r"those of 'a' and 'b' are 5 mm apart \(layer says"),
+    "edge": (
+        flanges(), {"faces": {"end": (0, 0, 0.01)}}, r"end: 2 faces of solids meet at \(0, 0, 10\)"
+    ),
+    "micrometres": (flanges(), {"element_size": 4e-5}, "element_size is 0.04 mm, .* about 2.*e.10"),
+    "fine ring": (flanges(), {"ring_size": 1e-6}, "ring_size is 0.001 mm, .* cells; expected at"),
     "radius": (flanges(), {"r_wai": -1.0}, "r_wai is -1.0, expected the outer radius"),
 }  # fmt: skip
 
@@ -354,6 +379,22 @@ def test_refusals(tmp_path, name):
     with pytest.raises(MeshError, match=message):
         sizes = {"element_size": 0.04, "r_wai": 11 * MM, "circle": 6, "ring_size": 9 * MM}
         read_step(path, MPI.COMM_SELF, **(sizes | given))
+
+
+def test_labels(tmp_path):
+    """Accents are spelt out, and labels with slashes or of two solids are told apart."""
+    path = write_step(tmp_path / "a.step", flanges(), ("Größe Éq", "M12/Fuß"))
+    sizes = {"element_size": 0.04, "r_wai": 11 * MM, "circle": 6, "ring_size": 9 * MM}
+    tagged = read_step(path, MPI.COMM_SELF, parts={"foot": "M12/Fuß"}, **sizes)
+    assert list(tagged.cell_names)[:2] == ["Groesse_Eq", "foot"]
+    path = write_step(tmp_path / "b.step", flanges(), ("plate", "plate"))
+    with pytest.raises(MeshError, match="fits 2 solids") as told:
+        read_step(path, MPI.COMM_SELF, parts={"bed": "plate"}, **sizes)
+    # gmsh numbers the instances of all files that it writes.
+    first, second = re.findall(r"/(\d+/plate)'", str(told.value))
+    assert first != second
+    tagged = read_step(path, MPI.COMM_SELF, parts={"top": second}, **sizes)
+    assert list(tagged.cell_names)[:2] == ["plate", "top"]
 
 
 def test_no_step_file(tmp_path):
