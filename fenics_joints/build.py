@@ -31,6 +31,7 @@ from fenics_joints.components import (
 )
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
+from fenics_joints.meshes.rings import check_normal
 from fenics_joints.preload import (
     BeamBolt,
     Contact,
@@ -63,6 +64,8 @@ _KNOWN = 3.0
 _THICKNESS = (0.5, 2.0)
 #: How far the thickness of a transition layer may be from its nominal value, as a factor.
 _LAYER = 30.0
+#: Ratio of thicknesses that no choice of a mesh explains, but a wrong unit (1000) does.
+_FAR = 300.0
 _NU = (0.0, 0.49)
 #: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
 #: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
@@ -291,6 +294,13 @@ def _parts(case: Case, width: bool) -> list[Region]:
 
 
 def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
+    for name, j in case.joints.items():
+        # Where the thickness is measured, the normal is checked by it.
+        if tagged.mesh.geometry.dim == 3 and (j.law != "transition" or j.meshed is not None):
+            try:
+                check_normal(tagged, _cells(j, tagged), j.normal)
+            except MeshError as error:
+                raise MeshError(f"joints.{name}: {error}") from error
     return [
         _transition(name, j, tagged)
         if j.law == "transition"
@@ -308,9 +318,14 @@ def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
     ]
 
 
-def _transition(name: str, section: Joint, tagged: TaggedMesh) -> Region:
+def _cells(section: Joint, tagged: TaggedMesh) -> tuple[str, ...]:
+    """Names of a joint's cells, patterns resolved."""
     there = sorted(tagged.cell_names, key=tagged.cell_names.get)
-    cells = tuple(dict.fromkeys(c for pattern in section.cells for c in matching(pattern, there)))
+    return tuple(dict.fromkeys(c for pattern in section.cells for c in matching(pattern, there)))
+
+
+def _transition(name: str, section: Joint, tagged: TaggedMesh) -> Region:
+    cells = _cells(section, tagged)
     meshed = section.meshed
     if meshed is None:
         try:
@@ -318,6 +333,11 @@ def _transition(name: str, section: Joint, tagged: TaggedMesh) -> Region:
             meshed = thickness(tagged, cells, section.normal)
         except MeshError as error:
             raise MeshError(f"joints.{name}: {error}") from error
+        if not 1 / _FAR <= meshed / section.h <= _FAR:
+            raise MeshError(
+                f"joints.{name}: its layer is {1e3 * meshed:.6g} mm thick in the mesh, and h is "
+                f"{1e3 * section.h:.6g} mm; expected both in the same unit (see scale in [mesh])"
+            )
     rho = 0.0 if section.rho is None else f"{name}.rho"
     return transition(
         name, cells, E=f"{name}.E", nu=f"{name}.nu", h=f"{name}.h", meshed=meshed, rho=rho,

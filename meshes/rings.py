@@ -12,7 +12,14 @@ import numpy as np
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.tagged import TaggedMesh
 
-__all__ = ["Ring", "measure_ring", "ring_centres", "ring_names", "layer_thickness"]
+__all__ = [
+    "Ring",
+    "check_normal",
+    "layer_thickness",
+    "measure_ring",
+    "ring_centres",
+    "ring_names",
+]
 
 #: Cosine by which the direction of a flat face may miss its normal, and a wall a right angle.
 _FLAT = 1e-3
@@ -135,6 +142,27 @@ def layer_thickness(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[f
                 f"{1e3 * first.thickness:.6g} mm; expected one thickness, or a joint for each"
             )
     return first.thickness
+
+
+def check_normal(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[float]) -> None:
+    """Refuse a normal that is not that of the parts ``ring_1``, ... among cells. Collective.
+
+    Rings that are no flat layers have none.
+
+    Raises:
+        MeshError: A ring is flat along another direction.
+    """
+    n = np.asarray(normal, dtype=float)
+    for name in ring_names(cells):
+        try:
+            ring = measure_ring(tagged, name)
+        except MeshError:
+            continue
+        if abs(ring.normal @ n) < (1 - _FLAT) * np.linalg.norm(n):
+            there, given = (", ".join(f"{c:.3g}" for c in v) for v in (ring.normal, n))
+            raise MeshError(
+                f"{name}: it is flat along ({there}), expected that as the normal, not ({given})"
+            )
 
 
 def ring_centres(tagged: TaggedMesh) -> np.ndarray | None:

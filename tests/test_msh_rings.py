@@ -127,6 +127,30 @@ def test_rings_of_two_thicknesses(tmp_path):
     assert meshed == pytest.approx([2e-3, 3e-3], rel=1e-9)
 
 
+def test_other_normals_are_refused(tmp_path):
+    """Also where no thickness is measured: a given one, and the law of a thin layer."""
+    rings_between_plates(tmp_path / "rings.msh", turn=0.2)
+    told = r"joints.rings: ring_1: it is flat along \(0.199, 0, 0.98\), .*not \(0, 0, 1\)"
+    with pytest.raises(MeshError, match=told):
+        structure(tmp_path, ("rings", '"ring_*"', 2, "[0, 0, 1]\nmeshed = 0.002"))
+    text = (tmp_path / "case.toml").read_text(encoding="utf-8")
+    thin = text.replace("meshed = 0.002", "").replace('h = "2 mm"', "")
+    thin = thin.replace('"transition"', '"uncoupled"').replace("nu = 0.253", 'G = "2 GPa"')
+    thin = thin.replace('"ring_*"', '["ring_1", "ring_2"]')
+    (tmp_path / "case.toml").write_text(thin, encoding="utf-8")
+    with pytest.raises(MeshError, match=told):
+        build_structure(load_case(tmp_path), MPI.COMM_SELF)
+    right = thin.replace("normal = [0, 0, 1]", "normal = [0.198669331, 0, 0.980066578]")
+    (tmp_path / "case.toml").write_text(right, encoding="utf-8")
+    assert len(build_structure(load_case(tmp_path), MPI.COMM_SELF).regions) == 2
+
+
+def test_millimetres_without_a_scale_are_refused(tmp_path):
+    rings_between_plates(tmp_path / "rings.msh")
+    with pytest.raises(MeshError, match="rings: its layer is 2 mm thick .* h is 0.002 mm; .*scale"):
+        structure(tmp_path, ("rings", '"ring_*"', 0.002, "[0, 0, 1]"))
+
+
 @pytest.mark.parametrize(
     "drawn, cells, normal, message",
     [
