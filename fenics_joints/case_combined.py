@@ -84,7 +84,7 @@ def _check_data(case: Case) -> list[str]:
             errors.append(said(f"update.data[{i}]", kind, f"there are none: expected {where}"))
     if not wanted:
         errors.append("update: expected measured frequencies, shapes or functions in [test]")
-    if "frequencies" in wanted and measured is not None and not (measured.log_sd() > 0).all():
+    if "frequencies" in wanted and measured is not None and np.any(measured.log_sd() == 0):
         expected = "expected it or test.resolution above 0: it is what frequencies weigh"
         errors.append(f"test.noise = 0: {expected}")
     if update.step_limit is not None and update.method != "weighted":
@@ -144,9 +144,8 @@ def _check_conditions(case: Case) -> list[str]:
         if update.at is not None:
             errors.append(said("update.at", update.at, "expected it only with test.frequencies"))
         return errors
-    try:
-        at = len(data) - 1 if update.at is None else data.row(update.at)
-    except InputError:
+    at = _row(update, data)
+    if at is None:
         return errors  # said already
     places = []
     wanted = case.fitted_data()
@@ -163,6 +162,14 @@ def _check_conditions(case: Case) -> list[str]:
             )
             errors.append(said(key, float(data.conditions[row]), expected))
     return errors
+
+
+def _row(update, data) -> int | None:
+    """Row of the update's condition; None if there is none."""
+    try:
+        return len(data) - 1 if update.at is None else data.row(update.at)
+    except InputError:
+        return None
 
 
 def _check_held(case: Case) -> list[str]:
@@ -196,14 +203,23 @@ def _check_held_modes(case: Case, modes, data) -> list[str]:
     key = "update.held.modes"
     if "frequencies" not in case.fitted_data() or data is None:
         return [f"{key}: expected it only with 'frequencies' in update.data"]
+    row = _row(case.update, data)
+    if row is None:
+        return []  # said already
+    there = np.isfinite(data.frequencies_hz[row])
+    measured = {name for name, is_there in zip(data.mode_names, there, strict=True) if is_there}
     if modes == [EACH]:
-        few = len(data.mode_names) < 2
+        few = len(measured) < 2
         return [said(key, modes, "expected two modes or more in the test")] if few else []
     errors = [
         said(f"{key}[{i}]", name, f"no such mode{did_you_mean(name, list(data.mode_names))}")
         for i, name in enumerate(modes) if name not in data.mode_names
     ]  # fmt: skip
-    if set(data.mode_names) <= set(modes):
+    errors += [
+        said(f"{key}[{i}]", name, "its frequency was not measured: expected one to compare with")
+        for i, name in enumerate(modes) if name in data.mode_names and name not in measured
+    ]  # fmt: skip
+    if measured <= set(modes):
         errors.append(said(key, modes, "expected some modes left to fit"))
     return errors
 

@@ -111,6 +111,13 @@ bands = [["450 Hz", "1 kHz"]]
     assert not plain.combined()
 
 
+def test_a_frequency_may_be_missing(tmp_path):
+    """At the update's condition or at another."""
+    for old, new in (("20,160,360", "20,160,"), ("10,150,350", "10,,350")):
+        case = load_case(write(tmp_path, (old, new), ('modes = ["two"]\n', "")))
+        assert case.fitted_data() == ("frequencies", "frfs")
+
+
 def test_noise_from_coherence(tmp_path):
     case = load_case(write(tmp_path, ('\nnoise = "2 %"', "\naverages = 8")))
     sd = case.frfs().relative_sd(case.test.frfs.averages)
@@ -140,6 +147,7 @@ MISTAKES = [
     ("lines = 3", 'lines = 3\nmethod = "weigthed"', ["update.method", "'weighted'"]),
     ('modes = ["two"]', 'modes = ["tow"]', ["update.held.modes[0] = 'tow'", "'two'"]),
     ('modes = ["two"]', 'modes = ["two", "one"]', ["expected some modes left"]),
+    ("20,160,360", "20,160,", ["update.held.modes[0] = 'two'", "was not measured"]),
     ('modes = ["two"]', 'responses = ["3:+x"]', ["update.held.responses[0]", "'1:+x'"]),
     ('bands = [["450 Hz", "1 kHz"]]', 'bands = [["50 Hz", "1 kHz"]]', ["some lines left"]),
     ('bands = [["450 Hz", "1 kHz"]]', 'bands = [["1 kHz", "2 kHz"]]', ["measured lines in them"]),
