@@ -23,6 +23,9 @@ from fenics_joints.weighted_equations import WeightedEquations, weighted_equatio
 
 __all__ = ["update_weighted"]
 
+#: Relative steps below which an iteration stands still.
+_STILL = 1e-9
+
 
 def update_weighted(
     model,
@@ -82,7 +85,7 @@ def update_weighted(
             break
         reason = search.step(equations, step_limit)
         if reason is not None:
-            message = f"diverged: {reason}"
+            message = reason
             break
     found = search.finish(message)
     if strict and not found.converged:
@@ -112,6 +115,12 @@ class _Weighted:
     def equations(self, w_f, w_H) -> WeightedEquations:
         """Eq. 18 where the iteration stands."""
         A, b, n = raw_rows(self.target, self.prediction, self.how)
+        idle = [name for name, a in zip(self.coordinates.names, A.T, strict=True) if not a.any()]
+        if idle:
+            raise InputError(
+                f"parameters {', '.join(idle)}: expected some that change a frequency or FRF of "
+                "the data; the weights of eq. 20 do not exist for others"
+            )
         self.system = weighted_equations(A, b, w_f=w_f, w_H=w_H, n_frequencies=n)
         frequency, frf = relative_errors(self.target, self.prediction)
         before, after = self.system.condition_before, self.system.condition_after
@@ -133,14 +142,19 @@ class _Weighted:
         if limit is not None:
             change = change / max(1.0, np.max(np.abs(change / self.values)) / limit)
         values = self.values + change
+        if np.all(np.abs(change) <= _STILL * np.abs(self.values)):
+            return (
+                "not converged: the steps have become nothing where eq. 14 does not hold, since no "
+                "values of these parameters make the model as near to the test as eq. 14 asks"
+            )
         bad = ~np.isfinite(values) | (self.coordinates.log & (values <= 0))
         if bad.any():
             names = np.array(self.coordinates.names)[bad]
-            return f"a step makes {', '.join(names)} negative"
+            return f"diverged: a step makes {', '.join(names)} negative"
         try:
             self.prediction = self._predict(values)
         except (InputError, ConvergenceError) as error:
-            return f"a step leaves the model's range: {error}"
+            return f"diverged: a step leaves the model's range: {error}"
         self.values = values
         return None
 

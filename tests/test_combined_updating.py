@@ -324,6 +324,12 @@ def test_bad_input_is_named():
             lambda: update_weighted(reduced(), JOINT, target(shape_sd=0.1), START),
             "data 'shapes'",
         ),
+        (
+            lambda: update_weighted(
+                reduced(), [*JOINT, ETA], target().only("frequencies"), {**START, "eta": 0.01}
+            ),
+            "parameters eta: expected some that change",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             make()
