@@ -17,6 +17,7 @@ from fenics_joints.combined_report import (
     decibel,
     gap_words,
     in_words,
+    start_words,
 )
 from fenics_joints.formatting import (
     condition_value,
@@ -72,7 +73,7 @@ def combined_html(r: CombinedReport) -> str:
     return render(
         "combined.html",
         r=r, u=r.update, method=METHODS[r.update.method], data=data_words(r),
-        at=_at(r), words=in_words(r.update.identifiability), gap=gap_words(r),
+        at=_at(r), words=in_words(r.update.identifiability), gap=gap_words(r), pull=start_words(r),
         levels=None if functions is None else functions.summary(),
         decibel=decibel, accuracy=accuracy, functions=functions,
         chart=None if functions is None else svg(function_charts(functions)),
@@ -181,7 +182,10 @@ def show_combined(console: Console, r: CombinedReport) -> None:
     """Print the result on one screen."""
     at = _at(r)
     say(console, f"{r.title}: update{' at ' + at if at else ''} on {data_words(r)}", "bold")
-    gaps = f"{gap_words(r)} in {r.update.evaluations} model evaluations. {r.update.message}"
+    gaps = (
+        f"{gap_words(r)} in {r.update.evaluations} evaluations of the reduced model; "
+        f"{r.update.message}"
+    )
     console.print(gaps, markup=False, highlight=False)
     for note in r.notes:
         console.print(f"but: {note}", style="yellow", markup=False, highlight=False)
@@ -191,13 +195,19 @@ def show_combined(console: Console, r: CombinedReport) -> None:
         start, value = (quantity(p[key], p["unit"], 4) for key in ("start", "value"))
         table.add_row(Text(p["name"]), start, value, accuracy(p["sd"]))
     console.print(table)
-    for words in in_words(r.update.identifiability):
-        console.print(words, style="dim", markup=False, highlight=False)
+    _rest(console, len(r.parameters) - _PARAMETERS)
+    for words in (*in_words(r.update.identifiability), start_words(r)):
+        if words:
+            console.print(words, style="dim", markup=False, highlight=False)
     before, after = r.conditions
-    say(console, f"condition number {number(before, 2)}, weighted {number(after, 2)}", "dim")
+    if len(r.parameters) > 1 and np.isfinite(before):
+        how = "weighted" if r.update.method == "weighted" else "in logarithms over the noise"
+        words = f"condition number at the start: {number(before, 2)} in SI units, "
+        say(console, f"{words}{number(after, 2)} {how}", "dim")
     console.print()
     if r.modes is not None:
         console.print(_mode_rows(r.modes))
+        _rest(console, len(r.modes.names) - _MODES)
         if not r.modes.fitted.all():
             say(console, "* no fit saw its frequency", "dim")
     if r.functions is not None:
@@ -206,6 +216,12 @@ def show_combined(console: Console, r: CombinedReport) -> None:
     if r.held:
         console.print()
         console.print(_held_rows(r))
+        _rest(console, len(r.held) - _MODES)
+
+
+def _rest(console: Console, more: int) -> None:
+    if more > 0:
+        say(console, f"{more} more: see --report or --json", "dim")
 
 
 def _mode_rows(modes: ModeTable):

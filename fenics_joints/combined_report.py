@@ -16,6 +16,8 @@ __all__ = ["CombinedReport", "Functions", "HeldMode", "ModeTable", "in_words"]
 
 #: Share of a direction from which a parameter is named in it.
 _NAMED = 0.2
+#: Condition number from which a direction is known by rounding alone.
+_OPEN = 1e10
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +162,8 @@ class CombinedReport:
         model: Facts on the model.
         notes: What a reader has to know, in words.
         published: As `UpdateReport.published`, or None.
+        pull: Standard deviation by which the fit held each parameter at its start, of its logarithm
+            (or its value over its size there); None where nothing did.
     """
 
     title: str
@@ -173,6 +177,7 @@ class CombinedReport:
     model: dict
     notes: list[str] = field(default_factory=list)
     published: dict | None = None
+    pull: float | None = None
 
     @property
     def conditions(self) -> tuple[float, float]:
@@ -221,6 +226,7 @@ class CombinedReport:
             "fit": {
                 "chi2": _finite(u.chi2), "degrees_of_freedom": u.degrees_of_freedom,
                 "evaluations": u.evaluations, "message": u.message,
+                "regularisation": self.pull,
             },
             "history": [
                 {"values": dict(zip(u.names, i.values.tolist(), strict=True)), "moved": i.moved}
@@ -277,12 +283,16 @@ def _together(found: Identifiability) -> str | None:
     if len(parts) < 2:
         return None
     (a, first), (b, second), *_ = parts
-    known = f"the data know it {number(found.condition, 2)} times worse than the best-known"
+    if found.condition < _OPEN:
+        times = number(found.condition, 2)
+        known = f"the data know it {times} times worse than the best-known combination"
+    else:
+        known = "the data do not know it at all"
     if len(parts) == 2 and abs(abs(a) - abs(b)) < 0.1:
         what = "ratio" if a * b > 0 else "product"
         how = "by a common factor" if a * b > 0 else "one up and the other down by a factor"
         return (
-            f"{first} and {second} can change together, {how}, and {known} combination: what "
+            f"{first} and {second} can change together, {how}, and {known}: what "
             f"the data see is their {what}."
         )
     sign = 1 if a > 0 else -1
@@ -305,6 +315,19 @@ def decibel(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f} dB"
 
 
+def start_words(report: CombinedReport) -> str | None:
+    """What the start's pull has to do with the standard deviations, where it has."""
+    left = report.update.identifiability.undetermined
+    if report.pull is None or not left:
+        return None
+    those = "those" if len(left) > 1 else "that"
+    return (
+        f"Standard deviations, {those} of {_and(left)} above all, are with update.regularisation = "
+        f"{number(report.pull, 2)}, which holds every parameter near its start, within a factor of "
+        f"{number(float(np.exp(report.pull)), 2)}; by the data alone they would be larger."
+    )
+
+
 def gap_words(report: CombinedReport) -> str:
     """Before and after in a line."""
     parts = []
@@ -316,4 +339,9 @@ def gap_words(report: CombinedReport) -> str:
     if report.functions is not None:
         found = report.functions.summary()
         parts.append(f"functions {decibel(found['all_before'])} -> {decibel(found['all_after'])}")
+    if not parts and report.modes is not None and report.modes.mac_after is not None:
+        before, after = (
+            float(np.min(np.diag(m))) for m in (report.modes.mac_before, report.modes.mac_after)
+        )
+        parts.append(f"lowest MAC {before:.4f} -> {after:.4f}")
     return ", ".join(parts)

@@ -6,20 +6,19 @@ from collections.abc import Mapping
 
 import numpy as np
 from mpi4py import MPI
-from scipy.stats import qmc
 from threadpoolctl import threadpool_limits
 
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
 from fenics_joints.combined_data import CombinedData, combined_data
-from fenics_joints.combined_model import CombinedModel, ModelError
+from fenics_joints.combined_model import CombinedModel, ModelError, sample_values
 from fenics_joints.combined_report import CombinedReport, Functions, HeldMode, ModeTable
 from fenics_joints.combined_result import CombinedUpdate
 from fenics_joints.combined_updating import update_combined
 from fenics_joints.components import Parameter
 from fenics_joints.damping import Damping
-from fenics_joints.errors import InputError
-from fenics_joints.formatting import number, percent, quantity
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.formatting import percent, quantity
 from fenics_joints.frf import solve_frf
 from fenics_joints.gap import Pairing, mac, pair_modes
 from fenics_joints.modal import Modes
@@ -31,8 +30,6 @@ from fenics_joints.weighted_updating import update_weighted
 
 __all__ = ["run_combined"]
 
-#: Samples for each parameter, beside the start, and their range about it, a factor either way.
-_SAMPLES, _RANGE = 2, 30.0
 #: Modes beyond the rigid-body ones and those of the test.
 _SPARE = 4
 #: Largest accepted relative error of the reduced model's frequencies; and of its functions, as a
@@ -43,7 +40,8 @@ _ROUNDS = 4
 #: chi^2 per degree of freedom above which a model has not the test's resonances: lines are then
 #: compared at the same place relative to them.
 _MISFIT = 9.0
-#: A value as near to a bound, relative to it, has been stopped there.
+#: A value as near to a bound has been stopped there: relative to it where the scale is
+#: logarithmic, else to the room between the bounds.
 _AT_BOUND = 2e-3
 #: Eq. 14's tolerances in standard deviations, where the noise is above their usual values.
 _EPS = 4.0
@@ -85,7 +83,10 @@ class _Run:
 
     def report(self) -> CombinedReport:
         """Fit, check, better the reduced model, fit again; then hold out, and compare."""
-        samples = self._samples()
+        # Damping hardly changes what a basis needs.
+        own = {} if self.case.damping is None else self.case.damping.nominal()
+        moved = [p for p in self.parameters if p.name not in own]
+        samples = sample_values(self.full, moved, self.start)
         self.progress.step("reduced model: sampling the parameters", len(samples))
         for values in samples:
             self.model.add(values)
@@ -109,33 +110,9 @@ class _Run:
             held=held + self._held_always(first, modes, found),
             model=self._facts(error, functions),
             notes=self.notes,
+            pull=None if found.method == "weighted" else self.section.regularisation,
             published=self._published(),
         )
-
-    def _samples(self) -> list[dict[str, float]]:
-        """A Sobol sequence about the start; damping hardly changes what a basis needs."""
-        own = {} if self.case.damping is None else self.case.damping.nominal()
-        moved = [p for p in self.parameters if p.name not in own]
-        samples, most = [self.start], _SAMPLES * len(moved)
-        for row in qmc.Sobol(len(moved), seed=1).random_base2(6) if moved else ():
-            point = {p.name: _between(p, self.start[p.name], share)
-                     for p, share in zip(moved, row, strict=True)}  # fmt: skip
-            values = {**self.start, **point}
-            if self._allowed(values):
-                samples.append(values)
-            if len(samples) > most:
-                break
-        return samples
-
-    def _allowed(self, values) -> bool:
-        try:
-            for number_, region in enumerate(self.full.regions):
-                q = self.full.field.region_values(number_, values)
-                if q is not None:
-                    region.law.check(region.name, q)
-        except InputError:
-            return False
-        return True
 
     def _checked(self) -> tuple[CombinedUpdate, Modes, ModelError]:
         """The fit, where the reduced model holds; else with a better one."""
@@ -151,18 +128,35 @@ class _Run:
             if good or round_ == _ROUNDS - 1:
                 break
             self.model.better(values)
-        if not good:
+        if found.method == "log" and found.history[-1].moved:
             self.notes.append(
-                "the reduced model is still off at what was found: frequencies by "
-                f"{percent(error.frequencies, 4)}"
-                + ("" if error.frfs is None else f", functions by {percent(error.frfs, 2)}")
+                "no values were found that bring the model within the noise of the test, so "
+                "functions were compared at the same place between the resonances, not at the same "
+                "frequency"
+            )
+        if not good:
+            off = []
+            if error.frequencies > _FREQUENCY:
+                off.append(f"frequencies by {percent(error.frequencies, 3)}")
+            if (error.frfs or 0.0) > limit:
+                off.append(f"functions by up to {percent(error.frfs, 2)}")
+            self.notes.append(
+                f"the reduced model is still off at what was found: {', '.join(off)}; the "
+                "parameters may be off by more than their standard deviations"
             )
         return found, modes, error
 
     def _tell_bounds(self, found: CombinedUpdate) -> None:
         for p, value in zip(self.parameters, found.values, strict=True):
+            if found.method == "weighted":
+                if not p.lower <= value <= p.upper:
+                    self.notes.append(
+                        f"{p.name} is outside its bounds, {quantity(p.lower, p.unit)} to "
+                        f"{quantity(p.upper, p.unit)}: the weighted equations have none"
+                    )
+                continue
             for bound in (p.lower, p.upper):
-                if np.isfinite(bound) and abs(value - bound) <= _AT_BOUND * max(abs(bound), 1e-3):
+                if _is_at(p, value, bound):
                     self.notes.append(
                         f"{p.name} ended at its bound, {quantity(bound, p.unit)}: the data want it "
                         "beyond, and its standard deviation says nothing"
@@ -186,13 +180,6 @@ class _Run:
         misfit = found.chi2 / max(found.degrees_of_freedom, 1)
         if not both or misfit <= _MISFIT:
             return found
-        note = (
-            "no values of the parameters bring the model within the noise of the test, so "
-            "functions were compared at the same place between the resonances, not at the same "
-            "frequency"
-        )
-        if note not in self.notes:
-            self.notes.append(note)
         return update_combined(
             model, self.parameters, target, self.start, moves="always", **common
         )  # fmt: skip
@@ -211,7 +198,12 @@ class _Run:
         self.progress.step("holding out each mode in turn", len(measured))
         rows = []
         for j in measured:
-            other = self._fit(self.data.without(int(j)))
+            try:
+                other = self._fit(self.data.without(int(j)))
+            except ConvergenceError as error:
+                self.notes.append(f"{self.data.mode_names[j]} was not held out: {error}")
+                self.progress.advance()
+                continue
             values = self._values(other)
             # The full model's frequency, so that the reduced one's error is none of the test's.
             modes = self.model.modes(values)
@@ -321,18 +313,19 @@ class _Run:
                 "functions": int(np.isfinite(functions.measured[0]).sum()),
                 "function_error": percent(error.frfs, 4),
                 "function_noise": percent(float(np.median(frfs.relative_sd[frfs.used])), 2),
-                "solution_error": number(functions.solution, 2),
+                "solution_error": percent(functions.solution, 2),
             }
         return facts
 
 
-def _between(parameter: Parameter, start: float, share: float) -> float:
-    """A value within a factor of the start and the bounds, by logarithm if that is its scale."""
-    if not parameter.log and np.isfinite([parameter.lower, parameter.upper]).all():
-        return float(parameter.lower + share * (parameter.upper - parameter.lower))
-    low = max(start / _RANGE, parameter.lower)
-    high = min(start * _RANGE, parameter.upper)
-    return float(np.exp(np.log(low) + share * (np.log(high) - np.log(low))))
+def _is_at(parameter: Parameter, value: float, bound: float) -> bool:
+    """Whether a value is as good as at a bound."""
+    if not np.isfinite(bound):
+        return False
+    room = parameter.upper - parameter.lower
+    size = abs(bound) if parameter.log or not np.isfinite(room) else room
+    size = size or abs(parameter.value)
+    return abs(value - bound) <= _AT_BOUND * size
 
 
 def _tolerances(target: Target) -> dict[str, float]:

@@ -21,6 +21,7 @@ from fenics_joints.combined_result import CombinedUpdate, Iteration
 from fenics_joints.components import Parameter
 from fenics_joints.damping import Damping
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.formatting import number
 from fenics_joints.sensitivity import identifiability
 from fenics_joints.updating_coordinates import Coordinates
 from fenics_joints.updating_data import Target
@@ -208,7 +209,7 @@ class _Fit:
         message = _WORDS.get(done.status, done.message)
         if chi2 > _MISFIT**2 * max(freedom, 1):
             off = np.sqrt(chi2 / max(freedom, 1))
-            message += f", where test and model differ by {off:.2g} standard deviations"
+            message += f", where test and model differ by {number(off, 2)} standard deviations"
         return CombinedUpdate(
             "log", self.coordinates.names, self.first, values, covariance,
             identifiability(whitened, self.coordinates.names), converged,

@@ -13,11 +13,14 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 from rich.console import Console
 
+from fenics_joints.build import build_structure
 from fenics_joints.case import load_case
+from fenics_joints.combined_data import combined_data
+from fenics_joints.combined_model import CombinedModel
 from fenics_joints.combined_pages import CombinedOutcome
-from fenics_joints.combined_report import in_words
-from fenics_joints.combined_run import run_combined
-from fenics_joints.components import part, transition
+from fenics_joints.combined_report import in_words, start_words
+from fenics_joints.combined_run import _is_at, run_combined
+from fenics_joints.components import Parameter, part, transition
 from fenics_joints.damping import Damping
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.frf import solve_frf
@@ -233,6 +236,8 @@ def test_words():
     assert "do not determine E and h; they do nu" in said and "their ratio" in said
     said = " ".join(in_words(identifiability(product, ("E", "h", "nu"))))
     assert "their product" in said
+    said = " ".join(in_words(identifiability(ratio[:1, :2], ("E", "h"))))
+    assert "do not know it at all" in said and "∞" not in said
 
 
 def test_weighted(test_files):
@@ -252,6 +257,50 @@ data = ["frequencies", "frfs"]
     E_found, nu_found, h_found = report.update.values
     assert E_found / h_found == pytest.approx(E / H, rel=0.02)
     assert nu_found == pytest.approx(NU, rel=0.02)
+    # One parameter cannot do it: told at once, not after all iterations.
+    alone = only.replace('"joint.E", "joint.nu", "joint.h"', '"joint.E"')
+    with pytest.raises(ConvergenceError, match="no values of these parameters"):
+        run_combined(_case(test_files, alone, "alone"), MPI.COMM_WORLD)
+
+
+def test_functions_alone(test_files):
+    """No mode of the test says how far up the basis has to reach: the lines do."""
+    case = _case(test_files, 'parameters = ["joint.E"]\ndata = "frfs"\n', "bare")
+    target, damping = combined_data(case).target, case.damping.damping()
+    model = CombinedModel(
+        build_structure(case, MPI.COMM_WORLD, damping=True), target, damping, n_modes=10
+    )
+    values = {**case.nominal(damping=True), "joint.E": 12e9}
+    model.add(values)
+    model.build()
+    assert len(target) == 0 and model.error(values, model.modes(values)).frfs < 0.02
+
+
+def test_what_the_data_leave_open(test_files):
+    """One frequency for two parameters: what their standard deviations are then, is said."""
+    held = ", ".join(f'"{name}"' for name in NAMES[1:])
+    update = f"""
+parameters = ["joint.E", "joint.h"]
+data = "frequencies"
+[update.held]
+modes = [{held}]
+"""
+    report = run_combined(_case(test_files, update, "open"), MPI.COMM_WORLD)
+    # Half of the start's variance of ln E and of ln h is left, all in their product.
+    log_sd = [p["sd"] for p in report.parameters]
+    assert log_sd == pytest.approx([2.3 / np.sqrt(2)] * 2, rel=0.3)
+    assert report.update.identifiability.undetermined == ("joint.E", "joint.h")
+    assert "update.regularisation = 2.3" in start_words(report)
+    outcome = CombinedOutcome(report)
+    assert 'id="pull"' in outcome.html() and outcome.json()["fit"]["regularisation"] == 2.3
+
+
+def test_bounds_have_the_parameters_size():
+    """A damping of a microsecond is not at its bound of a nanosecond, though both are near 0 s."""
+    beta = Parameter("beta", 1e-6, "s", 1e-9, 1e-3, log=True)
+    assert _is_at(beta, 1.001e-9, 1e-9) and not _is_at(beta, 1e-6, 1e-9)
+    nu = Parameter("nu", 0.3, "", 0.0, 0.49, log=False)
+    assert _is_at(nu, 1e-4, 0.0) and not _is_at(nu, 0.01, 0.0)
 
 
 def test_lines():
