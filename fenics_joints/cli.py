@@ -80,7 +80,8 @@ def modes(
     """Natural frequencies and modes of the nominal model.
 
     JSON: version, title, dofs, frequencies_hz (0 for rigid-body modes), rigid_body_modes (their
-    number), visible (whether the test could see each mode; null if the case does not say).
+    number), visible (whether the test could see each mode; null if the case does not say), size_m
+    (extents of the mesh), rings (the bolts': name, centre_m, thickness_m, r_nei_m, r_wai_m, parts).
     """
 
     def run(case, comm, progress):

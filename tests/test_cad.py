@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import re
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
+from rich.console import Console
 from step_files import (
     FLANGE_BOLTS,
     bores,
@@ -25,6 +28,7 @@ from fenics_joints.components import part, transition
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import check_contact, check_mesh, dumbbell, measure_ring, read_step
 from fenics_joints.modal import solve_modes
+from fenics_joints.mode_list import run_modes
 from fenics_joints.structure import Structure
 
 COMM = MPI.COMM_WORLD
@@ -254,6 +258,26 @@ def test_case(tmp_path):
     assert slopes[0][0] == pytest.approx(slopes[1][0], rel=1e-9)
     assert slopes[0][1] == pytest.approx(slopes[1][1], rel=1e-5)
     assert "ground" in tagged.facet_names
+
+
+def test_modes_say_what_was_found(tmp_path, capfd):
+    """The rings and the size of the mesh: a bolt that was not found, or a wrong unit, is seen."""
+    write_step(tmp_path / "machine.step", flanges())
+    text = CASE.replace("[mesh]", "[mesh]\ndegree = 1") + RING.format("rings", "ring_*")
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    result = run_modes(load_case(tmp_path), MPI.COMM_SELF, Mock(), n_modes=7)
+    found = result.json()
+    assert found["size_m"] == pytest.approx([0.1, 0.06, 0.0357], rel=1e-9)
+    assert [ring["name"] for ring in found["rings"]] == [f"ring_{i}" for i in (1, 2, 3, 4)]
+    assert found["rings"][2]["centre_m"] == pytest.approx([0.085, 0.015, 0.02035], abs=1e-9)
+    assert found["rings"][0]["parts"] == ["bed", "column"]
+    console = Console(record=True, width=80, file=io.StringIO())
+    result.show(console)
+    page = result.html()
+    assert '<b id="size">100 x 60.0 x 35.7 mm</b>' in page and '<b id="rings">4</b>' in page
+    said = console.export_text()
+    for what in ("100 x 60.0 x 35.7 mm", "ring_4", "85.0, 45.0, 20.4", "6 to 11", "bed, column"):
+        assert what in said and what in page
 
 
 def test_radius_from_the_database(tmp_path):
