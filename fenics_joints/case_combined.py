@@ -34,6 +34,10 @@ def check_combined(case: Case) -> list[str]:
         return errors
     if case.test.frfs is not None and case._frfs is None:
         return errors  # they could not be read, which is said already
+    errors += [
+        said(f"update.parameters[{i}]", name, "expected each parameter once")
+        for i, name in enumerate(update.parameters) if name in update.parameters[:i]
+    ]  # fmt: skip
     errors += _check_data(case)
     errors += _check_conditions(case)
     errors += _check_held(case)

@@ -201,7 +201,7 @@ def show_combined(console: Console, r: CombinedReport) -> None:
             console.print(words, style="dim", markup=False, highlight=False)
     before, after = r.conditions
     if len(r.parameters) > 1 and np.isfinite(before):
-        how = "weighted" if r.update.method == "weighted" else "in logarithms over the noise"
+        how = "weighted" if r.update.method == "weighted" else "by logarithms"
         words = f"condition number at the start: {number(before, 2)} in SI units, "
         say(console, f"{words}{number(after, 2)} {how}", "dim")
     console.print()
@@ -252,7 +252,7 @@ def _level_rows(functions: Functions):
 def _held_rows(r: CombinedReport):
     theirs = _theirs(r)
     alone = all(h.alone for h in r.held)
-    more = [">published"] if theirs else []
+    more = [">published fit"] if theirs else []
     heading = "held out in turn" if alone and len(r.held) > 1 else "held out"
     table = new_table(heading, ">test, Hz", ">predicted, Hz", ">error", ">± s.d.", *more)
     for h in r.held[:_MODES]:

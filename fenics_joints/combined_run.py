@@ -71,13 +71,24 @@ class _Run:
         functions = "frfs" in self.data.kinds
         self.full: Structure = build_structure(case, comm, damping=functions)
         self.damping = case.damping.damping() if functions else Damping()
-        self.parameters = [self.full.parameters[name] for name in self.section.parameters]
+        self.parameters = [self.full.parameters[n] for n in self.section.parameters]
         self.start = {**case.nominal(damping=functions), **case.start()}
+        self._check_start()
         self.notes: list[str] = []
         n_modes = 6 + len(self.data.target) + _SPARE
         if "n_modes" in case.diagnose.model_fields_set:
             n_modes = max(case.diagnose.n_modes, n_modes)
         self.model = CombinedModel(self.full, self.data.target, self.damping, n_modes)
+
+    def _check_start(self) -> None:
+        for p in self.parameters:
+            value = self.start[p.name]
+            if not p.lower <= value <= p.upper:
+                given = f"update.start.{p.name}" if p.name in self.section.start else p.name
+                raise InputError(
+                    f"{self.case.path}: {given} = {quantity(value, p.unit)}: expected a start from "
+                    f"{quantity(p.lower, p.unit)} to {quantity(p.upper, p.unit)}, its bounds"
+                )
 
     # -- the loop ------------------------------------------------------------------------------
 

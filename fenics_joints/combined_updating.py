@@ -60,8 +60,8 @@ def update_combined(
         model: A `Structure`, or a reduced one that was made for the target's sensors.
         parameters: What is identified, within its bounds.
         target: The data and their standard deviations.
-        start: Values at the start, of the parameters and of any other of the model's that differs
-            from its nominal value.
+        start: Values at the start, of the parameters (beyond their bounds: the fit starts just
+            inside) and of any other of the model's that differs from its nominal value.
         damping: The model's damping; its numbers may be names of parameters.
         moves: When the FRFs' lines are moved with the resonances: ``"first"``, for a first fit from
             whose end a second one at the lines themselves starts; ``"always"``, for a model that

@@ -139,6 +139,7 @@ MISTAKES = [
     ('data = ["frequencies", "frfs"]', 'data = ["shapes", "frfs"]',
      ["update.data[0] = 'shapes'", "update.held.modes"]),
     ('data = ["frequencies", "frfs"]', 'data = ["frequencies", "frf"]', ["'frfs'"]),
+    ('"joint.E", "joint.h"', '"joint.E", "joint.E"', ["update.parameters[1]", "once"]),
     ("lines = 3", "lines = 0", ["update.lines", "from 1 on"]),
     ("lines = 3", "lines = 6", ["update.lines = 6", "at most the 5"]),
     ("lines = 3", 'lines = ["300 Hz", "700 Hz"]', ["update.lines[1]", "from 100 to 500 Hz"]),

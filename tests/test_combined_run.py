@@ -22,7 +22,7 @@ from fenics_joints.combined_report import in_words, start_words
 from fenics_joints.combined_run import _is_at, run_combined
 from fenics_joints.components import Parameter, part, transition
 from fenics_joints.damping import Damping
-from fenics_joints.errors import ConvergenceError
+from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.frf import solve_frf
 from fenics_joints.frf_lines import choose_lines, near_peaks
 from fenics_joints.meshes import dumbbell
@@ -293,6 +293,16 @@ modes = [{held}]
     assert "update.regularisation = 2.3" in start_words(report)
     outcome = CombinedOutcome(report)
     assert 'id="pull"' in outcome.html() and outcome.json()["fit"]["regularisation"] == 2.3
+
+
+def test_a_start_beyond_its_bounds_is_refused(test_files):
+    update = """
+parameters = ["joint.E", "joint.loss_factor"]
+start = { "joint.loss_factor" = 3 }
+"""
+    case = _case(test_files, update, "beyond")
+    with pytest.raises(InputError, match=r"update.start.joint.loss_factor = 3.*to 1"):
+        run_combined(case, MPI.COMM_WORLD)
 
 
 def test_bounds_have_the_parameters_size():
