@@ -185,9 +185,13 @@ class Structure:
         owned = count[: imap.size_local]
         bad = self.comm.allreduce(int(np.sum(owned != 1)))
         if bad:
+            used = [name for region in self.regions for name in region.cells]
+            names = self.tagged.cell_names
+            wrong = [name for name in names if used.count(name) != 1]
             raise MeshError(
-                f"{bad} cells are in no region or in more than one; expected every cell group "
-                f"({', '.join(self.tagged.cell_names)}) in exactly one part or joint."
+                f"{bad} cells are in no region or in more than one: "
+                f"{', '.join(wrong) or 'untagged'}; expected every cell group "
+                f"({', '.join(names)}) in exactly one part or joint."
             )
         return found
 
