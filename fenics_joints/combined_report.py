@@ -18,6 +18,8 @@ __all__ = ["CombinedReport", "Functions", "HeldMode", "ModeTable", "in_words"]
 _NAMED = 0.2
 #: Condition number from which a direction is known by rounding alone.
 _OPEN = 1e10
+#: Standard deviation of a logarithm from which nothing is known.
+_UNKNOWN = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +308,9 @@ def _and(names: Sequence[str]) -> str:
 
 
 def accuracy(sd: float) -> str:
-    """A relative standard deviation of two digits, or as a factor either way where it is large."""
+    """A relative standard deviation of two digits, a factor either way, or ``open``."""
+    if sd > _UNKNOWN:
+        return "open"
     return f"{number(100 * sd, 2)} %" if np.isfinite(sd) and sd < 0.3 else spread(sd)
 
 

@@ -25,6 +25,9 @@ __all__ = ["update_weighted"]
 
 #: Relative steps below which an iteration stands still.
 _STILL = 1e-9
+#: Singular values below this share of the largest are none; the relative standard deviation of
+#: what is then open.
+_NULL, _LARGE = 1e-10, 1e3
 
 
 def update_weighted(
@@ -144,8 +147,8 @@ class _Weighted:
         values = self.values + change
         if np.all(np.abs(change) <= _STILL * np.abs(self.values)):
             return (
-                "not converged: the steps have become nothing where eq. 14 does not hold, since no "
-                "values of these parameters make the model as near to the test as eq. 14 asks"
+                "not converged: the steps have become nothing where eq. 14 does not hold: no "
+                "values of these parameters nearby bring the model as near to the test as it asks"
             )
         bad = ~np.isfinite(values) | (self.coordinates.log & (values <= 0))
         if bad.any():
@@ -158,11 +161,21 @@ class _Weighted:
         self.values = values
         return None
 
+    def _open(self) -> np.ndarray:
+        """Directions of the parameters that the equations leave open, at their size, (p, k).
+
+        The least-norm solution does not move along them, which is no knowledge.
+        """
+        _, s, directions = np.linalg.svd(self.system.matrix)
+        s = np.concatenate([s, np.zeros(len(directions) - len(s))])
+        found = self.system.columns[:, None] * directions[s <= _NULL * s[0]].T
+        return _LARGE * found / np.max(np.abs(found / self.values[:, None]), axis=0, initial=1e-300)
+
     def finish(self, message: str) -> CombinedUpdate:
         """The result where the iteration stands."""
         residuals = Residuals(self.target)
         inverse, sd = self.system.inverse(), row_sd(self.target, self.prediction, self.how)
-        scaled = inverse * sd
+        scaled = np.hstack([inverse * sd, self._open()])
         names = self.coordinates.names
         working = self.coordinates.working(self.values)
         chi2 = float(np.sum(residuals.values(self.prediction) ** 2))

@@ -137,6 +137,25 @@ def test_weights_are_those_of_the_paper():
         weighted_equations(A * [1, 0], b, n_frequencies=2)
 
 
+def test_what_the_weighted_equations_leave_open_is_not_known():
+    """One frequency for E and h: their least-norm solution hardly moves with noise, yet the
+    standard deviations are large, in the direction that the frequency does not see alone."""
+    f, shapes, _ = test_data()
+    few = Target(f, F_SD, shapes, places(START["h"])[2]).without_modes(range(1, 6))
+    found = update_weighted(reduced(), [JOINT[0], JOINT[2]], few, {**TRUE, "E": 1.05 * TRUE["E"]})
+    assert found.converged and found.relative_sd.min() > 100
+    slopes = found.prediction.frequency_slopes
+    sd = np.sqrt(np.einsum("mi,ij,mj->m", slopes, found.covariance, slopes))
+    assert sd[0] == pytest.approx(F_SD, rel=0.1) and sd[1] > 1.0
+
+
+def test_weighted_steps_that_become_nothing_are_told():
+    """One parameter cannot do what three did: no 50 iterations to say so."""
+    start = {**TRUE, "h": 1.2 * TRUE["h"]}
+    with pytest.raises(ConvergenceError, match="steps have become nothing"):
+        update_weighted(reduced(), JOINT[:1], target().only("frequencies"), start)
+
+
 def test_complex_rows():
     """Both ways are the slope of what they compare."""
     rng = np.random.default_rng(1)
