@@ -11,15 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-import scipy.linalg
 from mpi4py import MPI
 
 from fenics_joints.affine import parameter_values
 from fenics_joints.damped_pencil import Term, imaginary, linear
 from fenics_joints.damping import Damping
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import InputError
 from fenics_joints.frf_modal import ModalPencil
-from fenics_joints.modal import SHIFT_SHARE, Modes, count_rigid
+from fenics_joints.modal import SHIFT_SHARE, Modes, count_rigid, inverted_modes
 
 __all__ = ["reduced_pencil"]
 
@@ -77,15 +76,7 @@ def _modes(K: np.ndarray, M: np.ndarray, shift_hz: float) -> tuple[np.ndarray, .
     Those with mass are M-normalised; those without, of massless layers, have energy 1.
     """
     shift = (2 * np.pi * shift_hz) ** 2
-    try:
-        inverse, vectors = scipy.linalg.eigh(M, K + shift * M, check_finite=False)
-    except scipy.linalg.LinAlgError as error:
-        raise ConvergenceError(
-            "the reduced eigenproblem was not solved; build the reduced model with a larger "
-            "tolerance",
-            str(error),
-        ) from error
-    inverse, vectors = inverse[::-1], vectors[:, ::-1]
+    inverse, vectors = inverted_modes(K, M, shift)
     massive = inverse > _MASSLESS * inverse[0]
     scale = np.where(massive, inverse, 1.0)
     stiff = np.where(massive, 1 / scale - shift, 1.0)

@@ -17,7 +17,7 @@ from fenics_joints.points import Sensors
 if TYPE_CHECKING:
     from fenics_joints.iterative_eigensolver import IterativeEigenSolver
 
-__all__ = ["SHIFT_SHARE", "Modes", "count_rigid", "dense_modes", "solve_modes"]
+__all__ = ["SHIFT_SHARE", "Modes", "count_rigid", "dense_modes", "inverted_modes", "solve_modes"]
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
 #: for a safe factorisation of a free body, near enough for fast convergence.
@@ -189,9 +189,23 @@ def dense_modes(
         ConvergenceError: If they are not found.
     """
     shift = (2 * np.pi * shift_hz) ** 2
-    # Inverted, the wanted eigenvalues are the largest: round-off of stiff layers, of the order of
-    # the largest of K, would swamp the rigid-body modes otherwise.
-    some = None if n_modes == len(K) else [len(K) - n_modes, len(K) - 1]
+    inverse, vectors = inverted_modes(K, M, shift, n_modes)
+    return 1 / inverse - shift, vectors / np.sqrt(inverse)
+
+
+def inverted_modes(
+    K: np.ndarray, M: np.ndarray, shift: float, n_modes: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """1 / (lambda + shift), descending, and vectors with x^T (K + shift M) x = 1, as columns.
+
+    Inverted, the wanted eigenvalues are the largest: round-off of stiff layers, of the order of the
+    largest of K, would swamp the rigid-body modes otherwise. A vector without mass has 0.
+
+    Raises:
+        ConvergenceError: If they are not found.
+    """
+    n = len(K)
+    some = None if n_modes in (None, n) else [n - n_modes, n - 1]
     try:
         inverse, vectors = scipy.linalg.eigh(
             M, K + shift * M, subset_by_index=some, check_finite=False
@@ -202,8 +216,7 @@ def dense_modes(
             "tolerance",
             str(error),
         ) from error
-    inverse, vectors = inverse[::-1], vectors[:, ::-1]
-    return 1 / inverse - shift, vectors / np.sqrt(inverse)
+    return inverse[::-1], vectors[:, ::-1]
 
 
 def count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
