@@ -119,6 +119,36 @@ def test_readme_effect(run_script, tmp_path):
     assert sum(numbers(text)[0] for text in printed.values()) == pytest.approx(100, abs=1)
 
 
+def test_readme_frf(run_script, tmp_path):
+    """The README's slope of two shapes by the layer's thickness is that of remeshed layers."""
+    (script,) = [b for b in blocks("python") if "shape_gradients(" in b]
+    path = tmp_path / "readme_frf.py"
+    path.write_text(script, encoding="utf-8")
+    shapes, slopes = run_script(path).split("\n", 1)
+    assert numbers(shapes) == [40, 2, 2, 40, 2, 2, 3]
+    h, step = 0.657e-3, 2e-2
+    found = []
+    for layer in (h * (1 - step), h * (1 + step)):
+        edited = tmp_path / "remeshed.py"
+        edited.write_text(script, encoding="utf-8")
+        # The upper body, and the sensor on it, move with the layer's upper face.
+        edit(
+            edited,
+            ("element_size=0.06", f"element_size=0.06, layer={layer!r}"),
+            ("meshed=0.657e-3", f"meshed={layer!r}"),
+            ('"h", 0.657e-3', f'"h", {layer!r}'),
+            ("0.09, 0.13]", f"0.09, {0.13 + layer - h!r}]"),
+            ("shape_gradients(modes, [6, 7], places)[..., 2])", "modes.at(places)[:, 6:8])"),
+        )
+        found.append(np.reshape(numbers(run_script(edited).split("\n", 1)[1]), (2, 2)))
+    down, up = found
+    down = down * np.sign(np.sum(up * down, axis=0))
+    difference = (up - down) / (2 * step * h)
+    slopes = np.reshape(numbers(slopes), (2, 2))
+    turned = np.sign(np.sum(slopes * difference, axis=0))
+    assert slopes * turned == pytest.approx(difference, rel=3e-3)
+
+
 def test_readme_commands():
     """What the README says to type first is what CI runs, and exists."""
     commands = [line for block in blocks("sh") for line in block.splitlines()]

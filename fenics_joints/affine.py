@@ -8,7 +8,7 @@ the sums need are projections on a basis, which are plain arrays.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -174,6 +174,19 @@ class AffinePencil:
             at, _ = mass(number(mass.travel, values))
             M = M + mass.share * number(mass.mass, values) * (at.T @ at)
         return K, M
+
+    def on(self, basis: np.ndarray) -> AffinePencil:
+        """The same on fewer vectors, which are the columns of ``basis``, (n, k)."""
+        regions = [
+            replace(
+                r, stiffness=basis.T @ r.stiffness @ basis, inertia=basis.T @ r.inertia @ basis
+            )
+            for r in self.regions
+        ]
+        fixed = self.fixed and tuple(basis.T @ A @ basis for A in self.fixed)
+        springs = [replace(s, row=s.row @ basis) for s in self.springs]
+        masses = [replace(m, rows=m.rows @ basis) for m in self.masses]
+        return replace(self, regions=regions, springs=springs, masses=masses, fixed=fixed)
 
     def gradients(self, shapes: np.ndarray, eigenvalues, values) -> np.ndarray:
         """Derivatives of x^T (K - lambda M) x by every parameter, shape (k, n_parameters).

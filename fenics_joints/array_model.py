@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +10,9 @@ import numpy as np
 
 from fenics_joints.affine import AffinePencil, RegionTerm, number, slopes
 from fenics_joints.components import Parameter
+from fenics_joints.errors import InputError
 from fenics_joints.modal import SHIFT_SHARE, dense_modes
+from fenics_joints.place_rows import PlaceRows
 from fenics_joints.points import Sensors
 
 __all__ = ["ArrayModel"]
@@ -37,6 +39,7 @@ class _Stacks:
         stiffness: Terms of the stiffness, (n_terms, n (n + 1) / 2).
         inertia: Terms of the mass, likewise.
         whole: Both with whole matrices, (n_terms, n, n).
+        rows: Where each region's terms are among the stiffness's.
     """
 
     def __init__(self, pencil: AffinePencil, n: int):
@@ -44,6 +47,8 @@ class _Stacks:
         self.upper = np.triu_indices(n)
         self.fixed = [m for m in pencil.masses if not isinstance(m.travel, str)]
         stiffness = [t for r in pencil.regions for t in r.stiffness]
+        ends = np.cumsum([0, *(len(r.stiffness) for r in pencil.regions)]).tolist()
+        self.rows = {r.name: slice(*ends[i : i + 2]) for i, r in enumerate(pencil.regions)}
         stiffness += [s.share * np.outer(s.row, s.row) for s in pencil.springs]
         inertia = [r.inertia for r in pencil.regions]
         for mass in self.fixed:
@@ -116,19 +121,21 @@ class _Stacks:
 
 @dataclass(frozen=True)
 class ArrayModel:
-    """Takes the same calls as the reduced structure it was made from; see its ``arrays``.
+    """Takes the same calls as the reduced structure it was made from; see its `arrays`.
 
     Attributes:
         pencil: K(p) and M(p) on the basis.
         scale_hz: Dilation frequency, Hz, below which by far a mode is rigid.
         sensor_rows: What the sensors read of the basis, shape (n_sensors, n_dofs); None without.
         shift_rows: The same per metre that a sensor sits further along their line; or None.
+        places: Displacement of the basis where forces and responses are asked for; or None.
     """
 
     pencil: AffinePencil
     scale_hz: float
     sensor_rows: np.ndarray | None = None
     shift_rows: np.ndarray | None = None
+    places: PlaceRows | None = None
 
     @property
     def parameters(self) -> Mapping[str, Parameter]:
@@ -264,9 +271,80 @@ class ArrayModel:
         rest -= self._rest.gradients(x, np.ones(k), values)
         return heavy @ self._coefficients(values).by_heavy + rest
 
+    def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
+        """Stiffness of one part, joint or elastic support alone, shape (n_dofs, n_dofs)."""
+        rows = self._stacks.rows[name]
+        theta = self._coefficients(self.values(given)).theta[rows]
+        return self._stacks.unpack(theta @ self._stacks.stiffness[rows])
+
+    def slopes(
+        self, given: Mapping[str, float] | None = None, apart: Sequence[str] = ()
+    ) -> Iterator[tuple[int, str, str | None, np.ndarray]]:
+        """dK/dp and dM/dp as matrices, of all parameters that change them.
+
+        Args:
+            given: Values of parameters that differ from their nominal value.
+            apart: Regions whose share of dK/dp is wanted by itself.
+
+        Yields:
+            Index of the parameter; ``"K"`` or ``"M"``; a name from ``apart``, or None for the sum
+            of all others; the matrix, (n_dofs, n_dofs).
+        """
+        values, stacks = self.values(given), self._stacks
+        c = self._coefficients(values)
+        others = np.ones(len(c.theta), dtype=bool)
+        for name in apart:
+            others[stacks.rows[name]] = False
+        groups = [("K", None, others, c.by_theta, stacks.stiffness)]
+        groups += [("K", n, stacks.rows[n], c.by_theta, stacks.stiffness) for n in apart]
+        groups += [("M", None, slice(None), c.by_heavy, stacks.inertia)]
+        for kind, name, rows, by, stack in groups:
+            own = by[rows]
+            changed = np.flatnonzero(own.any(axis=0))
+            if not len(changed):
+                continue
+            packed = own[:, changed].T @ stack[rows]
+            for p, row in zip(changed.tolist(), packed, strict=True):
+                yield p, kind, name, stacks.unpack(row)
+        yield from self._moving_slopes(values)
+
+    def _moving_slopes(self, values) -> Iterator[tuple[int, str, str | None, np.ndarray]]:
+        """dM/dp by the masses that may move."""
+        position = {name: i for i, name in enumerate(self.parameters)}
+        for mass in self._rest.masses:
+            at, slope = mass(number(mass.travel, values))
+            if isinstance(mass.mass, str):
+                yield position[mass.mass], "M", None, mass.share * at.T @ at
+            moved = mass.share * number(mass.mass, values) * slope.T @ at
+            yield position[mass.travel], "M", None, moved + moved.T
+
+    def rows(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
+        """What sensors read of the basis, and loads of one newton on it, (n_sensors, n_dofs).
+
+        Raises:
+            InputError: If one is not among the model's `places`.
+        """
+        return (self.places or PlaceRows()).at(sensors, what)
+
     def observe(self, shapes: np.ndarray, sensors: Sensors | None = None) -> np.ndarray:
-        """Shapes at the sensors that the model was made with, shape (n_sensors, n_shapes)."""
+        """Shapes at sensors, (n_sensors, n_shapes).
+
+        Sensors that are not all among the model's `places` are taken for those that it was made
+        with.
+        """
+        if sensors is not None and self.places is not None and self.places.has(sensors):
+            return self.places.at(sensors) @ shapes
+        if self.sensor_rows is None:
+            raise InputError("sensors: expected a reduced model that was made with them.")
         return self.sensor_rows @ shapes
+
+    def on(self, basis: np.ndarray) -> ArrayModel:
+        """The same on fewer vectors, which are the columns of ``basis``, (n_dofs, k)."""
+        sensors, shifts = (
+            None if a is None else a @ basis for a in (self.sensor_rows, self.shift_rows)
+        )
+        places = self.places and self.places.on(basis)
+        return ArrayModel(self.pencil.on(basis), self.scale_hz, sensors, shifts, places)
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg."""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case import Case, unknown_groups
-from fenics_joints.case_mesh import FileMesh, OffsetBeamsMesh
+from fenics_joints.case import Case, matching, unknown_groups
+from fenics_joints.case_mesh import MeshFile, OffsetBeamsMesh
 from fenics_joints.case_preload import BeamBoltSection, PretensionBoltSection
 from fenics_joints.case_sections import (
     AXES,
@@ -31,7 +31,8 @@ from fenics_joints.components import (
     transition,
 )
 from fenics_joints.errors import InputError, MeshError
-from fenics_joints.meshes import TaggedMesh, extent, read_msh
+from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
+from fenics_joints.meshes.rings import check_normal
 from fenics_joints.preload import (
     BeamBolt,
     Contact,
@@ -60,6 +61,9 @@ _UNITS = {
     "k2": "N m",
     "k_axial": "N/m",
     "c": "N m s",
+    "alpha": "1/s",
+    "beta": "s",
+    "relaxation": "s",
 }
 #: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
 _JOINT_MODULUS = (1e2, 1e14)
@@ -70,11 +74,15 @@ _THICKNESS = (0.5, 2.0)
 _LAYER = 30.0
 #: How far the stiffness of a lap of beams may be from its nominal value, as a factor; most damping.
 _LAP, _DAMPER = 1e3, 1e3
+#: Ratio of thicknesses that no choice of a mesh explains, but a wrong unit (1000) does.
+_FAR = 300.0
 _NU = (0.0, 0.49)
 #: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
 #: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
 RIGID_SUPPORT = 1e19
 _SUPPORT = (1e6, 1e21)
+#: How far a damping value may be from its nominal one, as a factor; a ratio is at most 1.
+_DAMPING = 1e3
 #: How much heavier or stiffer than the case says something attached may be.
 _ATTACHED = {"mass": 10.0, "stiffness": 1e3}
 
@@ -86,14 +94,14 @@ def build_mesh(case: Case, comm: MPI.Intracomm) -> TaggedMesh:
         MeshError: If it cannot be built or read, or lacks a group that the case names.
     """
     try:
-        if isinstance(case.mesh, FileMesh):
-            mesh = case.mesh
-            file = case.folder / mesh.file
-            tagged = read_msh(file, comm, gdim=mesh.gdim, scale=mesh.scale)
+        if isinstance(case.mesh, MeshFile):
+            tagged = case.mesh.read(case.folder, comm)
         else:
             tagged = case.mesh.build(comm)
     except MeshError as error:
         raise MeshError(f"{case.path}: mesh: {error}") from error
+    except InputError as error:
+        raise InputError(f"{case.path}: {error}") from error
     missing = unknown_groups(case, tagged.cell_names, tagged.facet_names)
     if missing:
         raise MeshError("\n  ".join([f"{case.path}: names groups of the mesh:", *missing]))
@@ -109,6 +117,7 @@ def build_structure(
     tagged: TaggedMesh | None = None,
     width: bool = False,
     elastic_supports: bool = False,
+    damping: bool = False,
 ) -> Structure | BeamStructure:
     """The structure of a case, all its numbers as parameters. Collective.
 
@@ -128,6 +137,7 @@ def build_structure(
             They double the terms that a reduced model has of a part.
         elastic_supports: Whether the ``[supports]`` that hold all directions are springs spread
             over their facets, as good as rigid at their nominal NAME.k_n and NAME.k_t.
+        damping: Whether the values of ``[damping]`` are parameters too; see `Case.damped`.
 
     Raises:
         InputError: For a value that is out of range.
@@ -146,7 +156,10 @@ def build_structure(
         return Structure(
             tagged,
             [*_parts(case, width), *_joints(case, tagged, law)],
-            parameters(case, attached=attached, width=width, elastic_supports=elastic_supports),
+            parameters(
+                case, attached=attached, width=width, elastic_supports=elastic_supports,
+                damping=damping,
+            ),
             masses=masses,
             springs=springs,
             supports=supports,
@@ -197,7 +210,12 @@ def _bolt(name: str, section) -> BeamBolt | PretensionSection | WasherForce:
 
 
 def parameters(
-    case: Case, *, attached: bool = False, width: bool = False, elastic_supports: bool = False
+    case: Case,
+    *,
+    attached: bool = False,
+    width: bool = False,
+    elastic_supports: bool = False,
+    damping: bool = False,
 ) -> list[Parameter]:
     """The parameters of a case's structure, with units and bounds, in order."""
     bounds = _bounds(case)
@@ -208,6 +226,11 @@ def parameters(
                 for key in ("k_n", "k_t"):
                     values[f"{name}.{key}"] = RIGID_SUPPORT
                     bounds[f"{name}.{key}"] = _SUPPORT
+    if damping and case.damping is not None:
+        for name, value in case.damping.nominal().items():
+            values[name] = value
+            high = value * _DAMPING
+            bounds[name] = value / _DAMPING, high if _unit(name) else min(high, max(1.0, value))
     return [
         Parameter(name, value, _unit(name), *bounds[name], log=_is_log(name, value))
         for name, value in values.items()
@@ -289,6 +312,13 @@ def _parts(case: Case, width: bool) -> list[Region]:
 
 
 def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
+    for name, j in case.joints.items():
+        # Where the thickness is measured, the normal is checked by it.
+        if tagged.mesh.geometry.dim == 3 and (j.law != "transition" or j.meshed is not None):
+            try:
+                check_normal(tagged, _cells(j, tagged), j.normal)
+            except MeshError as error:
+                raise MeshError(f"joints.{name}: {error}") from error
     return [
         _transition(name, j, tagged)
         if j.law == "transition"
@@ -306,9 +336,26 @@ def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
     ]
 
 
+def _cells(section: Joint, tagged: TaggedMesh) -> tuple[str, ...]:
+    """Names of a joint's cells, patterns resolved."""
+    there = sorted(tagged.cell_names, key=tagged.cell_names.get)
+    return tuple(dict.fromkeys(c for pattern in section.cells for c in matching(pattern, there)))
+
+
 def _transition(name: str, section: Joint, tagged: TaggedMesh) -> Region:
-    cells = tuple(section.cells)
-    meshed = section.meshed or extent(tagged, cells, section.normal)
+    cells = _cells(section, tagged)
+    meshed = section.meshed
+    if meshed is None:
+        try:
+            thickness = layer_thickness if tagged.mesh.geometry.dim == 3 else extent
+            meshed = thickness(tagged, cells, section.normal)
+        except MeshError as error:
+            raise MeshError(f"joints.{name}: {error}") from error
+        if not 1 / _FAR <= meshed / section.h <= _FAR:
+            raise MeshError(
+                f"joints.{name}: its layer is {1e3 * meshed:.6g} mm thick in the mesh, and h is "
+                f"{1e3 * section.h:.6g} mm; expected both in the same unit (see scale in [mesh])"
+            )
     rho = 0.0 if section.rho is None else f"{name}.rho"
     return transition(
         name, cells, E=f"{name}.E", nu=f"{name}.nu", h=f"{name}.h", meshed=meshed, rho=rho,

@@ -9,16 +9,20 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import Field, PrivateAttr, ValidationError
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from fenics_joints.case_bayes import UNITS, Update, check_bayes
 from fenics_joints.case_beams import check_beams
+from fenics_joints.case_combined import check_combined
+from fenics_joints.case_damping import DampingSection
+from fenics_joints.case_densities import with_average_densities
 from fenics_joints.case_harmonic import HarmonicSection, NonlinearSection, check_harmonic
-from fenics_joints.case_mesh import FileMesh, Mesh
+from fenics_joints.case_mesh import Mesh, MeshFile
 from fenics_joints.case_messages import case_error, describe, did_you_mean, said
 from fenics_joints.case_preload import Bolt, ContactSection
 from fenics_joints.case_sections import (
@@ -50,7 +54,7 @@ else:
 if TYPE_CHECKING:
     from fenics_joints.points import Sensors
 
-__all__ = ["Case", "load_case", "unknown_groups"]
+__all__ = ["Case", "load_case", "matching", "unknown_groups"]
 
 
 class Case(Section):
@@ -72,6 +76,7 @@ class Case(Section):
         diagnose: What a diagnosis may assume.
         nonlinear: Laws of nonlinear joints and contacts, by their name.
         harmonic: What response to sinusoidal forces is wanted, or None.
+        damping: Linear damping of the model, or None.
     """
 
     title: str = ""
@@ -89,6 +94,12 @@ class Case(Section):
     diagnose: Diagnose = Diagnose()
     nonlinear: named(NonlinearSection) = {}
     harmonic: HarmonicSection | None = None
+    damping: DampingSection | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _averages(cls, raw: Any) -> Any:
+        return with_average_densities(raw)
 
     _path: Path = PrivateAttr(Path("case.toml"))
     _coarse: Mesh | None = PrivateAttr(None)
@@ -160,6 +171,8 @@ class Case(Section):
         if self.test is None or self.test.sees is None:
             # Modes that were identified are seen by what measured the functions.
             seen = self.test is not None and self.test.frequencies is None
+            if seen and self._measured is not None:
+                return self._measured.sensors
             return self._frfs.sensors() if seen and self._frfs is not None else None
         from fenics_joints.points import Sensors
 
@@ -173,19 +186,44 @@ class Case(Section):
         """Somebody's values of the parameters, SI; those in ``update.published.parameters``."""
         return dict(self._published)
 
-    def nominal(self, attached: bool = False, width: bool = False) -> dict[str, float]:
+    def combined(self) -> bool:
+        """Whether an update takes functions or shapes beside frequencies, at one condition."""
+        update = self.update
+        if update is None or update.cutoff is not None:
+            return False
+        return bool(update.combined_keys()) or "frfs" in self.fitted_data()
+
+    def fitted_data(self) -> tuple[str, ...]:
+        """Kinds of data that a combined update fits: what there is, unless the case says it.
+
+        Without ``[damping]`` the model has no functions to compare with those of the test.
+        """
+        if self.update is not None and self.update.data is not None:
+            return tuple(dict.fromkeys(self.update.data))
+        there = {
+            "frequencies": self._measured is not None,
+            "shapes": self._measured is not None and self._measured.shapes is not None,
+            "frfs": self._frfs is not None and self.damping is not None,
+        }
+        return tuple(kind for kind, has in there.items() if has)
+
+    def nominal(
+        self, attached: bool = False, width: bool = False, damping: bool = False
+    ) -> dict[str, float]:
         """Value of every parameter of the model, SI, by name (``near.E``), in order.
 
         Args:
             attached: Whether to add those of ``[attached]``, at zero: not there.
             width: Whether to add the widths of the parts, relative to the mesh's: 1.
+            damping: Whether to add those of ``[damping]``.
         """
         values = {name: part.nominal(width) for name, part in self.parts.items()}
         sections = {**self.joints, **self.masses, **self.springs}
         values |= {name: section.nominal() for name, section in sections.items()}
         if attached:
             values |= {name: section.absent() for name, section in self.attached.items()}
-        return {f"{name}.{key}": v for name, own in values.items() for key, v in own.items()}
+        found = {f"{name}.{key}": v for name, own in values.items() for key, v in own.items()}
+        return found | (self.damping.nominal() if damping and self.damping is not None else {})
 
     def tolerances(self) -> dict[str, float]:
         """Relative standard deviations that the case gives, by parameter.
@@ -232,7 +270,8 @@ def load_case(path: str | Path) -> Case:
     case._coarse = _diagnosed_mesh(case, raw)
     errors = [*_check_names(case), *_check_mesh(case), *_read_tests(case), *_read_frfs(case)]
     errors += _check_update(case) if case.update else []
-    errors += [*check_bayes(case), *check_beams(case), *check_harmonic(case), *_read_curves(case)]
+    errors += [*check_bayes(case), *check_beams(case), *check_combined(case)]
+    errors += [*check_harmonic(case), *_read_curves(case)]
     if errors:
         raise case_error(path, errors)
     return case
@@ -278,7 +317,7 @@ def _check_bounds(key: str, section: Part | Joint) -> list[str]:
 
 def _check_mesh(case: Case) -> list[str]:
     """Names of cells and facets against the builder's; a file's are checked when it is read."""
-    if isinstance(case.mesh, FileMesh):
+    if isinstance(case.mesh, MeshFile):
         file = case.folder / case.mesh.file
         missing = said("mesh.file", case.mesh.file, f"no such file, expected a mesh at {file}")
         return [] if file.is_file() else [missing]
@@ -299,6 +338,7 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
         for table in ("parts", "joints")
         for name, section in getattr(case, table).items()
         for cell in section.cells
+        if not (getattr(section, "law", "") == "transition" and matching(cell, cells))
     ] + [(f"supports.{name}.facets", s.facets, facets) for name, s in case.supports.items()]
     named += [
         (f"{table}.{name}.{side}", getattr(section, side), facets)
@@ -311,6 +351,14 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
         for key, name, there in named
         if name not in there
     ]
+
+
+def matching(pattern: str, names: Iterable[str]) -> list[str]:
+    """Those of the names of cells that a pattern such as ``ring_*`` stands for, in their order."""
+    names = list(names)
+    if pattern in names:
+        return [pattern]
+    return [name for name in names if fnmatchcase(name, pattern)]
 
 
 def _read_tests(case: Case) -> list[str]:
@@ -485,7 +533,7 @@ def _check_cutoff(case: Case) -> list[str]:
 def _check_update(case: Case) -> list[str]:
     update, measured = case.update, case._measured
     errors = [] if update.cutoff is None else _check_cutoff(case)
-    known = case.nominal()
+    known = case.nominal(damping=case.combined())
     for i, name in enumerate(update.parameters):
         if name not in known:
             key = f"update.parameters[{i}]"

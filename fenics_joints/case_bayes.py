@@ -22,7 +22,8 @@ __all__ = ["UNITS", "Bayes", "PriorSection", "Update", "check_bayes", "prior_num
 #: Units of parameters, by the last part of their name.
 UNITS = {
     "E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "h": "m",
-    "k1": "N*m", "k2": "N*m", "k_axial": "N/m", "c": "N*m*s",
+    "k1": "N*m", "k2": "N*m", "k_axial": "N/m", "c": "N*m*s", "alpha": "1/s", "beta": "s",
+    "relaxation": "s",
 }  # fmt: skip
 _WITHOUT_UNIT = ("log_sd",)
 

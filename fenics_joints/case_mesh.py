@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from fenics_joints.case_cad import STEP_SUFFIXES, MeshFile, StepMesh
 from fenics_joints.case_sections import Count, Gap, Length, Positive, Section, Size, listed
 from fenics_joints.errors import MeshError
 
@@ -19,11 +21,14 @@ __all__ = [
     "BuilderMesh",
     "CBeamsMesh",
     "DumbbellMesh",
+    "EngravingMachineMesh",
     "FileMesh",
     "LapBeamMesh",
     "LapPlatesMesh",
     "Mesh",
     "OffsetBeamsMesh",
+    "MeshFile",
+    "StepMesh",
 ]
 
 
@@ -267,19 +272,58 @@ class OffsetBeamsMesh(BuilderMesh):
         )
 
 
-class FileMesh(Section):
+class EngravingMachineMesh(BuilderMesh):
+    """``builder = "engraving_machine"``: arguments of `fenics_joints.meshes.engraving_machine`."""
+
+    builder: Literal["engraving_machine"]
+    bed: tuple[Size, Size, Size] | None = None
+    column: Size | None = None
+    arm: tuple[Size, Size] | None = None
+    wall: Size | None = None
+    flange: Size | None = None
+    gusset: Size | None = None
+    ribs: Count | None = None
+    bolts: tuple[Count, Count] | None = None
+    layer: Size | None = None
+    r_nei: Size | None = None
+    r_wai: Size | None = None
+    zone: Size | None = None
+    element_size: Size | None = None
+    n_layer: Count | None = None
+    cell: Literal["hexahedron", "tetrahedron"] | None = None
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the cells' and of the facets' groups."""
+        from fenics_joints.meshes.engraving_machine import BODIES, FACET_NAMES, number_of_bolts
+
+        rings = number_of_bolts(**self.model_dump(include={"bolts"}, exclude_none=True))
+        return [*BODIES, *(f"ring_{i + 1}" for i in range(rings))], list(FACET_NAMES)
+
+    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh. Collective."""
+        from fenics_joints.meshes import engraving_machine
+
+        return engraving_machine(comm, **self.arguments())
+
+
+class FileMesh(MeshFile):
     """``[mesh]`` from a gmsh file with named physical groups."""
 
-    file: str
     scale: Size = 1.0
     gdim: Literal[2, 3] = 3
-    degree: Literal[1, 2] = 2
+
+    def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh; ``folder`` is the case's. Collective."""
+        from fenics_joints.meshes import read_msh
+
+        return read_msh(folder / self.file, comm, gdim=self.gdim, scale=self.scale)
 
 
 #: Classes of the builders, by name.
 BUILDERS = {
     "lap_plates": LapPlatesMesh, "c_beams": CBeamsMesh, "lap_beam": LapBeamMesh,
-    "dumbbell": DumbbellMesh, "offset_beams": OffsetBeamsMesh,
+    "dumbbell": DumbbellMesh, "engraving_machine": EngravingMachineMesh,
+    "offset_beams": OffsetBeamsMesh,
 }  # fmt: skip
 
 
@@ -287,7 +331,8 @@ def _mesh_kind(data: Any) -> str | None:
     if not isinstance(data, dict) or ("file" in data) == ("builder" in data):
         return None
     if "file" in data:
-        return "<FileMesh>"
+        step = str(data["file"]).lower().endswith(STEP_SUFFIXES)
+        return "<StepMesh>" if step else "<FileMesh>"
     name = data["builder"]
     return f"<{BUILDERS[name].__name__}>" if isinstance(name, str) and name in BUILDERS else None
 
@@ -298,6 +343,8 @@ Mesh = Annotated[
     | Annotated[LapBeamMesh, Tag("<LapBeamMesh>")]
     | Annotated[DumbbellMesh, Tag("<DumbbellMesh>")]
     | Annotated[OffsetBeamsMesh, Tag("<OffsetBeamsMesh>")]
-    | Annotated[FileMesh, Tag("<FileMesh>")],
+    | Annotated[EngravingMachineMesh, Tag("<EngravingMachineMesh>")]
+    | Annotated[FileMesh, Tag("<FileMesh>")]
+    | Annotated[StepMesh, Tag("<StepMesh>")],
     Discriminator(_mesh_kind),
 ]

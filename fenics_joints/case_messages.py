@@ -71,7 +71,8 @@ def _no_kind(table: str, key: str, value: Any) -> str:
         mean = f"; did you mean {near[0]!r}?" if near else ""
         return said(f"{key}.{word}", given, f"expected {names}{mean}")
     if table == "mesh":
-        return said(key, value, f"expected either builder = {names}, or file = 'NAME.msh'")
+        files = "file = 'NAME.msh' or 'NAME.step'"
+        return said(key, value, f"expected either builder = {names}, or {files}")
     return said(key, value, f"expected {word} = {names}")
 
 

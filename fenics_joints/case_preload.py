@@ -21,13 +21,15 @@ from fenics_joints.case_sections import (
 
 __all__ = [
     "BeamBoltSection", "Bolt", "ContactSection", "PretensionBoltSection", "WasherBoltSection",
+    "known_thread",
 ]  # fmt: skip
 
 _Force = quantity("N", 0, above=True)
 _Torque = quantity("N*m", 0, above=True)
 
 
-def _known_thread(name: str) -> str:
+def known_thread(name: str) -> str:
+    """The full name of a thread; raises InputError if there is none."""
     # Here, since the package needs DOLFINx and a case can be read without.
     from fenics_joints.preload.threads import thread
 
@@ -59,7 +61,7 @@ class _BoltSection(Section):
     upper: str
     force: _Force | None = None
     torque: _Torque | None = None
-    thread: Annotated[str, AfterValidator(_known_thread)] | None = None
+    thread: Annotated[str, AfterValidator(known_thread)] | None = None
     friction: Share | None = None
     nut_factor: Positive | None = None
 

@@ -31,6 +31,7 @@ __all__ = [
     "CutoffUpdate",
     "Diagnose",
     "FRFSection",
+    "Held",
     "Joint",
     "MassSection",
     "Part",
@@ -249,7 +250,9 @@ class Joint(Section):
     mesh's builder knows. A diagnosis splits the joint into zones around them.
 
     With ``law = "transition"`` (seed 000) it has E, nu and its thickness ``h`` in place of G; the
-    mesh's is ``meshed``, by default the extent of all its cells along the normal.
+    mesh's is ``meshed``, by default measured between the faces of each of its rings, and ``cells``
+    may be a pattern such as ``ring_*``: rings with one set of parameters. Its density is zero
+    without ``rho``; with ``rho = "average"`` it is that of the bodies, see `case_densities`.
 
     With ``law = "generic"`` (seed 002) it is a lap of beams (``builder = "offset_beams"``) with the
     stiffness of slap ``k1`` and of slip ``k2`` of each joint element, N m, the damping of slip
@@ -491,7 +494,9 @@ class FRFSection(Section):
 
     ``kind``, ``units``, ``length_unit``, ``points`` (by node), ``directions`` (by node) and
     ``keys`` are for what the files do not say: see `fenics_joints.frf_files.read_frfs`. ``at`` is
-    the condition at which they were measured, the last one by default.
+    the condition at which they were measured, the last one by default. ``noise`` is their relative
+    standard deviation, 5 % by default; with ``averages``, their number, it comes from the measured
+    coherence instead.
     """
 
     class Identify(Section):
@@ -513,7 +518,15 @@ class FRFSection(Section):
     keys: dict[str, str] = {}
     band: ascending(Spacing) | None = None
     at: float | None = None
+    noise: Positive | None = None
+    averages: Annotated[int, Field(ge=2, strict=True)] | None = None
     identify: Identify | None = None
+
+    @model_validator(mode="after")
+    def _one_of_noise_and_averages(self) -> FRFSection:
+        if self.noise is not None and self.averages is not None:
+            raise ValueError("expected either noise or averages, which gives it by the coherence")
+        return self
 
 
 def _frf_files(value: Any) -> Any:
@@ -632,11 +645,46 @@ class CutoffUpdate(Section):
     max_solves: Annotated[int, Field(ge=5, strict=True)] = 15
 
 
+def _lines(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_line_hz(v) for v in value]
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError("expected a whole number of lines from 1 on, or a list of frequencies")
+    return value
+
+
+def _line_hz(value: Any) -> float:
+    hertz = to_si(value, "Hz")
+    if not hertz > 0:
+        raise ValueError("expected frequencies above 0 Hz")
+    return hertz
+
+
+class Held(Section):
+    """``[update.held]``: what no fit sees and the updated model must predict.
+
+    ``modes`` by name, with the functions' lines around them, or ``"each"``: every mode in turn,
+    predicted by a fit to all else; ``bands`` of frequency of the functions, and ``responses`` by
+    name.
+    """
+
+    modes: Names | None = None
+    bands: Annotated[list[ascending(Spacing)], Field(min_length=1)] | None = None
+    responses: Names | None = None
+
+
 class Update(Section):
     """``[update]``: what `fenics-joints update` fits: ``parameters``, or the ``cutoff``.
 
     ``regularisation`` is the standard deviation of the logarithm of every parameter about its
     starting value: it holds what the data leave open, and is 2.3 (a factor of 10) by default.
+
+    ``data`` says what is fitted: any of ``"frequencies"``, ``"shapes"`` and ``"frfs"``; by default
+    what there is, functions only with a section ``[damping]``. ``method`` is ``"log"`` (logarithms
+    of functions at frequencies relative to the resonances) or ``"weighted"`` (seed 000, eqs. 15 to
+    20), whose steps ``step_limit`` limits, relative to each value; the seed does not. ``lines`` are
+    the lines of the functions that are fitted: how many, spread over flanks and antiresonances, or
+    which.
     """
 
     at: float | None = None
@@ -646,12 +694,23 @@ class Update(Section):
     regularisation: Positive = 2.3
     published: Published | None = None
     cutoff: CutoffUpdate | None = None
+    data: Annotated[
+        list[Literal["frequencies", "shapes", "frfs"]], BeforeValidator(listed), Field(min_length=1)
+    ] | None = None
+    method: Literal["log", "weighted"] | None = None
+    step_limit: Positive | None = None
+    lines: Annotated[int | list[float], BeforeValidator(_lines)] | None = None
+    held: Held | None = None
 
     @model_validator(mode="after")
     def _one_of_parameters_and_cutoff(self) -> Update:
         if bool(self.parameters) == (self.cutoff is not None):
             raise ValueError("expected either parameters or a section [update.cutoff]")
         return self
+
+    def combined_keys(self) -> list[str]:
+        """Keys that the file gives and only a fit to several kinds of data has."""
+        return [k for k in ("data", "method", "lines", "held") if getattr(self, k) is not None]
 
 
 class Diagnose(Section):

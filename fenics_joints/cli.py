@@ -68,6 +68,11 @@ def modes(
         typer.Option(help="What contacts are: stuck, or as the preload leaves them.",
                      metavar="stuck|preload"),
     ] = "stuck",
+    iterative: Annotated[
+        bool,
+        typer.Option("--iterative", help="Multigrid instead of a factorisation: slower, in a "
+                     "fraction of the memory; not for contacts."),
+    ] = False,
     json: JsonOption = None,
     report: ReportOption = None,
     debug: DebugOption = False,
@@ -75,13 +80,15 @@ def modes(
     """Natural frequencies and modes of the nominal model.
 
     JSON: version, title, dofs, frequencies_hz (0 for rigid-body modes), rigid_body_modes (their
-    number), visible (whether the test could see each mode; null if the case does not say).
+    number), visible (whether the test could see each mode; null if the case does not say), size_m
+    (extents of the mesh), rings (the bolts': name, centre_m, thickness_m, r_nei_m, r_wai_m, parts).
     """
 
     def run(case, comm, progress):
         from fenics_joints.mode_list import run_modes
 
-        return run_modes(case, comm, progress, n_modes=n, state=contacts)
+        method = "iterative" if iterative else "direct"
+        return run_modes(case, comm, progress, n_modes=n, state=contacts, method=method)
 
     _command(run, case, json, report, debug)
 
@@ -130,11 +137,19 @@ def update(
     report: ReportOption = None,
     debug: DebugOption = False,
 ) -> None:
-    """Fit the parameters, or the cut-off pressure, that the case names to the frequencies.
+    """Fit the parameters, or the cut-off pressure, that the case names to what was measured.
+
+    To frequencies; with test.frfs and [damping], or update.data, to any mix of frequencies, shapes
+    and frequency response functions at one condition.
 
     JSON: parameters (name, value, unit, standard deviation), frequencies_hz before and after,
-    errors_percent. For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz,
-    crossings_pa, stuck_area_m2, minimum, sweep), test and stuck frequencies.
+    errors_percent. For a mix: method, data, parameters, modes (test, before and after, Hz, errors,
+    MAC), functions_db (RMS of |H| in dB, all, fitted and held out), held_modes (predicted_hz,
+    error_percent), condition_numbers (before and after weighting), identifiability (in_words,
+    undetermined, weakest_direction), fit (chi2, evaluations), history.
+
+    For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz, crossings_pa,
+    stuck_area_m2, minimum, sweep), test and stuck frequencies.
 
     With --bayes instead: parameters (name, mean, sd, median, low and high of 90 %, rhat, ess_bulk,
     ess_tail, unit), correlation, prior, likelihood and doubts in words, frequencies (measured and

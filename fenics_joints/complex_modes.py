@@ -1,7 +1,8 @@
 """Complex modes of damped structures: Z(s) x = 0, with Z of `fenics_joints.damping`.
 
 By projection on real modes and residual vectors (`fenics_joints.frf_modal`), whose error is found;
-or on the full model by SLEPc, linearised in the state space (s x, x), for viscous damping.
+or on the full model by SLEPc, linearised in the state space (s x, x), for viscous damping. Reduced
+models are solved densely.
 
 Z is symmetric, so that left and right vector are one, and
 
@@ -23,6 +24,7 @@ from fenics_joints.damping import Damping
 from fenics_joints.eigensolver import product
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.frf_modal import ModalPencil, extended, modal_pencil, with_terms
+from fenics_joints.frf_reduced import reduced_pencil
 from fenics_joints.modal import SHIFT_SHARE, Modes, solve_modes
 from fenics_joints.petsc_options import petsc_defaults
 from fenics_joints.points import Sensors
@@ -45,18 +47,19 @@ class ComplexModes:
     """Elastic modes that oscillate, of a damped structure, by ascending |s|.
 
     Attributes:
-        structure: The full model.
+        structure: The model, full or reduced.
         given: The parameters that differed from their nominal values.
         eigenvalues: s, rad/s, with positive imaginary part, (n,).
         shapes: This rank's rows of the shapes x, complex, (n_local, n), with x^T dZ/ds x = 2 s,
-            which makes undamped ones M-normalised.
+            which makes undamped ones M-normalised; of a reduced model (n_dofs, n).
         residuals: |A^-1 Z(s) x| / |x| in the norm of energy, A = K - shift M, (n,): what one more
-            step would change of the shapes. In the state space SLEPc's relative residuals.
+            step would change of the shapes. In the state space SLEPc's relative residuals. Of a
+            reduced model |Z(s) x| / |K x| on its modes of energy 1.
         slopes: ds/dp for every parameter, (n, n_parameters); None unless they were asked for.
-        solver: SLEPc's solver.
+        solver: SLEPc's solver; None of a reduced model.
     """
 
-    structure: Structure
+    structure: object
     given: Mapping[str, float]
     eigenvalues: np.ndarray
     shapes: np.ndarray
@@ -84,6 +87,8 @@ class ComplexModes:
 
     def at(self, sensors: Sensors) -> np.ndarray:
         """Shapes at sensors, kg^-1/2, complex, (n_sensors, n). Collective."""
+        if not isinstance(self.structure, Structure):
+            return self.structure.observe(self.shapes, sensors)
         return self.structure.comm.allreduce(point_loads(self.structure, sensors).T @ self.shapes)
 
     def gradients(self) -> tuple[np.ndarray, np.ndarray]:
@@ -101,7 +106,7 @@ class ComplexModes:
 
 
 def solve_complex_modes(
-    structure: Structure,
+    structure,
     given: Mapping[str, float] | None = None,
     *,
     damping: Damping,
@@ -115,7 +120,8 @@ def solve_complex_modes(
     """Lowest complex modes of a damped structure. Collective.
 
     Args:
-        structure: The full model.
+        structure: A `Structure`; or a `ReducedStructure` or `ArrayModel`, solved densely, for which
+            the method, modes and tolerance do not matter.
         given: Values of parameters that differ from their nominal value.
         damping: The damping.
         n_modes: Number of modes, rigid-body modes, which are left out of the result, included.
@@ -134,6 +140,8 @@ def solve_complex_modes(
     """
     if method not in ("projection", "state-space"):
         raise InputError(f"method = {method!r}: expected projection or state-space.")
+    if not isinstance(structure, Structure):
+        return _reduced(structure, given, damping, n_modes, gradients)
     pencil = DampedPencil(structure, given, damping)
     try:
         if method == "state-space":
@@ -154,17 +162,75 @@ def solve_complex_modes(
     )
 
 
-def _projected(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
-    """s, (n,), and vectors on the basis, (m, n), without rigid-body modes.
+def _reduced(model, given, damping: Damping, n_modes: int, gradients: bool) -> ComplexModes:
+    """Complex modes of a reduced model, exact on its basis."""
+    if not 1 <= n_modes <= model.n_dofs:
+        raise InputError(f"n_modes = {n_modes}: expected 1 to {model.n_dofs}, the basis' size.")
+    modal = reduced_pencil(model, given, damping, gradients=gradients)
+    s, y = _projected(modal, n_modes - modal.modes.n_rigid)
+    off = np.einsum("nij,jn->in", modal.stiffness(s), y)
+    energy = np.sqrt(np.maximum(modal.stiff, 1e-300))[:, None]
+    residuals = np.linalg.norm(off / np.maximum(energy, energy.max() * 1e-8), axis=0)
+    residuals = residuals / np.linalg.norm(energy * y, axis=0)
+    slopes = _slopes(modal, s, y) if gradients else None
+    return ComplexModes(model, dict(given or {}), s, modal.basis @ y, residuals, slopes)
 
-    Those are uncoupled from all others. The rest, K + s C + s^2 M, has a stiffness that can be
-    inverted, and with z = 1/s it does not matter that some of it has no mass.
+
+def _projected(modal: ModalPencil, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """s, (n,), and vectors on the basis, (m, n), of ``count`` modes; by default all elastic ones.
+
+    Rigid-body modes are uncoupled from all others.
     """
-    rigid, count = modal.modes.n_rigid, len(modal.modes) - modal.modes.n_rigid
+    rigid = modal.modes.n_rigid
+    count = len(modal.modes) - rigid if count is None else count
+    if count < 1:
+        raise InputError(
+            f"n_modes = {rigid + count}: expected more than the {rigid} rigid-body modes that are "
+            "among them"
+        )
+    s, x = (_coupled if modal.parts else _uncoupled)(modal)
+    waves = np.flatnonzero(s.imag > 1e-9 * np.abs(s))
+    order = waves[np.argsort(np.abs(s[waves]))][:count]
+    if len(order) < count:
+        raise ConvergenceError(
+            f"{len(order)} of {count} elastic modes oscillate: the others are overdamped."
+        )
+    s, y = s[order], np.vstack([np.zeros((rigid, count)), x[:, order]])
+    for i in range(count):
+        y[:, i] *= np.sqrt(2 * s[i] / (y[:, i] @ modal.stiffness_slope(s[i]) @ y[:, i]))
+    return s, y
+
+
+def _uncoupled(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
+    """s and vectors of the elastic modes where real modes are not coupled: a quadratic for each."""
+    damping, elastic = modal.damping, slice(modal.modes.n_rigid, None)
+    stiff, heavy = modal.stiff[elastic], modal.heavy[elastic]
+    massive = heavy > 0
+    stiff, heavy = stiff[massive], heavy[massive]
+    half = 0.5 * (damping.stiffness_slope() * stiff + damping.mass_slope(0.0) * heavy
+                  + modal.modal_damping[elastic][massive]) / heavy  # fmt: skip
+    root = np.sqrt(half**2 - damping.stiffness_factor(0.0) * stiff / heavy + 0j)
+    root = np.where(root.imag < 0, -root, root)
+    return root - half, np.eye(len(massive), dtype=complex)[:, massive]
+
+
+def _coupled(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
+    """s and vectors beside the rigid-body modes, by a state matrix.
+
+    K + s C + s^2 M has a stiffness that can be inverted, and with z = 1/s it does not matter that
+    some of it has no mass.
+    """
+    rigid = modal.modes.n_rigid
     K = modal.stiffness(np.zeros(1))[0][rigid:, rigid:]
     C = modal.stiffness_slope(0.0)[rigid:, rigid:]
     M = np.diag(modal.heavy[rigid:])
-    n = len(K)
+    n, alpha = len(K), modal.damping.rayleigh[0]
+    if not np.any(C - alpha * M):
+        # K x = lambda M x with s^2 + alpha s + lambda = 0: no state space.
+        z, vectors = scipy.linalg.eig(np.linalg.solve(K, M))
+        good = np.abs(z) > 1e-12 * np.abs(z).max()
+        root = np.sqrt(0.25 * alpha**2 - 1 / z[good] + 0j)
+        return np.where(root.imag < 0, -root, root) - 0.5 * alpha, vectors[:, good]
     # (z^2 K + z C + M) x = 0, with z in units of the first mode's.
     unit = 1 / np.sqrt(modal.eigenvalues[rigid])
     state = np.zeros((2 * n, 2 * n), dtype=complex)
@@ -173,18 +239,7 @@ def _projected(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
     state[n:, n:] = -np.linalg.solve(K, C) / unit
     z, vectors = scipy.linalg.eig(state)
     good = np.abs(z) > 1e-12
-    s, vectors = 1 / (z[good] * unit), vectors[:n, good]
-    waves = np.flatnonzero(s.imag > 1e-9 * np.abs(s))
-    order = waves[np.argsort(np.abs(s[waves]))][:count]
-    if len(order) < count:
-        raise ConvergenceError(
-            f"{len(order)} of {count} elastic modes oscillate: the others are overdamped."
-        )
-    s, x = s[order], vectors[:, order]
-    y = np.vstack([np.zeros((rigid, count)), x])
-    for i in range(count):
-        y[:, i] *= np.sqrt(2 * s[i] / (y[:, i] @ modal.stiffness_slope(s[i]) @ y[:, i]))
-    return s, y
+    return 1 / (z[good] * unit), vectors[:n, good]
 
 
 def _improved(pencil: DampedPencil, modal: ModalPencil, tolerance: float):

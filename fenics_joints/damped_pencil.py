@@ -25,7 +25,9 @@ from fenics_joints.interface_places import unit_loads
 from fenics_joints.points import PointRows, Sensors
 from fenics_joints.structure import Structure
 
-__all__ = ["DampedPencil", "MatrixForm", "RowForm", "Term", "point_loads"]
+__all__ = [
+    "DampedPencil", "MatrixForm", "RowForm", "Term", "imaginary", "linear", "point_loads",
+]  # fmt: skip
 
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 #: Compiled derivatives of each structure's regions, and the direction they are taken in.
@@ -300,17 +302,19 @@ class DampedPencil:
     def _damping_terms(self):
         K, M = MatrixForm(self.K), MatrixForm(self.M)
         alpha, beta = self.named.rayleigh
-        found = [(self.named.structural, _i, K), (alpha, _s, M), (beta, _s, K)]
-        found += [(v, _i, MatrixForm(self.parts[n])) for n, v in self.named.hysteretic.items()]
-        found += [(v, _s, MatrixForm(self.parts[n])) for n, v in self.named.viscous.items()]
+        found = [(self.named.structural, imaginary, K), (alpha, linear, M), (beta, linear, K)]
+        for layers, factor in ((self.named.hysteretic, imaginary), (self.named.viscous, linear)):
+            found += [(v, factor, MatrixForm(self.parts[n])) for n, v in layers.items()]
         for name, factor, form in found:
             if isinstance(name, str):
                 yield Term(self._place(name), "D", factor, form)
 
 
-def _i(s: complex) -> complex:
+def imaginary(s: complex) -> complex:
+    """Factor of what a loss factor is before: i at any s."""
     return 1j
 
 
-def _s(s: complex) -> complex:
+def linear(s: complex) -> complex:
+    """Factor of what a viscous damping is before: s."""
     return s

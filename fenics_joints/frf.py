@@ -1,4 +1,4 @@
-"""Frequency response functions of a structure, direct or by modes, and their derivatives.
+"""Frequency response functions of a structure, full or reduced, and their derivatives.
 
 H_ij(w) = c_i^T Z(i w)^-1 b_j for a sensor c_i and a unit force b_j, with the dynamic stiffness Z of
 `fenics_joints.damping`. By the adjoint,
@@ -23,14 +23,13 @@ from fenics_joints.dynamic_stiffness import DynamicStiffness
 from fenics_joints.eigensolver import product
 from fenics_joints.errors import InputError
 from fenics_joints.frf_modal import ModalPencil, Response, check_lines, modal_pencil
+from fenics_joints.frf_reduced import reduced_pencil
+from fenics_joints.frf_units import KINDS, MOTION, checked_kind
 from fenics_joints.modal import Modes
 from fenics_joints.points import Sensors
 from fenics_joints.structure import Structure
 
-__all__ = ["FRF", "KINDS", "solve_frf"]
-
-#: Kinds of FRF, with the power of i w by which each is the receptance's multiple, and their unit.
-KINDS = {"receptance": (0, "m/N"), "mobility": (1, "m/(s N)"), "accelerance": (2, "m/(s2 N)")}
+__all__ = ["FRF", "solve_frf"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class FRF:
     Attributes:
         frequencies_hz: Lines, Hz, (n_f,).
         values: Responses per unit force, complex, (n_f, n_sensors, n_excitations); the time factor
-            is exp(+i w t). In the unit of `KINDS`.
+            is exp(+i w t). In `unit`.
         kind: ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
         sensors: Where and in which direction the response is read.
         excitation: Where and in which direction the forces act.
@@ -50,8 +49,10 @@ class FRF:
             n_sensors, n_excitations, n_parameters); None unless they were asked for.
         error: By modes: |H - H_direct| / |H_direct|, (n_checked, n_sensors, n_excitations).
         error_hz: Lines at which that was found, Hz, (n_checked,).
-        solver: PETSc's KSP of the direct solution; by modes the `EigenSolver`'s SLEPc EPS.
-        modal: The structure on its modes and residual vectors; None for a direct solution.
+        solver: PETSc's KSP of the direct solution; by modes the `EigenSolver`'s SLEPc EPS. None of
+            a reduced model.
+        modal: The structure on its modes and residual vectors, or the reduced model on its modes;
+            None for a direct solution of the full one.
     """
 
     frequencies_hz: np.ndarray
@@ -67,13 +68,18 @@ class FRF:
     solver: object | None = None
     modal: ModalPencil | None = None
 
+    @property
+    def unit(self) -> str:
+        """Unit of the values, such as ``m/s2/N``."""
+        return f"{MOTION[self.kind]}/N"
+
     def to(self, kind: str) -> FRF:
         """The same response as another kind.
 
         Raises:
             InputError: For an unknown kind.
         """
-        power = _power(kind) - _power(self.kind)
+        power = KINDS[checked_kind(kind)] - KINDS[self.kind]
         factor = (2j * np.pi * self.frequencies_hz) ** power
         gradients = self.gradients
         if gradients is not None:
@@ -83,14 +89,8 @@ class FRF:
         )
 
 
-def _power(kind: str) -> int:
-    if kind not in KINDS:
-        raise InputError(f"kind = {kind!r}: expected one of {', '.join(KINDS)}.")
-    return KINDS[kind][0]
-
-
 def solve_frf(
-    structure: Structure,
+    model,
     given: Mapping[str, float] | None = None,
     *,
     frequencies_hz,
@@ -108,15 +108,16 @@ def solve_frf(
     """FRFs at sensors under unit forces. Collective.
 
     Args:
-        structure: The full model.
+        model: A `Structure`; or a `ReducedStructure` or `ArrayModel`, whose FRFs are found by
+            `fenics_joints.frf_reduced`, on all of its modes, with either method.
         given: Values of parameters that differ from their nominal value.
         frequencies_hz: Lines, Hz, above 0, (n_f,).
         excitation: Points and directions of the forces.
         sensors: Points and directions of the responses.
         damping: The damping; without it a direct solution fails at a resonance.
         kind: ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
-        method: ``"direct"``: one factorisation for each line. ``"modal"``: on modes, rigid-body
-            modes among them, and residual vectors for the forces and sensors: see
+        method: Of a full model; ``"direct"``: one factorisation for each line. ``"modal"``: on
+            modes, rigid-body modes among them, and residual vectors for the forces and sensors: see
             `fenics_joints.frf_modal`.
         gradients: Whether the derivatives by all parameters are wanted, those that the damping
             names among them.
@@ -132,16 +133,25 @@ def solve_frf(
         ConvergenceError: If the system is singular at a line, or the modes were not found.
     """
     lines = check_lines(frequencies_hz)
-    power = _power(kind)
+    power = KINDS[checked_kind(kind)]
     if method not in ("direct", "modal"):
         raise InputError(f"method = {method!r}: expected direct or modal.")
     damping = damping or Damping()
+    common = {"sensors": sensors, "excitation": excitation, "given": dict(given or {})}
+    if not isinstance(model, Structure):
+        reduced = reduced_pencil(model, given, damping, gradients=gradients)
+        loads, reads = (
+            reduced.basis.T @ model.rows(places, what).T
+            for places, what in ((excitation, "excitation"), (sensors, "sensor"))
+        )
+        found = reduced.response(lines, loads, reads, gradients)
+        frf = FRF(lines, found.values, "receptance", method=method, gradients=found.gradients,
+                  modal=reduced, **common)  # fmt: skip
+        return frf.to(kind) if power else frf
     if method == "direct" and damping.is_modal:
         raise InputError('damping.modal: expected method = "modal", or damping without ratios.')
-    pencil = DampedPencil(structure, given, damping)
-    loads = point_loads(structure, excitation, "excitation")
-    reads = point_loads(structure, sensors)
-    common = {"sensors": sensors, "excitation": excitation, "given": dict(given or {})}
+    pencil = DampedPencil(model, given, damping)
+    loads, reads = point_loads(model, excitation, "excitation"), point_loads(model, sensors)
     try:
         if method == "direct":
             found, solver = _direct(pencil, lines, loads, reads, gradients, petsc_options)

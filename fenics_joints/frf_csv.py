@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.frf_records import CoherenceRecord, Contents, Dof, FRFRecord, Node
+from fenics_joints.frf_records import CoherenceRecord, Contents, Dof, FRFRecord, Node, node_label
 from fenics_joints.frf_units import a_kind, frf_unit, length_factor
 from fenics_joints.measurements import Table, read_table
 
@@ -94,7 +94,12 @@ def _values(table: Table, where: str, columns: dict[str, str], said: Said):
             raise InputError(f"{where} phase: unit {unit!r}, expected [deg] or [rad]")
         phase = table.column(columns["phase"])
         phase = phase if unit == "rad" else np.deg2rad(phase)
-        return factor * table.column(columns["abs"]) * np.exp(1j * phase), kind
+        size = table.column(columns["abs"])
+        if (size < 0).any():
+            raise InputError(
+                f"{where} abs: {size.min():g}, expected magnitudes of 0 or more, not decibels"
+            )
+        return factor * size * np.exp(1j * phase), kind
     raise InputError(
         f"{where}: has the columns {', '.join(sorted(have))}; expected re and im, or abs and phase"
     )
@@ -138,5 +143,5 @@ def _nodes(table: Table, said: Said) -> Contents:
     if not (np.isfinite(points).all() and np.isfinite(labels).all()):
         raise InputError(f"{table.path}: expected a number in every cell of a table of nodes")
     for label, point in zip(labels, points, strict=True):
-        contents.add_node(f"{label:g}", Node(point, np.eye(3), str(table.path)))
+        contents.add_node(node_label(label), Node(point, np.eye(3), str(table.path)))
     return contents

@@ -9,7 +9,14 @@ import numpy as np
 import scipy.io
 
 from fenics_joints.errors import InputError
-from fenics_joints.frf_records import CoherenceRecord, Contents, FRFRecord, Node, as_dof
+from fenics_joints.frf_records import (
+    CoherenceRecord,
+    Contents,
+    FRFRecord,
+    Node,
+    as_dof,
+    node_label,
+)
 from fenics_joints.frf_units import MOTION, frf_unit, length_factor
 
 if TYPE_CHECKING:
@@ -119,6 +126,8 @@ class _Variables:
         value = self.numbers(key)
         if key == "frf" and value.dtype.kind != "c":
             raise InputError(f"{self.path}: {self.name(key)} is real; expected {KEYS[key]}")
+        if value.shape == (1, n):  # one function as a row
+            value = value.T
         if value.ndim == 2:
             value = value[:, :, None]
         if value.ndim != 3 or len(value) != n or (shape is not None and value.shape != shape):
@@ -175,7 +184,7 @@ def _dofs(file: _Variables, contents: Contents, side: str, n: int, length: float
     for i in range(n):
         point = length * rows["points"][i]
         # Points that are the same have the same name, in any file.
-        label = f"{labels[i]:g}" if labels is not None else _point_name(point)
+        label = node_label(labels[i]) if labels is not None else _point_name(point)
         where = f"{file.path}: {file.name(f'{side}_points')}({i + 1}, :)"
         contents.add_node(label, Node(point, np.eye(3), where))
         dofs.append(as_dof(label, rows["directions"][i], f"{file.path}: {side} {i + 1}"))

@@ -18,13 +18,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.damped_pencil import DampedPencil, Term
+from fenics_joints.damped_pencil import DampedPencil, Term, linear
 from fenics_joints.damping import Damping
 from fenics_joints.eigensolver import product
 from fenics_joints.errors import InputError
 from fenics_joints.modal import Modes, solve_modes
 
-__all__ = ["ModalPencil", "Response", "check_lines", "extended", "modal_pencil", "with_terms"]
+__all__ = [
+    "ModalPencil", "Response", "check_lines", "check_modes", "extended", "modal_pencil",
+    "with_terms",
+]  # fmt: skip
 
 #: Modes must reach this multiple of the highest line.
 _REACH = 1.5
@@ -106,15 +109,27 @@ class ModalPencil:
 
     def stiffness(self, s: np.ndarray) -> np.ndarray:
         """Z(s), complex, (len(s), m, m)."""
-        base = np.array([self.damping.stiffness_factor(x) for x in s])
-        heavy = np.array([self.damping.mass_factor(x) for x in s])
-        diagonal = np.outer(base, self.stiff) + np.outer(heavy, self.heavy)
-        diagonal = diagonal + np.outer(s, self.modal_damping)
-        Z = diagonal[:, :, None] * np.eye(len(self.stiff))
+        s = np.asarray(s, dtype=complex)
+        Z = self._diagonal(s)[:, :, None] * np.eye(len(self.stiff))
+        base = self.damping.stiffness_factor(s)
         for name, K in self.parts.items():
-            own = np.array([self.damping.stiffness_factor(x, name) for x in s]) - base
-            Z += own[:, None, None] * K
+            Z += (self.damping.stiffness_factor(s, name) - base)[:, None, None] * K
         return Z
+
+    def _diagonal(self, s: np.ndarray) -> np.ndarray:
+        """Z(s) without the layers' own damping, (len(s), m)."""
+        whole = np.outer(self.damping.stiffness_factor(s), self.stiff)
+        whole += np.outer(self.damping.mass_factor(s), self.heavy)
+        if self.damping.is_modal:
+            whole += np.outer(s, self.modal_damping)
+        return whole
+
+    def solve(self, s: np.ndarray, rights: np.ndarray) -> np.ndarray:
+        """Z(s)^-1 of the columns of (m, k), (len(s), m, k)."""
+        if not self.parts:
+            return rights / self._diagonal(s)[:, :, None]
+        many = np.broadcast_to(rights, (len(s), *rights.shape))
+        return np.linalg.solve(self.stiffness(s), many)
 
     def stiffness_slope(self, s: complex) -> np.ndarray:
         """dZ/ds, complex, (m, m)."""
@@ -139,15 +154,28 @@ class ModalPencil:
 
     def _lines(self, s: np.ndarray, loads, reads, terms) -> Response:
         rights = np.hstack([loads, reads]) if terms else loads
-        x = np.linalg.solve(self.stiffness(s), np.broadcast_to(rights, (len(s), *rights.shape)))
+        x = self.solve(s, rights)
         u, psi = x[..., : loads.shape[1]], x[..., loads.shape[1] :]
         values = reads.T @ u
-        slopes = np.zeros((*values.shape, len(self.parameters)), dtype=complex)
-        left = psi.transpose(0, 2, 1)
-        for term in terms:
-            factor = np.array([term.factor(x) for x in s])[:, None, None]
-            slopes[..., term.parameter] -= factor * (left @ term.form @ u)
-        return Response(values, slopes)
+        if not terms:
+            return Response(values, np.zeros((*values.shape, len(self.parameters)), dtype=complex))
+        return Response(values, self._slopes(s, psi, u, terms))
+
+    def _slopes(self, s: np.ndarray, psi, u, terms) -> np.ndarray:
+        """-psi^T dZ/dp u, (len(s), l, k, n_parameters), of blocks (len(s), m, l) and (.., m, k)."""
+        n, m, k = u.shape
+        # The real forms of all terms times real and imaginary part of u: one real product.
+        columns = u.transpose(0, 2, 1)
+        columns = np.concatenate([columns.real, columns.imag]).reshape(-1, m)
+        images = columns @ np.hstack([t.form.T for t in terms])
+        real, imag = images.reshape(2, n, k * len(terms), m)
+        turned = psi.transpose(0, 2, 1) @ (real + 1j * imag).transpose(0, 2, 1)
+        turned = turned.reshape(n, -1, k, len(terms))
+        slopes = np.zeros((*turned.shape[:3], len(self.parameters)), dtype=complex)
+        for i, term in enumerate(terms):
+            factor = np.broadcast_to(term.factor(s), s.shape)
+            slopes[..., term.parameter] -= factor[:, None, None] * turned[..., i]
+        return slopes
 
     # -- derivatives ---------------------------------------------------------------------------
 
@@ -175,7 +203,7 @@ class ModalPencil:
         for i, ratio in enumerate(self.named.ratios):
             if isinstance(ratio, str):
                 own = 2 * np.sqrt(self.eigenvalues) * (self._ratio_numbers == i) * self._elastic
-                yield Term(self.parameters.index(ratio), "D", _s, np.diag(own))
+                yield Term(self.parameters.index(ratio), "D", linear, np.diag(own))
         n, lam, f = len(self.eigenvalues), self.eigenvalues, self.modal_damping
         slope = np.where(lam > 0, self.ratios / np.sqrt(np.where(lam > 0, lam, 1.0)), 0.0)
         gap = lam[:, None] - lam[None, :]
@@ -191,11 +219,7 @@ class ModalPencil:
                     np.zeros((n, n)))
                 for kind in "KM"
             )  # fmt: skip
-            yield Term(p, "D", _s, dM * f + divided * (dK - dM * lam))
-
-
-def _s(s: complex) -> complex:
-    return s
+            yield Term(p, "D", linear, dM * f + divided * (dK - dM * lam))
 
 
 def check_lines(frequencies_hz) -> np.ndarray:
@@ -233,7 +257,7 @@ def modal_pencil(
     shapes = np.column_stack([x.array_r for x in modes.shapes])
     if modes.solver is None or modes.model is not pencil.structure:
         raise InputError("modes: expected those of this structure, with their solver.")
-    _check_modes(pencil, modes, shapes)
+    check_modes(pencil, modes, shapes)
     s = 2j * np.pi * np.median(lines)
     modal = _on_basis(pencil, modes, _residual_vectors(pencil, modes, shapes, loads, s))
     return with_terms(modal, pencil) if gradients else modal
@@ -287,7 +311,7 @@ def _modes_for(pencil: DampedPencil, lines, n_modes: int | None) -> Modes:
         count *= 2
 
 
-def _check_modes(pencil: DampedPencil, modes: Modes, shapes: np.ndarray) -> None:
+def check_modes(pencil: DampedPencil, modes: Modes, shapes: np.ndarray) -> None:
     """Refuse modes of other values, or whose solver has since solved something else."""
     last, lam = shapes[:, -1:], modes.eigenvalues[-1]
     force = (lam - modes.solver.shift) * product(pencil.M, last)

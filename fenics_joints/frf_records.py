@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,8 +11,19 @@ from fenics_joints.errors import InputError
 from fenics_joints.frf_units import a_kind
 from fenics_joints.measured_frfs import MeasuredFRFs
 
-__all__ = ["CoherenceRecord", "Contents", "Dof", "FRFRecord", "Node", "as_dof", "merge"]
+__all__ = [
+    "CoherenceRecord",
+    "Contents",
+    "Dof",
+    "FRFRecord",
+    "Node",
+    "as_dof",
+    "merge",
+    "node_label",
+]
 
+#: Share of a driving point's mobility below which its real part is not looked at.
+_REACTIVE = 0.15
 #: How many nodes a message names.
 _NAMED = 12
 
@@ -96,6 +107,11 @@ class Contents:
             self.add_node(label, node)
 
 
+def node_label(number: float) -> str:
+    """Name of a node that a file gives by a number."""
+    return str(int(number)) if float(number).is_integer() else f"{number:g}"
+
+
 def as_dof(node: str, direction: Sequence[float] | None, where: str) -> Dof:
     """A degree of freedom, whose direction is a vector or None; InputError if that is zero."""
     if direction is None:
@@ -157,17 +173,23 @@ def merge(
         tuple(places.names[key] for key in rows), tuple(places.names[key] for key in columns),
         None if np.isnan(coherence).all() else coherence, tuple(sources), tuple(contents.notes),
     )  # fmt: skip
-    _check_power(data, {key: record.where for key, (record, _) in cells.items()}, rows, columns)
-    return data
+    where = {key: record.where for key, (record, _) in cells.items()}
+    doubts = _check_power(data, where, rows, columns)
+    return replace(data, notes=(*data.notes, *doubts)) if doubts else data
 
 
 def _check_like(record: FRFRecord, first: FRFRecord) -> None:
+    if not len(record.values):
+        raise InputError(f"{record.where}: holds no line, expected some")
     if not np.isfinite(record.values).all():
         line = int(np.argmin(np.isfinite(record.values)))
         raise InputError(
             f"{record.where}: the value at {record.frequencies_hz[line]:g} Hz (line {line + 1} of "
             f"{len(record.values)}) is {record.values[line]}, expected a finite number"
         )
+    if not record.values.imag.any():
+        kind = "real at all lines, as a spectrum or a coherence" if record.values.any() else "zero"
+        raise InputError(f"{record.where}: is {kind}; expected a function with magnitude and phase")
     if record.kind != first.kind:
         raise InputError(
             f"{record.where}: is {a_kind(record.kind)}, expected {a_kind(first.kind)} as in "
@@ -289,15 +311,32 @@ def _direction_name(direction: np.ndarray) -> str:
     return "[" + " ".join(f"{c + 0.0:.3g}" for c in direction) + "]"
 
 
-def _check_power(data: MeasuredFRFs, where: Mapping[tuple, str], rows, columns) -> None:
-    """A force cannot take power out of a structure that is at rest: Re of its mobility is >= 0."""
+def _check_power(data: MeasuredFRFs, where: Mapping[tuple, str], rows, columns) -> list[str]:
+    """A force cannot take power out of a structure that is at rest: Re of its mobility is >= 0.
+
+    A band without resonances has hardly a real part, whose sign is then that of a small error of
+    phase, and says nothing.
+
+    Returns:
+        What is doubtful, in words: a real part of both signs.
+    """
+    doubts = []
     mobility = data.converted("mobility").values
     for i, j, sign in data.driving_points():
-        power = sign * mobility[:, i, j].real
-        if power.sum() < -0.5 * np.abs(power).sum():
+        size = np.abs(mobility[:, i, j])
+        power = sign * mobility[:, i, j].real * size
+        part, all_ = np.abs(power).sum(), (size**2).sum()
+        if part < _REACTIVE * all_ or power.sum() > 0.5 * part:
+            continue
+        place = f"{where[rows[i], columns[j]]}: at the driving point {data.reference_names[j]} the"
+        if power.sum() < -0.5 * part:
             raise InputError(
-                f"{where[rows[i], columns[j]]}: at the driving point {data.reference_names[j]} the "
-                f"mobility's real part is negative, for {a_kind(data.kind)} as said; expected a "
-                "sensor or force of the other sign, another kind, or the conjugate (phase with "
-                "exp(+i omega t))"
+                f"{place} mobility's real part is negative, for {a_kind(data.kind)} as said; "
+                "expected a sensor or force of the other sign, another kind, or the conjugate "
+                "(phase with exp(+i omega t))"
             )
+        doubts.append(
+            f"{place} mobility's real part, which is never negative, has both signs, for "
+            f"{a_kind(data.kind)} as said: the kind, or the phase, may be wrong"
+        )
+    return doubts

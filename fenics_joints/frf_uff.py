@@ -43,6 +43,7 @@ _DATA = {
 }  # fmt: skip
 _MOTIONS = {8: "receptance", 11: "mobility", 12: "accelerance"}
 _UNSAID, _FORCE, _FREQUENCY = (0, 1), 13, 18
+_NOT_IEEE = {1: "DEC VMS", 3: "IBM 370"}
 _FORMS = {2: "real single", 4: "real double", 5: "complex single", 6: "complex double"}
 
 
@@ -296,6 +297,11 @@ def _coherence(where: str, data) -> CoherenceRecord:
 
 
 def _abscissa(where: str, data) -> np.ndarray:
+    if data["binary"] and data["fp_format"] in _NOT_IEEE:
+        raise InputError(
+            f"{where}: binary numbers are of format {_word(_NOT_IEEE, data['fp_format'])}, "
+            "expected 2 (IEEE 754)"
+        )
     kind, label = data["abscissa_spec_data_type"], _label(data, "abscissa")
     if kind != _FREQUENCY and kind not in _UNSAID:
         raise InputError(

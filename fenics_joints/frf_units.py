@@ -9,11 +9,14 @@ from fenics_joints.units import factor_to_si
 
 __all__ = ["KINDS", "MOTION", "a_kind", "checked_kind", "frf_unit", "length_factor", "ratio_unit"]
 
-#: Kind, and how often the displacement was derived by time.
-KINDS = {"receptance": 0, "mobility": 1, "accelerance": 2}
+_TABLE = (("receptance", "m"), ("mobility", "m/s"), ("accelerance", "m/s2"))
+
+#: Kind, and how often the displacement was derived by time: the power of i w by which the function
+#: is the receptance's multiple.
+KINDS = {kind: times for times, (kind, _) in enumerate(_TABLE)}
 
 #: SI unit of the motion of each kind; that of the function is this by newton.
-MOTION = {"receptance": "m", "mobility": "m/s", "accelerance": "m/s2"}
+MOTION = dict(_TABLE)
 
 #: In a response g is what an accelerometer says, not a gram.
 _GRAVITY = re.compile(r"(?<![A-Za-z_])(?:g|gn|g_n|g0)(?![A-Za-z0-9_])")

@@ -24,6 +24,7 @@ from fenics_joints.joint_laws.iwan import Backbone
 from fenics_joints.joint_laws.kernel import LawKernel
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.laws import LINEAR_LAWS, Law
+from fenics_joints.place_rows import PlaceRows
 from fenics_joints.reduced_interface import LayerTerm, ReducedInterfaceModel
 
 __all__ = [
@@ -37,7 +38,7 @@ _CLASSES = {
     c.__name__: c
     for c in (
         AffinePencil, ArrayModel, InterfacePoints, LayerTerm, MassTerm, Parameter,
-        ReducedInterfaceModel, RegionTerm, SpringTerm,
+        PlaceRows, ReducedInterfaceModel, RegionTerm, SpringTerm,
     )
 }  # fmt: skip
 #: What is not written: a mesh does not belong in the file.

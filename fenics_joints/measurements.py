@@ -33,6 +33,9 @@ _LEVELS, _GRAVITY = ("N", "m", "m/s", "m/s2"), ("g", "gn", "g_n")
 _PRELOADS = re.compile(r"torque|preload|tension|clamp", re.IGNORECASE)
 _DAMPING_NOISE = 0.1
 _HEAD = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\])?\s*")
+_COMMA = re.compile(r"^([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)$")
+#: How many wrong cells a message names.
+_NAMED = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,6 +244,7 @@ def read_table(path: str | Path) -> Table:
 
     A column's head is its name and its unit in brackets, such as ``torque [N·m]``. An empty CSV
     cell, or ``nan`` in TOML, is a value that was not measured. Lines that begin with # are skipped.
+    Between the cells of CSV stand commas, or semicolons or tabs and then perhaps decimal commas.
 
     Raises:
         InputError: Names the file, the row (the line, for CSV), the column and what was expected.
@@ -268,7 +272,7 @@ def _csv_rows(path: Path, text: str):
     kept = [(i, s) for i, s in enumerate(lines, 1) if s.strip() and not s.lstrip().startswith("#")]
     if len(kept) < 2:
         raise InputError(f"{path}: has {len(kept)} rows, expected a head and rows of numbers")
-    comma = ";" if ";" in kept[0][1] and "," not in kept[0][1] else ","
+    comma = next((sign for sign in ",;\t" if sign in kept[0][1]), ",")
     cells = [
         [cell.strip() for cell in next(csv.reader([line], delimiter=comma, skipinitialspace=True))]
         for _, line in kept
@@ -279,7 +283,15 @@ def _csv_rows(path: Path, text: str):
             raise InputError(
                 f"{path}: row {line} has {len(row)} cells, expected {len(heads)} as in the head"
             )
-    return heads, [(line, row) for (line, _), row in zip(kept[1:], cells[1:], strict=True)]
+    rows = cells[1:] if comma == "," else _with_points(cells[1:])
+    return heads, [(line, row) for (line, _), row in zip(kept[1:], rows, strict=True)]
+
+
+def _with_points(rows: list[list[str]]) -> list[list[str]]:
+    """Cells of a table without decimal points, with decimal commas made into such points."""
+    if any("." in cell for row in rows for cell in row):
+        return rows
+    return [[_COMMA.sub(r"\1.\2", cell) for cell in row] for row in rows]
 
 
 def _toml_rows(path: Path, text: str):
@@ -310,8 +322,10 @@ def _numbers(path: Path, heads, rows) -> np.ndarray:
             if not good:
                 errors.append(f"row {row}, column {heads[j]!r} = {cell!r}")
     if errors:
+        more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
         raise InputError(
-            f"{path}: {'; '.join(errors)}: expected a number, or nothing where none was measured"
+            f"{path}: {'; '.join(errors[:_NAMED])}{more}: expected a number, or nothing where none "
+            "was measured"
         )
     return values
 

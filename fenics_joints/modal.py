@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -13,7 +14,10 @@ from fenics_joints.eigensolver import EigenSolver
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.points import Sensors
 
-__all__ = ["SHIFT_SHARE", "Modes", "dense_modes", "solve_modes"]
+if TYPE_CHECKING:
+    from fenics_joints.iterative_eigensolver import IterativeEigenSolver
+
+__all__ = ["SHIFT_SHARE", "Modes", "count_rigid", "dense_modes", "inverted_modes", "solve_modes"]
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
 #: for a safe factorisation of a free body, near enough for fast convergence.
@@ -33,7 +37,8 @@ class Modes:
         shapes: M-normalised shapes: n PETSc vectors, or an array (n_dofs, n) of a reduced model.
         n_rigid: Number of rigid-body modes.
         residuals: Relative residuals, shape (n,); None for a dense solution.
-        solver: The `EigenSolver` that was used; its ``solver`` is SLEPc's. None when dense.
+        solver: The `EigenSolver` that was used; its ``solver`` is SLEPc's. With the iterative
+            method an `IterativeEigenSolver`, whose ``solver`` is PETSc's. None when dense.
         statistics: What the solver says of its work.
     """
 
@@ -43,7 +48,7 @@ class Modes:
     shapes: list[PETSc.Vec] | np.ndarray
     n_rigid: int
     residuals: np.ndarray | None = None
-    solver: EigenSolver | None = None
+    solver: EigenSolver | IterativeEigenSolver | None = None
     statistics: Mapping[str, object] | None = None
 
     def __len__(self) -> int:
@@ -90,9 +95,10 @@ def solve_modes(
     n_modes: int = 20,
     shift_hz: float | None = None,
     petsc_options: Mapping[str, object] | None = None,
-    solver: EigenSolver | None = None,
+    solver: EigenSolver | IterativeEigenSolver | None = None,
     initial: Modes | None = None,
-    tolerance: float = 1e-7,
+    tolerance: float | None = None,
+    method: str = "direct",
 ) -> Modes:
     """Lowest modes of K(p) x = omega^2 M(p) x.
 
@@ -106,24 +112,58 @@ def solve_modes(
         solver: One from an earlier solution, to keep its ordering.
         initial: Modes of a near model, to start from.
         tolerance: Relative error of the shapes; an eigenvalue's is of the order of its square.
+            By default 1e-7, with the iterative method 1e-6.
+        method: ``"direct"`` factorises; ``"iterative"`` takes LOBPCG with multigrid, which needs
+            much less memory, and a `Structure`.
 
     Raises:
-        InputError: If ``n_modes`` is out of range.
+        InputError: If ``n_modes`` or ``method`` is out of range, or the iterative method is asked
+            of something that is no `Structure`.
         ConvergenceError: If fewer modes converged than asked for.
     """
     if n_modes < 1:
         raise InputError(f"n_modes = {n_modes}: expected at least 1.")
+    if method not in ("direct", "iterative"):
+        raise InputError(f"method = {method!r}: expected 'direct' or 'iterative'.")
     given = dict(given or {})
+    settings = {"tol": tolerance} if tolerance is not None else {}
+    settings["petsc_options"] = petsc_options
+    if method == "iterative":
+        return _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings)
     K, M = model.stiffness(given), model.mass(given)
     if isinstance(K, np.ndarray):
         return _solve_dense(model, given, K, M, n_modes)
-    if solver is None or solver.n != n_modes:
-        scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / SHIFT_SHARE
-        shift = -((2 * np.pi * SHIFT_SHARE * scale) ** 2)
-        solver = EigenSolver(n_modes, shift=shift, tol=tolerance, petsc_options=petsc_options)
+    if solver is None or solver.n != n_modes or not isinstance(solver, EigenSolver):
+        solver = EigenSolver(n_modes, shift=_shift(model, given, shift_hz), **settings)
     result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
     K.destroy(), M.destroy()
-    n_rigid = _count_rigid(result.values, np.sqrt(-solver.shift) / (2 * np.pi))
+    return _modes(model, given, solver, result)
+
+
+def _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings) -> Modes:
+    # Here, as DOLFINx need not be loaded for the modes of reduced models.
+    from fenics_joints.iterative_eigensolver import IterativeEigenSolver
+    from fenics_joints.structure import Structure
+
+    if not isinstance(model, Structure):
+        raise InputError(
+            f"method = 'iterative': a {type(model).__name__} has no mesh for multigrid; expected "
+            "a Structure, or method = 'direct'."
+        )
+    if solver is None or solver.n != n_modes or not isinstance(solver, IterativeEigenSolver):
+        shift = _shift(model, given, shift_hz)
+        solver = IterativeEigenSolver(n_modes, shift=shift, **settings)
+    result = solver.solve(model, given, initial=None if initial is None else initial.shapes)
+    return _modes(model, given, solver, result)
+
+
+def _shift(model, given, shift_hz: float | None) -> float:
+    scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / SHIFT_SHARE
+    return -((2 * np.pi * SHIFT_SHARE * scale) ** 2)
+
+
+def _modes(model, given, solver, result) -> Modes:
+    n_rigid = count_rigid(result.values, np.sqrt(-solver.shift) / (2 * np.pi))
     return Modes(
         model, given, result.values, result.shapes, n_rigid, result.residuals, solver,
         result.statistics,
@@ -137,7 +177,7 @@ def _solve_dense(model, given, K, M, n_modes) -> Modes:
         )
     shift_hz = model.scale_hz * SHIFT_SHARE
     values, vectors = dense_modes(K, M, shift_hz, n_modes)
-    return Modes(model, given, values, vectors, _count_rigid(values, shift_hz))
+    return Modes(model, given, values, vectors, count_rigid(values, shift_hz))
 
 
 def dense_modes(
@@ -149,9 +189,23 @@ def dense_modes(
         ConvergenceError: If they are not found.
     """
     shift = (2 * np.pi * shift_hz) ** 2
-    # Inverted, the wanted eigenvalues are the largest: round-off of stiff layers, of the order of
-    # the largest of K, would swamp the rigid-body modes otherwise.
-    some = None if n_modes == len(K) else [len(K) - n_modes, len(K) - 1]
+    inverse, vectors = inverted_modes(K, M, shift, n_modes)
+    return 1 / inverse - shift, vectors / np.sqrt(inverse)
+
+
+def inverted_modes(
+    K: np.ndarray, M: np.ndarray, shift: float, n_modes: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """1 / (lambda + shift), descending, and vectors with x^T (K + shift M) x = 1, as columns.
+
+    Inverted, the wanted eigenvalues are the largest: round-off of stiff layers, of the order of the
+    largest of K, would swamp the rigid-body modes otherwise. A vector without mass has 0.
+
+    Raises:
+        ConvergenceError: If they are not found.
+    """
+    n = len(K)
+    some = None if n_modes in (None, n) else [n - n_modes, n - 1]
     try:
         inverse, vectors = scipy.linalg.eigh(
             M, K + shift * M, subset_by_index=some, check_finite=False
@@ -162,9 +216,9 @@ def dense_modes(
             "tolerance",
             str(error),
         ) from error
-    inverse, vectors = inverse[::-1], vectors[:, ::-1]
-    return 1 / inverse - shift, vectors / np.sqrt(inverse)
+    return inverse[::-1], vectors[:, ::-1]
 
 
-def _count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
+def count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
+    """Number of rigid-body modes among eigenvalues that were found with that shift."""
     return int(np.sum(np.abs(eigenvalues) < (2 * np.pi * _RIGID_SHARE * shift_hz) ** 2))

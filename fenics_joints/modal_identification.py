@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from fenics_joints.frf_units import KINDS
 from fenics_joints.measured_frfs import MeasuredFRFs
 from fenics_joints.measurements import TestData
 from fenics_joints.pole_fit import PoleFit, fit_poles
+from fenics_joints.shape_fit import ShapeFit
 
 __all__ = ["IdentifiedModes", "Poles", "identify_modes"]
 
@@ -31,6 +32,9 @@ _STAYS = 0.4
 _DRAWS = 64
 #: Standard deviation of the damping, relative, above which a pole that nobody asked for is noise.
 _DOUBTFUL = 0.5
+
+#: Phase collinearity below which a mode is doubtful.
+_MIXED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +68,8 @@ class IdentifiedModes:
         damping: Ratios, shape (m,).
         frequencies_sd: Hz, shape (m,).
         damping_sd: Shape (m,).
-        shapes: Real shapes at the responses, shape (n_responses, m); mass-normalised, 1/sqrt(kg),
-            where a driving point was measured, or else of largest component 1.
+        shapes: Real shapes at the responses of ``frfs``, shape (n_responses, m); mass-normalised,
+            1/sqrt(kg), where a driving point was measured, or else of largest component 1.
         shapes_sd: Of a component, in its unit, shape (n_responses, m).
         complex_shapes: The same shapes as identified, turned to be as real as they can.
         phase_collinearity: 1 for a real mode, towards 0 for a complex one, shape (m,).
@@ -74,7 +78,7 @@ class IdentifiedModes:
             that of their damping, relative, shape (m, 2).
         residual: Root mean square of measured minus fitted, relative to measured.
         poles: All poles of all orders.
-        frfs: The functions, in the band.
+        frfs: The functions, in the band; forces and responses may be exchanged.
     """
 
     frequencies_hz: np.ndarray
@@ -100,7 +104,11 @@ class IdentifiedModes:
             )
         ]  # fmt: skip
         head = f"{len(rows)} modes, residual {100 * self.residual:.2g} %"
-        return "\n".join([head, "   frequency, damping ratio, phase collinearity", *rows])
+        doubts = [
+            f"{self.frequencies_hz[i]:.6g} Hz: far from a real shape; two close modes may be in it"
+            for i in np.flatnonzero(self.phase_collinearity < _MIXED)
+        ]
+        return "\n".join([head, "   frequency, damping ratio, phase collinearity", *rows, *doubts])
 
     def test_data(
         self,
@@ -148,6 +156,9 @@ def identify_modes(
 ) -> IdentifiedModes:
     """Identify the modes in a band.
 
+    Where forces stood at more places than sensors, as with a roving hammer, the shapes are those at
+    the forces, by reciprocity (H_ij = H_ji): ``frfs`` of the result has the two exchanged.
+
     Args:
         frfs: Measured functions; evenly spaced lines.
         near: About where the frequencies are, Hz, one for each mode; by default the modes are the
@@ -162,9 +173,17 @@ def identify_modes(
     """
     low, high = band or (0.0, np.inf)
     data = frfs.band(max(low, np.nextafter(0.0, 1.0)), high)
+    if data.values.shape[2] > data.values.shape[1]:
+        data = _exchanged(data)
     if order < 2:
         raise InputError(f"order = {order}: expected 2 or more")
     measured = data.values[:, data.measured].T
+    if not measured.any(axis=1).all():
+        i, j = np.argwhere(data.measured)[np.argmin(measured.any(axis=1))]
+        raise InputError(
+            f"the function of {data.response_names[i]} by {data.reference_names[j]} is zero in the "
+            "band; expected a measured one"
+        )
     orders = _lscf(data, measured, order)
     poles = _diagram(orders, data, max_damping)
     groups = _groups(poles, order)
@@ -172,13 +191,25 @@ def identify_modes(
     if not groups:
         raise InputError(
             f"no pole is stable between {data.frequencies_hz[0]:g} and {data.frequencies_hz[-1]:g} "
-            f"Hz in models of up to {order} modes; expected another band or order, or better data"
+            f"Hz in models of up to {order} modes, damped below {max_damping:g}; expected another "
+            "band, order or max_damping, or better data"
         )
     start = np.array([_pole(*_median(poles, group)) for group in groups])
     fit = fit_poles(data.frequencies_hz, measured, start, KINDS[data.kind])
     if near is None:
         groups, fit = _without_doubtful(groups, fit, data, measured)
     return _modes(data, measured, fit, poles, groups)
+
+
+def _exchanged(data: MeasuredFRFs) -> MeasuredFRFs:
+    """Forces for responses, as is the same to a linear structure (Maxwell's reciprocity)."""
+    sides = {
+        f"{one}_{key}": getattr(data, f"{other}_{key}")
+        for one, other in (("response", "reference"), ("reference", "response"))
+        for key in ("points", "directions", "names")
+    }
+    coherence = None if data.coherence is None else data.coherence.swapaxes(1, 2)
+    return replace(data, values=data.values.swapaxes(1, 2), coherence=coherence, **sides)
 
 
 # -- poles -----------------------------------------------------------------------------------------
@@ -242,14 +273,33 @@ def _diagram(orders: list[np.ndarray], data: MeasuredFRFs, max_damping: float) -
 
 
 def _groups(poles: Poles, order: int) -> list[np.ndarray]:
-    """Indices of the stable poles of each mode: one a little away from the next begins another."""
+    """Indices of the stable poles of each mode: one a little away from the next begins another.
+
+    So do two that stand beside each other in many orders, however close.
+    """
     index = np.flatnonzero(poles.stable)
     index = index[np.argsort(poles.frequencies_hz[index])]
     if not len(index):
         return []
     f = poles.frequencies_hz[index]
     parts = np.split(index, np.flatnonzero(np.diff(f) > _STABLE_F * f[1:]) + 1)
-    return [part for part in parts if len(np.unique(poles.order[part])) >= max(3, _STAYS * order)]
+    least = max(3, _STAYS * order)
+    return [
+        mode
+        for part in parts
+        if len(np.unique(poles.order[part])) >= least
+        for mode in _apart(part, poles.order[part], least)
+    ]
+
+
+def _apart(part: np.ndarray, orders: np.ndarray, least: float) -> list[np.ndarray]:
+    """Poles of ascending frequency as the modes that they are in at least so many orders."""
+    count = np.bincount(orders)
+    for n in range(int(count.max()), 1, -1):
+        if (count == n).sum() >= least:
+            rows = [part[orders == o] for o in np.flatnonzero(count == n)]
+            return list(np.array(rows).T)
+    return [part]
 
 
 def _nearest(groups, poles: Poles, near: Sequence[float], order: int) -> list[np.ndarray]:
@@ -293,7 +343,7 @@ def _without_doubtful(groups, fit: PoleFit, data: MeasuredFRFs, measured: np.nda
 
 def _modes(data, measured, fit: PoleFit, poles: Poles, groups) -> IdentifiedModes:
     order = np.argsort(fit.frequencies_hz)
-    found = [_Shape(data, fit, r) for r in order]
+    found = [ShapeFit(data, fit, r) for r in order]
     shapes = np.column_stack([shape.value for shape in found])
     normalised = all(shape.scale > 0 for shape in found)
     scale = np.array([shape.scale for shape in found])
@@ -316,69 +366,3 @@ def _modes(data, measured, fit: PoleFit, poles: Poles, groups) -> IdentifiedMode
         ((xx - yy) ** 2 + 4 * xy**2) / (xx + yy) ** 2, normalised, scatter[order],
         fit.residual, poles, data,
     )  # fmt: skip
-
-
-class _Shape:
-    """The shape of a mode from its residues A = shape parts^T, and its scale."""
-
-    def __init__(self, data: MeasuredFRFs, fit: PoleFit, r: int):
-        self.data, self.there, self.pole = data, data.measured, fit.poles[r]
-        self.weight = np.zeros(self.there.shape)
-        self.weight[self.there] = 1 / np.maximum(fit.residues_sd[:, r], 1e-300) ** 2
-        self.weight /= self.weight.max()
-        residues = np.zeros(self.there.shape)
-        residues[self.there] = np.abs(fit.residues[:, r])
-        self.strongest = int(np.argmax((self.weight * residues**2).sum(axis=1)))
-        self.largest = self.strongest
-        first, _ = self._rank_one(fit.residues[:, r])
-        # The component that says the sign, and of a shape without modal mass the scale.
-        self.largest = int(np.nanargmax(np.abs(first.real)))
-        self.value, parts = self._rank_one(fit.residues[:, r])
-        self.scale = self._modal_scale(self.value, parts)
-
-    def _rank_one(self, residues: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Shape of unit length, as real as it can be turned, and parts of the references.
-
-        Least squares, weighted by the residues' deviations; nan where nothing was measured. Of one
-        set of residues or of many, shape (..., n_functions).
-        """
-        A = np.zeros((*residues.shape[:-1], *self.there.shape), dtype=complex)
-        A[..., self.there] = residues
-        parts = A[..., self.strongest, :].copy()
-        parts[parts == 0] = 1e-6 * np.abs(parts).max()
-        for _ in range(100):
-            shape, before = _solve(self.weight, A, parts), parts
-            parts = _solve(self.weight.T, A.swapaxes(-1, -2), shape)
-            if np.linalg.norm(parts - before) <= 1e-9 * np.linalg.norm(parts):
-                break
-        # The sum of squares of a shape turned by an angle is turned by twice that.
-        turn = np.exp(0.5j * np.angle((shape**2).sum(axis=-1, keepdims=True)))
-        turn = turn * np.linalg.norm(shape, axis=-1, keepdims=True)
-        turn = turn * np.where((shape / turn)[..., [self.largest]].real < 0, -1, 1)
-        return np.where(self.there.any(axis=1), shape / turn, np.nan), parts * turn
-
-    def _modal_scale(self, shape: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        """Factor from a shape to the mass-normalised one; 0 if no driving point tells.
-
-        A residue is A_ij = phi_i phi_j / (2 i w_d) of a mass-normalised real mode (Ewins, Modal
-        Testing, 2nd ed., 2.5), so that at driving points parts = Q shape with Q 2 i w_d = scale^2.
-        """
-        above, below = np.zeros(shape.shape[:-1], dtype=complex), 1e-300
-        for i, j, sign in self.data.driving_points():
-            above = above + parts[..., j] * sign * np.conj(shape[..., i])
-            below = below + np.abs(shape[..., i]) ** 2
-        square = np.where(below > 1e-6, (2j * self.pole.imag * above / below).real, 0.0)
-        return np.sqrt(np.maximum(square, 0.0))
-
-    def spread(self, draws: np.ndarray, normalised: bool) -> np.ndarray:
-        """Standard deviation of the scaled real shape over draws of the residues."""
-        shapes, parts = self._rank_one(draws)
-        scale = self._modal_scale(shapes, parts) if normalised else 1 / shapes[:, self.largest].real
-        return np.std(scale[:, None] * shapes.real, axis=0)
-
-
-def _solve(weight: np.ndarray, A: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Least-squares x of A = x parts^T, row by row."""
-    parts = parts[..., None, :]
-    below = (weight * np.abs(parts) ** 2).sum(axis=-1)
-    return (weight * A * parts.conj()).sum(axis=-1) / np.where(below > 0, below, 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,9 +11,11 @@ from mpi4py import MPI
 import fenics_joints
 from fenics_joints.build import build_preload, build_structure
 from fenics_joints.case import Case
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, MeshError
 from fenics_joints.formatting import mode_kinds
 from fenics_joints.gap import VISIBLE
+from fenics_joints.meshes import Ring, TaggedMesh, measure_ring
+from fenics_joints.meshes.rings import ring_names
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.progress import Progress
 
@@ -34,11 +36,15 @@ class ModeList:
         modes: The modes.
         visibility: How much of each mode the test's sensors see, shape (n,), see
             `Modes.visibility`; None if the case does not say what the test saw.
+        size_m: Extents of the mesh along the axes, m, shape (gdim,); empty if not measured.
+        rings: The bolts' rings ``ring_1``, ... of the mesh, those that are flat layers.
     """
 
     case: Case
     modes: Modes
     visibility: np.ndarray | None
+    size_m: np.ndarray = field(default_factory=lambda: np.empty(0))
+    rings: tuple[Ring, ...] = ()
 
     @property
     def frequencies_hz(self) -> np.ndarray:
@@ -59,7 +65,9 @@ class ModeList:
 
         Keys: ``version``, ``title``; ``dofs``, the number of degrees of freedom;
         ``frequencies_hz``, ascending, 0 for rigid-body modes; ``rigid_body_modes``, their number;
-        ``visible``, whether the test could see each mode, or null if the case does not say.
+        ``visible``, whether the test could see each mode, or null if the case does not say;
+        ``size_m``, extents of the mesh; ``rings``, for each bolt's ring its name, centre_m,
+        thickness_m, r_nei_m, r_wai_m, and parts, those below and above.
         """
         visible = self.visible
         return {
@@ -69,7 +77,16 @@ class ModeList:
             "frequencies_hz": self.frequencies_hz.tolist(),
             "rigid_body_modes": self.modes.n_rigid,
             "visible": None if visible is None else visible.tolist(),
-        }
+            "size_m": self.size_m.tolist(),
+            "rings": [
+                {
+                    "name": ring.name, "centre_m": ring.centre.tolist(),
+                    "thickness_m": ring.thickness, "r_nei_m": ring.r_nei, "r_wai_m": ring.r_wai,
+                    "parts": [*ring.lower, *ring.upper],
+                }
+                for ring in self.rings
+            ],
+        }  # fmt: skip
 
     def html(self) -> str:
         """What ``--report`` writes. Collective."""
@@ -86,7 +103,10 @@ class ModeList:
         from fenics_joints import summary
 
         title = f"{self.case.title or self.case.path.parent.name}: nominal model"
-        summary.modes(console, title, self.frequencies_hz, self.kinds(), self.modes.model.n_dofs)
+        summary.modes(
+            console, title, self.frequencies_hz, self.kinds(), self.modes.model.n_dofs,
+            self.size_m, self.rings,
+        )  # fmt: skip
 
 
 def run_modes(
@@ -96,6 +116,7 @@ def run_modes(
     *,
     n_modes: int | None = None,
     state: str = "stuck",
+    method: str = "direct",
 ) -> ModeList:
     """Modes of a case's nominal model. Collective.
 
@@ -106,6 +127,7 @@ def run_modes(
         n_modes: Number of modes, rigid-body modes included; the case's ``diagnose.n_modes`` by
             default.
         state: What contacts are: ``"stuck"``, or as the ``"preload"`` leaves them.
+        method: ``"direct"`` or ``"iterative"``, see `solve_modes`; contacts need the direct one.
 
     Raises:
         JointsError: If the case, the mesh or the solution fails.
@@ -117,9 +139,30 @@ def run_modes(
     else:
         model = build_structure(case, comm)
     progress.step(f"solving {n_modes} modes of {model.n_dofs} degrees of freedom")
-    modes = solve_modes(model, n_modes=n_modes)
+    modes = solve_modes(model, n_modes=n_modes, method=method)
     sensors = case.sensors()
-    return ModeList(case, modes, None if sensors is None else modes.visibility(sensors))
+    visibility = None if sensors is None else modes.visibility(sensors)
+    tagged = getattr(model, "structure", model).tagged
+    return ModeList(case, modes, visibility, _size(tagged), _rings(tagged))
+
+
+def _size(tagged: TaggedMesh) -> np.ndarray:
+    x = tagged.mesh.geometry.x[:, : tagged.mesh.geometry.dim]
+    low, high = np.full(x.shape[1], np.inf), np.full(x.shape[1], -np.inf)
+    tagged.mesh.comm.Allreduce(x.min(axis=0, initial=np.inf), low, op=MPI.MIN)
+    tagged.mesh.comm.Allreduce(x.max(axis=0, initial=-np.inf), high, op=MPI.MAX)
+    return high - low
+
+
+def _rings(tagged: TaggedMesh) -> tuple[Ring, ...]:
+    found = []
+    if tagged.mesh.geometry.dim == 3:
+        for name in ring_names(list(tagged.cell_names)):
+            try:
+                found.append(measure_ring(tagged, name))
+            except MeshError:
+                continue  # no flat layer: its joint's law may be for any shape
+    return tuple(found)
 
 
 def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) -> LinearJoint:

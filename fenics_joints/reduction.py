@@ -9,27 +9,27 @@ the error at parameters that were not sampled.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.array_model import ArrayModel
 from fenics_joints.components import PointMass, Region, Spring
 from fenics_joints.errors import InputError
 from fenics_joints.laws import ELASTIC_SUPPORT
 from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.place_rows import PlaceRows
 from fenics_joints.points import Sensors
+from fenics_joints.snapshots import SNAPSHOT, Snapshots, dense_columns, orthonormal, project
 from fenics_joints.structure import Structure
 
 __all__ = ["ReducedStructure", "enrich", "reduce"]
 
 _TRAVEL_SAMPLES = 41
-#: Share of the largest energy below which a direction among the rigid-body modes is none.
-_RIGID = 1e-10
-#: Snapshots span a basis; their own error matters by its square.
-_SNAPSHOT = 1e-4
 
 
 class ReducedStructure:
@@ -57,7 +57,7 @@ class ReducedStructure:
         self.parameters, self.values = structure.parameters, structure.values
         self.basis = basis
         self.n_dofs = len(basis)
-        self._dense = _columns(basis)
+        self._dense = dense_columns(basis)
         self.scale_hz = structure.dilation_frequency()
         volumes = structure.volumes()
         graded = [_is_graded(region) for region in structure.regions]
@@ -79,7 +79,7 @@ class ReducedStructure:
 
     def project(self, A: PETSc.Mat) -> np.ndarray:
         """Z^T A Z, shape (n_dofs, n_dofs), equal on all ranks. Collective."""
-        return _project(A, self._dense)
+        return project(A, self._dense)
 
     def _region_term(self, number: int, volume: float) -> RegionTerm:
         """Projections of the law's stiffness terms and of the unit mass."""
@@ -171,11 +171,7 @@ class ReducedStructure:
             eigenvalues: lambda of each, shape (k,).
             given: Values of parameters that differ from their nominal value.
         """
-        if self._graded:
-            raise InputError(
-                f"{self.full.regions[self._graded[0]].name}: derivatives of a graded joint need "
-                "the full model; expected uniform properties in a reduced one."
-            )
+        self._refuse_graded()
         return self.affine.gradients(shapes, eigenvalues, self.values(given))
 
     def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
@@ -184,6 +180,61 @@ class ReducedStructure:
         if key not in self._sensor_rows:
             self._sensor_rows[key] = self.full.observe(self.basis, sensors)
         return self._sensor_rows[key] @ shapes
+
+    def rows(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
+        """What sensors read of the basis, and loads of one newton on it, (n_sensors, n_dofs).
+
+        Raises:
+            InputError: If one is outside the mesh; ``what`` is its name in the message.
+        """
+        self.full.rows(sensors.points, what)
+        return self.observe(np.eye(self.n_dofs), sensors)
+
+    def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
+        """Stiffness of one part, joint or elastic support alone, shape (n_dofs, n_dofs)."""
+        for i in self._graded:
+            if self.full.regions[i].name == name:
+                return self._varying(i, self.values(given))[0]
+        return self._affine_arrays.region_stiffness(name, given)
+
+    def slopes(self, given: Mapping[str, float] | None = None, apart: Sequence[str] = ()):
+        """dK/dp and dM/dp as matrices, see `ArrayModel.slopes`.
+
+        Raises:
+            InputError: If a region is graded.
+        """
+        self._refuse_graded()
+        return self._affine_arrays.slopes(given, apart)
+
+    @cached_property
+    def _affine_arrays(self) -> ArrayModel:
+        """What does not vary in space, as plain arrays."""
+        return ArrayModel(self.affine, self.scale_hz)
+
+    def arrays(self, *places: Sensors) -> ArrayModel:
+        """The same model as plain arrays, which need no mesh and no other rank. Collective.
+
+        Args:
+            places: Excitations and sensors for which it shall carry the displacements.
+
+        Raises:
+            InputError: If a region is graded, or a point outside the mesh.
+        """
+        self._refuse_graded()
+        points = [np.asarray(s.points)[:, : self.full.gdim] for s in places]
+        if not points:
+            return self._affine_arrays
+        # Once each, in the order in which they are named.
+        first = np.sort(np.unique(np.vstack(points), axis=0, return_index=True)[1])
+        distinct = np.vstack(points)[first]
+        return replace(self._affine_arrays, places=PlaceRows(distinct, self.point_rows(distinct)))
+
+    def _refuse_graded(self) -> None:
+        if self._graded:
+            raise InputError(
+                f"{self.full.regions[self._graded[0]].name}: derivatives and arrays of a graded "
+                "joint need the full model; expected uniform properties in a reduced one."
+            )
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg, as the full structure's."""
@@ -223,26 +274,14 @@ def reduce(
     Raises:
         InputError: Without samples.
     """
-    rigid, snapshots, first, solver = [], [], None, None
+    snapshots, solver = Snapshots(structure), None
     for given in samples:
-        modes = solve_modes(
-            structure, given, n_modes=n_modes, solver=solver, tolerance=_SNAPSHOT
-        )
+        modes = solve_modes(structure, given, n_modes=n_modes, solver=solver, tolerance=SNAPSHOT)
         solver = modes.solver
-        first = given if first is None else first
-        for i in range(len(modes)) if keep is None else keep(modes):
-            (rigid if i < modes.n_rigid else snapshots).append(modes.shapes[int(i)])
+        snapshots.add(modes, None if keep is None else keep(modes))
         if progress:
             progress()
-    if not rigid and not snapshots:
-        raise InputError("samples: expected at least one set of parameter values.")
-    # Rigid bodies are kept whole, or they would no longer be rigid; they are the same in all
-    # samples, but that soft springs may mix them.
-    whole = _orthonormal(structure, rigid, first, _RIGID, only_mass=True) if rigid else []
-    if not snapshots:
-        return ReducedStructure(structure, whole, travel)
-    basis = _orthonormal(structure, [*whole, *snapshots], first, tolerance, len(whole))
-    return ReducedStructure(structure, basis, travel)
+    return ReducedStructure(structure, snapshots.basis(tolerance), travel)
 
 
 def enrich(
@@ -261,60 +300,5 @@ def enrich(
         travel: Ranges of moving masses, see `ReducedStructure`.
         tolerance: As in `reduce`.
     """
-    joined = _orthonormal(structure, [*basis, *shapes], None, tolerance)
+    joined = orthonormal(structure, [*basis, *shapes], None, tolerance)
     return ReducedStructure(structure, joined, travel)
-
-
-def _orthonormal(
-    structure, snapshots, given, tolerance, whole: int = 0, only_mass: bool = False
-) -> list[PETSc.Vec]:
-    """Snapshots made orthonormal in the energy of one sample, without the dependent ones.
-
-    The first ``whole`` of them are kept, and what the others have of them is taken off.
-    """
-    # The energy of a support as good as rigid would hide how the snapshots differ elsewhere.
-    soft = [k for s in structure.elastic_supports for k in (s.k_n, s.k_t) if isinstance(k, str)]
-    given = {**(given or {}), **dict.fromkeys(soft, 0.0)}
-    K, M = structure.stiffness(given), structure.mass(given)
-    Z = _columns(snapshots)
-    stiff, heavy = _project(K, Z), _project(M, Z)
-    scale = np.trace(stiff) / np.trace(heavy)
-    # Rigid bodies have no energy but round-off, which may be below zero: there the mass decides.
-    gram = heavy if only_mass else stiff + scale * heavy
-    norms = np.sqrt(np.diag(gram))
-    gram = gram / np.outer(norms, norms)
-    first, rest = slice(0, whole), slice(whole, None)
-    onto = np.linalg.solve(gram[first, first], gram[first, rest])
-    values, vectors = np.linalg.eigh(gram[rest, rest] - gram[rest, first] @ onto)
-    keep = values > tolerance * values[-1]
-    rest_vectors = vectors[:, keep] / np.sqrt(values[keep])
-    combine = np.zeros((len(gram), whole + int(keep.sum())))
-    combine[first, first] = np.linalg.inv(np.linalg.cholesky(gram[first, first])).T
-    combine[first, rest], combine[rest, rest] = -onto @ rest_vectors, rest_vectors
-    combine /= norms[:, None]
-    basis = []
-    for column in (Z.getDenseArray() @ combine).T:
-        vector = snapshots[0].duplicate()
-        vector.array[:] = column
-        basis.append(vector)
-    return basis
-
-
-def _columns(vectors: list[PETSc.Vec]) -> PETSc.Mat:
-    """Dense matrix with these columns."""
-    Z = PETSc.Mat().createDense((vectors[0].getSizes(), (None, len(vectors))), comm=vectors[0].comm)
-    Z.setUp()
-    array = Z.getDenseArray()
-    for column, vector in enumerate(vectors):
-        array[:, column] = vector.array_r
-    Z.assemble()
-    return Z
-
-
-def _project(A: PETSc.Mat, Z: PETSc.Mat) -> np.ndarray:
-    """Z^T A Z, made symmetric, equal on all ranks. Collective."""
-    AZ = A.matMult(Z)
-    local = Z.getDenseArray().T @ AZ.getDenseArray()
-    A.comm.tompi4py().Allreduce(MPI.IN_PLACE, local)
-    AZ.destroy()
-    return 0.5 * (local + local.T)

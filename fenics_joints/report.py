@@ -15,7 +15,7 @@ from markupsafe import Markup
 import fenics_joints
 from fenics_joints import diagnosis_pictures, formatting, mesh_pictures, pictures
 from fenics_joints.explanation import explain, group_words, zone_words
-from fenics_joints.formatting import mode_kinds
+from fenics_joints.formatting import extents, mode_kinds, ring_row
 from fenics_joints.gap import Gap
 from fenics_joints.reading import (
     EffectClass,
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.location import Location
     from fenics_joints.diagnosis.result import Diagnosis
     from fenics_joints.diagnosis.where import ZoneTest
+    from fenics_joints.meshes import Ring
     from fenics_joints.mode_list import ModeList
     from fenics_joints.updating import UpdateReport
 
@@ -401,6 +402,8 @@ def modes_html(
     *,
     dofs: int,
     shapes: Sequence[ModePicture] = (),
+    size_m: Sequence[float] = (),
+    rings: Sequence[Ring] = (),
 ) -> str:
     """Modes as a page.
 
@@ -411,6 +414,8 @@ def modes_html(
         visible: Whether the test could see each mode, shape (n,); None if that is not known.
         dofs: Degrees of freedom.
         shapes: Pictures of mode shapes.
+        size_m: Extents of the mesh, m.
+        rings: Bolts' rings in it.
     """
     rows = [
         {"number": i + 1, "hz": float(f), "kind": kind}
@@ -422,6 +427,7 @@ def modes_html(
     return render(
         "modes.html", title=title, rows=rows, n_rigid=n_rigid, dofs=dofs, shapes=pictures_,
         sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
+        size=extents(size_m) if len(size_m) else "", rings=[ring_row(ring) for ring in rings],
     )  # fmt: skip
 
 
@@ -455,7 +461,7 @@ def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
         shapes.append(ModePicture(int(i) + 1, hz, svg))
     return modes_html(
         result.case.title, result.frequencies_hz, modes.n_rigid, visible,
-        dofs=dofs, shapes=shapes,
+        dofs=dofs, shapes=shapes, size_m=result.size_m, rings=result.rings,
     )  # fmt: skip
 
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["write_stabilisation"]
 
+#: Room that a label needs, as a part of the band.
+_CROWDED = 0.018
+
 
 def write_stabilisation(
     modes: IdentifiedModes, path: str | Path, comm: MPI.Comm | None = None, dpi: int = 150
@@ -47,6 +50,17 @@ def write_stabilisation(
         raise InputError(f"picture {path}: cannot be written ({error.strerror})") from error
 
 
+def _levels(frequencies_hz: np.ndarray, room: float) -> list[int]:
+    """Rows, from the top, in which labels stand beside none that they would cover."""
+    rows: list[float] = []  # last label of each row
+    found = []
+    for f in frequencies_hz:
+        row = next((i for i, last in enumerate(rows) if f - last > room), len(rows))
+        rows[row : row + 1] = [f]
+        found.append(row)
+    return found
+
+
 def _draw(modes: IdentifiedModes):
     poles, frfs = modes.poles, modes.frfs
     figure = new_figure(8.0, 4.4)
@@ -66,11 +80,12 @@ def _draw(modes: IdentifiedModes):
         axes.scatter(
             poles.frequencies_hz[chosen], poles.order[chosen], label=label, zorder=3, **look
         )
-    for i, f in enumerate(modes.frequencies_hz):
+    levels = _levels(modes.frequencies_hz, _CROWDED * np.ptp(frfs.frequencies_hz))
+    for i, (f, down) in enumerate(zip(modes.frequencies_hz, levels, strict=True)):
         axes.axvline(f, color=NOISE, lw=1.0, zorder=2, label="mode" if i == 0 else None)
         axes.annotate(
-            f"{f:.5g}", (f, 1.0), (2, -2), xycoords=("data", "axes fraction"), rotation=90,
-            textcoords="offset points", va="top", color=NOISE, fontsize=8,
+            f"{f:.6g}", (f, 1.0), (2, -2 - 40 * down), xycoords=("data", "axes fraction"),
+            rotation=90, textcoords="offset points", va="top", color=NOISE, fontsize=8,
         )  # fmt: skip
     axes.set_zorder(level.get_zorder() + 1)  # points above the curve
     axes.set_xlim(*frfs.frequencies_hz[[0, -1]])

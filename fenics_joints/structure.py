@@ -96,6 +96,10 @@ class Structure:
         self.regions, self.masses = tuple(regions), tuple(masses)
         supports = tuple(supports)
         self.springs = tuple(springs)
+        self._made_of = {
+            "regions": self.regions, "masses": self.masses, "springs": self.springs,
+            "supports": supports, "axisymmetric": axisymmetric,
+        }  # fmt: skip
         self.supports = tuple(s for s in supports if isinstance(s, Support))
         self.elastic_supports = tuple(s for s in supports if isinstance(s, ElasticSupport))
         self._check_names()
@@ -181,9 +185,13 @@ class Structure:
         owned = count[: imap.size_local]
         bad = self.comm.allreduce(int(np.sum(owned != 1)))
         if bad:
+            used = [name for region in self.regions for name in region.cells]
+            names = self.tagged.cell_names
+            wrong = [name for name in names if used.count(name) != 1]
             raise MeshError(
-                f"{bad} cells are in no region or in more than one; expected every cell group "
-                f"({', '.join(self.tagged.cell_names)}) in exactly one part or joint."
+                f"{bad} cells are in no region or in more than one: "
+                f"{', '.join(wrong) or 'untagged'}; expected every cell group "
+                f"({', '.join(names)}) in exactly one part or joint."
             )
         return found
 
@@ -211,6 +219,11 @@ class Structure:
                 dofs = fem.locate_dofs_topological((self.V.sub(i), W), fdim, facets)
                 bcs.append(fem.dirichletbc(fem.Function(W), dofs, self.V.sub(i)))
         return bcs
+
+    def coarser(self) -> Structure:
+        """The same structure with displacements of degree 1, for multigrid."""
+        parameters = self.parameters.values()
+        return Structure(self.tagged, parameters=parameters, degree=1, **self._made_of)
 
     # -- forms -------------------------------------------------------------------------------
 
@@ -295,17 +308,9 @@ class Structure:
         Returns:
             (K, M), PETSc matrices that the next call with the same ``number`` overwrites.
         """
-        region = self.regions[number]
         if number not in self._region_forms:
             u, v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
-            tags = tuple(self.tagged.cell_tag(name) for name in region.cells)
-            slots = {name: self.field.q[i] for i, name in enumerate(region.law.properties)}
-            n, ways = self._directions(region.normal, region.across)
-            dx = self._dx(tags)
-            forms = [
-                fem.form(region.law.stiffness(u, v, slots, n, dx, **ways)),
-                fem.form(region.law.inertia(u, v, slots, dx)),
-            ]
+            forms = [fem.form(form) for form in self.region_form(number, u, v)]
             self._region_forms[number] = [(f, fem_petsc.create_matrix(f)) for f in forms]
         if q is not None:
             self.field.fill(number, q)

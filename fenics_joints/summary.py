@@ -14,23 +14,26 @@ from rich.text import Text
 from fenics_joints.explanation import explain
 from fenics_joints.formatting import (
     condition_value,
+    extents,
     hertz,
     interval,
     percent,
     probability,
     quantity,
+    ring_row,
     spread,
 )
 from fenics_joints.reading import by_effect, by_reason, effect_classes, leading, plain
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
+    from fenics_joints.meshes import Ring
     from fenics_joints.updating import UpdateReport
 
 __all__ = ["diagnosis", "modes", "new_table", "say", "update"]
 
 #: Rows of each table, so that all of it fits on a screen.
-_REGIONS, _EFFECTS, _PARAMETERS, _MODES = 3, 4, 3, 26
+_REGIONS, _EFFECTS, _PARAMETERS, _MODES, _RINGS = 3, 4, 3, 26, 16
 _STYLES = {"cause": "bold cyan", "no gap": "bold green", "ambiguous": "bold yellow"}
 _BAR = 20
 #: Lines of each of the three sentences, and how many doubts are told; the page has all.
@@ -212,6 +215,8 @@ def modes(
     frequencies_hz: Sequence[float],
     kinds: Sequence[str],
     n_dofs: int,
+    size_m: Sequence[float] = (),
+    rings: Sequence[Ring] = (),
 ) -> None:
     """Print natural frequencies.
 
@@ -221,6 +226,8 @@ def modes(
         frequencies_hz: Natural frequencies, Hz, shape (n,).
         kinds: What each mode is, in words, length n; see `report.mode_kinds`.
         n_dofs: Degrees of freedom.
+        size_m: Extents of the mesh, m.
+        rings: Bolts' rings in it.
     """
     say(console, title, "bold")
     table = new_table(">mode", ">frequency, Hz", "what it is")
@@ -232,4 +239,16 @@ def modes(
     console.print(table)
     if len(frequencies_hz) > _MODES:
         say(console, f"and {len(frequencies_hz) - _MODES} more", "dim")
-    say(console, f"{n_dofs} degrees of freedom")
+    if rings:
+        console.print(_ring_table(rings[:_RINGS]))
+        if len(rings) > _RINGS:
+            say(console, f"and {len(rings) - _RINGS} more", "dim")
+    size = f", {extents(size_m)}" if len(size_m) else ""
+    say(console, f"{n_dofs} degrees of freedom{size}")
+
+
+def _ring_table(rings: Sequence[Ring]) -> Table:
+    table = new_table("ring", ">centre, mm", ">thick, mm", ">radii, mm", "between")
+    for ring in rings:
+        table.add_row(*(Text(cell) for cell in ring_row(ring)))
+    return table

@@ -23,6 +23,8 @@ _KINDS = {
     "N*m": ("a torque", "25 N m"),
     "N*m*s": ("a damping of rotation", "0.15 N m s"),
     "kg*m2": ("a rotary inertia", "3.5e-6 kg m2"),
+    "s": ("a time", "2 us"),
+    "1/s": ("a rate", "5 1/s"),
 }
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 #: Angles are no dimension, so that rad/s and rpm would pass for Hz and be wrong by 2 pi or 60.

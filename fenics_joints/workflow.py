@@ -15,6 +15,7 @@ from fenics_joints.progress import Progress
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fenics_joints.combined_pages import CombinedOutcome
     from fenics_joints.cutoff_run import CutoffReport
     from fenics_joints.diagnosis import Diagnosis
     from fenics_joints.updating import UpdateReport
@@ -86,8 +87,13 @@ def run_diagnose(
 
 def run_update(
     case: Case, comm: MPI.Intracomm, progress: Progress
-) -> UpdateOutcome | CutoffReport:
+) -> UpdateOutcome | CutoffReport | CombinedOutcome:
     """The ``update`` command. Collective."""
+    if case.combined():
+        from fenics_joints.combined_pages import CombinedOutcome
+        from fenics_joints.combined_run import run_combined
+
+        return CombinedOutcome(run_combined(case, comm, progress))
     if case.update is not None and case.update.cutoff is not None:
         from fenics_joints.cutoff_run import run_cutoff
 

@@ -4,18 +4,22 @@ from fenics_joints.meshes.blocks import stacked_blocks
 from fenics_joints.meshes.bolted_plates import bolted_plates, bolted_plates_section
 from fenics_joints.meshes.box import box
 from fenics_joints.meshes.c_beam import c_beams
+from fenics_joints.meshes.cad import read_step
 from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.contact import ContactMatch, check_contact
 from fenics_joints.meshes.dumbbell import dumbbell
+from fenics_joints.meshes.engraving_machine import engraving_machine
 from fenics_joints.meshes.lap_beam import lap_beam, lap_beam_section
 from fenics_joints.meshes.lap_plates import lap_plates
 from fenics_joints.meshes.msh import read_msh
 from fenics_joints.meshes.plane import graded_lines, grid_lines
+from fenics_joints.meshes.rings import Ring, layer_thickness, measure_ring
 from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [
-    "ContactMatch", "MeshQuality", "TaggedMesh", "bolted_plates", "bolted_plates_section", "box",
-    "c_beams", "check_contact", "check_mesh", "dumbbell", "extent", "graded_lines", "grid_lines",
-    "lap_beam", "lap_beam_section", "lap_plates", "read_msh", "separate", "stacked_blocks",
+    "ContactMatch", "MeshQuality", "Ring", "TaggedMesh", "bolted_plates", "bolted_plates_section",
+    "box", "c_beams", "check_contact", "check_mesh", "dumbbell", "engraving_machine", "extent",
+    "graded_lines", "grid_lines", "lap_beam", "lap_beam_section", "lap_plates", "layer_thickness",
+    "measure_ring", "read_msh", "read_step", "separate", "stacked_blocks",
 ]  # fmt: skip

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import MeshError
+from fenics_joints.meshes.arguments import is_positive
 from fenics_joints.meshes.check import check_mesh
+from fenics_joints.meshes.gmsh_model import gmsh_model
+from fenics_joints.meshes.rings import ring_centres
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
 
 __all__ = ["read_msh"]
@@ -43,7 +47,9 @@ def read_msh(
 
     The groups of dimension ``gdim`` are the parts, those of dimension ``gdim - 1`` the faces,
     interior ones (a joint's interface) included; a cell or facet is in one group at most. Cells
-    are straight-sided and of one shape; tags are the groups' numbers in the file.
+    are straight-sided and of one shape; tags are the groups' numbers in the file. Parts named
+    ``ring_1``, ``ring_2``, ... are rings of a layer around bolts: their centres are the points
+    ``bolts``; see `fenics_joints.meshes.measure_ring`.
 
     Args:
         path: The file, in any version of the format, text or binary.
@@ -65,7 +71,7 @@ def read_msh(
     path = Path(path)
     if gdim not in (2, 3):
         raise MeshError(f"read_msh: gdim is {gdim!r}, expected 2 or 3")
-    if not (np.isfinite(scale) and scale > 0):
+    if not is_positive(scale):
         raise MeshError(f"read_msh: scale is {scale!r}, expected a length above 0 m")
 
     def build() -> MeshLists:
@@ -81,7 +87,8 @@ def read_msh(
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from None
     _check_facets_found(path, tagged, lists)
-    return tagged
+    bolts = ring_centres(tagged) if gdim == 3 else None
+    return tagged if bolts is None else replace(tagged, points={"bolts": bolts})
 
 
 def _read(path: Path, gdim: int, scale: float) -> MeshLists:
@@ -126,33 +133,14 @@ def _check_header(path: Path) -> None:
 @contextmanager
 def _opened(path: Path) -> Iterator:
     """The file as gmsh's current model, closed afterwards; a model of the caller's stays."""
-    try:
+    with gmsh_model(path) as model:
         import gmsh
-    except ImportError as error:
-        raise MeshError(
-            f"{path}: reading it takes gmsh's Python module, expected python3-gmsh (Debian) "
-            "or python-gmsh (conda) to be installed"
-        ) from error
-    ours = not gmsh.isInitialized()
-    if ours:
-        gmsh.initialize(readConfigFiles=False, interruptible=False)
-    before = None if ours else gmsh.model.getCurrent()
-    terminal = gmsh.option.getNumber("General.Terminal")
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("fenics_joints")
-    try:
+
         try:
             gmsh.merge(str(path))
         except Exception as error:
             raise MeshError(f"{path}: gmsh cannot read it: {error}") from error
-        yield gmsh.model
-    finally:
-        gmsh.model.remove()
-        gmsh.option.setNumber("General.Terminal", terminal)
-        if ours:
-            gmsh.finalize()
-        else:
-            gmsh.model.setCurrent(before)
+        yield model
 
 
 def _groups(path: Path, model, dim: int) -> dict[int, tuple[str, list[int]]]:

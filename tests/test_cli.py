@@ -68,6 +68,11 @@ def test_modes(shared_tmp_path, write_case, run, capfd):
     everywhere = np.linalg.norm(modes.at(Sensors(edge, np.tile(np.eye(3), (4, 1)))), axis=0)
     line = np.linalg.norm(modes.at(case.sensors()), axis=0)
     assert content["visible"] == [False] * 6 + (line > 0.1 * everywhere)[6:].tolist()
+    again = shared_tmp_path / "iterative.json"
+    assert run("modes", shared_tmp_path, "--iterative", "--json", again) == 0
+    comm.barrier()
+    frequencies = json.loads(again.read_text())["frequencies_hz"]
+    assert frequencies == pytest.approx(content["frequencies_hz"], rel=1e-8)
     said = capfd.readouterr()
     if comm.rank == 0:
         assert f"{content['frequencies_hz'][6]:.2f}" in said.out and "wrote" in said.out

@@ -61,7 +61,7 @@ def write_beams() -> Callable[..., Path]:
 MISTAKES = [
     (
         '"c_beams"', '"c_beam"',
-        ["mesh.builder = 'c_beam'", "'lap_plates', 'c_beams' or 'lap_beam'", "mean"],
+        ["mesh.builder = 'c_beam'", "'lap_plates', 'c_beams', 'lap_beam', ", "mean"],
     ),
     ('pad_length = "49.7', 'pad_lenght = "49.7', ["mesh.pad_lenght", "mean 'pad_length'"]),
     ('lower = "interface_lower"', 'lower = "interface"', ["contacts.pads.lower = 'interface'"]),

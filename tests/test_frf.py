@@ -297,6 +297,22 @@ def test_bad_input_is_named():
             solve_frf(model, **(common | changes))
 
 
+def test_rigid_body_modes_alone_have_no_complex_modes():
+    with pytest.raises(InputError, match="n_modes = 6: expected more than the 6 rigid-body modes"):
+        solve_complex_modes(plates(cord=False), damping=LAYER, n_modes=6)
+
+
+@pytest.mark.parametrize("method", ["direct", "modal"])
+def test_a_free_body_near_0_hz(method):
+    """Accelerance there is the rigid body's."""
+    model = plates(cord=False)
+    frf = response(
+        model, frequencies_hz=[0.3, 1.0], kind="accelerance", damping=None, method=method
+    )
+    rigid = solve_modes(model, n_modes=8).at(PLACES)[:, :6]
+    assert frf.values[0] == pytest.approx(rigid @ rigid.T, rel=1e-3)
+
+
 def test_a_resonance_without_damping_is_an_error():
     model, place = chain(), corners(3 * BLOCK)
     lines = solve_modes(model, n_modes=1).frequencies_hz

@@ -123,6 +123,7 @@ def test_csv(tmp_path):
     for old, new, said in [
         ("abs [g/N]", "abs [V/N]", "column '2:y/7:.z abs': the unit 'V/N' is not known"),
         ("phase [deg]", "phase", r"2:y/7:.z phase: unit '', expected \[deg\]"),
+        ("deg]\n60,", "deg]\n60,-", "abs: -.* expected magnitudes of 0 or more, not decibels"),
         ("2:y/7:+z abs", "2:w/7:+z abs", "'2:w/7:.z abs': expected a head such as '12:.z/5:-x re"),
         ("2:y/7:+z phase [deg]", "2:y/7:-z re [g/N]", "has the columns abs; expected re and im"),
     ]:
@@ -130,6 +131,41 @@ def test_csv(tmp_path):
         other.write_text(second.read_text().replace(old, new, 1))
         with pytest.raises(InputError, match=said):
             read_frfs([nodes, other, first])
+
+
+def test_decimal_commas_and_long_labels(tmp_path):
+    rows = [["frequency [Hz]", "1000001:z/1000002:z re [g/N]", "1000001:z/1000002:z im [g/N]"]]
+    rows += [[f"{x:.12g}" for x in (f, h.real, h.imag)] for f, h in zip(F, H[:, 0, 2], strict=True)]
+    functions = tmp_path / "a.csv"
+    nodes = tmp_path / "nodes.csv"
+    nodes.write_text("node;x [mm];y [mm];z [mm]\n1000001;0;0;0\n1000002;1,5;0;0\n")
+    for separator in ";\t":
+        text = "\n".join(separator.join(row) for row in rows).replace(".", ",")
+        functions.write_text(text + "\n")
+        read = read_frfs([nodes, functions])
+        assert read.values[:, 0, 0] == pytest.approx(9.80665 * H[:, 0, 2], rel=1e-9)
+        assert read.reference_names == ("1000002:+z",) and read.reference_points[0, 0] == 1.5e-3
+    # A comma and a point in one file: which of them is decimal is not for us to guess.
+    functions.write_text(text.replace("0,", "0.", 1))
+    with pytest.raises(InputError, match="a.csv: row 2,.* and [0-9]+ more: expected a number") as e:
+        read_frfs([nodes, functions])
+    assert len(str(e.value)) < 1000
+
+
+def test_power_at_driving_points(tmp_path):
+    """A kind that is wrong by one derivative; and a band of springs whose phase is a little off."""
+    path = tmp_path / "a.mat"
+    whole = dict(
+        frequency=F, response_points=POINTS[:1], response_directions=[0, 0, 1],
+        reference_points=POINTS[:1], reference_directions=[0, 0, 1], units="m/s2/N", frf=H[:, 0, 0],
+    )  # fmt: skip
+    scipy.io.savemat(path, whole)
+    assert not read_frfs(path).notes
+    scipy.io.savemat(path, whole | {"units": "m/s/N"})
+    assert "has both signs, for a mobility as said" in str(read_frfs(path))
+    low = F < 90
+    scipy.io.savemat(path, whole | {"frequency": F[low], "frf": H[low, 0, 0] * np.exp(0.05j)})
+    assert not read_frfs(path).notes
 
 
 def test_what_a_file_does_not_say_can_be_said(tmp_path):
@@ -176,6 +212,11 @@ def _with_nan(text: bytes) -> bytes:
     return b"\n".join(lines)
 
 
+def _without_lines(text: bytes) -> bytes:
+    lines = text.split(b"\n")
+    return b"\n".join([*lines[:8], lines[8].replace(b"600", b"  0"), *lines[9:13], b"    -1\n"])
+
+
 BROKEN_FUNCTIONS = [
     (dict(rsp_node=4), "response node 4 has no coordinates.* known are nodes 1, 2, 7"),
     (dict(ref_node=0), "reference node 0 has no coordinates"),
@@ -194,6 +235,8 @@ BROKEN_FUNCTIONS = [
     (dict(rsp_node=1, rsp_dir=-3, ref_node=1, ref_dir=3), "already in .*a.uff: dataset 1 "),
     (dict(data=-world.function(1, 1)["data"]), "driving point 2:.y the mobility's real part is"),
     (dict(data=np.conj(world.function(1, 1)["data"])), "or the conjugate"),
+    (dict(data=np.full(len(F), 0.97 + 0j)), "is real at all lines, as a spectrum or a coherence"),
+    (dict(data=np.zeros(len(F), dtype=complex)), "is zero; expected"),
 ]  # fmt: skip
 BROKEN_FILES = [
     (1, lambda b: b[: len(b) // 3], "stops within a dataset .*truncated"),
@@ -201,7 +244,9 @@ BROKEN_FILES = [
     (0, lambda b: b[:-4000] + b"\n    -1\n", "holds .* values, expected 600 as in its record 7"),
     (0, lambda b: b[:-4000].rstrip() + b" oops" + b[-4000:], "cannot be read; expected 600 AS"),
     (0, lambda b: b.replace(b"    58 ", b"    5x ", 1), "dataset 1 .* has no type"),
+    (1, lambda b: b.replace(b"58b     1     2", b"58b     1     3", 1), r"format 3 \(IBM 370\)"),
     (0, _with_nan, "is .*nan.*, expected a finite"),
+    (0, _without_lines, "dataset 1 .* holds no line"),
     (0, lambda b: b"", "stops within a dataset"),
 ]  # fmt: skip
 

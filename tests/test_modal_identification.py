@@ -14,7 +14,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.measured_frfs import MeasuredFRFs
 from fenics_joints.modal import solve_modes
 from fenics_joints.modal_identification import identify_modes
-from fenics_joints.stabilisation import write_stabilisation
+from fenics_joints.stabilisation import _levels, write_stabilisation
 
 pytest.importorskip("sdypy.EMA")
 
@@ -46,6 +46,44 @@ def test_known_modes(kind):
     assert found.mass_normalised and (found.phase_collinearity > 0.999).all()
     turned = phi * np.sign((phi * found.shapes).sum(axis=0))
     assert np.abs(found.shapes - turned).max() < 0.01
+
+
+def test_roving_hammer():
+    """One sensor and three places of the force give the same shapes as the transposed test."""
+    f_true, phi = world.modes()
+    H = world.accelerance()[:, 2:, :]
+    roving = MeasuredFRFs(
+        world.FREQUENCIES, H, "accelerance", POINTS[2:], DIRECTIONS[2:], POINTS, DIRECTIONS,
+        reference_names=("1:+z", "2:+y", "7:+z"), coherence=np.full(H.shape, 0.9),
+    )  # fmt: skip
+    found = identify_modes(roving)
+    assert found.mass_normalised and found.frfs.response_names == roving.reference_names
+    turned = phi * np.sign((phi * found.shapes).sum(axis=0))
+    assert np.abs(found.shapes - turned).max() < 1e-4
+    assert found.test_data().sensors.points == pytest.approx(POINTS)
+
+
+def test_modes_closer_than_their_half_width():
+    """0.15 % apart, with damping of 0.5 % and noise of 2 %, by two references."""
+    f_true, zeta = np.array([100.0, 200.0, 200.3]), 0.005
+    x = np.linspace(0, 1, 6)
+    phi = np.array([np.cos(r * np.pi * x + 0.3 * (r - 1)) for r in (1, 2, 3)]).T
+    f = np.arange(50.0, 401.0, 0.125)
+    s, w = 2j * np.pi * f[:, None], 2 * np.pi * f_true
+    H = np.einsum("ir,jr,nr->nij", phi, phi[[0, 3]], s**2 / (s**2 + 2 * zeta * w * s + w**2))
+    rng = np.random.default_rng(0)
+    H *= 1 + 0.02 / np.sqrt(2) * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
+    points, along = np.outer(x, [1.0, 0, 0]), np.tile([0, 0, 1.0], (6, 1))
+    found = identify_modes(
+        MeasuredFRFs(f, H, "accelerance", points, along, points[[0, 3]], along[[0, 3]])
+    )
+    assert found.frequencies_hz == pytest.approx(f_true, rel=1e-4)
+    turned = phi * np.sign((phi * found.shapes).sum(axis=0))
+    assert np.abs(found.shapes - turned).max() < 0.05
+
+
+def test_labels_of_close_modes_stand_below_each_other():
+    assert _levels(np.array([10.0, 50.0, 50.5, 51.0, 53.0]), 1.8) == [0, 0, 1, 2, 0]
 
 
 def test_stated_deviations():
@@ -89,6 +127,10 @@ def test_what_is_refused():
         identify_modes(frfs, order=100)
     with pytest.raises(InputError, match="evenly spaced lines"):
         identify_modes(_frfs([0], frequencies=np.geomspace(60, 300, 400)))
+    dead = _frfs([0])
+    dead.values[:, 1] = 0
+    with pytest.raises(InputError, match="response 2 by reference 1 is zero"):
+        identify_modes(dead)
     noise = _frfs([0], 1e3)
     with pytest.raises(InputError, match="no pole"):
         identify_modes(noise)

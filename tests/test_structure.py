@@ -224,7 +224,7 @@ OUTSIDE = (1.0, 0.0, 0.0)
     ("make", "error", "said"),
     [
         (lambda: lap([solid(E="a"), isotropic()]), InputError, "plates.E names the parameter 'a'"),
-        (lambda: lap([solid()]), MeshError, "cells are in no region or in more than one"),
+        (lambda: lap([solid()]), MeshError, "than one: joint_near, joint_away; expected"),
         (lambda: lap([solid(), solid(), isotropic()]), InputError, "plates is given twice"),
         (lambda: lap([solid(), isotropic(E=1.2e9)]).stiffness(), InputError, r"layer.E.*E < 3 G"),
         (lambda: lap([solid(nu=0.5), isotropic()]).mass(), InputError, r"plates.nu = 0.5"),

@@ -8,6 +8,7 @@ joint for which they were identified is given, with what differs.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -143,12 +144,18 @@ class Surfaces:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def fit(cls, store: Store, model: str | None = None) -> Surfaces:
+    def fit(
+        cls,
+        store: Store,
+        model: str | None = None,
+        outputs: Sequence[str] = ("radius", "pressure"),
+    ) -> Surfaces:
         """Fit the rows of one model.
 
         Args:
             store: The database.
             model: Name of the model; needed if rows of several have a radius or pressure.
+            outputs: Which of the two to fit; an answer has no other.
 
         Raises:
             InputError: If it is needed or unknown, or rows are too few.
@@ -177,7 +184,7 @@ class Surfaces:
         elif len(given) > 1:
             notes.append("roughness is no input: some rows have none")
         surfaces = cls(store, models[0] if model is None else model, tuple(inputs), rows)
-        for output in ("radius", "pressure"):
+        for output in outputs:
             known = [j for j in rows if getattr(j, output) is not None]
             if known:
                 x = np.array([[getattr(j, name) for name in inputs] for j in known])

@@ -8,13 +8,11 @@ had for many values at a time, from a basis of twenty to forty vectors.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from operator import itemgetter
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fenics_joints.affine import AffinePencil
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.errors import InputError
 from fenics_joints.gap import VISIBLE, mac
@@ -49,26 +47,7 @@ def project(model: ArrayModel, basis: np.ndarray) -> ArrayModel:
         model: A reduced model.
         basis: Vectors as columns, in its coordinates, shape (n_dofs, k).
     """
-    pencil = model.pencil
-    if pencil.fixed is not None:
-        fixed = tuple(basis.T @ A @ basis for A in pencil.fixed)
-    else:
-        fixed = None
-    lean = AffinePencil(
-        pencil.parameters,
-        [
-            replace(
-                r, stiffness=basis.T @ r.stiffness @ basis, inertia=basis.T @ r.inertia @ basis
-            )
-            for r in pencil.regions
-        ],
-        [replace(s, row=s.row @ basis) for s in pencil.springs],
-        [replace(m, rows=m.rows @ basis) for m in pencil.masses],
-        fixed,
-        pencil.fixed_mass,
-    )
-    rows = [None if a is None else a @ basis for a in (model.sensor_rows, model.shift_rows)]
-    return replace(model, pencil=lean, sensor_rows=rows[0], shift_rows=rows[1])
+    return model.on(basis)
 
 
 def pod(

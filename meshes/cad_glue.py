@@ -1,0 +1,338 @@
+"""The solids of an assembly closed up and glued, with the bolts' rings drawn on their contacts.
+
+Where two solids touch, one face is meshed for both, so that their meshes match vertex by vertex
+whatever the shapes of the faces; `fenics_joints.meshes.cad_layer` then opens the contacts.
+All lengths are in millimetres; see `fenics_joints.meshes.cad_shapes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes.cad_bolts import BoltPlace
+from fenics_joints.meshes.cad_shapes import TOUCH, Contact, Solids
+
+__all__ = ["Glued", "Interface", "Sizes", "glue"]
+
+#: A mesh of more cells than this is refused before it is made.
+_MOST = 2e7
+#: How much smaller than its two circles say a ring's face may be.
+_WHOLE = 1e-4
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of the cells.
+
+    Attributes:
+        element: Largest.
+        ring: In the rings.
+        circle: Number of edges in a whole circle, at least.
+    """
+
+    element: float
+    ring: float
+    circle: int
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Triangles that two solids share.
+
+    Attributes:
+        solids: Indices of the two, the lower one of a contact first.
+        triangles: Vertices, shape (n, 3).
+        contact: Index of the contact in whose plane they lie; None where they lie in none.
+        ring: Index of the bolt in whose ring they are; None outside the rings.
+    """
+
+    solids: tuple[int, int]
+    triangles: np.ndarray
+    contact: int | None
+    ring: int | None
+
+
+@dataclass(frozen=True)
+class Glued:
+    """The mesh of the closed assembly.
+
+    Attributes:
+        x: Vertices, shape (n, 3).
+        cells: Tetrahedra, shape (n_cells, 4).
+        solid: Solid of each cell, shape (n_cells,).
+        interfaces: Where solids touch.
+        faces: Named faces of the surface: the solid of each triangle, and its vertices.
+        volumes: Volume of each solid in CAD.
+    """
+
+    x: np.ndarray
+    cells: np.ndarray
+    solid: np.ndarray
+    interfaces: list[Interface]
+    faces: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    volumes: np.ndarray | None = None
+
+
+def glue(
+    model,
+    solids: Solids,
+    shifts: np.ndarray,
+    contacts: Sequence[Contact],
+    bolts: Sequence[BoltPlace],
+    faces: Mapping[str, np.ndarray],
+    sizes: Sizes,
+) -> Glued:
+    """Close the gaps, glue the solids, draw the rings, and mesh.
+
+    Args:
+        model: gmsh's model, with the solids.
+        solids: The solids.
+        shifts: How far each moves to close the gaps, shape (n_solids, 3).
+        contacts: The contacts.
+        bolts: The bolts.
+        faces: Points on each face that is to have a name, shape (n, 3), in the file's
+            coordinates.
+        sizes: Sizes of the cells.
+
+    Raises:
+        MeshError: Solids overlap, a ring leaves its contact, a face is not found, or gmsh fails.
+    """
+    for tag, shift in zip(solids.tags, shifts, strict=True):
+        if np.any(shift):
+            model.occ.translate([(3, tag)], *shift)
+    pieces, discs = _fragments(model, solids, shifts, bolts)
+    sharing = _sharing(model, pieces)
+    planes = [(c.normal, c.point + shifts[c.lower]) for c in contacts]
+    rings = [_ring(model, solids, sharing, *item) for item in zip(
+        range(1, len(bolts) + 1), bolts, discs, strict=True)]  # fmt: skip
+    ring_of = {face: i for i, found in enumerate(rings) for face in found}
+    named = {
+        name: _face(model, solids, pieces, sharing, shifts, name, points)
+        for name, points in faces.items()
+    }
+    _check_once(solids, named)
+    _check_sizes(model, solids, pieces, ring_of, sizes)
+    _set_sizes(model, ring_of, sizes)
+    try:
+        model.mesh.generate(3)
+    except Exception as error:
+        raise MeshError(
+            f"{solids.path}: gmsh cannot mesh it with cells of {sizes.element:g} mm: {error}"
+        ) from error
+    return _extract(model, pieces, sharing, contacts, planes, ring_of, named)
+
+
+def _fragments(model, solids: Solids, shifts, bolts: Sequence[BoltPlace]):
+    """gmsh's volume of each solid after gluing; and of each bolt, faces in its two circles."""
+    tools, owner = [], []
+    for i, bolt in enumerate(bolts):
+        centre = bolt.centre + shifts[bolt.contact.lower]
+        for radius in (bolt.r_wai, bolt.r_nei)[: 1 + bolt.imprinted]:
+            disc = model.occ.addDisk(*centre, radius, radius, zAxis=bolt.contact.normal.tolist())
+            tools.append((2, disc))
+            owner.append(i)
+    volumes = [(3, tag) for tag in solids.tags]
+    try:
+        _, parts = model.occ.fragment(volumes, tools)
+        model.occ.synchronize()
+    except Exception as error:
+        raise MeshError(f"{solids.path}: gmsh cannot glue the solids: {error}") from error
+    pieces = [[tag for dim, tag in part if dim == 3] for part in parts[: len(volumes)]]
+    _check_apart(model, solids, pieces)
+    discs = [[] for _ in bolts]
+    for i, part in zip(owner, parts[len(volumes) :], strict=True):
+        discs[i].append({tag for dim, tag in part if dim == 2})
+    _check_whole(model, solids, pieces, bolts, discs)
+    _remove_loose(model, discs)
+    return [tags[0] for tags in pieces], discs
+
+
+def _check_apart(model, solids: Solids, pieces) -> None:
+    for i, mine in enumerate(pieces):
+        for j in range(i):
+            common = set(mine) & set(pieces[j])
+            if common:
+                volume = sum(model.occ.getMass(3, tag) for tag in common)
+                raise MeshError(
+                    f"{solids.path}: {solids.names[j]!r} and {solids.names[i]!r} overlap by "
+                    f"{volume:.6g} mm3, expected solids that touch or are apart"
+                )
+
+
+def _check_whole(model, solids: Solids, pieces, bolts: Sequence[BoltPlace], discs) -> None:
+    """Refuse solids that bolts' circles cut in two."""
+    for name, tags in zip(solids.names, pieces, strict=True):
+        if len(tags) == 1:
+            continue
+        cut = {i for i, parts in enumerate(discs) for face in set().union(*parts)
+               if len(set(model.getAdjacencies(2, face)[0].tolist()) & set(tags)) == 2}  # fmt: skip
+        where = "; ".join(bolts[i].said(i + 1, solids) for i in sorted(cut)) or "a ring"
+        raise MeshError(
+            f"{solids.path}: {name!r} passes through the middle of {where}; expected an empty "
+            "hole there (leave bolts and pins out of the file)"
+        )
+
+
+def _remove_loose(model, discs) -> None:
+    """Remove what the circles have inside holes, which no solid needs."""
+    found = {face for parts in discs for part in parts for face in part}
+    loose = [(2, face) for face in found if not len(model.getAdjacencies(2, face)[0])]
+    if loose:
+        model.occ.remove(loose, recursive=True)
+        model.occ.synchronize()
+        gone = {face for _, face in loose}
+        for parts in discs:
+            for part in parts:
+                part -= gone
+
+
+def _sharing(model, pieces: Sequence[int]) -> dict[int, tuple[int, int]]:
+    """The two solids of each face that two have."""
+    number = {tag: i for i, tag in enumerate(pieces)}
+    found = {}
+    for _, face in model.getEntities(2):
+        up, _ = model.getAdjacencies(2, face)
+        if len(up) == 2:
+            found[face] = tuple(sorted(number[tag] for tag in up))
+    return found
+
+
+def _ring(model, solids: Solids, sharing, number: int, bolt: BoltPlace, disc) -> list[int]:
+    outer, inner = disc[0], disc[1] if len(disc) > 1 else set()
+    pair = bolt.contact.lower, bolt.contact.upper
+    found = [face for face in outer - inner if sharing.get(face) == pair]
+    area = sum(model.occ.getMass(2, face) for face in found)
+    expected = np.pi * (bolt.r_wai**2 - bolt.r_nei**2)
+    if area < expected * (1 - _WHOLE):
+        raise MeshError(
+            f"{solids.path}: the ring of {bolt.said(number, solids)}, {bolt.r_nei:g} to "
+            f"{bolt.r_wai:g} mm, leaves the faces that touch: {100 * area / expected:.3g} % "
+            "of it is on both; expected all (a smaller r_wai, or another centre)"
+        )
+    return found
+
+
+def _face(model, solids: Solids, pieces, sharing, shifts, name: str, points) -> dict[int, int]:
+    """gmsh's faces with a name, and the solid of each."""
+    found = {}
+    for point in points:
+        near = []
+        for i, volume in enumerate(pieces):
+            place = (point + shifts[i]).tolist()
+            for _, face in model.getBoundary([(3, volume)], oriented=False):
+                if face in sharing:
+                    continue
+                box = np.array(model.getBoundingBox(2, face)).reshape(2, 3)
+                if np.any(place < box[0] - TOUCH) or np.any(place > box[1] + TOUCH):
+                    continue
+                nearest, _ = model.getClosestPoint(2, face, place)
+                distance = float(np.linalg.norm(nearest - np.array(place)))
+                if distance <= 10 * TOUCH and model.isInside(2, face, place):
+                    near.append((face, i))
+        at = ", ".join(f"{x:.6g}" for x in point)
+        if len(near) > 1:
+            raise MeshError(
+                f"{solids.path}: faces.{name}: {len(near)} faces of solids meet at ({at}) mm, "
+                "expected a point inside one"
+            )
+        if not near:
+            raise MeshError(
+                f"{solids.path}: faces.{name}: no face of a solid is at ({at}) mm, expected a "
+                "point on an outer face (where solids touch, the faces have names already)"
+            )
+        found[near[0][0]] = near[0][1]
+    return found
+
+
+def _check_once(solids: Solids, named) -> None:
+    used: dict[int, str] = {}
+    for name, found in named.items():
+        for face in found:
+            if face in used:
+                both = f"faces.{used[face]} and faces.{name}"
+                raise MeshError(f"{solids.path}: {both} are one face, expected one name for it")
+            used[face] = name
+
+
+def _check_sizes(model, solids: Solids, pieces, ring_of, sizes: Sizes) -> None:
+    """Refuse sizes that would fill the memory; often a length in another unit than metres."""
+    volume = sum(model.occ.getMass(3, tag) for tag in pieces)
+    area = sum(model.occ.getMass(2, face) for face in ring_of)
+    # A regular tetrahedron of size s has the volume s^3 / 8.5, a triangle the area 0.43 s^2.
+    for key, size, n in (
+        ("element_size", sizes.element, 8.5 * volume / sizes.element**3),
+        ("ring_size", sizes.ring, area / (0.43 * sizes.ring**2)),
+    ):
+        if n > _MOST:
+            raise MeshError(
+                f"{solids.path}: {key} is {size:.6g} mm, for which there would be about {n:.2g} "
+                f"cells; expected at most {_MOST:.0e} (in what unit is it given?)"
+            )
+
+
+def _set_sizes(model, ring_of, sizes: Sizes) -> None:
+    import gmsh
+
+    gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.element)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", sizes.circle)
+    if not ring_of:
+        return
+    curves = {abs(c) for f in ring_of for _, c in model.getBoundary([(2, f)], oriented=False)}
+    distance, threshold = (model.mesh.field.add(kind) for kind in ("Distance", "Threshold"))
+    model.mesh.field.setNumbers(distance, "CurvesList", sorted(curves))
+    model.mesh.field.setNumbers(distance, "SurfacesList", sorted(ring_of))
+    model.mesh.field.setNumber(distance, "Sampling", 40)
+    reach = 2 * max(sizes.element - sizes.ring, sizes.ring)
+    for key, value in {
+        "InField": distance, "SizeMin": sizes.ring, "SizeMax": sizes.element,
+        "DistMin": 0.5 * sizes.ring, "DistMax": reach,
+    }.items():  # fmt: skip
+        model.mesh.field.setNumber(threshold, key, value)
+    model.mesh.field.setAsBackgroundMesh(threshold)
+
+
+def _extract(model, pieces, sharing, contacts, planes, ring_of, named) -> Glued:
+    tags, x, _ = model.mesh.getNodes()
+    cells = [_elements(model, 3, volume) for volume in pieces]
+    solid = np.repeat(np.arange(len(pieces)), [len(c) for c in cells])
+    cells = np.vstack(cells)
+    nodes = np.unique(cells)
+    order = np.argsort(tags)
+    x = x.reshape(-1, 3)[order[np.searchsorted(tags, nodes, sorter=order)]]
+    interfaces = [
+        Interface(
+            pair, np.searchsorted(nodes, _elements(model, 2, face)),
+            _contact_of(model, contacts, planes, face, pair), ring_of.get(face),
+        )
+        for face, pair in sharing.items()
+    ]  # fmt: skip
+    faces = {}
+    for name, found in named.items():
+        triangles = [np.searchsorted(nodes, _elements(model, 2, face)) for face in found]
+        faces[name] = (
+            np.repeat(list(found.values()), [len(t) for t in triangles]), np.vstack(triangles)
+        )  # fmt: skip
+    volumes = np.array([model.occ.getMass(3, volume) for volume in pieces])
+    cells = np.searchsorted(nodes, cells)
+    return Glued(x, cells, solid, interfaces, faces, volumes)
+
+
+def _elements(model, dim: int, entity: int) -> np.ndarray:
+    """Corners of an entity's tetrahedra or triangles by gmsh's numbers, shape (n, dim + 1)."""
+    found = [n.reshape(-1, dim + 1) for n in model.mesh.getElements(dim, entity)[2]]
+    return np.vstack(found).astype(np.int64) if found else np.empty((0, dim + 1), np.int64)
+
+
+def _contact_of(model, contacts, planes, face: int, pair) -> int | None:
+    if model.getType(2, face) != "Plane":
+        return None
+    box = np.array(model.getBoundingBox(2, face)).reshape(2, 3)
+    for i, (contact, (normal, point)) in enumerate(zip(contacts, planes, strict=True)):
+        in_plane = np.abs((box - point) @ normal).max() < 10 * TOUCH
+        if (contact.lower, contact.upper) == pair and in_plane:
+            return i
+    return None

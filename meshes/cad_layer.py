@@ -1,0 +1,102 @@
+"""Opening a glued mesh at its contacts, and building layers of cells into the openings.
+
+All lengths are in millimetres; see `fenics_joints.meshes.cad_shapes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fenics_joints.meshes.cad_glue import Glued, Interface
+
+__all__ = ["Opened", "prisms_to_tetrahedra"]
+
+
+class Opened:
+    """The vertices of a glued mesh, one for each solid or layer that has it.
+
+    Solids that are one body keep their common vertices; others have their own and move apart.
+
+    Args:
+        glued: The glued mesh.
+        body: Body of each solid, shape (n_solids,).
+        moves: How far each body moves, shape (n_bodies, 3).
+
+    Attributes:
+        x: Vertices, shape (n, 3).
+        cells: The solids' tetrahedra, shape (n_cells, 4).
+    """
+
+    def __init__(self, glued: Glued, body: Sequence[int], moves: np.ndarray):
+        self._body = np.asarray(body)
+        self._n_bodies = len(moves)
+        of_cell = self._body[glued.solid]
+        pairs, inverse = np.unique(
+            glued.cells * self._n_bodies + of_cell[:, None], return_inverse=True
+        )
+        self._pairs = pairs
+        self.x = glued.x[pairs // self._n_bodies] + moves[pairs % self._n_bodies]
+        self.cells = inverse.reshape(glued.cells.shape)
+
+    def side(self, interface: Interface, upper: int) -> np.ndarray:
+        """An interface's triangles as the lower (0) or the upper (1) solid has them."""
+        return self.of(interface.solids[upper], interface.triangles)
+
+    def of(self, solid: int | np.ndarray, vertices: np.ndarray) -> np.ndarray:
+        """Vertices of the glued mesh as a solid has them."""
+        body = np.asarray(self._body[solid])
+        body = body[..., None] if body.ndim else body
+        return np.searchsorted(self._pairs, vertices * self._n_bodies + body)
+
+    def layer(self, interfaces: Sequence[Interface], n_layer: int) -> np.ndarray:
+        """Fill what is open between the sides of interfaces; adds vertices where n_layer > 1.
+
+        Args:
+            interfaces: Of one pair of solids.
+            n_layer: Cells through the layer.
+
+        Returns:
+            Tetrahedra, shape (n, 4).
+        """
+        lower = np.vstack([self.side(i, 0) for i in interfaces])
+        upper = np.vstack([self.side(i, 1) for i in interfaces])
+        flat, first = np.unique(lower, return_index=True)
+        above = upper.ravel()[first]
+        levels = [lower]
+        for k in range(1, n_layer):
+            share = k / n_layer
+            new = len(self.x) + np.searchsorted(flat, lower)
+            self.x = np.vstack([self.x, (1 - share) * self.x[flat] + share * self.x[above]])
+            levels.append(new)
+        levels.append(upper)
+        cells = [
+            prisms_to_tetrahedra(a, b, lower) for a, b in zip(levels[:-1], levels[1:], strict=True)
+        ]
+        return np.vstack(cells)
+
+    def turned(self, cells: np.ndarray) -> np.ndarray:
+        """The same tetrahedra, all with a positive volume."""
+        x = self.x[cells]
+        volume = np.linalg.det(x[:, 1:] - x[:, :1])
+        cells = cells.copy()
+        cells[volume < 0] = cells[volume < 0][:, [0, 1, 3, 2]]
+        return cells
+
+
+def prisms_to_tetrahedra(bottom: np.ndarray, top: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Three tetrahedra of each prism, such that neighbours cut a common side the same way.
+
+    The diagonal of a side runs from its first vertex below to its second above, by ``order``.
+
+    Args:
+        bottom: Vertices of the triangles below, shape (n, 3).
+        top: Those above, each over the one below.
+        order: Numbers by which the vertices of a triangle are put in order, the same for one
+            vertex in all triangles; shape (n, 3).
+    """
+    rank = np.argsort(order, axis=1)
+    a, b, c = np.take_along_axis(bottom, rank, axis=1).T
+    d, e, f = np.take_along_axis(top, rank, axis=1).T
+    return np.vstack([np.stack(t, axis=1) for t in ((a, b, c, f), (a, b, e, f), (a, d, e, f))])
