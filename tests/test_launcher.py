@@ -38,7 +38,8 @@ BWRAP = """#!/bin/sh
 while [ "$1" != -- ]; do shift; done
 shift
 case "$1 $2 $3" in
-  *python3*"-m venv") for venv; do :; done; mkdir -p "$venv/lib/python3.13/site-packages" "$venv/bin" ;;
+  *python3*"-m venv") for venv; do :; done
+    mkdir -p "$venv/lib/python3.13/site-packages" "$venv/bin" ;;
   *python3*"-m pip") echo pip >>"$RECORD" ;;
   *python3*) echo "ok /usr|/usr/dolfinx|0.9.0" ;;
   *) "$@"; exit $? ;;
@@ -199,7 +200,8 @@ def test_new_dependency_makes_a_new_environment_and_gone_checkouts_lose_theirs(
 def fake_fenicsx(machine: Machine, version: str, scalar: str) -> None:
     """Let the machine's ``python3`` see packages that say they are FEniCSx."""
     site = machine.checkout.parent / "site"
-    for name in ("dolfinx", "mpi4py", "petsc4py", "slepc4py", f"fenics_dolfinx-{version}.dist-info"):
+    info = f"fenics_dolfinx-{version}.dist-info"
+    for name in ("dolfinx", "mpi4py", "petsc4py", "slepc4py", info):
         (site / name).mkdir(parents=True)
         (site / name / "__init__.py").touch()
     (site / "petsc4py" / "PETSc.py").write_text(f"import numpy\nScalarType = numpy.{scalar}\n")
