@@ -34,7 +34,7 @@ __all__ = ["CombinedOutcome", "combined_html", "show_combined"]
 
 #: The method in words.
 METHODS = {
-    "log": "Maximum likelihood, by the logarithms of frequencies and functions",
+    "log": "Maximum likelihood; frequencies and functions count by their logarithms",
     "weighted": "By the weighted equations of seed 000 (eqs. 15 to 20)",
 }
 _KINDS = {"frequencies": "frequencies", "shapes": "mode shapes", "frfs": "functions"}

@@ -16,6 +16,7 @@ from fenics_joints.formatting import mode_kinds
 from fenics_joints.gap import VISIBLE
 from fenics_joints.meshes import Ring, TaggedMesh, measure_ring
 from fenics_joints.meshes.rings import ring_names
+from fenics_joints.meshes.tagged import limits
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.progress import Progress
 
@@ -143,15 +144,8 @@ def run_modes(
     sensors = case.sensors()
     visibility = None if sensors is None else modes.visibility(sensors)
     tagged = getattr(model, "structure", model).tagged
-    return ModeList(case, modes, visibility, _size(tagged), _rings(tagged))
-
-
-def _size(tagged: TaggedMesh) -> np.ndarray:
-    x = tagged.mesh.geometry.x[:, : tagged.mesh.geometry.dim]
-    low, high = np.full(x.shape[1], np.inf), np.full(x.shape[1], -np.inf)
-    tagged.mesh.comm.Allreduce(x.min(axis=0, initial=np.inf), low, op=MPI.MIN)
-    tagged.mesh.comm.Allreduce(x.max(axis=0, initial=-np.inf), high, op=MPI.MAX)
-    return high - low
+    low, high = limits(tagged)
+    return ModeList(case, modes, visibility, high - low, _rings(tagged))
 
 
 def _rings(tagged: TaggedMesh) -> tuple[Ring, ...]:

@@ -30,7 +30,7 @@ from fenics_joints.components import (
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.forms import circumference
 from fenics_joints.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
-from fenics_joints.meshes import TaggedMesh
+from fenics_joints.meshes.tagged import TaggedMesh, limits
 from fenics_joints.points import PointRows, Sensors, locate, observe
 from fenics_joints.properties import PropertyField
 
@@ -136,7 +136,7 @@ class Structure:
 
     def _make_axisymmetric(self) -> None:
         """Give the parts their law in a body of revolution; refuse what has none."""
-        low, high = self._extreme(MPI.MIN), self._extreme(MPI.MAX)
+        low, high = limits(self.tagged)
         if self.gdim != 2 or low[0] < -1e-9 * np.max(high - low):
             raise MeshError(
                 "axisymmetric: expected a mesh in the plane with r = x[0] >= 0 everywhere."
@@ -563,7 +563,8 @@ class Structure:
         Supports and springs are left out.
         """
         self._update(given)
-        centre = 0.5 * (self._extreme(MPI.MIN) + self._extreme(MPI.MAX))
+        low, high = limits(self.tagged)
+        centre = 0.5 * (low + high)
         if self.axisymmetric:
             centre[0] = 0.0
         u = ufl.SpatialCoordinate(self.mesh) - ufl.as_vector([float(c) for c in centre])
@@ -572,12 +573,6 @@ class Structure:
         if heavy <= 0:
             raise InputError("the structure has no mass: expected a density > 0 in some part.")
         return float(np.sqrt(stiff / heavy) / (2 * np.pi))
-
-    def _extreme(self, op) -> np.ndarray:
-        x = self.mesh.geometry.x[:, : self.gdim]
-        local = np.ascontiguousarray(x.min(axis=0) if op == MPI.MIN else x.max(axis=0))
-        self.comm.Allreduce(MPI.IN_PLACE, local, op=op)
-        return local
 
     def extent(self, number: int) -> float:
         """Largest extent, m, of a region's cells along its normal: a layer's thickness."""

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from fenics_joints import _compat
 from fenics_joints.errors import MeshError
 
-__all__ = ["MeshLists", "TaggedMesh", "distribute", "extent", "on_root"]
+__all__ = ["MeshLists", "TaggedMesh", "distribute", "extent", "limits", "on_root"]
 
 T = TypeVar("T")
 
@@ -69,6 +69,15 @@ def extent(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[float]) ->
     comm = tagged.mesh.comm
     low = comm.allreduce(float(along.min(initial=np.inf)), op=MPI.MIN)
     return comm.allreduce(float(along.max(initial=-np.inf)), op=MPI.MAX) - low
+
+
+def limits(tagged: TaggedMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest coordinates of the mesh, m, each of shape (gdim,). Collective."""
+    x = tagged.mesh.geometry.x[:, : tagged.mesh.geometry.dim]
+    low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
+    tagged.mesh.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    tagged.mesh.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    return low, high
 
 
 def _lookup(names: dict[str, int], name: str, kind: str) -> int:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dumbbell_case import SANDWICH
 
 pytest.importorskip("dolfinx")
 
@@ -13,23 +14,16 @@ from fenics_joints.build import parameters
 from fenics_joints.case import load_case
 from fenics_joints.errors import InputError
 
-CASE = """
+CASE = (
+    """
 title = "Dumbbell"
 [mesh]
 builder = "dumbbell"
 layer = "10 mm"
 element_size = "60 mm"
-[parts.bodies]
-cells = ["head_1", "neck_1", "neck_2", "head_2"]
-E = "130 GPa"
-nu = 0.27
-rho = "7850 kg/m3"
-[joints.joint]
-cells = ["joint"]
-law = "transition"
-E = "35 GPa"
-nu = 0.27
-h = "20 mm"
+"""
+    + SANDWICH
+    + """\
 [damping]
 rayleigh = ["6 1/s", "0 s"]
 hysteretic = { joint = "1 %" }
@@ -52,6 +46,7 @@ lines = 3
 modes = ["two"]
 bands = [["450 Hz", "1 kHz"]]
 """
+)
 HEAD = "frequency [Hz]," + ",".join(
     f"{node}/1:+x {part}"
     for node in ("1:+x", "2:+z")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dumbbell_case import SANDWICH
 
 pytest.importorskip("dolfinx")
 
@@ -40,23 +41,16 @@ LINES = np.arange(450.0, 2700.0, 30.0)
 NAMES = [f"mode {i + 1}" for i in range(6)]
 NOISE, FUNCTION_NOISE = 2e-4, 0.01
 
-CASE = """
+CASE = (
+    """
 title = "Sandwich"
 [mesh]
 builder = "dumbbell"
 layer = "20 mm"
 element_size = "60 mm"
-[parts.bodies]
-cells = ["head_1", "neck_1", "neck_2", "head_2"]
-E = "130 GPa"
-nu = 0.27
-rho = "7850 kg/m3"
-[joints.joint]
-cells = ["joint"]
-law = "transition"
-E = "35 GPa"
-nu = 0.27
-h = "20 mm"
+"""
+    + SANDWICH
+    + """\
 [damping]
 structural = 0.004
 hysteretic = {{ joint = "5 %" }}
@@ -73,6 +67,7 @@ files = ["frf.csv", "nodes.csv"]
 noise = "1 %"
 [update]
 """
+)
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,10 @@ import basix.ufl
 import numpy as np
 import pytest
 import scipy.linalg as sla
-import scipy.sparse as sp
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from dolfinx.fem.petsc import assemble_matrix
 from dolfinx.la import InsertMode
+from gathering import gathered
 from mpi4py import MPI
 
 from fenics_joints import forms
@@ -31,17 +30,6 @@ CELLS = {
     "hex": mesh.CellType.hexahedron,
 }
 DIMENSION = {"tri": 2, "quad": 2, "tet": 3, "hex": 3}
-
-
-def gathered(form):
-    """Sparse matrix of a bilinear form, the same on every rank."""
-    matrix = assemble_matrix(fem.form(form))
-    matrix.assemble()
-    comm, (rows, _), (_, columns) = matrix.getComm().tompi4py(), matrix.local_size, matrix.size
-    indptr, indices, data = matrix.getValuesCSR()
-    blocks = comm.allgather(sp.csr_matrix((data, indices, indptr), shape=(rows, columns)))
-    matrix.destroy()
-    return sp.vstack(blocks).tocsr()
 
 
 def element_of(name):

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.fem.petsc import assemble_matrix
+from gathering import gathered
 from mpi4py import MPI
 from scipy.integrate import quad
 
@@ -91,17 +91,6 @@ class Column:
 
     def constant(self, value):
         return fem.Constant(self.msh, float(value))
-
-
-def gathered(form):
-    """Sparse matrix of a bilinear form, the same on every rank."""
-    matrix = assemble_matrix(fem.form(form))
-    matrix.assemble()
-    comm, (rows, _), (_, columns) = matrix.getComm().tompi4py(), matrix.local_size, matrix.size
-    indptr, indices, data = matrix.getValuesCSR()
-    blocks = comm.allgather(sp.csr_matrix((data, indices, indptr), shape=(rows, columns)))
-    matrix.destroy()
-    return sp.vstack(blocks).tocsr()
 
 
 def moduli(E, nu):

@@ -193,7 +193,7 @@ def picture(path: str) -> None:
     functions = sandwich.functions
     for values, style, label in (
         (functions.before, "0.6", "start"),
-        (functions.measured, "k", "test"),
+        (functions.measured, "k", "test (simulated)"),
         (functions.after, "C1", "updated"),
     ):
         right.semilogy(functions.frequencies_hz, np.abs(values[:, 0, 0]), style, label=label)
