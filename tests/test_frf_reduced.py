@@ -136,7 +136,7 @@ def test_values_and_derivatives_of_every_parameter(small, damping):
 
 
 def test_arrays_carry_places_into_their_file_and_onto_fewer_vectors(small, tmp_path):
-    from fenics_joints.diagnosis.lean import project
+    from fenics_joints.lean import project
 
     arrays = small.arrays(FORCE, PLACES)
     assert len(arrays.places.points) == 3

@@ -11,10 +11,10 @@ from fenics_joints.array_model import ArrayModel
 from fenics_joints.components import Parameter
 from fenics_joints.diagnosis.effects import Effect, Prior
 from fenics_joints.diagnosis.inference import Evidence, Hypothesis, fit
-from fenics_joints.diagnosis.lean import LeanForward, project
 from fenics_joints.diagnosis.nested import _Marginal, nested_evidence
 from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.laws import LAYER_LAWS
+from fenics_joints.lean import LeanForward, project
 from fenics_joints.points import Sensors
 from fenics_joints.surrogate import Forward
 

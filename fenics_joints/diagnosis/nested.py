@@ -26,15 +26,15 @@ from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.evidence import Evidence
 from fenics_joints.diagnosis.inference import Fit
-from fenics_joints.diagnosis.lean import (
+from fenics_joints.diagnosis.prediction import Prediction, predict
+from fenics_joints.errors import ConvergenceError
+from fenics_joints.lean import (
     LeanForward,
     arrays_of,
     frequency_error,
     lean_forward,
     modes_at,
 )
-from fenics_joints.diagnosis.prediction import Prediction, predict
-from fenics_joints.errors import ConvergenceError
 from fenics_joints.surrogate import Forward
 
 __all__ = ["Nested", "nested_evidence"]
