@@ -1,8 +1,8 @@
-"""A still smaller model for one hypothesis: of the modes that its own parameters can make.
+"""A still smaller model for a few parameters, of the modes that they make, at many values a time.
 
-A reduced model serves all hypotheses, so that its basis is several times as large as one of them
-needs. Nested sampling asks for the frequencies at ten thousands of parameter values; here they are
-had for many values at a time, from a basis of twenty to forty vectors.
+A reduced model serves all hypotheses and all priors, so that its basis is several times as large
+as one of them needs. A sampler asks for the frequencies at ten thousands of parameter values; here
+they are had for many values at a time, from a basis of twenty to forty vectors.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from fenics_joints.array_model import ArrayModel
 from fenics_joints.errors import InputError
 from fenics_joints.gap import VISIBLE, mac
 from fenics_joints.modal import solve_modes
+from fenics_joints.narrow import pod
 from fenics_joints.surrogate import Forward
 
-__all__ = [
-    "LeanForward", "arrays_of", "frequency_error", "lean_forward", "modes_at", "pod", "project",
-]  # fmt: skip
+__all__ = ["LeanForward", "arrays_of", "frequency_error", "lean_forward", "modes_at"]
 
 #: As in `fenics_joints.modal`: the shift below zero, and what counts as rigid.
 _SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
@@ -38,38 +37,6 @@ def arrays_of(forward: Forward) -> ArrayModel | None:
         return None  # a graded region is assembled anew at each value
     rows = None if forward.sensors is None else model.observe(np.eye(model.n_dofs), forward.sensors)
     return ArrayModel(pencil, model.scale_hz, rows)
-
-
-def project(model: ArrayModel, basis: np.ndarray) -> ArrayModel:
-    """The model on fewer vectors.
-
-    Args:
-        model: A reduced model.
-        basis: Vectors as columns, in its coordinates, shape (n_dofs, k).
-    """
-    return model.on(basis)
-
-
-def pod(
-    model: ArrayModel, snapshots: np.ndarray, weights: np.ndarray, given: Mapping[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors that hold most of the snapshots' energy, best first.
-
-    Args:
-        model: The model that the snapshots are of.
-        snapshots: As columns, shape (n_dofs, n).
-        weights: Of the snapshots, shape (n,).
-        given: Parameter values whose K + omega^2 M measures the energy.
-
-    Returns:
-        Vectors orthonormal in that energy, (n_dofs, k), and their singular values, (k,).
-    """
-    K, M = model.stiffness(given), model.mass(given)
-    upper = np.linalg.cholesky(K + np.trace(K) / np.trace(M) * M).T
-    energetic = upper @ snapshots
-    energetic *= weights / np.linalg.norm(energetic, axis=0)
-    left, sizes, _ = np.linalg.svd(energetic, full_matrices=False)
-    return np.linalg.solve(upper, left), sizes
 
 
 class LeanForward(Forward):
@@ -274,7 +241,7 @@ def lean_forward(
     exact = np.array([forward(values)[0] for values in checks])
     tried = [s for s in sizes if max(6 + forward.n_test, forward.n_modes) <= s < most] + [most]
     for size in tried:
-        lean = LeanForward(forward, project(model, vectors[:, :size]))
+        lean = LeanForward(forward, model.on(vectors[:, :size]))
         error = frequency_error(lean, checks, exact)
         if error <= limit:
             break

@@ -1,7 +1,8 @@
 """A model of plain arrays for a few parameters in stated ranges: cheap enough to sample.
 
 `freeze` sums up once what the other parameters make; `narrow` then projects on the modes that the
-free ones can make in their ranges, and says how far its frequencies are off.
+free ones can make in their ranges, and says how far its frequencies are off. `pod` makes
+the vectors of this and of `fenics_joints.lean`, which follows a test's modes at many values.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from fenics_joints.array_model import ArrayModel
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import solve_modes
 
-__all__ = ["Narrow", "freeze", "narrow"]
+__all__ = ["Narrow", "freeze", "narrow", "pod"]
 
 #: Sampled points for the basis, and rounds of checks that may add to it.
 _SAMPLES, _ROUNDS = 16, 4
@@ -138,7 +139,8 @@ def narrow(
     chance = np.random.default_rng(seed)
     for i in range(_ROUNDS):
         share = _SHARE * np.sqrt(tolerance) / 10**i
-        small = _project(model, _basis(model, np.hstack(snapshots), share))
+        vectors, sizes = pod(model, np.hstack(snapshots))
+        small = model.on(vectors[:, sizes > share * sizes[0]])
         error = 0.0
         for values in points(chance.random((n_check, len(ranges)))):
             exact, found = shapes(values)
@@ -155,31 +157,26 @@ def narrow(
     )
 
 
-def _basis(model: ArrayModel, snapshots: np.ndarray, share: float) -> np.ndarray:
-    """Vectors of the snapshots' span, orthonormal in the energy of K + w^2 M."""
-    K, M = model.stiffness(), model.mass()
+def pod(
+    model: ArrayModel,
+    snapshots: np.ndarray,
+    weights: np.ndarray | None = None,
+    given: Mapping[str, float] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors that hold most of the snapshots' energy, best first.
+
+    Args:
+        model: The model that the snapshots are of.
+        snapshots: As columns, shape (n_dofs, n).
+        weights: Of the snapshots, shape (n,); equal by default.
+        given: Parameter values whose K + omega^2 M measures the energy; nominal by default.
+
+    Returns:
+        Vectors orthonormal in that energy, (n_dofs, k), and their singular values, (k,).
+    """
+    K, M = model.stiffness(given), model.mass(given)
     upper = np.linalg.cholesky(K + np.trace(K) / np.trace(M) * M).T
     energetic = upper @ snapshots
-    energetic /= np.linalg.norm(energetic, axis=0)
+    energetic *= (1.0 if weights is None else weights) / np.linalg.norm(energetic, axis=0)
     left, sizes, _ = np.linalg.svd(energetic, full_matrices=False)
-    return np.linalg.solve(upper, left[:, sizes > share * sizes[0]])
-
-
-def _project(model: ArrayModel, basis: np.ndarray) -> ArrayModel:
-    pencil = model.pencil
-    regions = [
-        replace(r, stiffness=basis.T @ r.stiffness @ basis, inertia=basis.T @ r.inertia @ basis)
-        for r in pencil.regions
-    ]
-    rows = {
-        key: None if getattr(model, key) is None else getattr(model, key) @ basis
-        for key in ("sensor_rows", "shift_rows")
-    }
-    small = replace(
-        pencil,
-        regions=regions,
-        springs=[replace(s, row=s.row @ basis) for s in pencil.springs],
-        masses=[replace(m, rows=m.rows @ basis) for m in pencil.masses],
-        fixed=tuple(basis.T @ A @ basis for A in pencil.fixed),
-    )
-    return replace(model, pencil=small, **rows)
+    return np.linalg.solve(upper, left), sizes

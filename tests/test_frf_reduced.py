@@ -136,8 +136,6 @@ def test_values_and_derivatives_of_every_parameter(small, damping):
 
 
 def test_arrays_carry_places_into_their_file_and_onto_fewer_vectors(small, tmp_path):
-    from fenics_joints.lean import project
-
     arrays = small.arrays(FORCE, PLACES)
     assert len(arrays.places.points) == 3
     write_array_model(arrays, tmp_path / "model.h5")
@@ -145,7 +143,7 @@ def test_arrays_carry_places_into_their_file_and_onto_fewer_vectors(small, tmp_p
     expected = response(arrays)
     assert np.array_equal(response(again).values, expected.values)
     whole = np.linalg.qr(np.random.default_rng(3).standard_normal((small.n_dofs,) * 2))[0]
-    turned = response(project(arrays, whole))
+    turned = response(arrays.on(whole))
     size = np.abs(expected.values).max()
     assert np.abs(turned.values - expected.values).max() < 1e-6 * size
     modes = solve_modes(arrays, n_modes=5)

@@ -14,7 +14,7 @@ from fenics_joints.diagnosis.inference import Evidence, Hypothesis, fit
 from fenics_joints.diagnosis.nested import _Marginal, nested_evidence
 from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.laws import LAYER_LAWS
-from fenics_joints.lean import LeanForward, project
+from fenics_joints.lean import LeanForward
 from fenics_joints.points import Sensors
 from fenics_joints.surrogate import Forward
 
@@ -70,7 +70,7 @@ def test_many_solutions_at_a_time_are_the_single_ones():
     model, sensors = chain()
     forward = forward_of(model, sensors)
     rotation = np.linalg.qr(np.random.default_rng(2).standard_normal((N, N)))[0]
-    lean = LeanForward(forward, project(model, rotation))
+    lean = LeanForward(forward, model.on(rotation))
     values = some_values(7)
     together = lean.prepare(values, slopes=True)
     for got, value in zip(together, values, strict=True):
@@ -134,7 +134,7 @@ def test_all_kinds_of_data_are_as_predicted_one_by_one():
     d = len(hypothesis.priors)
     z = list(0.5 * np.random.default_rng(4).standard_normal((3, d)))
     problem = _Marginal(fit(hypothesis, forward, evidence, BASELINE), evidence, BASELINE)
-    problem.use(LeanForward(forward, project(model, np.eye(N))), "exact", np.zeros((1, 2)))
+    problem.use(LeanForward(forward, model.on(np.eye(N))), "exact", np.zeros((1, 2)))
     for got, point in zip(problem._together(z), z, strict=True):
         expected, _ = predict(hypothesis, forward, evidence, point, BASELINE)
         assert len(expected) == 8 + 8 + 4 * N
