@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -129,6 +129,8 @@ class ArrayModel:
         sensor_rows: What the sensors read of the basis, shape (n_sensors, n_dofs); None without.
         shift_rows: The same per metre that a sensor sits further along their line; or None.
         places: Displacement of the basis where forces and responses are asked for; or None.
+        dampers: Matrices of dashpots by name, (n_dofs, n_dofs), which are in neither K nor M:
+            ``Damping.viscous`` has the coefficient of each.
     """
 
     pencil: AffinePencil
@@ -136,6 +138,7 @@ class ArrayModel:
     sensor_rows: np.ndarray | None = None
     shift_rows: np.ndarray | None = None
     places: PlaceRows | None = None
+    dampers: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def parameters(self) -> Mapping[str, Parameter]:
@@ -272,7 +275,12 @@ class ArrayModel:
         return heavy @ self._coefficients(values).by_heavy + rest
 
     def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
-        """Stiffness of one part, joint or elastic support alone, shape (n_dofs, n_dofs)."""
+        """What a layer's own damping multiplies, shape (n_dofs, n_dofs).
+
+        The stiffness of one part, joint or elastic support alone; or the matrix of a dashpot.
+        """
+        if name in self.dampers:
+            return self.dampers[name]
         rows = self._stacks.rows[name]
         theta = self._coefficients(self.values(given)).theta[rows]
         return self._stacks.unpack(theta @ self._stacks.stiffness[rows])
@@ -284,7 +292,7 @@ class ArrayModel:
 
         Args:
             given: Values of parameters that differ from their nominal value.
-            apart: Regions whose share of dK/dp is wanted by itself.
+            apart: Regions whose share of dK/dp is wanted by itself; dashpots have none.
 
         Yields:
             Index of the parameter; ``"K"`` or ``"M"``; a name from ``apart``, or None for the sum
@@ -292,6 +300,7 @@ class ArrayModel:
         """
         values, stacks = self.values(given), self._stacks
         c = self._coefficients(values)
+        apart = [name for name in apart if name not in self.dampers]
         others = np.ones(len(c.theta), dtype=bool)
         for name in apart:
             others[stacks.rows[name]] = False
@@ -344,7 +353,8 @@ class ArrayModel:
             None if a is None else a @ basis for a in (self.sensor_rows, self.shift_rows)
         )
         places = self.places and self.places.on(basis)
-        return ArrayModel(self.pencil.on(basis), self.scale_hz, sensors, shifts, places)
+        dampers = {name: basis.T @ D @ basis for name, D in self.dampers.items()}
+        return ArrayModel(self.pencil.on(basis), self.scale_hz, sensors, shifts, places, dampers)
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg."""

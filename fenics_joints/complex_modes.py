@@ -38,6 +38,8 @@ _OPTIONS = {
     "st_pc_type": "cholesky",
     "st_pc_factor_mat_solver_type": "mumps",
 }
+#: Residual above which what the dense solver found is no mode, of a reduced model.
+_NO_MODE = 1e-2
 #: How often the basis may be widened.
 _ROUNDS = 12
 
@@ -172,6 +174,12 @@ def _reduced(model, given, damping: Damping, n_modes: int, gradients: bool) -> C
     energy = np.sqrt(np.maximum(modal.stiff, 1e-300))[:, None]
     residuals = np.linalg.norm(off / np.maximum(energy, energy.max() * 1e-8), axis=0)
     residuals = residuals / np.linalg.norm(energy * y, axis=0)
+    if residuals.max() > _NO_MODE:
+        raise ConvergenceError(
+            f"{int(np.sum(residuals <= _NO_MODE))} of {len(s)} elastic modes were found: the others "
+            "are overdamped by orders of magnitude",
+            f"the largest residual is {residuals.max():.1e}",
+        )
     slopes = _slopes(modal, s, y) if gradients else None
     return ComplexModes(model, dict(given or {}), s, modal.basis @ y, residuals, slopes)
 

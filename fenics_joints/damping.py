@@ -9,7 +9,9 @@ dynamic stiffness is
 
 with Rayleigh's alpha and beta, a loss factor eta of the whole, and of each damped layer a loss
 factor eta_c (hysteretic) or a relaxation time tau_c (viscous: Kelvin and Voigt's stress
-E (strain + tau d strain/dt)). Every one of them may be the name of a parameter.
+E (strain + tau d strain/dt)). A model of plain arrays may have dashpots too: matrices D_c that are
+not in K, with their coefficient in place of tau_c, which adds c s D_c. Every one of them may be the
+name of a parameter.
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ class Damping:
             above. With ``method="modal"`` only.
         rayleigh: alpha, 1/s, and beta, s: C = alpha M + beta K.
         structural: Loss factor of the whole structure.
-        viscous: Relaxation time, s, of regions or elastic supports, by name.
+        viscous: Relaxation time, s, of regions or elastic supports, by name; or the coefficient of
+            a dashpot, such as the slip of bolted beams, N m s.
         hysteretic: Loss factor of regions or elastic supports, by name.
     """
 
@@ -69,12 +72,13 @@ class Damping:
             InputError: For an unknown parameter, region or support.
         """
         known = [c.name for c in (*structure.regions, *getattr(structure, "elastic_supports", ()))]
-        for key in ("viscous", "hysteretic"):
+        dampers = list(getattr(structure, "dampers", ()))
+        for key, more in (("viscous", dampers), ("hysteretic", [])):
             for name in getattr(self, key):
-                if name not in known:
+                if name not in [*known, *more]:
                     raise InputError(
                         f"damping.{key} names {name!r}: expected a part, joint or elastic support, "
-                        f"one of: {', '.join(known)}."
+                        f"one of: {', '.join([*known, *more])}."
                     )
         if len(self.rayleigh) != 2 or not self.ratios:
             raise InputError(

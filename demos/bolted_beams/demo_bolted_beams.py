@@ -25,9 +25,10 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints import updating
-from fenics_joints.beams.damped import slip_table, solve_damped_modes
+from fenics_joints.beams.damped import slip_table
 from fenics_joints.build import build_structure
 from fenics_joints.case import load_case
+from fenics_joints.complex_modes import solve_complex_modes
 from fenics_joints.measurements import read_test_data
 from fenics_joints.modal import solve_modes
 from fenics_joints.narrow import narrow
@@ -159,7 +160,7 @@ assert np.allclose(drawn.sd, linear.sd, rtol=0.15)
 # The paper's c damps slip, and with it what bends the line of the lap.
 
 # +
-damped = solve_damped_modes(beams, n_modes=8)
+damped = solve_complex_modes(beams, damping=beams.joint_damping(), n_modes=3 + 8)
 table = slip_table(beams, n_modes=8)
 say("", row("damping ratio, c = 0.15 N m s, %", 100 * damped.damping_ratios, 3))
 say(row("curvature at the joint, relative", table.curvature))

@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 
-__all__ = ["Beam", "GenericJoint", "Held", "LumpedMass"]
+__all__ = ["Beam", "Clamp", "GenericJoint", "Held", "LumpedMass"]
 
 Value = float | str
 
@@ -82,6 +82,7 @@ class GenericJoint:
         k2: Slip, N m.
         c: Damping of slip, N m s.
         k_axial: Axial stiffness of each element, N/m; None for that of the two beams.
+        axial: Actual over nominal axial stiffness.
     """
 
     name: str
@@ -91,6 +92,7 @@ class GenericJoint:
     k2: Value | Sequence[Value]
     c: Value | Sequence[Value] = 0.0
     k_axial: Value | None = None
+    axial: Value = 1.0
 
     def __post_init__(self):
         _size(f"{self.name}.length", self.length)
@@ -153,3 +155,20 @@ class Held:
     def __post_init__(self):
         known = set(self.motions) <= {"x", "z", "turn"} and len(self.motions) > 0
         _require("held.motions", self.motions, known, "some of 'x', 'z' and 'turn'")
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """An end face that is held by springs spread over it, instead of not moving at all.
+
+    Attributes:
+        name: Its name.
+        last: Whether it is the last beam's right end, else the first one's left end.
+        k_n: Stiffness per area along the beam, Pa/m; it also holds the face from turning.
+        k_t: Stiffness per area across it, Pa/m.
+    """
+
+    name: str
+    last: bool
+    k_n: Value
+    k_t: Value

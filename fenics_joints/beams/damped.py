@@ -1,8 +1,7 @@
-"""Damped modes of bolted beams, the joint's damping from measured ratios, and why modes differ.
+"""The damping of bolted beams from measured damping ratios, and why the modes' ratios differ.
 
-The state matrix A of seed 002, eq. 9, is taken in the coordinates of the undamped modes, where it
-is well scaled: a similarity, so that the eigenvalues are those of eq. 9. Rigid-body modes, which
-slip does not damp, are left out.
+Damped modes are those of `fenics_joints.complex_modes` with `BeamStructure.joint_damping`: the
+eigenvalues of the state matrix of seed 002, eq. 9.
 """
 
 from __future__ import annotations
@@ -11,105 +10,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from scipy.optimize import least_squares
 
 from fenics_joints.affine import number
 from fenics_joints.beams.structure import BeamStructure
+from fenics_joints.complex_modes import ComplexModes, solve_complex_modes
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import Modes, solve_modes
-from fenics_joints.points import Sensors
 
-__all__ = [
-    "DampedModes",
-    "DampingFit",
-    "SlipTable",
-    "identify_damping",
-    "slip_table",
-    "solve_damped_modes",
-]
-
-
-@dataclass(frozen=True)
-class DampedModes:
-    """Elastic modes of a damped structure, in ascending order of |s|.
-
-    Attributes:
-        model: The structure.
-        given: The parameters that differed from their nominal values.
-        eigenvalues: s, 1/s, those above the real axis, shape (n,).
-        shapes: Complex shapes, with s^2 x^T M x - x^T K x = 2 s^2, shape (n_dofs, n).
-        gradients: ds/dc of each group of joint elements with one c, shape (n, n_groups).
-    """
-
-    model: BeamStructure
-    given: Mapping[str, float]
-    eigenvalues: np.ndarray
-    shapes: np.ndarray
-    gradients: np.ndarray
-
-    @property
-    def frequencies_hz(self) -> np.ndarray:
-        """|s| / 2 pi, Hz."""
-        return np.abs(self.eigenvalues) / (2 * np.pi)
-
-    @property
-    def damping_ratios(self) -> np.ndarray:
-        """-Re s / |s|."""
-        return -self.eigenvalues.real / np.abs(self.eigenvalues)
-
-    def ratio_gradients(self) -> np.ndarray:
-        """Derivatives of the damping ratios by the c of each group, shape (n, n_groups)."""
-        s, ds = self.eigenvalues[:, None], self.gradients
-        size = np.abs(s)
-        return -ds.real / size + s.real * (s.conj() * ds).real / size**3
-
-    def at(self, sensors: Sensors) -> np.ndarray:
-        """Complex shapes at sensors, shape (n_sensors, n)."""
-        return self.model.observe(self.shapes, sensors)
-
-
-def solve_damped_modes(
-    structure: BeamStructure, given: Mapping[str, float] | None = None, *, n_modes: int = 10
-) -> DampedModes:
-    """Eigenvalues of the state matrix (seed 002, eq. 9) and their derivatives by c.
-
-    Args:
-        structure: The beams.
-        given: Values of parameters that differ from their nominal value.
-        n_modes: Number of elastic modes.
-
-    Raises:
-        InputError: If ``n_modes`` is out of range, or a c is negative.
-        ConvergenceError: If a mode is damped so heavily that it does not oscillate.
-    """
-    given = dict(given or {})
-    undamped = solve_modes(structure, given, n_modes=structure.n_dofs)
-    basis = undamped.shapes[:, undamped.n_rigid :]
-    stiff = undamped.eigenvalues[undamped.n_rigid :]
-    if not 1 <= n_modes <= len(stiff):
-        raise InputError(f"n_modes = {n_modes}: expected 1 to {len(stiff)}.")
-    damping = basis.T @ structure.damping_matrix(given) @ basis
-    m = len(stiff)
-    # Velocities over the frequency: both halves of the state are then of one size.
-    omega = np.sqrt(stiff)
-    state = np.block([[np.zeros((m, m)), np.diag(omega)], [-np.diag(omega), -damping]])
-    s, vectors = scipy.linalg.eig(state)
-    above = np.flatnonzero(s.imag > 0)
-    above = above[np.argsort(np.abs(s[above]))][:n_modes]
-    if len(above) < n_modes:
-        raise ConvergenceError(
-            f"{n_modes - len(above)} of {n_modes} modes do not oscillate: the damping c of the "
-            "joint is above the critical one"
-        )
-    s, y = s[above], vectors[:m, above] / omega[:, None]
-    y = y * np.sqrt(2 * s**2 / (s**2 * np.sum(y**2, axis=0) - np.sum(stiff[:, None] * y**2, 0)))
-    shapes = basis @ y
-    # d/dc of x^T (s^2 M + s C + K) x = 0, and its derivative by s, 2 s x^T M x + x^T C x =
-    # (s^2 x^T M x - x^T K x) / s = 2 s.
-    slip = [np.einsum("nk,nm,mk->k", shapes, D, shapes) for *_, D in structure.dampers]
-    gradients = -0.5 * np.array(slip).reshape(-1, n_modes).T
-    return DampedModes(structure, given, s, shapes, gradients)
+__all__ = ["DampingFit", "SlipTable", "identify_damping", "slip_table"]
 
 
 @dataclass(frozen=True)
@@ -150,10 +59,10 @@ def identify_damping(
 
     Raises:
         InputError: If a name is no joint's c, or a ratio not positive.
-        ConvergenceError: If the least squares do not converge.
+        ConvergenceError: If the least squares do not converge, or a mode is overdamped.
     """
     names, ratios = tuple(names), np.asarray(ratios, dtype=float)
-    of_groups = [c for _, c, *_ in structure.dampers]
+    of_groups = [c for _, c, _ in structure.slips]
     for name in names:
         if name not in of_groups:
             known = sorted({c for c in of_groups if isinstance(c, str)})
@@ -165,17 +74,21 @@ def identify_damping(
     if not used.any() or not np.all(ratios[used] > 0):
         raise InputError(f"ratios = {ratios.tolist()}: expected positive damping ratios.")
     sd = (np.broadcast_to(relative_sd, ratios.shape) * ratios)[used]
-    columns = np.array([[c == name for name in names] for c in of_groups], dtype=float)
+    columns = [list(structure.parameters).index(name) for name in names]
+    undamped = solve_modes(structure, given, n_modes=min(len(ratios) + 3, structure.n_dofs))
 
-    def solve(x):
+    def solve(x) -> ComplexModes:
         values = {**(given or {}), **dict(zip(names, x.tolist(), strict=True))}
-        return solve_damped_modes(structure, values, n_modes=len(ratios))
+        return solve_complex_modes(
+            structure, values, damping=structure.joint_damping(), gradients=True,
+            n_modes=undamped.n_rigid + len(ratios),
+        )  # fmt: skip
 
     def residual(x):
         return (solve(x).damping_ratios - ratios)[used] / sd
 
     def slope(x):
-        return (solve(x).ratio_gradients() @ columns)[used] / sd[:, None]
+        return solve(x).gradients()[1][np.ix_(used, columns)] / sd[:, None]
 
     # Ratios are nearly linear in c: the slope without damping gives the start.
     at_zero = slope(np.zeros(len(names)))

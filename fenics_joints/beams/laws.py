@@ -16,7 +16,7 @@ from fenics_joints.beams.element import bending_number
 from fenics_joints.errors import InputError
 from fenics_joints.laws import Law
 
-__all__ = ["AXIAL", "BEAM", "BEAM_MASSES", "LAPPED", "SECTION", "SLAP", "SLIP"]
+__all__ = ["AXIAL", "BEAM", "BEAM_LAWS", "BEAM_MASSES", "LAPPED", "SECTION", "SLAP", "SLIP"]
 
 #: Properties of a beam's region: E, Pa; nu; rho, kg/m3; stretch and width, actual over nominal
 #: height and breadth; height, breadth and length of the element, m; shear coefficient; offset of
@@ -102,10 +102,21 @@ def _law(name, properties, terms, check, heavy) -> _BeamLaw:
     return _BeamLaw(name, properties, _none, terms, (), check, heavy=heavy)
 
 
-def _joint_law(name: str, key: str, unit: str, zero: bool = False) -> _BeamLaw:
+def _check_lapped(where: str, q) -> None:
+    _check_section(where, q)
+    _positive(where.partition(".")[0], "axial", q["axial"], "")
+
+
+def _check_axial(where: str, q) -> None:
+    joint = where.rpartition(".")[0] or where
+    _positive(joint, "axial", q["axial"], "")
+    # Without any, what is left is a lap that slides.
+    if not np.all(np.asarray(q["k_axial"]) == 0):
+        _positive(joint, "k_axial", q["k_axial"], "N/m")
+
+
+def _joint_law(name: str, key: str, unit: str) -> _BeamLaw:
     def check(where, q):
-        if zero and np.all(np.asarray(q[key]) == 0):
-            return
         _positive(where.rpartition(".")[0] or where, key, q[key], unit)
 
     return _law(name, (key,), lambda q: np.array([q[key]]), check, lambda q: 0.0 * q[key])
@@ -115,8 +126,9 @@ def _joint_law(name: str, key: str, unit: str, zero: bool = False) -> _BeamLaw:
 BEAM = _law("offset beam", SECTION, _beam_stiffness, _check_section, _beam_mass(0))
 #: A beam in a lap: the joint elements have its stiffness, all but the axial one.
 LAPPED = _law(
-    "lapped beam", SECTION, lambda q: _beam_stiffness(q)[:1], _check_section, _beam_mass(0)
-)
+    "lapped beam", (*SECTION, "axial"), lambda q: q["axial"] * _beam_stiffness(q)[:1],
+    _check_lapped, _beam_mass(0),
+)  # fmt: skip
 #: The further terms of a beam's mass.
 BEAM_MASSES = tuple(
     _law(f"beam mass {i}", SECTION, _no_stiffness, _check_section, _beam_mass(i))
@@ -125,4 +137,9 @@ BEAM_MASSES = tuple(
 #: Generic joint elements (seed 002, eq. 2): k1, k2 in N m, k_axial in N/m.
 SLAP = _joint_law("slap", "k1", "N m")
 SLIP = _joint_law("slip", "k2", "N m")
-AXIAL = _joint_law("axial", "k_axial", "N/m", zero=True)
+AXIAL = _law(
+    "axial", ("k_axial", "axial"), lambda q: np.array([q["k_axial"] * q["axial"]]), _check_axial,
+    lambda q: 0.0 * q["k_axial"],
+)  # fmt: skip
+#: The laws by their names, for files.
+BEAM_LAWS = {law.name: law for law in (BEAM, LAPPED, *BEAM_MASSES, SLAP, SLIP, AXIAL)}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_joints.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm, number
 from fenics_joints.array_model import ArrayModel
-from fenics_joints.beams.components import Beam, GenericJoint, Held, LumpedMass
+from fenics_joints.beams.components import Beam, Clamp, GenericJoint, Held, LumpedMass
 from fenics_joints.beams.element import (
     joint_damping_matrix,
     joint_matrices,
@@ -20,6 +21,8 @@ from fenics_joints.beams.layout import Stretch, lay_out
 from fenics_joints.components import Parameter, Spring
 from fenics_joints.damping import Damping
 from fenics_joints.errors import InputError
+from fenics_joints.laws import ELASTIC_SUPPORT
+from fenics_joints.place_rows import PlaceRows
 from fenics_joints.points import Sensors
 
 __all__ = ["BeamStructure"]
@@ -45,6 +48,7 @@ class BeamStructure:
         masses: Bolts, accelerometers.
         springs: Grounding springs.
         held: Places that cannot move.
+        clamps: Ends that are held elastically.
         offset_mass: Whether the offset enters the mass too; False as in the paper, see
             `fenics_joints.beams.element`.
 
@@ -55,7 +59,7 @@ class BeamStructure:
     Attributes:
         layout: Nodes and elements.
         model: The matrices as sums.
-        dampers: (label, c, elements, matrix) of each group of joint elements with one c.
+        slips: (label, c, matrix) of each group of joint elements with one c.
     """
 
     #: Coordinates of a point.
@@ -70,21 +74,24 @@ class BeamStructure:
         masses: Sequence[LumpedMass] = (),
         springs: Sequence[Spring] = (),
         held: Sequence[Held] = (),
+        clamps: Sequence[Clamp] = (),
         offset_mass: bool = True,
     ):
         self.beams, self.joints, self.offset_mass = tuple(beams), tuple(joints), offset_mass
         known = _by_name(parameters)
-        _check_names(known, [*self.beams, *self.joints, *masses, *springs])
+        _check_names(known, [*self.beams, *self.joints, *masses, *springs, *clamps])
         nominal = {name: p.value for name, p in known.items()}
         sections = [(number(b.nu, nominal), b.height * number(b.stretch, nominal)) for b in beams]
         self.layout = lay_out(self.beams, self.joints, held, sections)
-        regions, self.dampers = self._regions()
+        regions, self.slips = self._regions()
+        regions += [self._clamp(clamp) for clamp in clamps]
+        dampers = {f"{label}.c": matrix for label, _, matrix in self.slips}
         pencil = AffinePencil(
             known, regions, [self._spring(s) for s in springs],
             [self._mass(m) for m in masses],
         )  # fmt: skip
-        self.model = ArrayModel(pencil, 1.0)
-        self.model = ArrayModel(pencil, self.dilation_frequency())
+        self.model = ArrayModel(pencil, 1.0, dampers=dampers)
+        self.model = replace(self.model, scale_hz=self.dilation_frequency())
 
     # -- the calls of a structure ------------------------------------------------------------
 
@@ -102,6 +109,11 @@ class BeamStructure:
     def regions(self) -> Sequence[RegionTerm]:
         """Beams and joints with their laws; ``NAME.slap``, ``NAME.slip`` are a joint's k1, k2."""
         return self.model.regions
+
+    @property
+    def dampers(self) -> Mapping[str, np.ndarray]:
+        """Matrices of the dashpots of slip, ``NAME.c``: see `joint_damping`."""
+        return self.model.dampers
 
     @property
     def n_dofs(self) -> int:
@@ -133,6 +145,14 @@ class BeamStructure:
         """(dK/dp - lambda dM/dp) x for every parameter, see `ArrayModel`."""
         return self.model.pencil_products(shapes, eigenvalues, given)
 
+    def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
+        """Stiffness of a region, or the matrix of a dashpot, see `ArrayModel`."""
+        return self.model.region_stiffness(name, given)
+
+    def slopes(self, given: Mapping[str, float] | None = None, apart: Sequence[str] = ()):
+        """dK/dp and dM/dp as matrices, see `ArrayModel`."""
+        return self.model.slopes(given, apart)
+
     def shape_slopes(self, index, given=None) -> tuple[np.ndarray, np.ndarray]:
         """Shapes of some modes and their derivatives, see `ArrayModel`."""
         return self.model.shape_slopes(index, given)
@@ -143,9 +163,17 @@ class BeamStructure:
 
     def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
         """Shapes at sensors, shape (n_sensors, n_shapes)."""
-        return self.sensor_rows(sensors)[0] @ shapes
+        return self.rows(sensors) @ shapes
 
-    def sensor_rows(self, sensors: Sensors) -> tuple[np.ndarray, np.ndarray]:
+    def rows(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
+        """What sensors read, and loads of one newton there, shape (n_sensors, n_dofs).
+
+        Raises:
+            InputError: If one is beside the beams; ``what`` is its name there.
+        """
+        return self.sensor_rows(sensors, what)[0]
+
+    def sensor_rows(self, sensors: Sensors, what: str = "sensor") -> tuple[np.ndarray, np.ndarray]:
         """What sensors read, and the same per metre that they sit further along x.
 
         Returns:
@@ -156,9 +184,9 @@ class BeamStructure:
         """
         if sensors.points.shape[1] != 3:
             raise InputError(
-                f"sensors have points of {sensors.points.shape[1]} components: expected (x, y, z)."
+                f"{what}s have points of {sensors.points.shape[1]} components: expected (x, y, z)."
             )
-        found = np.array([self.layout.rows(point, "sensor") for point in sensors.points])
+        found = np.array([self.layout.rows(point, what) for point in sensors.points])
         return tuple(np.einsum("sd,skdn->ksn", sensors.directions[:, [0, 2]], found[:, :, :2]))
 
     def displacement_rows(self, points: np.ndarray) -> np.ndarray:
@@ -173,10 +201,23 @@ class BeamStructure:
             rows[i, [0, 2]] = self.layout.rows(point)[0][:2]
         return rows
 
-    def arrays(self, sensors: Sensors | None = None) -> ArrayModel:
-        """The structure as plain arrays, with what sensors see: exact, no reduction."""
+    def arrays(self, sensors: Sensors | None = None, *places: Sensors) -> ArrayModel:
+        """The structure as plain arrays: exact, no reduction.
+
+        Args:
+            sensors: What its ``sensor_rows`` see.
+            places: Further excitations and sensors, for functions.
+
+        Raises:
+            InputError: If a point is beside the beams.
+        """
         rows = (None, None) if sensors is None else self.sensor_rows(sensors)
-        return ArrayModel(self.pencil, self.scale_hz, *rows)
+        there = [s for s in (sensors, *places) if s is not None]
+        points = np.unique(np.vstack([np.zeros((0, 3)), *(s.points for s in there)]), axis=0)
+        return replace(
+            self.model, sensor_rows=rows[0], shift_rows=rows[1],
+            places=PlaceRows(points, self.displacement_rows(points)),
+        )  # fmt: skip
 
     def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
         """Frequency, Hz, at which the beams would stretch evenly along x: a scale for shifts."""
@@ -198,29 +239,17 @@ class BeamStructure:
         """
         values = self.values(given)
         total = np.zeros((self.n_dofs, self.n_dofs))
-        for label, c, _, matrix in self.dampers:
+        for label, c, matrix in self.slips:
             total += _damping(label, number(c, values)) * matrix
         return total
 
-    def layer_damping(self, given: Mapping[str, float] | None = None) -> Damping:
-        """The same damping as relaxation times c / k2 of the regions ``NAME.slip``.
+    def joint_damping(self) -> Damping:
+        """The same damping as FRFs and complex modes take it: a dashpot ``NAME.c`` of each joint.
 
-        It is what the suite's FRFs and complex modes take; k2 and c enter as numbers.
-
-        Raises:
-            InputError: If a c is negative, or k2 and c of a joint have different groups.
+        A c that is a parameter stays one, so that both have derivatives by it. Damping of other
+        kinds can be put beside it: ``replace(beams.joint_damping(), structural=1e-3)``.
         """
-        values = self.values(given)
-        slips = {r.name: number(r.properties["k2"], values) for r in self.regions if r.law is SLIP}
-        times = {}
-        for label, c, _, _ in self.dampers:
-            name = f"{label}.slip"
-            if name not in slips:
-                raise InputError(
-                    f"{label}.c: expected as many values as k2 has, to be a relaxation time of it."
-                )
-            times[name] = _damping(label, number(c, values)) / slips[name]
-        return Damping(viscous=times)
+        return Damping(viscous={f"{label}.c": c for label, c, _ in self.slips})
 
     # -- assembly ----------------------------------------------------------------------------
 
@@ -253,8 +282,8 @@ class BeamStructure:
             "mass_offset": offset if self.offset_mass else 0.0,
         }  # fmt: skip
         q = {key: numbers.get(key, getattr(beam, key, None)) for key in SECTION}
-        length = stretch.n * stretch.length
-        own = RegionTerm(name, BEAM if joint is None else LAPPED, q, stiff, heavy[0], length)
+        law, more = (BEAM, {}) if joint is None else (LAPPED, {"axial": joint.axial})
+        own = RegionTerm(name, law, q | more, stiff, heavy[0], stretch.n * stretch.length)
         return [own] + [
             RegionTerm(f"{name}.mass[{k}]", law, q, stiff[:0], matrix, 0.0)
             for k, (law, matrix) in enumerate(zip(BEAM_MASSES, heavy[1:], strict=True), 1)
@@ -265,22 +294,22 @@ class BeamStructure:
         found = []
         for key, law, matrix in (("k1", SLAP, slap), ("k2", SLIP, slip)):
             for label, value, elements in joint.groups(key):
-                found.append(self._term(f"{label}.{law.name}", law, key, value, matrix,
-                                        [stretch.first + e for e in elements]))  # fmt: skip
+                at = [stretch.first + e for e in elements]
+                found.append(self._term(f"{label}.{law.name}", law, {key: value}, matrix, at))
         if joint.k_axial is not None:
             elements = range(stretch.first, stretch.first + stretch.n)
-            found.append(self._term(f"{joint.name}.axial", AXIAL, "k_axial", joint.k_axial, axial,
-                                    elements))  # fmt: skip
+            q = {"k_axial": joint.k_axial, "axial": joint.axial}
+            found.append(self._term(f"{joint.name}.axial", AXIAL, q, axial, elements))
         return found
 
-    def _term(self, name, law, key, value, matrix, elements) -> RegionTerm:
+    def _term(self, name, law, q, matrix, elements) -> RegionTerm:
         stiff = self.layout.assemble(matrix[None], elements)
-        return RegionTerm(name, law, {key: value}, stiff, np.zeros_like(stiff[0]), 0.0)
+        return RegionTerm(name, law, q, stiff, np.zeros_like(stiff[0]), 0.0)
 
     def _dampers(self, stretch: Stretch, joint: GenericJoint):
         for label, c, elements in joint.groups("c"):
             at = [stretch.first + e for e in elements]
-            yield label, c, at, self.layout.assemble(joint_damping_matrix()[None], at)[0]
+            yield label, c, self.layout.assemble(joint_damping_matrix()[None], at)[0]
 
     def _mass(self, mass: LumpedMass) -> MassTerm:
         moves = isinstance(mass.travel, str)
@@ -296,6 +325,23 @@ class BeamStructure:
         rows[:, 2] *= mass.radius
         travel = mass.travel if moves else low
         return MassTerm(mass.name, mass.mass, travel, mass.share, stations, rows)
+
+    def _clamp(self, clamp: Clamp) -> RegionTerm:
+        """Springs over a face of the nominal section."""
+        i = len(self.beams) - 1 if clamp.last else 0
+        beam, (u, w, turn) = self.beams[i], np.eye(3)
+        usual = 0.5 if i % 2 == 0 else -0.5
+        arm = beam.height * (usual if beam.offset is None else beam.offset)
+        middle = u - arm * turn
+        stiff = np.array([
+            np.outer(middle, middle) + beam.height**2 / 12 * np.outer(turn, turn), np.outer(w, w)
+        ])  # fmt: skip
+        n = 3 * len(self.layout.x)
+        whole, at = np.zeros((2, n, n)), slice(n - 3, n) if clamp.last else slice(0, 3)
+        whole[:, at, at] = beam.breadth * beam.height * stiff
+        whole = whole[:, self.layout.free[:, None], self.layout.free]
+        q = {"k_n": clamp.k_n, "k_t": clamp.k_t}
+        return RegionTerm(clamp.name, ELASTIC_SUPPORT, q, whole, np.zeros_like(whole[0]), 0.0)
 
     def _spring(self, spring: Spring) -> SpringTerm:
         at, _ = self.layout.rows(spring.point, spring.name)
