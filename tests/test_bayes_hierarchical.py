@@ -14,6 +14,7 @@ from fenics_joints.bayes.hierarchical import Specimens, sample_hierarchy
 from fenics_joints.bayes.predictive import check_predictive, replicate
 from fenics_joints.bayes.priors import density
 from fenics_joints.bayes.simulated import Truth, anchored, simulate
+from fenics_joints.bayes.straight import Straight, curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.components import Parameter
 from fenics_joints.errors import InputError
@@ -82,12 +83,12 @@ def test_new_specimens_correlate_as_the_measured_ones_do(hierarchy, specimens):
 
 def test_intervals_of_the_two_levels_hold_the_truth():
     """Simulation-based calibration: truths from the priors, all sets of data in one walk."""
-    rng, n, S = np.random.default_rng(11), 120, 8
-    sd, scatter, noise, off = 0.2, 0.03, 2e-3, 5e-3
+    rng, n, S = np.random.default_rng(12), 100, 6
+    sd, scatter, noise, off = 0.2, 0.03, 2e-3, 5e-2
     slope = np.array([[0.3, 0.1], [0.1, 0.4], [0.2, 0.2]])
 
     def g(x):
-        return x @ slope.T + 0.02 * x[:, [0, 1, 0]] * x[:, [0, 1, 1]]
+        return x @ slope.T - 0.5 * x**2 @ slope.T + 0.02 * x[:, [0, 1, 0]] * x[:, [0, 1, 1]]
 
     mu = rng.normal(0, sd, (n, 2))
     aux = stats.invgamma(0.5, scale=1 / scatter**2).rvs((n, 2), random_state=rng)
@@ -104,10 +105,11 @@ def test_intervals_of_the_two_levels_hold_the_truth():
     level = Level(
         lambda m: -0.5 * np.sum(m**2, axis=1) / sd**2, g, np.zeros(2), slope, np.zeros(3),
         np.zeros(2), np.full(2, sd), scatter, noise, False, off,
+        curvature(g, np.zeros(2)),
     )  # fmt: skip
     walk = Gibbs(level, data, [generator(1, c) for c in range(n)])
-    walk.advance(300)
-    points, _, _ = walk.advance(1200)
+    walk.advance(200)
+    points, _, _ = walk.advance(700)
     truths = np.column_stack([mu, sigma[:, 0, 0], sigma[:, 0, 1], sigma[:, 1, 1], tau, b])
     p_values = []
     for i, truth in enumerate(truths.T):
@@ -115,6 +117,32 @@ def test_intervals_of_the_two_levels_hold_the_truth():
         p_values.append(calibrate(ranks, 39).p_value)
     # Nine tests at once.
     assert min(p_values) > 0.002
+
+
+def test_steps_in_straight_coordinates():
+    """Equal steps of u change a model that is straight in u alike; volumes by differences."""
+    rng, centre = np.random.default_rng(5), np.array([0.2, -0.1])
+    bend = -np.array([[[1.0, 0.1], [0.1, 0.2]], [[0.3, 0.0], [0.0, 0.8]]])
+    straight = Straight(centre, bend)
+
+    def g(x):
+        return straight(x) @ np.array([[0.3, 0.1, 0.2], [0.1, 0.4, 0.2]])
+
+    # W H with W a generalised inverse of the slope finds the bend again.
+    slope = np.array([[0.3, 0.1], [0.1, 0.4], [0.2, 0.2]])
+    found = np.einsum("pm,mij->pij", np.linalg.pinv(slope), curvature(g, centre))
+    np.testing.assert_allclose(found, bend, atol=1e-6)
+    x, step = centre + 0.1 * rng.standard_normal((6, 2)), np.array([0.08, -0.05])
+    there, volume, good = straight.moved(x, step)
+    assert good.all() and np.ptp(g(there) - g(x), axis=0).max() < 1e-12
+    for k in range(6):
+        columns = [
+            (straight.moved(x[k] + e, step)[0] - straight.moved(x[k] - e, step)[0]) / 2e-6
+            for e in 1e-6 * np.eye(2)
+        ]
+        assert volume[k] == pytest.approx(np.log(np.linalg.det(columns)), abs=1e-6)
+    # Beyond the fold there is nothing.
+    assert not straight.moved(x, np.array([5.0, 0.0]))[2].any()
 
 
 @pytest.mark.parallel

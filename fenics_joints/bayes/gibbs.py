@@ -12,9 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from fenics_joints.bayes.straight import Straight
 from fenics_joints.bayes.walks import restored
 
 __all__ = ["Gibbs", "Level"]
@@ -22,8 +24,8 @@ __all__ = ["Gibbs", "Level"]
 _NU = 2.0
 #: Standard deviations of the linearisation's proposals; share of steps about the last point.
 _WIDER, _WALKS = 1.2, 0.3
-#: Correlation of a near step of the mean with where it was.
-_NEAR = 0.85
+#: Share of near steps of the mean, and their correlation with where it was.
+_NEARS, _NEAR = 0.25, 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,7 @@ class Level:
         noise: Scale of tau's half-Cauchy prior, or tau itself.
         known: Whether it is tau itself.
         discrepancy: Standard deviation of b; 0 for none.
+        bend: Second derivative of g at the centre, (m, p, p): for proposals alone.
     """
 
     log_prior: Callable[[np.ndarray], np.ndarray]
@@ -54,6 +57,18 @@ class Level:
     noise: float
     known: bool
     discrepancy: float
+    bend: np.ndarray | None = None
+
+    @cached_property
+    def straight(self) -> Straight:
+        """Coordinates in which common steps of the specimens are taken."""
+        p = len(self.centre)
+        if self.bend is None or not self.discrepancy:
+            return Straight(self.centre, np.zeros((p, p, p)))
+        # Parameters that the frequencies say little of are not bent for them.
+        square = self.slope.T @ self.slope + np.diag((self.discrepancy / self.spread) ** 2)
+        inverse = np.linalg.solve(square, self.slope.T)
+        return Straight(self.centre, np.einsum("pm,mij->pij", inverse, self.bend))
 
 
 class Gibbs:
@@ -218,35 +233,42 @@ class Gibbs:
     def _shift(self) -> None:
         """All x and mu by a step, and b back: along what the data leave open.
 
-        b takes what the step changes in the specimens' mean, by the model itself, so that the data
-        hardly notice; the map keeps volumes. The step is drawn as if the model were linear and the
-        prior normal. Half of the steps stay near: far ones are refused where it is less so.
+        The step is one of the coordinates in which the model is straight. b takes what it changes
+        in the specimens' mean, by the model itself, so that the data hardly notice. The step is
+        drawn as if that were all and the prior normal. Some steps stay near: far ones are refused
+        where it is less so.
         """
-        level, p = self.level, self.x.shape[2]
+        level, p, straight = self.level, self.x.shape[2], self.level.straight
         hold = 1 / level.spread**2
         information = level.slope.T @ level.slope / level.discrepancy**2 + np.diag(hold)
         root = np.linalg.inv(np.linalg.cholesky(information)).T
-        near = np.where(self._even() < 0.5, _NEAR, 0.0)[:, None]
+        near = np.where(self._even() < _NEARS, _NEAR, 0.0)[:, None]
+        target = straight(level.middle)
 
         def middle(mu, b):
-            pull = b @ level.slope / level.discrepancy**2 + hold * (level.middle - mu)
+            pull = b @ level.slope / level.discrepancy**2 + hold * (target - straight(mu))
             return (1 - near) * np.linalg.solve(information, pull.T).T
 
-        def density(mu, g, b):
-            prior = level.log_prior(mu) - 0.5 * np.sum(b**2, axis=1) / level.discrepancy**2
+        def density(x, mu, g, b):
+            off, prior = x - mu[:, None], level.log_prior(mu)
+            prior = prior - 0.5 * np.sum(b**2, axis=1) / level.discrepancy**2
+            prior = prior - 0.5 * np.einsum("csp,cpq,csq->c", off, precision, off)
             return prior + self._fits(g, b).sum(axis=1)
 
         def proposal(off):
             return -0.5 * np.einsum("cp,pq,cq->c", off, information, off) / (1 - near[:, 0] ** 2)
 
+        precision = np.linalg.inv(self.sigma)
         there = middle(self.mu, self.b)
         step = there + np.sqrt(1 - near**2) * (self._normal(p) @ root.T)
-        x, mu = self.x + step[:, None], self.mu + step
+        every = np.concatenate([self.mu[:, None], self.x], axis=1)
+        every, volume, good = straight.moved(every, step[:, None])
+        mu, x = every[:, 0], every[:, 1:]
         g = self._model(x)
         b = self.b - (g - self.g).mean(axis=1)
-        gain = density(mu, g, b) - density(self.mu, self.g, self.b)
-        gain += proposal(-step - middle(mu, b)) - proposal(step - there)
-        taken = np.log(self._even()) < gain
+        gain = density(x, mu, g, b) - density(self.x, self.mu, self.g, self.b)
+        gain += proposal(-step - middle(mu, b)) - proposal(step - there) + volume.sum(axis=1)
+        taken = (np.log(self._even()) < gain) & good.all(axis=1)
         self.mu, self.b = (
             np.where(taken[:, None], a, o) for a, o in ((mu, self.mu), (b, self.b))
         )

@@ -27,6 +27,7 @@ from fenics_joints.bayes.gibbs import Gibbs, Level
 from fenics_joints.bayes.likelihood import checked_specimens
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.bayes.samplers import Settings, Task, grow
+from fenics_joints.bayes.straight import curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError
 
@@ -150,7 +151,7 @@ def sample_hierarchy(
     level = Level(
         prior.log_density, g, centre, _slope(g, centre), g(centre[None])[0], draws.mean(axis=0),
         draws.std(axis=0), specimens.scatter, specimens.noise, specimens.noise_known,
-        specimens.discrepancy,
+        specimens.discrepancy, curvature(g, centre) if specimens.discrepancy else None,
     )  # fmt: skip
     data = np.log(specimens.frequencies_hz)
     names = _names(prior.names, specimens)
