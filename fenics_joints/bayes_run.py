@@ -20,7 +20,7 @@ from fenics_joints.bayes.posterior import Posterior
 from fenics_joints.bayes.predictive import PredictiveCheck, check_predictive, replicate
 from fenics_joints.bayes.samplers import Settings, sample
 from fenics_joints.case import Case
-from fenics_joints.case_bayes import Bayes, specimens
+from fenics_joints.case_bayes import Bayes, bayes_data, specimens
 from fenics_joints.files import check_writable
 from fenics_joints.meshes.tagged import on_root
 from fenics_joints.progress import Progress
@@ -188,7 +188,7 @@ class _Run:
     def __init__(self, case: Case, model: CaseModel, comm, progress: Progress, keep):
         self.case, self.model, self.comm, self.keep = case, model, comm, keep
         self.section = case.update.bayes or Bayes()
-        self.data, self.progress = case.measurements(), progress
+        self.data, self.progress = bayes_data(case), progress
         at = case.update.at
         self.row = self.data.row(at) if at is not None else len(self.data) - 1
         self.table = None if self.section.specimens is None else specimens(case)

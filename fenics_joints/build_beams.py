@@ -14,13 +14,16 @@ from fenics_joints.errors import InputError
 __all__ = ["build_beams"]
 
 
-def build_beams(case: Case, *, attached: bool = False, width: bool = False) -> BeamStructure:
+def build_beams(
+    case: Case, *, attached: bool = False, width: bool = False, damping: bool = False
+) -> BeamStructure:
     """The beams of a case, all its numbers as parameters; the same on every rank.
 
     Args:
         case: The case.
         attached: See `fenics_joints.build.build_structure`.
         width: See there.
+        damping: See there.
 
     Raises:
         InputError: For a value that is out of range, or a section that beams have not.
@@ -30,7 +33,7 @@ def build_beams(case: Case, *, attached: bool = False, width: bool = False) -> B
         return BeamStructure(
             _beams(case, width),
             _joints(case),
-            parameters(case, attached=attached, width=width),
+            parameters(case, attached=attached, width=width, damping=damping),
             masses=[m for item in pointed.items() for m in _masses(*item)],
             springs=[s for item in pointed.items() for s in _springs(*item)],
             held=_held(case),

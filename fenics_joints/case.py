@@ -196,16 +196,22 @@ class Case(Section):
     def fitted_data(self) -> tuple[str, ...]:
         """Kinds of data that a combined update fits: what there is, unless the case says it.
 
-        Without ``[damping]`` the model has no functions to compare with those of the test.
+        Without ``[damping]``, or the c of a lap of beams, the model has no functions to compare
+        with those of the test.
         """
         if self.update is not None and self.update.data is not None:
             return tuple(dict.fromkeys(self.update.data))
         there = {
             "frequencies": self._measured is not None,
             "shapes": self._measured is not None and self._measured.shapes is not None,
-            "frfs": self._frfs is not None and self.damping is not None,
+            "frfs": self._frfs is not None and self.is_damped,
         }
         return tuple(kind for kind, has in there.items() if has)
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether the model has damping: ``[damping]``, or the c of a lap of beams."""
+        return self.damping is not None or any(joint.c for joint in self.joints.values())
 
     def nominal(
         self, attached: bool = False, width: bool = False, damping: bool = False

@@ -11,13 +11,16 @@ from fenics_joints.case_messages import did_you_mean, said
 from fenics_joints.case_sections import Names, Section, Share
 from fenics_joints.case_sections import Update as PlainUpdate
 from fenics_joints.errors import InputError
-from fenics_joints.measurements import read_table
+from fenics_joints.measurements import TestData, read_table
 from fenics_joints.units import to_si
 
 if TYPE_CHECKING:
     from fenics_joints.case import Case
 
-__all__ = ["UNITS", "Bayes", "PriorSection", "Update", "check_bayes", "prior_numbers", "specimens"]
+__all__ = [
+    "UNITS", "Bayes", "PriorSection", "Update", "bayes_data", "check_bayes", "prior_numbers",
+    "specimens",
+]  # fmt: skip
 
 #: Units of parameters, by the last part of their name.
 UNITS = {
@@ -74,7 +77,7 @@ class Bayes(Section):
 
     def length(self) -> tuple[int, int]:
         """Samples and burn-in: the paper's 20,000 and 5,000, but fewer of the costlier Gibbs."""
-        samples = self.samples or (8000 if self.kind == "hierarchical" else 20000)
+        samples = self.samples or (4000 if self.kind == "hierarchical" else 20000)
         return samples, samples // 4 if self.burn_in is None else self.burn_in
 
 
@@ -92,6 +95,10 @@ def check_bayes(case: Case) -> list[str]:
     if case.update.cutoff is not None:
         return ["update.bayes: expected none beside update.cutoff; it identifies parameters"]
     errors = []
+    try:
+        bayes_data(case)
+    except InputError as error:
+        return [str(error)]
     for name in bayes.priors:
         if name not in case.update.parameters:
             hint = did_you_mean(name, case.update.parameters)
@@ -134,8 +141,28 @@ def prior_numbers(case: Case, name: str) -> dict[str, float]:
     return found
 
 
+def bayes_data(case: Case) -> TestData | None:
+    """The test's data without the modes that ``[update.held]`` keeps from every fit.
+
+    Raises:
+        InputError: If those are not the highest ones, which the posterior cannot leave out.
+    """
+    if case.test is None:
+        return None
+    data, held = case.measurements(), case.update and case.update.held
+    names = held.modes if held and held.modes else []
+    out = [name in names for name in data.mode_names]
+    n = len(out) - sum(out)
+    if any(out[:n]):
+        expected = "expected the highest modes of the test, for a posterior of the others"
+        raise InputError(said("update.held.modes", names, expected))
+    return data.first_modes(n)
+
+
 def specimens(case: Case) -> np.ndarray:
     """Frequencies of the specimens, Hz, (n, m): columns named as the test's modes.
+
+    Modes that are held out, see `bayes_data`, are left out.
 
     Raises:
         InputError: If the table cannot be read, lacks a mode, or has a frequency that is not
@@ -144,6 +171,6 @@ def specimens(case: Case) -> np.ndarray:
     from fenics_joints.bayes.likelihood import checked_specimens
 
     table = read_table(case.folder / case.update.bayes.specimens)
-    modes = case.measurements().mode_names
+    modes = bayes_data(case).mode_names
     columns = np.column_stack([table.column(mode, "Hz") for mode in modes])
     return checked_specimens(modes, columns)

@@ -98,13 +98,14 @@ def _check_data(case: Case) -> list[str]:
         expected = "expected no shapes in update.data: the seed's equations have none"
         errors.append(said("update.method", update.method, expected))
     if "frfs" in wanted:
-        if case.damping is None:
+        if not case.is_damped:
             errors.append(
                 "damping is missing: expected a section [damping], without which the model's "
                 "functions are infinite at its resonances"
             )
     else:
         own = {} if case.damping is None else case.damping.nominal()
+        own |= {f"{name}.c": joint.c for name, joint in case.joints.items()}
         errors += [
             said(f"update.parameters[{i}]", name, "undamped frequencies and shapes do not depend "
                  "on damping; expected 'frfs' in update.data")

@@ -183,7 +183,7 @@ def show_combined(console: Console, r: CombinedReport) -> None:
     at = _at(r)
     say(console, f"{r.title}: update{' at ' + at if at else ''} on {data_words(r)}", "bold")
     gaps = (
-        f"{gap_words(r)} in {r.update.evaluations} evaluations of the reduced model; "
+        f"{gap_words(r)} in {r.update.evaluations} evaluations of the model; "
         f"{r.update.message}"
     )
     console.print(gaps, markup=False, highlight=False)

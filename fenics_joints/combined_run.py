@@ -8,6 +8,8 @@ import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
+from fenics_joints.beams import BeamStructure
+from fenics_joints.beams.exact import ExactCombinedModel
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
 from fenics_joints.combined_data import CombinedData, combined_data
@@ -22,11 +24,12 @@ from fenics_joints.formatting import percent, quantity
 from fenics_joints.frf import solve_frf
 from fenics_joints.gap import Pairing, mac, pair_modes
 from fenics_joints.modal import Modes
+from fenics_joints.model_damping import model_damping
 from fenics_joints.points import Sensors
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Structure
 from fenics_joints.updating_data import Target
-from fenics_joints.weighted_updating import update_weighted
+from fenics_joints.weighted_updating import noise_tolerances, update_weighted
 
 __all__ = ["run_combined"]
 
@@ -43,8 +46,6 @@ _MISFIT = 9.0
 #: A value as near to a bound has been stopped there: relative to it where the scale is
 #: logarithmic, else to the room between the bounds.
 _AT_BOUND = 2e-3
-#: Eq. 14's tolerances in standard deviations, where the noise is above their usual values.
-_EPS = 4.0
 
 
 def run_combined(
@@ -69,8 +70,8 @@ class _Run:
         self.data: CombinedData = combined_data(case)
         progress.step("building the model")
         functions = "frfs" in self.data.kinds
-        self.full: Structure = build_structure(case, comm, damping=functions)
-        self.damping = case.damping.damping() if functions else Damping()
+        self.full: Structure | BeamStructure = build_structure(case, comm, damping=functions)
+        self.damping = model_damping(case, self.full) if functions else Damping()
         self.parameters = [self.full.parameters[n] for n in self.section.parameters]
         self.start = {**case.nominal(damping=functions), **case.start()}
         self._check_start()
@@ -78,7 +79,11 @@ class _Run:
         n_modes = 6 + len(self.data.target) + _SPARE
         if "n_modes" in case.diagnose.model_fields_set:
             n_modes = max(case.diagnose.n_modes, n_modes)
-        self.model = CombinedModel(self.full, self.data.target, self.damping, n_modes)
+        target = self.data.target
+        if isinstance(self.full, BeamStructure):
+            self.model = ExactCombinedModel(self.full, target, n_modes)
+        else:
+            self.model = CombinedModel(self.full, target, self.damping, n_modes)
 
     def _check_start(self) -> None:
         for p in self.parameters:
@@ -94,15 +99,8 @@ class _Run:
 
     def report(self) -> CombinedReport:
         """Fit, check, better the reduced model, fit again; then hold out, and compare."""
-        # Damping hardly changes what a basis needs.
-        own = {} if self.case.damping is None else self.case.damping.nominal()
-        moved = [p for p in self.parameters if p.name not in own]
-        samples = sample_values(self.full, moved, self.start)
-        self.progress.step("reduced model: sampling the parameters", len(samples))
-        for values in samples:
-            self.model.add(values)
-            self.progress.advance()
-        self.model.build()
+        if isinstance(self.model, CombinedModel):
+            self._sample()
         found, modes, error = self._checked()
         self._tell_bounds(found)
         first = self.model.modes(self.start)
@@ -124,6 +122,17 @@ class _Run:
             pull=None if found.method == "weighted" else self.section.regularisation,
             published=self._published(),
         )
+
+    def _sample(self) -> None:
+        # Damping hardly changes what a basis needs.
+        own = {} if self.case.damping is None else self.case.damping.nominal()
+        moved = [p for p in self.parameters if p.name not in own]
+        samples = sample_values(self.full, moved, self.start)
+        self.progress.step("reduced model: sampling the parameters", len(samples))
+        for values in samples:
+            self.model.add(values)
+            self.progress.advance()
+        self.model.build()
 
     def _checked(self) -> tuple[CombinedUpdate, Modes, ModelError]:
         """The fit, where the reduced model holds; else with a better one."""
@@ -183,7 +192,7 @@ class _Run:
         if self.section.method == "weighted":
             return update_weighted(
                 model, self.parameters, target, self.start, step_limit=self.section.step_limit,
-                **common, **_tolerances(target),
+                **common, **noise_tolerances(target),
             )  # fmt: skip
         common["regularisation"] = self.section.regularisation
         found = update_combined(model, self.parameters, target, self.start, **common)
@@ -278,7 +287,7 @@ class _Run:
                 check=2,
             )  # fmt: skip
             found.append(frf.values)
-            errors.append(float(np.max(frf.error)))
+            errors.append(0.0 if frf.error is None else float(np.max(frf.error)))
         lines = np.zeros(len(there), dtype=bool)
         lines[self.data.lines] = True
         return Functions(
@@ -312,10 +321,10 @@ class _Run:
         }  # fmt: skip
 
     def _facts(self, error: ModelError, functions: Functions | None) -> dict:
-        facts = {
-            "dofs": self.full.n_dofs, "basis": self.model.arrays.n_dofs,
-            "samples": self.model.samples, "frequency_error": error.frequencies,
-        }  # fmt: skip
+        facts = {"dofs": self.full.n_dofs}
+        if self.model.samples:
+            facts |= {"basis": self.model.arrays.n_dofs, "samples": self.model.samples}
+        facts["frequency_error"] = error.frequencies
         if functions is not None:
             frfs = self.data.target.frfs
             facts |= {
@@ -337,15 +346,3 @@ def _is_at(parameter: Parameter, value: float, bound: float) -> bool:
     size = abs(bound) if parameter.log or not np.isfinite(room) else room
     size = size or abs(parameter.value)
     return abs(value - bound) <= _AT_BOUND * size
-
-
-def _tolerances(target: Target) -> dict[str, float]:
-    """Tolerances of eq. 14 that data with noise can meet."""
-    used = np.isfinite(target.frequencies_hz)
-    found = {"eps_1": 1e-4, "eps_2": 1e-2}
-    if used.any():
-        found["eps_1"] = max(1e-4, _EPS * float(target.log_sd[used].max()))
-    if target.frfs is not None:
-        sd = target.frfs.relative_sd[target.frfs.used]
-        found["eps_2"] = max(1e-2, _EPS * float(sd.max()))
-    return found

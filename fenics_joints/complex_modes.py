@@ -176,8 +176,8 @@ def _reduced(model, given, damping: Damping, n_modes: int, gradients: bool) -> C
     residuals = residuals / np.linalg.norm(energy * y, axis=0)
     if residuals.max() > _NO_MODE:
         raise ConvergenceError(
-            f"{int(np.sum(residuals <= _NO_MODE))} of {len(s)} elastic modes were found: the others "
-            "are overdamped by orders of magnitude",
+            f"{int(np.sum(residuals <= _NO_MODE))} of {len(s)} elastic modes were found: the "
+            "others are overdamped by orders of magnitude",
             f"the largest residual is {residuals.max():.1e}",
         )
     slopes = _slopes(modal, s, y) if gradients else None

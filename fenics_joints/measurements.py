@@ -177,6 +177,14 @@ class TestData:
         out = {self.row(c) for c in conditions}
         return self._rows([i for i in range(len(self)) if i not in out])
 
+    def first_modes(self, n: int) -> TestData:
+        """The first n modes alone."""
+        cut = {
+            key: None if getattr(self, key) is None else getattr(self, key)[..., :n]
+            for key in ("frequencies_hz", "damping", "resolution_hz", "noise", "shapes")
+        }
+        return replace(self, mode_names=self.mode_names[:n], **cut)
+
     def _rows(self, rows: Sequence[int]) -> TestData:
         rows = np.asarray(rows, dtype=int)
         damping = None if self.damping is None else self.damping[rows]

@@ -21,10 +21,12 @@ from fenics_joints.updating_prediction import Prediction, Predictor
 from fenics_joints.updating_residuals import Residuals, raw_rows, relative_errors, row_sd
 from fenics_joints.weighted_equations import WeightedEquations, weighted_equations
 
-__all__ = ["update_weighted"]
+__all__ = ["noise_tolerances", "update_weighted"]
 
 #: Relative steps below which an iteration stands still.
 _STILL = 1e-9
+#: Tolerances in standard deviations, where the noise is above their usual values.
+_EPS = 4.0
 #: Singular values below this share of the largest are none; the relative standard deviation of
 #: what is then open.
 _NULL, _LARGE = 1e-10, 1e3
@@ -185,3 +187,15 @@ class _Weighted:
             message.startswith("converged"), message, self.predictor.calls, tuple(self.history),
             self.prediction, chi2, residuals.count - len(names),
         )  # fmt: skip
+
+
+def noise_tolerances(target: Target) -> dict[str, float]:
+    """Tolerances of seed 000, eq. 14, that data with noise can meet: arguments of the fit."""
+    used = np.isfinite(target.frequencies_hz)
+    found = {"eps_1": 1e-4, "eps_2": 1e-2}
+    if used.any():
+        found["eps_1"] = max(1e-4, _EPS * float(target.log_sd[used].max()))
+    if target.frfs is not None:
+        sd = target.frfs.relative_sd[target.frfs.used]
+        found["eps_2"] = max(1e-2, _EPS * float(sd.max()))
+    return found

@@ -83,7 +83,7 @@ def test_without_specimens_and_without_convergence(tmp_path):
     assert found.check is None and found.html().count("<svg") == 3
     # Seed 002, Table 1: the updated model is within 0.15 % of these frequencies.
     median = np.array([row["median_hz"] for row in found.predicted()])
-    assert np.max(np.abs(median / case.measurements().frequencies_hz[0] - 1)) < 2.5e-3
+    assert np.max(np.abs(median / case.measurements().frequencies_hz[0, :5] - 1)) < 2.5e-3
     too_few = load_case(written(tmp_path, {SPECIMENS: SPECIMENS + "\nsamples = 40"}))
     with pytest.raises(ConvergenceError, match="the chains did not converge .*lap.k1"):
         run_bayes(too_few, MPI.COMM_SELF, Progress(silent=True))

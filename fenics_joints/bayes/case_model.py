@@ -14,7 +14,7 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.exact import ExactBeams
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
-from fenics_joints.case_bayes import Bayes, prior_numbers
+from fenics_joints.case_bayes import Bayes, bayes_data, prior_numbers
 from fenics_joints.components import Parameter
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.gap import pair_modes
@@ -79,7 +79,7 @@ def case_model(case: Case, comm: MPI.Intracomm, progress: Progress | None = None
     full, start = build_structure(case, comm), {**case.nominal(), **case.start()}
     parameters = [full.parameters[name] for name in case.update.parameters]
     prior = case_prior(case, parameters, start, full)
-    data = case.measurements()
+    data = bayes_data(case)
     given = {"sensors": data.sensors, "n_test": len(data.mode_names),
              "n_modes": case.diagnose.n_modes, "shapes": data.shapes}  # fmt: skip
     tolerance = (case.update.bayes or Bayes()).tolerance

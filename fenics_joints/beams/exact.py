@@ -1,4 +1,4 @@
-"""Beams in the service of a fit: exact, with the calls of `fenics_joints.surrogate.Surrogate`."""
+"""Beams in the service of a fit: exact, with the calls of the models that a solid's basis needs."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from fenics_joints.array_model import ArrayModel
 from fenics_joints.beams.structure import BeamStructure
+from fenics_joints.combined_model import ModelError
 from fenics_joints.gap import pair_modes
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.points import Sensors
 from fenics_joints.surrogate import Forward
+from fenics_joints.updating_data import Target
 
-__all__ = ["ExactBeams"]
+__all__ = ["ExactBeams", "ExactCombinedModel"]
 
 
 class ExactBeams:
-    """Frequencies of the modes that a test saw, without a reduction.
+    """Frequencies of the modes that a test saw, as a `fenics_joints.surrogate.Surrogate`.
 
     Args:
         structure: The beams.
@@ -56,3 +59,37 @@ class ExactBeams:
 
     def refine(self, modes: Sequence[Modes]) -> None:
         """Nothing to refine."""
+
+
+class ExactCombinedModel:
+    """Frequencies, shapes and functions, as a `fenics_joints.combined_model.CombinedModel`.
+
+    Args:
+        structure: The beams.
+        target: The data.
+        n_modes: Number of modes to compute.
+
+    Attributes:
+        arrays: The beams as arrays.
+        samples: How many samples it took: none.
+    """
+
+    samples = 0
+
+    def __init__(self, structure: BeamStructure, target: Target, n_modes: int):
+        self.n_modes = min(n_modes, structure.n_dofs)
+        self.functions = target.frfs is not None
+        places = [target.frfs.excitation, target.frfs.sensors] if self.functions else []
+        self.arrays = structure.arrays(target.shape_sensors, *places)
+
+    def build(self) -> ArrayModel:
+        """The beams as arrays."""
+        return self.arrays
+
+    def modes(self, values: Mapping[str, float]) -> Modes:
+        """Modes at some values."""
+        return solve_modes(self.arrays, values, n_modes=self.n_modes)
+
+    def error(self, values: Mapping[str, float], modes: Modes) -> ModelError:
+        """Error of frequencies and functions: none."""
+        return ModelError(0.0, 0.0 if self.functions else None)
