@@ -11,6 +11,7 @@ import numpy as np
 from fenics_joints.affine import AffinePencil, RegionTerm, number, slopes
 from fenics_joints.components import Parameter
 from fenics_joints.errors import InputError
+from fenics_joints.laws import Law
 from fenics_joints.modal import SHIFT_SHARE, dense_modes
 from fenics_joints.place_rows import PlaceRows
 from fenics_joints.points import Sensors
@@ -30,6 +31,20 @@ class _Coefficients:
     heavy: np.ndarray
     by_theta: np.ndarray
     by_heavy: np.ndarray
+
+
+class _Changes(dict):
+    """Derivatives of a law's terms by its properties, (stiffness, inertia), as they are asked for:
+    of a beam's dozen properties few are parameters."""
+
+    def __init__(self, law: Law, at: Mapping[str, float]):
+        super().__init__()
+        self.law, self.at = law, at
+
+    def __missing__(self, key: str) -> tuple[np.ndarray, float]:
+        stiff = slopes(self.law.stiffness_terms, self.at, key)
+        self[key] = stiff, slopes(self.law.inertia_terms, self.at, key)[0]
+        return self[key]
 
 
 class _Stacks:
@@ -108,11 +123,7 @@ class _Stacks:
             if len(self._known) > _MOST:
                 self._known.clear()
             at = region.values(values)
-            changes = {
-                key: (slopes(region.law.stiffness_terms, at, key),
-                      slopes(region.law.inertia_terms, at, key)[0])
-                for key in region.law.properties
-            }  # fmt: skip
+            changes = _Changes(region.law, at)
             terms, inertia = region.law.stiffness_terms(at), region.law.inertia_terms(at)[0]
             known = np.asarray(terms, dtype=float), float(inertia), changes
             self._known[region.law.name, q] = known

@@ -146,7 +146,10 @@ def build_structure(
     if isinstance(case.mesh, OffsetBeamsMesh):
         from fenics_joints.build_beams import build_beams
 
-        return build_beams(case, attached=attached, width=width, damping=damping)
+        return build_beams(
+            case, attached=attached, width=width, elastic_supports=elastic_supports,
+            damping=damping,
+        )  # fmt: skip
     tagged = build_mesh(case, comm) if tagged is None else tagged
     pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
     masses = [m for name, section in pointed.items() for m in _masses(name, section)]

@@ -3,19 +3,45 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from fenics_joints.beams import Beam, BeamStructure, GenericJoint, Held, LumpedMass
+from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, LumpedMass
 from fenics_joints.build import parameters
 from fenics_joints.case import Case
 from fenics_joints.case_sections import AXES, MassSection, SpringSection
-from fenics_joints.components import Spring
+from fenics_joints.components import Parameter, Spring
 from fenics_joints.errors import InputError
 
-__all__ = ["build_beams"]
+__all__ = ["ZonedLap", "build_beams"]
+
+#: Bounds of the actual over the nominal axial stiffness of a lap.
+_AXIAL = (1e-3, 1e3)
+
+
+@dataclass(frozen=True)
+class ZonedLap:
+    """A lap whose joint elements are in zones, each a section of the case.
+
+    Attributes:
+        name: Its name; ``NAME.axial``, its actual over nominal axial stiffness, is a parameter.
+        zones: Name of the joint section of each of its elements.
+        k_axial: Its axial stiffness, N/m, if it is not the beams' own.
+    """
+
+    name: str
+    zones: tuple[str, ...]
+    k_axial: float | None = None
 
 
 def build_beams(
-    case: Case, *, attached: bool = False, width: bool = False, damping: bool = False
+    case: Case,
+    *,
+    attached: bool = False,
+    width: bool = False,
+    elastic_supports: bool = False,
+    damping: bool = False,
+    laps: Sequence[ZonedLap] | None = None,
 ) -> BeamStructure:
     """The beams of a case, all its numbers as parameters; the same on every rank.
 
@@ -23,20 +49,27 @@ def build_beams(
         case: The case.
         attached: See `fenics_joints.build.build_structure`.
         width: See there.
+        elastic_supports: See there.
         damping: See there.
+        laps: Its laps in zones, in their order; by default as the case has them.
 
     Raises:
         InputError: For a value that is out of range, or a section that beams have not.
     """
     pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
+    known = parameters(
+        case, attached=attached, width=width, elastic_supports=elastic_supports, damping=damping
+    )
+    known += [Parameter(f"{lap.name}.axial", 1.0, "", *_AXIAL) for lap in laps or ()]
     try:
         return BeamStructure(
             _beams(case, width),
-            _joints(case),
-            parameters(case, attached=attached, width=width, damping=damping),
+            _joints(case) if laps is None else _zoned(case, laps),
+            known,
             masses=[m for item in pointed.items() for m in _masses(*item)],
             springs=[s for item in pointed.items() for s in _springs(*item)],
-            held=_held(case),
+            held=_held(case, elastic_supports),
+            clamps=_clamps(case) if elastic_supports else [],
             offset_mass=case.mesh.offset_mass,
         )
     except InputError as error:
@@ -84,12 +117,33 @@ def _joints(case: Case) -> list[GenericJoint]:
     return found
 
 
-def _held(case: Case) -> list[Held]:
+def _zoned(case: Case, laps: Sequence[ZonedLap]) -> list[GenericJoint]:
+    return [
+        GenericJoint(
+            lap.name, length, len(lap.zones),
+            **{key: [f"{zone}.{key}" for zone in lap.zones] for key in ("k1", "k2", "c")},
+            k_axial=lap.k_axial, axial=f"{lap.name}.axial",
+        )
+        for lap, length in zip(laps, case.mesh.of("laps"), strict=True)
+    ]  # fmt: skip
+
+
+def _clamps(case: Case) -> list[Clamp]:
+    return [
+        Clamp(name, section.facets == "right", f"{name}.k_n", f"{name}.k_t")
+        for name, section in case.supports.items()
+        if set(section.directions) == set(AXES)
+    ]
+
+
+def _held(case: Case, elastic: bool) -> list[Held]:
     mesh = case.mesh
     x = {"left": 0.0, "right": sum(mesh.lengths) - sum(mesh.of("laps"))}
     found = []
     for section in case.supports.values():
         every = set(section.directions) == set(AXES)
+        if every and elastic:
+            continue
         motions = ("x", "z", "turn") if every else tuple(d for d in section.directions if d != "y")
         if motions:
             found.append(Held(x[section.facets], motions))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from petsc4py import PETSc
 
+from fenics_joints._compat import geometry_dofmap
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.errors import InputError
 from fenics_joints.files import write_arrays
@@ -216,6 +217,33 @@ class Surrogate:
         self._reduced = enrich(self.full, basis, shapes, self.travel)
         self.model = self.forward.model = self._arrays(self._reduced)
         self.forward.forget()
+
+    def wide(self, points: Sequence[Mapping[str, float]]) -> ReducedStructure:
+        """A reduced model with all modes, whether the test sees them or not. Collective.
+
+        Args:
+            points: Parameter values at which its modes make the basis.
+        """
+        return reduce(self.full, points, self.n_modes, travel=self.travel)
+
+    def point_rows(self, model: ReducedStructure, points: np.ndarray) -> np.ndarray:
+        """Displacement of a model's basis at points, shape (n_points, gdim, n_dofs)."""
+        return model.point_rows(points)
+
+    def everywhere(self, count: int) -> Sensors:
+        """Points all over the structure, each in all directions. Collective."""
+        full, msh = self.full, self.full.mesh
+        owned = msh.topology.index_map(msh.topology.dim).size_local
+        middles = msh.geometry.x[geometry_dofmap(msh)[:owned]].mean(axis=1)
+        middles = np.concatenate(msh.comm.allgather(middles))[:, : full.gdim]
+        middles = middles[np.lexsort(np.round(middles, 9).T)]
+        chosen = [0]
+        away = np.linalg.norm(middles - middles[0], axis=1)
+        while len(chosen) < min(count, len(middles)):
+            chosen.append(int(np.argmax(np.round(away, 9))))
+            away = np.minimum(away, np.linalg.norm(middles - middles[chosen[-1]], axis=1))
+        points = np.repeat(middles[chosen], full.gdim, axis=0)
+        return Sensors(points, np.tile(np.eye(full.gdim), (len(chosen), 1)))
 
     def _reduce(self) -> ReducedStructure:
         """The reduced model on the modes at the samples."""

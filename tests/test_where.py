@@ -10,7 +10,7 @@ from scipy.stats import binom, kstest, ncx2
 
 from fenics_joints.diagnosis.evidence import Evidence
 from fenics_joints.diagnosis.where import attribution, holm, zone_tests
-from fenics_joints.diagnosis.zone_sensitivity import zone_sensitivities
+from fenics_joints.diagnosis.zone_sensitivity import layer_interfaces, zone_sensitivities
 from fenics_joints.errors import InputError
 
 TORQUES = np.array([5.0, 10.0, 20.0, 30.0])
@@ -229,7 +229,8 @@ def test_zone_sensitivities_are_changes_of_the_prediction():
     forward.model, forward.sensors = SimpleNamespace(parameters=dict.fromkeys(names)), None
     evidence = Evidence(TORQUES, np.tile(log_f(baseline), (4, 1)), np.full((4, 2), 0.003), 0.005)
     zones = zone_sensitivities(
-        forward, evidence, baseline, ["bar", "layer"], thickness={"layer": h}, by_torque=True
+        forward, evidence, baseline, ["bar", "layer"], interfaces=layer_interfaces({"layer": h}),
+        by_torque=True,
     )
     assert zones["bar"].shape == (8, 2) and zones["layer"].shape == (8, 4)
     share = (0.1 / 70e9) / (0.1 / 70e9 + h / 1e11)
@@ -262,8 +263,9 @@ def test_zones_of_joints_share_what_the_joints_do_together():
     forward.model, forward.sensors = SimpleNamespace(parameters=dict.fromkeys(names)), None
     evidence = Evidence(np.ones(1), log_f(baseline)[None], np.full((1, 2), 0.003), 0.005)
     zones = zone_sensitivities(
-        forward, evidence, baseline, ["one", "two"], thickness={"one": h, "two": h}
-    )
+        forward, evidence, baseline, ["one", "two"],
+        interfaces=layer_interfaces({"one": h, "two": h}),
+    )  # fmt: skip
     soft = 1 / (1 / 1e11 + 1 / (1e12 * h))
     both = log_f(baseline | {"one.E": soft, "two.E": soft}) - log_f(baseline)
     assert zones["one"][:, 0] + zones["two"][:, 0] == pytest.approx(both, rel=1e-9)

@@ -43,6 +43,8 @@ class _BeamLaw(Law):
 
 def _positive(where: str, key: str, value, unit: str) -> None:
     """Also for many values at a time, as sampling asks for."""
+    if isinstance(value, float) and 0 < value < np.inf:
+        return
     good = np.isfinite(value) & (np.asarray(value) > 0)
     if not np.all(good):
         bad = np.atleast_1d(value)[~np.atleast_1d(good)][0]
@@ -54,6 +56,9 @@ def _positive(where: str, key: str, value, unit: str) -> None:
 def _check_section(where: str, q) -> None:
     for key, unit in _POSITIVE.items():
         _positive(where, key, q[key], unit)
+    alone = isinstance(q["nu"], float) and isinstance(q["rho"], float)
+    if alone and -1 < q["nu"] < 0.5 and q["rho"] >= 0:
+        return
     if not np.all(q["rho"] >= 0):
         rho = np.min(q["rho"])
         raise InputError(f"{where}.rho = {rho:g} is out of range: expected rho >= 0 kg/m3.")

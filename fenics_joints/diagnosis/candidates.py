@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_joints._compat import geometry_dofmap
+from fenics_joints.array_model import ArrayModel
 from fenics_joints.diagnosis.added import (
     ADDED_MASS,
     DAMPING_NOISE,
@@ -35,7 +35,7 @@ from fenics_joints.gap import VISIBLE, pair_modes
 from fenics_joints.modal import solve_modes
 from fenics_joints.points import Sensors
 from fenics_joints.reading import plain
-from fenics_joints.reduction import ReducedStructure, reduce
+from fenics_joints.reduction import ReducedStructure
 from fenics_joints.surrogate import Forward
 
 __all__ = ["Candidates"]
@@ -117,11 +117,9 @@ class Candidates:
         return found
 
     @cached_property
-    def _wide(self) -> ReducedStructure:
+    def _wide(self) -> ArrayModel | ReducedStructure:
         """A reduced model with all modes, whether the test sees them or not. Collective."""
-        surrogate = self.model.surrogate
-        points = self._points_of_sizes()
-        return reduce(surrogate.full, points, surrogate.n_modes, travel=surrogate.travel)
+        return self.model.surrogate.wide(self._points_of_sizes())
 
     @cached_property
     def _wide_forward(self) -> Forward:
@@ -149,20 +147,8 @@ class Candidates:
 
     @cached_property
     def _everywhere(self) -> Sensors:
-        """Points all over the structure, each in all directions. Collective."""
-        full = self.model.surrogate.full
-        msh = full.mesh
-        count = msh.topology.index_map(msh.topology.dim).size_local
-        middles = msh.geometry.x[geometry_dofmap(msh)[:count]].mean(axis=1)
-        middles = np.concatenate(msh.comm.allgather(middles))[:, : full.gdim]
-        middles = middles[np.lexsort(np.round(middles, 9).T)]
-        chosen = [0]
-        away = np.linalg.norm(middles - middles[0], axis=1)
-        while len(chosen) < min(_POINTS, len(middles)):
-            chosen.append(int(np.argmax(np.round(away, 9))))
-            away = np.minimum(away, np.linalg.norm(middles - middles[chosen[-1]], axis=1))
-        points = np.repeat(middles[chosen], full.gdim, axis=0)
-        return Sensors(points, np.tile(np.eye(full.gdim), (len(chosen), 1)))
+        """Points all over the structure. Collective."""
+        return self.model.surrogate.everywhere(_POINTS)
 
     # -- more of the same test ---------------------------------------------------------------
 
@@ -192,7 +178,7 @@ class Candidates:
             m.data, conditions=np.array([at / 2, at]), damping=None, shapes=None, shapes_at=None,
             frequencies_hz=np.repeat(m.data.frequencies_hz, 2, axis=0),
         )  # fmt: skip
-        effects, _ = case_effects(m.case, two, m.thickness, m.zones)
+        effects, _ = case_effects(m.case, two, m.subject.thickness, m.zones)
         return {e.key: e for e in effects}
 
     def _damping(self) -> list[Candidate]:
@@ -231,7 +217,7 @@ class Candidates:
         mass = ADDED_MASS * surrogate.full.total_mass(m.baseline)
         places = (self._everywhere if m.data.sensors is None else m.data.sensors).points
         places = np.unique(places, axis=0)
-        rows = self._wide.point_rows(places)
+        rows = surrogate.point_rows(self._wide, places)
         best = self._best_place(rows)
         if best is None:
             return []

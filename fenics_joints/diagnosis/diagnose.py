@@ -15,7 +15,7 @@ from fenics_joints.diagnosis.classes import classes, detectable
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.inference import Fit
 from fenics_joints.diagnosis.kept_fits import KeptFits
-from fenics_joints.diagnosis.localise import cell_map, merge_regions, zone_shares
+from fenics_joints.diagnosis.localise import zone_shares
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.nested import Nested, nested_evidence
 from fenics_joints.diagnosis.prediction import Prediction
@@ -353,11 +353,9 @@ class _Run:
             for key in ("E", "rho", "thickness")
         ]
         surrogate = self.model.surrogate
-        found = cell_map(
-            self.model.full, surrogate.nominal, surrogate.pairing, self.evidence,
-            np.array(columns).T,
-        )  # fmt: skip
-        return None if found is None else merge_regions(found, self.model.region_names())
+        return self.model.subject.cell_map(
+            surrogate.nominal, surrogate.pairing, self.evidence, np.array(columns).T
+        )
 
     def _separations(self, fits, probability, grouped, leader) -> list:
         """For each class with several likely members: what would split the leading two."""

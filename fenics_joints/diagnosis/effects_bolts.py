@@ -47,8 +47,14 @@ def loose_bolt(
     return Effect("loose bolt", region, (prior,), apply, words, family="bolt", weight=weight)
 
 
-def low_preload(region: str, zones: Sequence[str], name: str, weight: float = 1.0) -> Effect:
-    """Preloads off by a common factor: E and G of the zones times (actual / nominal)^beta.
+def low_preload(
+    region: str,
+    zones: Sequence[str],
+    name: str,
+    weight: float = 1.0,
+    keys: Sequence[str] = ("E", "G"),
+) -> Effect:
+    """Preloads off by a common factor: the zones' stiffness times (actual / nominal)^beta.
 
     Only for a nominal joint with a stiffness of its own; see `Diagnose.joints` of the case.
 
@@ -57,13 +63,14 @@ def low_preload(region: str, zones: Sequence[str], name: str, weight: float = 1.
         zones: Zones that are pressed by it.
         name: Name of the effect.
         weight: Prior odds relative to other effects.
+        keys: Parameters ``ZONE.KEY`` that it acts on.
     """
 
     def apply(values, theta, condition):
         factor = theta["preload"] ** theta["beta"]
         for zone in zones:
-            values[f"{zone}.E"] *= factor
-            values[f"{zone}.G"] *= factor
+            for key in keys:
+                values[f"{zone}.{key}"] *= factor
 
     median, spread, span = _PRELOAD
     mean, sd, limits = _EXPONENT

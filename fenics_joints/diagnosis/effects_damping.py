@@ -20,6 +20,8 @@ _FAMILY = "joint damping"
 #: tenth of the strain energy in the joint that is a damping ratio of 0.1 %, and bolted structures
 #: of metal have 0.05 to 0.5 %, most of it from their joints.
 _LOSS = (0.02, np.log(4.0), (1e-5, 2.0))
+#: Parameters of a layer.
+MODULI = ("E", "G")
 
 
 def has_ratios(data: TestData) -> bool:
@@ -30,37 +32,41 @@ def has_ratios(data: TestData) -> bool:
     )
 
 
-def hysteretic_damping(zones: Sequence[str]) -> Effect:
+def hysteretic_damping(zones: Sequence[str], keys: Sequence[str] = MODULI) -> Effect:
     """A loss factor of the joint, the same at all frequencies.
 
     Args:
-        zones: Joint zones; each has parameters ``ZONE.E`` and ``ZONE.G``.
+        zones: Joint zones; each has parameters ``ZONE.KEY``.
+        keys: Those that dissipate.
     """
 
     def loss(theta, condition, hz):
-        return dict.fromkeys(_moduli(zones), theta["eta"])
+        return dict.fromkeys(_moduli(zones, keys), theta["eta"])
 
     words = "The joint dissipates a share of what it stores in a cycle, at any frequency."
     return _damping(HYSTERETIC, "eta", loss, words)
 
 
-def viscous_damping(zones: Sequence[str], hz_ref: float) -> Effect:
+def viscous_damping(
+    zones: Sequence[str], hz_ref: float, keys: Sequence[str] = MODULI
+) -> Effect:
     """A loss factor of the joint proportional to the frequency, as of a film of oil.
 
     Args:
-        zones: Joint zones; each has parameters ``ZONE.E`` and ``ZONE.G``.
+        zones: Joint zones; each has parameters ``ZONE.KEY``.
         hz_ref: Frequency, Hz, at which ``eta_ref`` holds.
+        keys: Those that dissipate.
     """
 
     def loss(theta, condition, hz):
-        return dict.fromkeys(_moduli(zones), theta["eta_ref"] * hz / hz_ref)
+        return dict.fromkeys(_moduli(zones, keys), theta["eta_ref"] * hz / hz_ref)
 
     words = "The joint dissipates in proportion to the frequency, as a film of oil does."
     return _damping(VISCOUS, "eta_ref", loss, words)
 
 
-def _moduli(zones: Sequence[str]) -> list[str]:
-    return [f"{zone}.{modulus}" for zone in zones for modulus in ("E", "G")]
+def _moduli(zones: Sequence[str], keys: Sequence[str]) -> list[str]:
+    return [f"{zone}.{key}" for zone in zones for key in keys]
 
 
 def _damping(name: str, parameter: str, loss, words: str) -> Effect:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fenics_joints.case import Case
@@ -40,6 +42,8 @@ from fenics_joints.diagnosis.effects_rig import (
 )
 from fenics_joints.diagnosis.joint_places import JointPlaces, joint_places
 from fenics_joints.diagnosis.joint_zones import JointZones
+from fenics_joints.diagnosis.lap_library import following_the_parts, lap_groups
+from fenics_joints.diagnosis.laps import LapZones
 from fenics_joints.diagnosis.nominal import bonded_values, layer_thickness
 from fenics_joints.diagnosis.result import Silent
 from fenics_joints.diagnosis.samples import sample_ranges, sample_values
@@ -58,8 +62,15 @@ _TOLERANCE = {"E": 0.015, "rho": 0.01, "thickness": 0.005, "width": 0.0}
 _ATTACHED = {"mass": 0.3, "stiffness": 1.0}
 
 
-def case_nuisances(case: Case) -> tuple[Effect, ...]:
-    """What is known within tolerance only, and free in every hypothesis."""
+def case_nuisances(
+    case: Case, zones: ContactZones | JointZones | LapZones | None = None
+) -> tuple[Effect, ...]:
+    """What is known within tolerance only, and free in every hypothesis.
+
+    Args:
+        case: The case, with a joint for each zone.
+        zones: How its joints were split.
+    """
     given = case.tolerances()
     found = []
     for name in case.parts:
@@ -80,7 +91,14 @@ def case_nuisances(case: Case) -> tuple[Effect, ...]:
             words = f"stiffness of {name.replace('_', ' ')}, within tolerance"
             key = f"{name}.stiffness"
             found.append(relative_error(words, name, [key], section.tolerance, ""))
-    return tuple(found)
+    return tuple(_with_the_laps(found, case, zones))
+
+
+def _with_the_laps(effects: Sequence[Effect], case: Case, zones) -> Sequence[Effect]:
+    """Errors of parts, which change laps that are as one piece with them."""
+    if not isinstance(zones, LapZones) or case.diagnose.joints != "bonded":
+        return effects
+    return [following_the_parts(effect, case, zones) for effect in effects]
 
 
 # -- causes ----------------------------------------------------------------------------------------
@@ -90,26 +108,32 @@ def case_effects(
     case: Case,
     data: TestData,
     thickness: dict[str, float],
-    zones: ContactZones | JointZones | None = None,
+    zones: ContactZones | JointZones | LapZones | None = None,
 ) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
     """The effects of the library that this case can hold, and those its test cannot speak of.
 
     Args:
         case: The case, with a joint for each zone.
         data: The test.
-        thickness: Layer thickness of each joint, m.
+        thickness: Layer thickness of each joint, m; none of laps of beams.
         zones: How its contact or its joints were split; None if they are the case's own layers.
 
     Raises:
         InputError: If the case asks for an effect that is not there.
     """
     reference = float(data.conditions[-1]) if by_preload(data) else None
+    if isinstance(zones, LapZones):
+        joints = lap_groups(case, data, zones, reference)
+    else:
+        joints = [
+            (_joint_effects(case, thickness, reference, zones), ()),
+            _bolt_effects(case, thickness, zones),
+            _damping_effects(case, data),
+            amplitude_effects(data, tuple(case.joints)),
+        ]
     groups = [
-        (_joint_effects(case, thickness, reference, zones), ()),
-        _bolt_effects(case, thickness, zones),
-        _damping_effects(case, data),
-        amplitude_effects(data, tuple(case.joints)),
-        (_part_effects(case, data), ()),
+        *joints,
+        (_with_the_laps(_part_effects(case, data), case, zones), ()),
         (_attached_effects(case), ()),
         _test_effects(data),
     ]

@@ -14,7 +14,7 @@ from fenics_joints.gap import Pairing
 from fenics_joints.modal import Modes
 from fenics_joints.structure import Structure
 
-__all__ = ["cell_map", "merge_regions", "zone_shares"]
+__all__ = ["cell_map", "mean_residual", "merge_regions", "zone_shares"]
 
 _STEPS = 12
 
@@ -96,6 +96,26 @@ def cell_map(
     Returns:
         The map on rank 0, None elsewhere. Collective.
     """
+    residual = mean_residual(modes, pairing, evidence, nuisance)
+    total = np.zeros(structure.mesh.topology.index_map(structure.mesh.topology.dim).size_local)
+    for weight, index in zip(residual, pairing.index, strict=True):
+        lam = modes.eigenvalues[index]
+        gradient = structure.cell_gradient(modes.shape(index), lam, modes.given)
+        total -= weight * _log_stiffness(structure, gradient) / (2 * lam)
+    return _gather(structure, total / structure.cell_volumes())
+
+
+def mean_residual(
+    modes: Modes, pairing: Pairing, evidence: Evidence, nuisance: np.ndarray
+) -> np.ndarray:
+    """Mean over the conditions of measured minus nominal ln f, less what nuisances look like, (m,).
+
+    Args:
+        modes: Modes as the baseline.
+        pairing: Which of them the test saw.
+        evidence: The test.
+        nuisance: Derivatives of ln f by the nuisances, shape (m, k).
+    """
     model_log_f = np.log(modes.frequencies_hz[pairing.index])
     count = evidence.used.sum(axis=0)
     total = np.where(evidence.used, evidence.log_f, 0.0).sum(axis=0)
@@ -106,12 +126,7 @@ def cell_map(
         basis, _ = np.linalg.qr(nuisance[:, :1])
         residual = residual - basis @ (basis.T @ residual)
         residual = residual * (unit / max(np.linalg.norm(residual), 1e-300))
-    total = np.zeros(structure.mesh.topology.index_map(structure.mesh.topology.dim).size_local)
-    for weight, index in zip(residual, pairing.index, strict=True):
-        lam = modes.eigenvalues[index]
-        gradient = structure.cell_gradient(modes.shape(index), lam, modes.given)
-        total -= weight * _log_stiffness(structure, gradient) / (2 * lam)
-    return _gather(structure, total / structure.cell_volumes())
+    return residual
 
 
 def merge_regions(cells: CellMap, merged: Mapping[str, str]) -> CellMap:

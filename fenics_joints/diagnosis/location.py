@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.diagnosis.constitutive import ConstitutiveError, constitutive_error
+from fenics_joints.diagnosis.constitutive import ConstitutiveError
 from fenics_joints.diagnosis.library import by_preload
-from fenics_joints.diagnosis.patches import PatchMap, patch_tests, patches
+from fenics_joints.diagnosis.patches import PatchMap
 from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.diagnosis.prepared import Prepared
 from fenics_joints.diagnosis.where import Attribution, ZoneTest, attribution, zone_tests
-from fenics_joints.diagnosis.zone_sensitivity import interfaces, zone_sensitivities
+from fenics_joints.diagnosis.zone_sensitivity import given_way, zone_sensitivities
 from fenics_joints.gap import pair_modes
 from fenics_joints.modal import solve_modes
 
@@ -74,8 +74,9 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
 
     def tests(groups: dict[str, list[str]]) -> tuple[ZoneTest, ...]:
         sensitivities = zone_sensitivities(
-            forward, evidence, baseline, groups, thickness=model.thickness, by_torque=torque
-        )
+            forward, evidence, baseline, groups, interfaces=model.subject.interfaces,
+            by_torque=torque,
+        )  # fmt: skip
         return tuple(zone_tests(residual, sensitivities, nuisance, evidence))
 
     whole, split = _groups(model)
@@ -87,9 +88,9 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
     ]  # fmt: skip
     by_mode = [part for part in parts if part.by == "mode"]
     nominal, pairing = model.surrogate.nominal, model.surrogate.pairing
-    mapped = patch_tests(
-        model.full, nominal, pairing, evidence, residual, nuisance, n_patches,
-        soft=_yielding(model), by_torque=torque, merged=model.region_names(),
+    mapped = model.subject.patches(
+        nominal, pairing, evidence, residual, nuisance, n_patches,
+        soft=_yielding(model), by_torque=torque,
     ) if n_patches else None  # fmt: skip
     return Location(
         tests(whole), tests(split) if len(split) > len(whole) else (), tuple(parts), mapped,
@@ -100,9 +101,10 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
 
 def _yielding(model: Prepared):
     """The full model's modes with all joints giving way, paired with the test's; None without."""
-    if not model.thickness:
+    interfaces = model.subject.interfaces
+    if not interfaces:
         return None
-    surrogate, values = model.surrogate, interfaces(model.baseline, model.thickness)
+    surrogate, values = model.surrogate, given_way(model.baseline, interfaces)
     modes = solve_modes(
         model.full, values, n_modes=surrogate.n_modes, solver=surrogate.nominal.solver
     )
@@ -126,11 +128,6 @@ def _constitutive(model: Prepared, n_patches: int) -> ConstitutiveError | None:
     data, row = model.data, model.evidence.shape_row
     if data.shapes is None or data.sensors is None or not n_patches:
         return None
-    there = np.isfinite(data.frequencies_hz[row])
-    if not there.any():
+    if not np.isfinite(data.frequencies_hz[row]).any():
         return None
-    return constitutive_error(
-        model.full, model.baseline, data.shapes[:, there], data.frequencies_hz[row][there],
-        data.sensors, split=patches(model.full, n_patches, model.region_names()),
-        noise=data.shape_noise,
-    )  # fmt: skip
+    return model.subject.constitutive(data, row, n_patches)

@@ -33,6 +33,8 @@ def bonded_values(case: Case) -> dict[str, float]:
     stiffest = max(nominal, key=lambda part: part["E"])
     bonded = lame_parameters(stiffest["E"], stiffest["nu"])
     for name, section in case.joints.items():
+        if section.law == "generic":
+            continue  # no layer: see `fenics_joints.diagnosis.laps.lap_as_one`
         lmbda, mu = bonded
         if case.diagnose.joints == "given":
             if section.law == "uncoupled":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.diagnosis.effects_joint import compliance
 from fenics_joints.diagnosis.evidence import Evidence
-from fenics_joints.diagnosis.library import layer_thickness
+from fenics_joints.diagnosis.nominal import layer_thickness
 from fenics_joints.diagnosis.where import ZoneTest, zone_tests
 from fenics_joints.diagnosis.zone_sensitivity import EXPECTED, EXPONENT, trend
 from fenics_joints.errors import InputError
@@ -18,7 +18,9 @@ from fenics_joints.gap import Pairing
 from fenics_joints.modal import Modes
 from fenics_joints.structure import Structure
 
-__all__ = ["PatchMap", "Patches", "patch_tests", "patches", "per_property"]
+__all__ = [
+    "PatchMap", "Patches", "partition", "patch_tests", "patches", "per_property", "split_tests",
+]  # fmt: skip
 
 #: Sweeps of Lloyd's algorithm; the patches need to be compact, not optimal.
 _SWEEPS = 8
@@ -69,6 +71,7 @@ class PatchMap:
         level: Adjusted p below which a patch counts as significant.
         vertices: Corners of all cells, m, (n_cells, n_corners, 3); None but on rank 0.
         patch: Patch of all cells, (n_cells,); None but on rank 0.
+        side_view: Whether they are elements of beams, to be seen from the side.
     """
 
     tests: tuple[ZoneTest, ...]
@@ -79,6 +82,7 @@ class PatchMap:
     level: float = 0.05
     vertices: np.ndarray | None = None
     patch: np.ndarray | None = None
+    side_view: bool = False
 
     @property
     def share(self) -> np.ndarray:
@@ -143,7 +147,7 @@ def patches(
     if comm.rank == 0:
         middles, volumes, groups = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         shown = [(merged or {}).get(name, name) for name in labels]
-        found = _partition(middles, volumes, groups, labels, shown, n)
+        found = partition(middles, volumes, groups, labels, shown, n)
         ends = np.cumsum([len(part[2]) for part in parts])[:-1]
         made = [(numbers, *found[1:]) for numbers in np.split(found[0], ends)]
     return Patches(*comm.scatter(made, root=0))
@@ -161,8 +165,20 @@ def _groups(structure: Structure) -> tuple[np.ndarray, list[str]]:
     return group, labels
 
 
-def _partition(middles, volumes, groups, labels, shown, n: int):
-    """Patch of each cell; names, regions, middles and volumes of the patches."""
+def partition(middles, volumes, groups, labels, shown, n: int):
+    """Cells in compact patches.
+
+    Args:
+        middles: Middles of the cells, m, (n_cells, 3).
+        volumes: Their volumes, m3, (n_cells,).
+        groups: Group of each, (n_cells,): no patch has cells of two.
+        labels: Region of each group.
+        shown: Name of the region that it is shown as; patches are numbered by it.
+        n: Patches of each region, in proportion to the groups' volumes.
+
+    Returns:
+        Patch of each cell; names, regions, middles and volumes of the patches.
+    """
     size = np.ptp(middles, axis=0).max() or 1.0
     places = np.round(middles / size / _GRAIN) * _GRAIN
     weights = np.round(volumes / volumes.max() / _GRAIN) * _GRAIN
@@ -283,22 +299,10 @@ def patch_tests(
     Returns:
         The tests on every rank; the cells to draw on rank 0 only.
     """
-    frequencies = replace(evidence, log_damping=None, shapes=None)
-    count = frequencies.data.size
     split = patches(structure, n, merged)
     columns = _columns(structure, modes, pairing, split, soft)
-    mode, slope = frequencies.entries.mode, []
-    if by_torque and len(evidence.conditions) > 1:
-        slope = EXPONENT * trend(frequencies)
-    sensitivities = {}
-    for p, name in enumerate(split.names):
-        by_mode = columns[split.region[p]][p]
-        S = by_mode[mode]
-        if len(slope) and _is_joint(structure, split.region[p]):
-            S = np.hstack([S, slope[:, None] * S])
-        sensitivities[name] = S
-    nuisance = None if nuisance is None else nuisance[:count]
-    tests = zone_tests(residual[:count], sensitivities, nuisance, frequencies)
+    joints = {region.name for region in structure.regions if region.is_joint}
+    tests = split_tests(split, columns, joints, evidence, residual, nuisance, by_torque)
     vertices, patch = _gathered(structure, split)
     return PatchMap(
         tuple(tests), split.region, split.middle, split.volume, _bolts(structure), level,
@@ -306,8 +310,39 @@ def patch_tests(
     )  # fmt: skip
 
 
-def _is_joint(structure: Structure, name: str) -> bool:
-    return next(region for region in structure.regions if region.name == name).is_joint
+def split_tests(
+    split: Patches,
+    columns: Mapping[str, np.ndarray],
+    joints: Container[str],
+    evidence: Evidence,
+    residual: np.ndarray,
+    nuisance: np.ndarray | None,
+    by_torque: bool,
+) -> list[ZoneTest]:
+    """Tests of patches by the frequencies, from what an expected change in each does to them.
+
+    Args:
+        split: The patches.
+        columns: Change of ln f, (P, m, k) by the name of the patches' region.
+        joints: Names of the regions that are joints.
+        evidence: The test.
+        residual: Data minus the baseline's prediction, (N,).
+        nuisance: Derivatives by the nuisances in prior standard deviations, (N, p), or None.
+        by_torque: Whether the conditions are torques.
+    """
+    frequencies = replace(evidence, log_damping=None, shapes=None)
+    count = frequencies.data.size
+    mode, slope = frequencies.entries.mode, []
+    if by_torque and len(evidence.conditions) > 1:
+        slope = EXPONENT * trend(frequencies)
+    sensitivities = {}
+    for p, name in enumerate(split.names):
+        S = columns[split.region[p]][p][mode]
+        if len(slope) and split.region[p] in joints:
+            S = np.hstack([S, slope[:, None] * S])
+        sensitivities[name] = S
+    nuisance = None if nuisance is None else nuisance[:count]
+    return zone_tests(residual[:count], sensitivities, nuisance, frequencies)
 
 
 def _columns(structure, modes, pairing, split: Patches, soft=None) -> dict[str, np.ndarray]:

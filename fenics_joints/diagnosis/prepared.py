@@ -13,29 +13,24 @@ from mpi4py import MPI
 from scipy.stats import qmc
 
 from fenics_joints import __version__
-from fenics_joints.build import build_mesh, build_structure
 from fenics_joints.case import Case
-from fenics_joints.case_mesh import OffsetBeamsMesh
-from fenics_joints.diagnosis.contact_zones import ContactZones, contact_zones
+from fenics_joints.diagnosis.contact_zones import ContactZones
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.evidence import Evidence, evidence_of
+from fenics_joints.diagnosis.exact import ExactModel
 from fenics_joints.diagnosis.hypothesis import Hypothesis
-from fenics_joints.diagnosis.joint_zones import JointZones, joint_zones
 from fenics_joints.diagnosis.library import (
-    bonded_values,
     by_preload,
     case_effects,
     case_nuisances,
-    layer_thickness,
     sample_ranges,
     sample_values,
 )
 from fenics_joints.diagnosis.result import Silent
+from fenics_joints.diagnosis.subject import Subject, subject_of, zones_of_joints
 from fenics_joints.diagnosis.user_effects import for_zones
-from fenics_joints.errors import InputError
 from fenics_joints.measurements import TestData
 from fenics_joints.progress import Progress
-from fenics_joints.structure import Structure
 from fenics_joints.surrogate import Forward, Surrogate
 
 __all__ = ["Prepared", "prepare"]
@@ -49,10 +44,7 @@ class Prepared:
         case: The case, its joints or its contact in zones.
         comm: Communicator.
         data: The test.
-        zones: The zones; None without joints.
-        full: The full model, with all that effects need as parameters.
-        baseline: Its parameter values as the nominal model.
-        thickness: Layer thickness of each zone, m.
+        subject: The nominal model, with all that effects need as parameters.
         effects: The effects that the case can hold.
         silent: Those that its test cannot speak of.
         nuisances: What is uncertain in any case.
@@ -65,17 +57,29 @@ class Prepared:
     case: Case
     comm: MPI.Intracomm
     data: TestData
-    zones: ContactZones | JointZones | None
-    full: Structure
-    baseline: dict[str, float]
-    thickness: dict[str, float]
+    subject: Subject
     effects: tuple[Effect, ...]
     silent: tuple[Silent, ...]
     nuisances: tuple[Effect, ...]
     scatter: float
     evidence: Evidence
-    surrogate: Surrogate | None = None
+    surrogate: Surrogate | ExactModel | None = None
     n_samples: int = 0
+
+    @property
+    def full(self):
+        """The full model."""
+        return self.subject.full
+
+    @property
+    def zones(self):
+        """How the joints were split; None without joints."""
+        return self.subject.zones
+
+    @property
+    def baseline(self) -> dict[str, float]:
+        """Parameter values of the nominal model."""
+        return self.subject.baseline
 
     @property
     def forward(self) -> Forward:
@@ -98,11 +102,7 @@ class Prepared:
 
     def region_names(self) -> dict[str, str]:
         """What each zone of a joint or contact is called where zones are shown as one."""
-        if isinstance(self.zones, ContactZones):
-            return dict.fromkeys(self.zones.names, self.zones.contact)
-        if isinstance(self.zones, JointZones):
-            return dict(zip(self.zones.names, self.zones.joint, strict=True))
-        return {}
+        return self.subject.shown
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:
         """Make the reduced model, or read it from a folder if it is kept there. Collective.
@@ -111,6 +111,13 @@ class Prepared:
             progress: Told after each sample.
             keep: Folder of the reduced models, named by a hash of all that makes them.
         """
+        if self.subject.exact:
+            self.surrogate = ExactModel(
+                self.full, self.baseline, sensors=self.data.sensors,
+                n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
+                shapes=self.data.shapes,
+            )  # fmt: skip
+            return
         samples = self._samples(self.case.diagnose.samples)
         self.n_samples = len(samples)
         file = None if keep is None else Path(keep) / f"model-{self._fingerprint(samples)}.h5"
@@ -212,47 +219,13 @@ def prepare(
     Raises:
         InputError: If the case has no test, or names effects that do not exist.
     """
-    case = case.diagnosed()
-    if isinstance(case.mesh, OffsetBeamsMesh):
-        raise InputError(
-            f"{case.path}: mesh.builder = 'offset_beams': a diagnosis needs a mesh of cells, whose "
-            "zones it can search; modes and update work on beams"
-        )
-    for name, section in case.joints.items():
-        if section.law == "transition":
-            raise InputError(
-                f"{case.path}: joints.{name}.law = 'transition': expected a layer with E and G in "
-                "a diagnosis, such as law = 'isotropic'"
-            )
     data = case.measurements() if data is None else data
-    zones = None
-    if case.contacts:
-        progress.step("contact under preload")
-        zones = contact_zones(case, comm, case.diagnose.zones)
-    progress.step("building the model")
-    if zones is None and case.joints:
-        zones = joint_zones(case, build_mesh(case, comm))
-    case = case if zones is None else zones.case
-    full = build_structure(
-        case, comm, law="uncoupled", attached=True, width=True, elastic_supports=True,
-        tagged=None if zones is None else zones.tagged,
-    )  # fmt: skip
-    thickness, bonded = layer_thickness(full), bonded_values(case)
-    baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
-    effects, silent = case_effects(case, data, thickness, zones)
-    extra = [for_zones(effect, _zones_of_joints(zones)) for effect in extra]
+    subject = subject_of(case.diagnosed(), comm, progress)
+    case, zones = subject.case, subject.zones
+    effects, silent = case_effects(case, data, subject.thickness, zones)
+    extra = [for_zones(effect, zones_of_joints(zones)) for effect in extra]
     return Prepared(
-        case, comm, data, zones, full, baseline, thickness, (*effects, *extra), silent,
-        case_nuisances(case), case.diagnose.preload_scatter if by_preload(data) else 0.0,
+        case, comm, data, subject, (*effects, *extra), silent, case_nuisances(case, zones),
+        case.diagnose.preload_scatter if by_preload(data) else 0.0,
         evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
     )  # fmt: skip
-
-
-def _zones_of_joints(zones: ContactZones | JointZones | None) -> dict[str, tuple[str, ...]]:
-    """Names of the zones that each joint or contact of the case is in."""
-    if isinstance(zones, ContactZones):
-        return {zones.contact: zones.names}
-    found: dict[str, tuple[str, ...]] = {}
-    for joint, name in zip(zones.joint, zones.names, strict=True) if zones is not None else ():
-        found[joint] = (*found.get(joint, ()), name)
-    return found

@@ -116,12 +116,14 @@ class CellMap:
         regions: Names of the regions.
         density: Reduction of the squared gap per relative loss of stiffness and per volume, scaled
             to a largest magnitude of 1, shape (n_cells,); positive: the test wants it softer.
+        side_view: Whether they are elements of beams, to be seen from the side.
     """
 
     vertices: np.ndarray
     region: np.ndarray
     regions: tuple[str, ...]
     density: np.ndarray
+    side_view: bool = False
 
 
 @dataclass(frozen=True)

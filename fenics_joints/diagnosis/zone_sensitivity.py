@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects import Effect, Prior, relative_error
+from fenics_joints.diagnosis.effects import Effect, Prior, in_series, relative_error
 from fenics_joints.diagnosis.effects_joint import compliance
 from fenics_joints.diagnosis.effects_rig import support_compliance
 from fenics_joints.diagnosis.evidence import Evidence
@@ -14,10 +14,13 @@ from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.surrogate import Forward
 
-__all__ = ["EXPECTED", "EXPONENT", "interfaces", "trend", "zone_sensitivities"]
+__all__ = [
+    "EXPECTED", "EXPONENT", "given_way", "layer_interfaces", "trend", "zone_sensitivities",
+]  # fmt: skip
 
-#: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too.
-EXPECTED = {"E": 0.15, "rho": 0.10, "mass": 0.3, "stiffness": 1.0}
+#: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too,
+#: a lap along its beams.
+EXPECTED = {"E": 0.15, "rho": 0.10, "mass": 0.3, "stiffness": 1.0, "axial": 1.0}
 #: Expected exponent of an interface's stiffness in the torque (seed 001, eqs. 22 and 23).
 EXPONENT = 0.5
 #: Gauss points along the way from bonded to giving way.
@@ -30,7 +33,7 @@ def zone_sensitivities(
     baseline: dict[str, float],
     regions: Sequence[str] | Mapping[str, Sequence[str]],
     *,
-    thickness: Mapping[str, float],
+    interfaces: Mapping[str, Mapping[str, float]],
     by_torque: bool = False,
 ) -> dict[str, np.ndarray]:
     """Change of the data by a change of the expected size of each parameter of each zone.
@@ -57,7 +60,8 @@ def zone_sensitivities(
         baseline: Parameter values of the nominal model.
         regions: Names of the model's regions, masses and springs; or, by a zone's name, those that
             are one zone.
-        thickness: Layer thickness, m, of each joint; what is not in it is no joint.
+        interfaces: For each joint the stiffness of an interface of the expected stiffness, by the
+            parameter that it is in series with (`layer_interfaces`); what is not in it is no joint.
         by_torque: Whether the conditions are torques, by which joints may stiffen.
 
     Returns:
@@ -66,31 +70,45 @@ def zone_sensitivities(
     if not isinstance(regions, Mapping):
         regions = {name: (name,) for name in regions}
     columns: dict[str, list[np.ndarray]] = {}
-    relative = _relative(regions, baseline, thickness)
+    relative = _relative(regions, baseline, interfaces)
     nominal, slopes = _predict(tuple(e for _, e in relative), forward, evidence, baseline)
     for (zone, _), column in zip(relative, slopes.T, strict=False):
         columns.setdefault(zone, []).append(column)
     for zone, members in regions.items():
         for effect in _supports(members, baseline):
-            given_way, _ = _predict((effect,), forward, evidence, baseline)
-            columns.setdefault(zone, []).append(given_way - nominal)
-    for zone, change in _parts_of_joints(regions, thickness, forward, evidence, baseline, nominal):
+            soft, _ = _predict((effect,), forward, evidence, baseline)
+            columns.setdefault(zone, []).append(soft - nominal)
+    for zone, change in _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
         columns.setdefault(zone, []).append(change)
         if by_torque and len(evidence.conditions) > 1:
             columns[zone].append(EXPONENT * trend(evidence) * change)
     return {zone: np.array(columns[zone]).T for zone in regions if zone in columns}
 
 
-def interfaces(
-    baseline: Mapping[str, float], thickness: Mapping[str, float]
-) -> dict[str, float]:
-    """Parameter values with every joint giving way as an interface of the expected stiffness."""
+def layer_interfaces(thickness: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Interfaces of the prior's median stiffness, as moduli of thin layers.
+
+    Args:
+        thickness: Layer thickness, m, of each joint.
+
+    Returns:
+        By joint E and G, Pa, that put in series with the layer's are the interface.
+    """
     effect = compliance(
-        "", "", tuple(thickness), thickness, normal=True, tangential=True, reference=None,
-        describe="",
-    )  # fmt: skip
+        "", "", (), thickness, normal=True, tangential=True, reference=None, describe=""
+    )
+    normal, tangential = (prior.median for prior in effect.priors)
+    return {joint: {"E": normal * h, "G": tangential * h} for joint, h in thickness.items()}
+
+
+def given_way(
+    baseline: Mapping[str, float], interfaces: Mapping[str, Mapping[str, float]]
+) -> dict[str, float]:
+    """Parameter values with every joint giving way as its interface says."""
     values = dict(baseline)
-    effect.apply(values, {prior.name: prior.median for prior in effect.priors}, 1.0)
+    for joint, stiffness in interfaces.items():
+        for key, k in stiffness.items():
+            in_series(values, f"{joint}.{key}", k)
     return values
 
 
@@ -110,31 +128,31 @@ def _predict(effects: Sequence[Effect], forward, evidence: Evidence, baseline, z
     return predict(hypothesis, forward, evidence, place, baseline)
 
 
-def _relative(regions, baseline, thickness) -> list[tuple[str, Effect]]:
+def _relative(regions, baseline, interfaces) -> list[tuple[str, Effect]]:
     """(zone, effect) for each parameter of a zone that changes by a factor."""
     found = []
     for zone, members in regions.items():
         for key, spread in EXPECTED.items():
             names = [
                 f"{member}.{key}" for member in members
-                if member not in thickness and baseline.get(f"{member}.{key}", 0.0) > 0
+                if member not in interfaces and baseline.get(f"{member}.{key}", 0.0) > 0
             ]  # fmt: skip
             if names:
                 found.append((zone, relative_error(f"{key} of {zone}", zone, names, spread, "")))
     return found
 
 
-def _parts_of_joints(regions, thickness, forward, evidence, baseline, nominal):
+def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
     """(zone, its part of what all joints giving way do), across their planes and along them."""
     zones = {
         zone: joints for zone, members in regions.items()
-        if (joints := [name for name in members if name in thickness])
+        if (joints := [name for name in members if name in interfaces])
     }  # fmt: skip
     if not zones:
         return
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    for key in ("E", "G"):
-        effects = [_giving_way(zone, joints, thickness, key) for zone, joints in zones.items()]
+    for key in next(iter(interfaces.values())):
+        effects = [_giving_way(zone, joints, interfaces, key) for zone, joints in zones.items()]
         parts = np.zeros((len(nominal), len(effects)))
         for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
             # Most happens early: a little compliance is much beside that of a bonded layer.
@@ -147,16 +165,13 @@ def _parts_of_joints(regions, thickness, forward, evidence, baseline, nominal):
         yield from zip(zones, parts.T, strict=True)
 
 
-def _giving_way(zone: str, joints: Sequence[str], thickness, key: str) -> Effect:
+def _giving_way(zone: str, joints: Sequence[str], interfaces, key: str) -> Effect:
     """Joints with a share of the expected interface's compliance in series."""
-    way = {"normal": key == "E", "tangential": key == "G"}
-    expected = compliance("", "", joints, thickness, **way, reference=None, describe="")
-    k = expected.priors[0].median
 
     def apply(values, theta, condition):
         for joint in joints:
             name = f"{joint}.{key}"
-            values[name] = 1 / (1 / values[name] + theta["share"] / (k * thickness[joint]))
+            values[name] = 1 / (1 / values[name] + theta["share"] / interfaces[joint][key])
 
     prior = Prior("share", 0.0, 1.0, "", False, (0.0, 1.0))
     return Effect(f"{key} of {zone} giving way", zone, (prior,), apply)

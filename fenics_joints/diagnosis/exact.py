@@ -1,0 +1,85 @@
+"""A structure that needs no reduction, in the service of a fit as `Surrogate` is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fenics_joints.array_model import ArrayModel
+from fenics_joints.beams import BeamStructure
+from fenics_joints.gap import pair_modes
+from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.points import Sensors
+from fenics_joints.surrogate import Forward
+
+__all__ = ["ExactModel"]
+
+
+class ExactModel:
+    """Beams in the service of a fit, with the calls of a `Surrogate` and no error.
+
+    Args:
+        full: The beams.
+        start: Values whose modes say, by order and visibility, which the test's are.
+        sensors: What the test saw.
+        n_test: Number of modes that the test saw.
+        n_modes: Number of modes that are looked through.
+        shapes: Measured shapes at the sensors, (n_sensors, n_test), to match modes to by MAC.
+
+    Attributes:
+        model: The same as plain arrays.
+        forward: Frequencies and derivatives.
+        nominal: Modes at ``start``.
+        pairing: Which of them the test saw.
+        crossings: Pairs of test modes whose order the model changes, where it was looked.
+    """
+
+    def __init__(
+        self,
+        full: BeamStructure,
+        start: Mapping[str, float],
+        *,
+        sensors: Sensors | None,
+        n_test: int,
+        n_modes: int,
+        shapes: np.ndarray | None = None,
+    ):
+        self.full, self.sensors, self.n_test = full, sensors, n_test
+        self.n_modes, self.travel = n_modes, {}
+        self.model = full.arrays(sensors)
+        self.nominal = solve_modes(full, start, n_modes=n_modes)
+        self.pairing = pair_modes(self.nominal, n_test, sensors, reference=shapes)
+        self.crossings: set[tuple[int, int]] = set(self.pairing.crossing)
+        reference = self.pairing.shapes if shapes is None else shapes
+        self.forward = Forward(self.model, sensors, n_test, n_modes, reference)
+
+    def error(self, points: Sequence[Mapping[str, float]]) -> tuple[float, list[Modes]]:
+        """None: the arrays are the structure. Looks which modes change places at the points."""
+        found = []
+        for values in points:
+            modes = solve_modes(self.full, values, n_modes=self.n_modes)
+            pairing = pair_modes(
+                modes, self.n_test, self.sensors, reference=self.forward.reference
+            )
+            self.crossings.update(pairing.crossing)
+            found.append(modes)
+        return 0.0, found
+
+    def refine(self, modes: Sequence[Modes]) -> None:
+        """Nothing: there is no basis."""
+
+    def wide(self, points: Sequence[Mapping[str, float]]) -> ArrayModel:
+        """The same that can be seen at all nodes."""
+        return self.full.arrays(self.sensors, self.everywhere(len(self.full.layout.x)))
+
+    def point_rows(self, model: ArrayModel, points: np.ndarray) -> np.ndarray:
+        """Displacement of a model's basis at points, shape (n_points, 3, n_dofs)."""
+        return self.full.displacement_rows(points)
+
+    def everywhere(self, count: int) -> Sensors:
+        """Nodes all along the beams, along and across."""
+        x = self.full.layout.x
+        at = x[np.unique(np.round(np.linspace(0, len(x) - 1, min(count, len(x)))).astype(int))]
+        points = np.column_stack([at, np.zeros((len(at), 2))])
+        return Sensors(np.repeat(points, 2, axis=0), np.tile(np.eye(3)[[0, 2]], (len(at), 1)))

@@ -1,0 +1,142 @@
+"""The effects that the laps of a case with beams give rise to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fenics_joints.case import Case
+from fenics_joints.diagnosis.amplitude import amplitude_effects
+from fenics_joints.diagnosis.effects import Effect
+from fenics_joints.diagnosis.effects_bolts import LOW_PRELOAD, low_preload
+from fenics_joints.diagnosis.effects_damping import (
+    HYSTERETIC,
+    VISCOUS,
+    has_ratios,
+    hysteretic_damping,
+    viscous_damping,
+)
+from fenics_joints.diagnosis.effects_lap import (
+    KEYS,
+    axial_error,
+    graded_lap,
+    lap_stiffness,
+    loose_lap,
+)
+from fenics_joints.diagnosis.laps import LapZones, lap_as_one
+from fenics_joints.diagnosis.result import Silent
+from fenics_joints.measurements import TestData
+
+__all__ = ["following_the_parts", "lap_groups"]
+
+_SLIP = (KEYS["slip"],)
+#: What layers of solids may have, and joint elements not.
+_OF_SOLIDS = {
+    "joint compliance that falls with the pressure": (
+        "joint elements of beams know no pressure; a stiffness graded along the lap is looked for"
+    ),
+    "contact lost at low pressure": (
+        "joint elements have their beams' own stiffness too, which no loss of contact takes"
+    ),
+}
+Group = tuple[Sequence[Effect], Sequence[Silent]]
+
+
+def lap_groups(
+    case: Case, data: TestData, laps: LapZones, reference: float | None
+) -> list[Group]:
+    """Effects in laps, and those that they or the test cannot speak of.
+
+    Args:
+        case: The case, with a joint section for each zone.
+        data: The test.
+        laps: Its zones.
+        reference: Torque at which a stiffness holds; None if the test is by no torque.
+    """
+    series = case.diagnose.joints == "bonded"
+    silent = tuple(Silent(name, reason) for name, reason in _OF_SOLIDS.items())
+    return [
+        (_stiffness(laps, series, reference), silent),
+        _bolts(laps, series),
+        _damping(data, laps),
+        amplitude_effects(data, laps.names, _SLIP, tuple(KEYS.values())),
+    ]
+
+
+def _stiffness(laps: LapZones, series: bool, reference: float | None) -> list[Effect]:
+    whole, both = "joint", tuple(KEYS)
+    kinds = {
+        ("slap",): "The lap opens and shears more or less than the model says.",
+        ("slip",): "The lap slides, and so bends, more or less than the model says.",
+        both: "It does both.",
+    }
+    effects = [
+        lap_stiffness(
+            f"joint {' and '.join(kind)} stiffness", whole, laps.names, kind, series, reference,
+            words,
+        )
+        for kind, words in kinds.items()
+    ]  # fmt: skip
+    single = {zone: (zone,) for zone in laps.names}
+    symmetric = laps.symmetric
+    for kind in kinds:
+        if len(symmetric) > 1:
+            effects.append(graded_lap(symmetric, kind, False, series, reference))
+        if len(single) > len(symmetric):
+            effects.append(graded_lap(single, kind, True, series, reference))
+    names = tuple(lap.name for lap in laps.laps)
+    effects.append(axial_error(names, ", ".join(names) if len(names) < 3 else "all laps"))
+    if len(names) > 1:
+        share = 1 / len(names)
+        effects += [axial_error((name,), name, share) for name in names]
+        effects += [
+            lap_stiffness(
+                "joint stiffness at one lap", name, zones, both, series, reference,
+                f"{name} alone is softer or stiffer than the model says.",
+                family="one place", weight=share,
+            )
+            for name, zones in laps.by_lap.items()
+        ]  # fmt: skip
+    return effects
+
+
+def _bolts(laps: LapZones, series: bool) -> Group:
+    bolts = laps.by_bolt if len(laps.by_bolt) > 1 else {}
+    share = 1 / max(len(bolts), 1)
+    effects = [loose_lap(name, own, share) for name, own in bolts.items()]
+    if series:
+        reason = (
+            "the nominal lap is as one piece, so that nothing in it depends on the preload; "
+            '[diagnose] joints = "given" takes the stiffness that the case gives'
+        )
+        return effects, (Silent(LOW_PRELOAD, reason),)
+    keys = tuple(KEYS.values())
+    effects.append(low_preload("joint", laps.names, LOW_PRELOAD, keys=keys))
+    name = "preload of one bolt lower than nominal"
+    return [*effects, *(low_preload(b, z, name, share, keys) for b, z in bolts.items())], ()
+
+
+def _damping(data: TestData, laps: LapZones) -> Group:
+    """Slip alone is damped, as in eq. 3 of seed 002."""
+    if not has_ratios(data):
+        reason = "the test has no damping ratios of known accuracy ([test] damping, damping_noise)"
+        return (), tuple(Silent(name, reason) for name in (HYSTERETIC, VISCOUS))
+    middle = float(np.exp(np.nanmean(np.log(data.frequencies_hz))))
+    slipping = hysteretic_damping(laps.names, _SLIP), viscous_damping(laps.names, middle, _SLIP)
+    return slipping, ()
+
+
+def following_the_parts(effect: Effect, case: Case, laps: LapZones) -> Effect:
+    """The same effect, with the stiffness of a lap that is as one piece going with its parts'."""
+    if effect.apply is None:
+        return effect
+
+    def apply(values, theta, condition):
+        before = lap_as_one(case, laps, values)
+        effect.apply(values, theta, condition)
+        for key, k in lap_as_one(case, laps, values).items():
+            values[key] *= k / before[key]
+
+    return replace(effect, apply=apply)
