@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,6 @@ import numpy as np
 from mpi4py import MPI
 from scipy.stats import qmc
 
-from fenics_joints import __version__
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.contact_zones import ContactZones
 from fenics_joints.diagnosis.effects import Effect
@@ -29,6 +26,7 @@ from fenics_joints.diagnosis.library import (
 from fenics_joints.diagnosis.result import Silent
 from fenics_joints.diagnosis.subject import Subject, subject_of, zones_of_joints
 from fenics_joints.diagnosis.user_effects import for_zones
+from fenics_joints.fingerprint import fingerprint
 from fenics_joints.measurements import TestData
 from fenics_joints.progress import Progress
 from fenics_joints.surrogate import Forward, Surrogate
@@ -120,28 +118,16 @@ class Prepared:
             return
         samples = self._samples(self.case.diagnose.samples)
         self.n_samples = len(samples)
-        file = None if keep is None else Path(keep) / f"model-{self._fingerprint(samples)}.h5"
+        file, n_test = None, len(self.data.mode_names)
+        if keep is not None:
+            name = fingerprint(self.case, self.full, self.data.sensors, samples, n_test)
+            file = Path(keep) / f"model-{name}.h5"
         progress.step("reduced model: sampling the parameters", len(samples))
         self.surrogate = Surrogate(
             self.full, samples, self.baseline, sensors=self.data.sensors,
             n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
             shapes=self.data.shapes, travel=self._travel(), keep=file, progress=progress,
         )  # fmt: skip
-
-    def _fingerprint(self, samples: Sequence[dict[str, float]]) -> str:
-        """Names a reduced model by everything that it depends on."""
-        tables = ("mesh", "parts", "joints", "contacts", "bolts", "masses", "springs", "supports")
-        said = self.case.model_dump(mode="json", include={*tables, "attached"}, warnings=False)
-        sensors = self.data.sensors
-        seen = [] if sensors is None else [sensors.points.tolist(), sensors.directions.tolist()]
-        cells = self.full.mesh.topology.index_map(self.full.mesh.topology.dim).size_global
-        sizes = [f"{volume:.6e}" for volume in self.full.volumes()]
-        content = [
-            __version__, said, samples, seen, len(self.data.mode_names),
-            self.case.diagnose.n_modes, cells, self.full.n_dofs, sizes,
-        ]  # fmt: skip
-        text = json.dumps(content, sort_keys=True, default=str)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def _travel(self) -> dict:
         pointed = {**self.case.masses, **self.case.attached}
