@@ -19,6 +19,8 @@ _SOLID = {
     "nonlinear": "layers or contacts of solid parts",
 }
 _UP = (0.0, 0.0, 1.0)
+#: How far a place may be beside the ends, as a share of the length: by round-off.
+_NEAR = 1e-9
 
 
 def check_beams(case: Case) -> list[str]:
@@ -41,7 +43,46 @@ def check_beams(case: Case) -> list[str]:
         if section.law != "generic":
             expected = "expected 'generic' with mesh.builder = 'offset_beams'"
             errors.append(said(f"joints.{name}.law", section.law, expected))
-    return errors + _one_owner(case)
+    if "degree" in case.mesh.model_fields_set:
+        errors.append(said("mesh.degree", case.mesh.degree, "beams have no cells; expected none"))
+    short = _short(case.mesh)
+    return errors + _one_owner(case) + (short or _places(case))
+
+
+def _short(mesh: OffsetBeamsMesh) -> list[str]:
+    """Beams that are no longer than their laps."""
+    laps, errors = [0.0, *mesh.of("laps"), 0.0], []
+    for i, length in enumerate(mesh.lengths):
+        both = laps[i] + laps[i + 1]
+        if not length > both:
+            expected = f"expected more than the sum of its laps, {both:g} m"
+            errors.append(said(f"mesh.lengths[{i}]", length, expected))
+    return errors
+
+
+def _places(case: Case) -> list[str]:
+    """What stands beside the beams, or moves across the plane in which they move."""
+    errors, end = [], sum(case.mesh.lengths) - sum(case.mesh.of("laps"))
+    moves = "beams move in x and z; expected a direction that is not y alone"
+    springs = {f"springs.{name}": s for name, s in case.springs.items()}
+    springs |= {f"attached.{name}": s for name, s in case.attached.items()}
+    for key, section in springs.items():
+        direction = getattr(section, "direction", None)
+        if direction is not None and not any(direction[::2]):
+            errors.append(said(f"{key}.direction", list(direction), moves))
+    for name, section in case.supports.items():
+        if set(section.directions) == {"y"}:
+            errors.append(said(f"supports.{name}.directions", section.directions, moves))
+    sees = None if case.test is None else case.test.sees
+    if sees is None:
+        return errors
+    for i, (point, direction) in enumerate(zip(sees.points(), sees.directions(), strict=True)):
+        if not any(direction[::2]):
+            return [*errors, said("test.sees.direction", list(direction), moves)]
+        if not -_NEAR * end <= point[0] <= (1 + _NEAR) * end:
+            where = f"test.sees: point {i + 1} at x = {point[0]:g} m is beside the beams"
+            errors.append(f"{where}; expected x from 0 to {end:g} m")
+    return errors
 
 
 def _without(case: Case) -> list[str]:

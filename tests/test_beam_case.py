@@ -127,6 +127,12 @@ c = 0.15
         ({'laps = "50 mm"': 'laps = "300 mm"'}, "expected more than the sum of its laps"),
         ({'"335 mm", "0 mm", "0 mm"': '"735 mm", "0 mm", "0 mm"'}, "outside the structure"),
         ({'cells = ["beam_1", "beam_2"]': 'cells = ["beam_1"]'}, "'beam_2' is in none"),
+        ({'"520 mm", "570 mm"]': '"520 mm", "580 mm"]'}, "point 15 at x = 0.58 m is beside"),
+        ({"direction = [0, 0, 1]": "direction = [0, 1, 0]"}, "direction that is not y alone"),
+        ({"shear = 1.2": "degree = 2"}, "beams have no cells"),
+        ({"elements = [30, 20]": "elements = [300, 200]"}, "expected at most 400 in all"),
+        ({'["lap.k1", "lap.k2"]': '["lap.k1", "lap.k2", "lap.c"]'}, "do not depend on damping"),
+        ({'"mode 6", "mode 7"': '"mode 2"'}, "expected the highest modes"),
     ],
 )
 def test_bad_cases_are_said(changes, words, tmp_path):

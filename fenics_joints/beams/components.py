@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -19,9 +20,17 @@ def _require(where: str, value, good: bool, expected: str) -> None:
         raise InputError(f"{where} = {value!r}: expected {expected}.")
 
 
+def _is_number(value) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
 def _size(where: str, value) -> None:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    _require(where, value, number and 0 < value < np.inf, "a number > 0, m")
+    _require(where, value, _is_number(value) and value > 0, "a number > 0, m")
+
+
+def _value(where: str, value, expected: str = "a number, or a parameter's name") -> None:
+    # Whether a number is in its range, its law says when the matrices are made.
+    _require(where, value, isinstance(value, str | Real) and value == value, expected)
 
 
 def _count(where: str, value) -> None:
@@ -66,6 +75,12 @@ class Beam:
         for key in ("length", "breadth", "height"):
             _size(f"{self.name}.{key}", getattr(self, key))
         _count(f"{self.name}.n_elements", self.n_elements)
+        for key in ("E", "nu", "rho", "stretch", "width"):
+            _value(f"{self.name}.{key}", getattr(self, key))
+        good = _is_number(self.shear) and self.shear > 0
+        _require(f"{self.name}.shear", self.shear, good, "a number > 0")
+        good = self.offset is None or _is_number(self.offset)
+        _require(f"{self.name}.offset", self.offset, good, "a number, over the height, or None")
 
 
 @dataclass(frozen=True)
@@ -99,16 +114,19 @@ class GenericJoint:
         _count(f"{self.name}.n_elements", self.n_elements)
         for key in ("k1", "k2", "c"):
             given = getattr(self, key)
-            if not isinstance(given, str | float | int) and len(given) != self.n_elements:
+            each = [] if isinstance(given, str | Real) or np.ndim(given) != 1 else list(given)
+            if each and len(each) != self.n_elements:
                 raise InputError(
                     f"{self.name}.{key} has {len(given)} values: expected one, or "
                     f"{self.n_elements}, one for each element."
                 )
+            for value in each or [given]:
+                _value(f"{self.name}.{key}", value, "numbers, or parameters' names")
 
     def groups(self, key: str) -> list[tuple[str, Value, range]]:
         """Label, value and elements of each value of k1, k2 or c."""
         given = getattr(self, key)
-        if isinstance(given, str | float | int):
+        if isinstance(given, str | Real):
             return [(self.name, given, range(self.n_elements))]
         return [(f"{self.name}[{i}]", v, range(i, i + 1)) for i, v in enumerate(given)]
 
@@ -136,8 +154,17 @@ class LumpedMass:
     share: float = 1.0
 
     def __post_init__(self):
-        good = isinstance(self.radius, int | float) and 0 <= self.radius < np.inf
+        good = _is_number(self.radius) and self.radius >= 0
         _require(f"{self.name}.radius", self.radius, good, "a number >= 0, m")
+        good = isinstance(self.mass, str) or (_is_number(self.mass) and self.mass >= 0)
+        _require(f"{self.name}.mass", self.mass, good, "a number >= 0, kg, or a parameter's name")
+        good = len(self.point) == 3 and all(_is_number(c) for c in self.point)
+        _require(f"{self.name}.point", self.point, good, "three numbers (x, y, z), m")
+        good = isinstance(self.travel, str) or _is_number(self.travel)
+        _require(f"{self.name}.travel", self.travel, good, "a number, m, or a parameter's name")
+        low, high = (0.0, 1.0) if self.range is None else self.range
+        good = _is_number(low) and _is_number(high) and low < high
+        _require(f"{self.name}.range", self.range, good, "two ascending numbers, m")
 
 
 @dataclass(frozen=True)
@@ -155,6 +182,7 @@ class Held:
     def __post_init__(self):
         known = set(self.motions) <= {"x", "z", "turn"} and len(self.motions) > 0
         _require("held.motions", self.motions, known, "some of 'x', 'z' and 'turn'")
+        _require("held.x", self.x, _is_number(self.x), "a number, m")
 
 
 @dataclass(frozen=True)

@@ -135,6 +135,8 @@ def slip_table(
     """
     if not structure.joints:
         raise InputError("joints: expected at least one; beams alone have no damping here.")
+    if n_modes < 1:
+        raise InputError(f"n_modes = {n_modes}: expected at least 1.")
     modes = solve_modes(structure, given, n_modes=min(n_modes + 3, structure.n_dofs))
     index = np.arange(modes.n_rigid, modes.n_rigid + n_modes)
     if index[-1] >= len(modes):

@@ -13,6 +13,8 @@ from fenics_joints.errors import InputError
 
 __all__ = ["Layout", "Stretch", "lay_out"]
 
+#: Elements in all, at most: the matrices are dense, and there are many.
+_MOST = 400
 #: Two places are the same if they are nearer than this share of the whole length.
 _SAME = 1e-9
 _MOTIONS = ("x", "z", "turn")
@@ -116,6 +118,12 @@ def lay_out(
         raise InputError(
             f"{len(beams)} beams with {len(joints)} joints: expected one joint between each beam "
             "and the next."
+        )
+    n_elements = sum(item.n_elements for item in (*beams, *joints))
+    if n_elements > _MOST:
+        raise InputError(
+            f"the beams and laps have {n_elements} elements: expected at most {_MOST} in all, "
+            "since their matrices are dense; fifty already give many modes."
         )
     x, stretches, phi = [0.0], [], []
 

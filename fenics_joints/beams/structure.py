@@ -79,6 +79,7 @@ class BeamStructure:
     ):
         self.beams, self.joints, self.offset_mass = tuple(beams), tuple(joints), offset_mass
         known = _by_name(parameters)
+        _check_distinct([*self.beams, *self.joints])
         _check_names(known, [*self.beams, *self.joints, *masses, *springs, *clamps])
         nominal = {name: p.value for name, p in known.items()}
         sections = [(number(b.nu, nominal), b.height * number(b.stretch, nominal)) for b in beams]
@@ -345,7 +346,13 @@ class BeamStructure:
 
     def _spring(self, spring: Spring) -> SpringTerm:
         at, _ = self.layout.rows(spring.point, spring.name)
-        row = np.asarray(spring.direction)[[0, 2]] @ at[:2]
+        direction = np.asarray(spring.direction, dtype=float)
+        if direction.shape != (3,) or not np.any(direction[[0, 2]]):
+            raise InputError(
+                f"{spring.name}.direction = {spring.direction}: expected (x, y, z) with a share "
+                "along x or z, in which beams move."
+            )
+        row = direction[[0, 2]] @ at[:2]
         return SpringTerm(spring.name, spring.stiffness, spring.share, row)
 
 
@@ -356,6 +363,13 @@ def _by_name(parameters: Sequence[Parameter]) -> dict[str, Parameter]:
             raise InputError(f"parameter {p.name}: expected each name once.")
         known[p.name] = p
     return known
+
+
+def _check_distinct(components: Sequence) -> None:
+    names = [component.name for component in components]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f"{name} is the name of two beams or joints: expected each once.")
 
 
 def _check_names(known: Mapping[str, Parameter], components: Sequence) -> None:
