@@ -13,6 +13,8 @@ from fenics_joints.case import load_case
 from fenics_joints.combined_run import run_combined
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
+from fenics_joints.model_damping import model_damping
+from fenics_joints.points import Sensors
 from fenics_joints.progress import Progress
 
 DEMO = Path(__file__).parents[1] / "demos" / "bolted_beams"
@@ -45,6 +47,53 @@ def test_update_identifies_slap_and_slip():
     errors = [100 * held.error for held in found.held]
     np.testing.assert_allclose(errors, [-2.10, 5.07, -2.50], atol=0.4)
     assert MPI.COMM_WORLD.allgather(k1) == [k1] * MPI.COMM_WORLD.size
+
+
+def test_functions_identify_the_damping_too(tmp_path):
+    """Seed 002, Fig. 13: c from functions; those of finer beams, by the matrices themselves."""
+    truth = {"lap.k1": 2000.0, "lap.k2": 33000.0, "lap.c": 0.5}
+    fine = load_case(written(tmp_path, {"elements = [30, 20]": "elements = [45, 30]"}))
+    beams = build_structure(fine, MPI.COMM_WORLD)
+    K, M, C = (getattr(beams, name)(truth) for name in ("stiffness", "mass", "damping_matrix"))
+    places, up = {"1": 0.01, "2": 0.3, "3": 0.57}, [0.0, 0, 1]
+    rows = beams.rows(Sensors([[x, 0, 0.0106 * (x < 0.4)] for x in places.values()], up))
+    lines, noise = np.arange(100.0, 1000.0, 4.0), np.random.default_rng(4)
+    omega = 2 * np.pi * lines
+    H = np.array([-w * w * rows @ np.linalg.solve(K + 1j * w * C - w * w * M, rows[0])
+                  for w in omega])  # fmt: skip
+    H = H * (1 + 0.01 / np.sqrt(2) * (noise.standard_normal((*H.shape, 2)) @ [1, 1j]))
+    if MPI.COMM_WORLD.rank == 0:
+        head = ["frequency [Hz]"]
+        head += [f"{n}:+z/1:+z {part} [m/s2/N]" for n in places for part in ("re", "im")]
+        columns = [lines, *(part for h in H.T for part in (h.real, h.imag))]
+        np.savetxt(tmp_path / "frf.csv", np.transpose(columns), delimiter=",",
+                   header=",".join(head), comments="")  # fmt: skip
+        nodes = [f"{n},{x},0,{0.0106 * (x < 0.4)}\n" for n, x in places.items()]
+        text = "node,x [m],y [m],z [m]\n" + "".join(nodes)
+        (tmp_path / "nodes.csv").write_text(text, encoding="utf-8")
+    changes = {
+        'parameters = ["lap.k1", "lap.k2"] ': 'parameters = ["lap.k1", "lap.k2", "lap.c"] ',
+        "[test.sees]": '[test.frfs]\nfiles = ["frf.csv", "nodes.csv"]\nnoise = "1 %"\n[test.sees]',
+        'modes = ["mode 6", "mode 7", "mode 8"]': 'responses = ["3:+z"]',
+        "[update.held]": 'data = ["frfs"]\n[update.held]',
+    }
+    path = written(tmp_path, changes)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text[: text.index("[update.published]")], encoding="utf-8")
+    found = run_combined(load_case(path), MPI.COMM_WORLD, Progress(silent=True))
+    for row in found.parameters:
+        assert row["value"] == pytest.approx(truth[row["name"]], rel=max(4 * row["sd"], 5e-3)), row
+    held = found.functions.summary()
+    assert held["held_after"] < 0.3 < 3 < held["held_before"]
+    assert "samples" not in found.model
+    # All of a joint's stiffness, by the name that the case has for it.
+    more = "\n[damping]\nhysteretic = { lap = 0.02, beams = 1e-4 }\n"
+    lossy = load_case(written(tmp_path, {}, more))
+    damping = model_damping(lossy, build_structure(lossy, MPI.COMM_WORLD, damping=True))
+    assert list(damping.hysteretic) == [
+        "lap.slap", "lap.slip", "beam_1", "lap.beam_1", "lap.beam_2", "beam_2"
+    ]  # fmt: skip
+    assert damping.viscous == {"lap.c": "lap.c"}
 
 
 def test_supports_springs_travel_and_what_is_attached(tmp_path):
