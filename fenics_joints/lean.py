@@ -58,7 +58,11 @@ class LeanForward(Forward):
     def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """See `Forward`; from `prepare` where that knows the values."""
         ready = self._ready.get(self._key(values))
-        return super().__call__(values) if ready is None else ready
+        return super().__call__(self._own(values)) if ready is None else ready
+
+    def _own(self, values) -> dict[str, float]:
+        """Without parameters that the model does not have, which a solution would refuse."""
+        return {name: values[name] for name in self.model.parameters}
 
     def _key(self, values) -> tuple:
         return self._pick(values)
@@ -104,7 +108,7 @@ class LeanForward(Forward):
     def _searched(self, values, nothing) -> tuple[np.ndarray, np.ndarray]:
         """One by one, among more modes; ``nothing`` if the test's are not there either."""
         try:
-            return super().__call__(values)
+            return super().__call__(self._own(values))
         except InputError:
             return nothing
 

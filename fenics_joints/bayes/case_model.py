@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
+from fenics_joints.bayes.kept_lean import read_lean, write_lean
 from fenics_joints.bayes.model import Frequencies, ReducedCheck, check_reduced, narrow_frequencies
 from fenics_joints.bayes.priors import Prior, default_density, density
+from fenics_joints.bayes.solid_model import SolidModel
 from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.exact import ExactBeams
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
 from fenics_joints.case_bayes import Bayes, bayes_data, prior_numbers
 from fenics_joints.components import Parameter
-from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.gap import pair_modes
+from fenics_joints.errors import InputError
+from fenics_joints.fingerprint import fingerprint
 from fenics_joints.log_scale import LogScale
-from fenics_joints.modal import solve_modes
+from fenics_joints.meshes.tagged import on_root
 from fenics_joints.progress import Progress
-from fenics_joints.surrogate import Surrogate
 
 __all__ = ["CaseModel", "case_model", "case_prior"]
 
-#: Points of the prior in the basis at first; that the error is checked at; rounds of more of them.
-_SAMPLES, _CHECKED, _ROUNDS = 24, 50, 4
-#: Modes of so many points of the check, those with the largest errors, are taken into the basis.
-_WORST = 16
+#: Points of the prior that beams are checked at.
+_CHECKED = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +39,8 @@ class CaseModel:
         prior: Of the parameters.
         frequencies: ln f at many values.
         check: Against the full model at points of the prior.
+        bound: Largest error of a frequency that is estimated in the prior, at more points; the
+            estimate, of the residuals, exceeds the error wherever both are known.
         start: All parameters' values at the start.
         n_dofs: Degrees of freedom of the full model.
         n_basis: Of the model that is sampled.
@@ -47,6 +49,7 @@ class CaseModel:
     prior: Prior
     frequencies: Frequencies
     check: ReducedCheck
+    bound: float
     start: Mapping[str, float]
     n_dofs: int
     n_basis: int
@@ -65,8 +68,21 @@ def case_prior(case: Case, parameters: list[Parameter], start, model) -> Prior:
     return Prior(tuple(parameters), tuple(densities), scale)
 
 
-def case_model(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> CaseModel:
+def case_model(
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress | None = None,
+    *,
+    keep: Path | None = None,
+) -> CaseModel:
     """Build a case's model for sampling, and check it. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        keep: File of a solid case's reduced model: read if it is there and of the same case, else
+            written. Beams need none.
 
     Raises:
         InputError: If the case has no test or no parameters to update.
@@ -87,11 +103,13 @@ def case_model(case: Case, comm: MPI.Intracomm, progress: Progress | None = None
         exact = ExactBeams(full, start, **given)
         frequencies = narrow_frequencies(exact.forward, prior, start, tolerance=tolerance / 10)
         check = check_reduced(frequencies, _many(exact.forward), prior, _CHECKED)
+        bound = frequencies.error
     else:
-        frequencies, check = _reduced(full, start, given, prior, tolerance, progress)
+        frequencies, check, bound = _solid(
+            case, full, start, given, prior, tolerance, progress, keep
+        )
     check.require(tolerance)
-    frequencies.error = check.error
-    return CaseModel(prior, frequencies, check, start, full.n_dofs,
+    return CaseModel(prior, frequencies, check, bound, start, full.n_dofs,
                      frequencies.forward.model.n_dofs)  # fmt: skip
 
 
@@ -109,45 +127,17 @@ def _many(forward):
     return log_f
 
 
-def _reduced(full, start, given, prior: Prior, tolerance: float, progress: Progress):
-    """A solid model on the modes at points of the prior, more of them until it is good enough."""
-    names, rng = prior.names, np.random.default_rng(7)
-
-    def named(x):
-        rows = prior.values(x).tolist()
-        return [{**start, **dict(zip(names, row, strict=True))} for row in rows]
-
-    samples = [start, *named(prior.sample(_SAMPLES, rng))]
-    progress.step("reduced model: sampling the prior", len(samples))
-    surrogate = Surrogate(full, samples, start, progress=progress, **given)
-    for i in range(_ROUNDS):
-        progress.step("reduced model: checking it in the prior", _CHECKED)
-        frequencies = narrow_frequencies(surrogate.forward, prior, start, tolerance=tolerance / 5)
-        modes: list = []
-
-        def exact(points, modes=modes):
-            return np.array([_solved(surrogate, values, modes, progress) for values in points])
-
-        # Other points each round: those that were put right say nothing of the rest.
-        check = check_reduced(frequencies, exact, prior, _CHECKED, seed=12345 + i)
-        if check.error <= tolerance or i == _ROUNDS - 1:
-            return frequencies, check
-        worst = np.argsort(check.errors)[::-1][:_WORST]
-        surrogate.refine([modes[k] for k in worst if check.errors[k] > 0.1 * tolerance])
-    raise ConvergenceError("the reduced model was not checked")
-
-
-def _solved(surrogate: Surrogate, values, modes: list, progress: Progress) -> np.ndarray:
-    """ln f of the full model, whose modes are added to the list."""
-    found = solve_modes(
-        surrogate.full, values, n_modes=surrogate.n_modes, solver=surrogate.nominal.solver
-    )
-    modes.append(found)
-    progress.advance()
-    try:
-        pairing = pair_modes(
-            found, surrogate.n_test, surrogate.sensors, reference=surrogate.forward.reference
-        )
-    except InputError:
-        return np.full(surrogate.n_test, np.nan)
-    return np.log(found.frequencies_hz[pairing.index])
+def _solid(case: Case, full, start, given, prior: Prior, tolerance, progress, keep):
+    """A solid model's frequencies, check and estimated error, from their file if it is there."""
+    comm, name = full.comm, None
+    if keep is not None:
+        said = [start, prior.names, list(prior.describe()), given["n_test"], tolerance]
+        shapes = None if given["shapes"] is None else given["shapes"].tolist()
+        name = fingerprint(case, full, given["sensors"], *said, shapes)
+        kept = read_lean(keep, name, given["sensors"])
+        if comm.allreduce(kept is not None, op=MPI.LAND):
+            return kept
+    found = SolidModel(full, start, prior, tolerance, progress, **given).ready()
+    if keep is not None and found[1].error <= tolerance:
+        on_root(comm, lambda: write_lean(keep, name, *found))
+    return found
