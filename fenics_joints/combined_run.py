@@ -323,8 +323,10 @@ class _Run:
     def _facts(self, error: ModelError, functions: Functions | None) -> dict:
         facts = {"dofs": self.full.n_dofs}
         if self.model.samples:
-            facts |= {"basis": self.model.arrays.n_dofs, "samples": self.model.samples}
-        facts["frequency_error"] = error.frequencies
+            facts |= {
+                "basis": self.model.arrays.n_dofs, "samples": self.model.samples,
+                "frequency_error": error.frequencies,
+            }  # fmt: skip
         if functions is not None:
             frfs = self.data.target.frfs
             facts |= {

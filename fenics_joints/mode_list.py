@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 import fenics_joints
+from fenics_joints.beams import BeamStructure
 from fenics_joints.build import build_preload, build_structure
 from fenics_joints.case import Case
 from fenics_joints.errors import InputError, MeshError
@@ -37,7 +38,7 @@ class ModeList:
         modes: The modes.
         visibility: How much of each mode the test's sensors see, shape (n,), see
             `Modes.visibility`; None if the case does not say what the test saw.
-        size_m: Extents of the mesh along the axes, m, shape (gdim,); empty if not measured.
+        size_m: Extents along the axes, m, shape (gdim,); empty if not measured.
         rings: The bolts' rings ``ring_1``, ... of the mesh, those that are flat layers.
     """
 
@@ -135,6 +136,8 @@ def run_modes(
     """
     n_modes = case.diagnose.n_modes if n_modes is None else n_modes
     progress.step("building the model")
+    if state != "stuck" and not case.contacts:
+        raise InputError(f"contacts = {state!r}: expected sections [contacts.NAME] in the case")
     if case.contacts:
         model = _preloaded(case, comm, progress, state)
     else:
@@ -143,6 +146,8 @@ def run_modes(
     modes = solve_modes(model, n_modes=n_modes, method=method)
     sensors = case.sensors()
     visibility = None if sensors is None else modes.visibility(sensors)
+    if isinstance(model, BeamStructure):
+        return ModeList(case, modes, visibility, model.size_m)
     tagged = getattr(model, "structure", model).tagged
     low, high = limits(tagged)
     return ModeList(case, modes, visibility, high - low, _rings(tagged))

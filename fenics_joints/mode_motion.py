@@ -1,4 +1,4 @@
-"""The motion of a mesh in given modes, gathered on one rank for pictures."""
+"""The motion of a mesh, or of beams, in given modes, gathered on one rank for pictures."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from fenics_joints._compat import geometry_dofmap
+from fenics_joints.beams import BeamStructure
+from fenics_joints.diagnosis.beam_cells import beam_cells
 
 if TYPE_CHECKING:
     from fenics_joints.structure import Structure
@@ -19,19 +21,21 @@ __all__ = ["corner_motion"]
 
 
 def corner_motion(
-    structure: Structure, vectors: Sequence[PETSc.Vec]
+    structure: Structure | BeamStructure, vectors: Sequence[PETSc.Vec] | Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners of all cells and how they move. Collective.
 
     Args:
-        structure: The structure.
+        structure: The structure; of beams the elements are the cells.
         vectors: Displacement vectors, owned entries.
 
     Returns:
         On rank 0 the corners, m, shape (n_cells, n_corners, 3), and the displacements, shape
         (n_vectors, n_cells, n_corners, 3), zero in a direction that the mesh does not have; empty
-        on the other ranks.
+        on the other ranks. Of beams the same on every rank.
     """
+    if isinstance(structure, BeamStructure):
+        return _beams(structure, vectors)
     V, msh = structure.V, structure.mesh
     n_owned = msh.topology.index_map(msh.topology.dim).size_local
     corners = msh.geometry.x[geometry_dofmap(msh)[:n_owned]]
@@ -53,3 +57,10 @@ def corner_motion(
         np.concatenate([part[0] for part in gathered]),
         np.concatenate([part[1] for part in gathered], axis=1),
     )
+
+
+def _beams(structure: BeamStructure, vectors) -> tuple[np.ndarray, np.ndarray]:
+    cells = beam_cells(structure)
+    corners = cells.vertices[cells.beam >= 0]
+    rows = structure.displacement_rows(corners.reshape(-1, 3))
+    return corners, np.array([(rows @ v).reshape(corners.shape) for v in vectors])

@@ -449,7 +449,7 @@ def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
     if hasattr(structure, "displacements"):
         structure, vectors = structure.structure, structure.displacements(vectors)
     vertices, motions = corner_motion(structure, vectors)
-    if structure.comm.rank != 0:
+    if not len(vertices):
         return ""
     sensors = result.case.sensors()
     shapes = []

@@ -12,9 +12,13 @@ from fenics_joints.build import build_structure
 from fenics_joints.case import load_case
 from fenics_joints.combined_run import run_combined
 from fenics_joints.errors import InputError
+from fenics_joints.harmonic_run import run_harmonic
 from fenics_joints.modal import solve_modes
+from fenics_joints.mode_list import run_modes
+from fenics_joints.mode_motion import corner_motion
 from fenics_joints.model_damping import model_damping
 from fenics_joints.points import Sensors
+from fenics_joints.preload_run import run_preload
 from fenics_joints.progress import Progress
 
 DEMO = Path(__file__).parents[1] / "demos" / "bolted_beams"
@@ -41,12 +45,36 @@ def test_update_identifies_slap_and_slip():
     assert k1 == pytest.approx(1763.2, rel=0.04)
     assert k2 == pytest.approx(37402, rel=0.01)
     assert max(np.abs(found.published["errors_percent"])) < 0.2
-    assert found.model["frequency_error"] == 0.0
+    assert found.model == {"dofs": 168}  # nothing was reduced
     # Modes 6 to 8 are predicted, not fitted: Table 1.
     assert [held.name for held in found.held] == ["mode 6", "mode 7", "mode 8"]
     errors = [100 * held.error for held in found.held]
     np.testing.assert_allclose(errors, [-2.10, 5.07, -2.50], atol=0.4)
     assert MPI.COMM_WORLD.allgather(k1) == [k1] * MPI.COMM_WORLD.size
+
+
+def test_what_the_commands_say_of_beams():
+    """`modes` lists and draws them; what needs a mesh or contacts is refused in words."""
+    case, quiet = load_case(DEMO), Progress(silent=True)
+    found = run_modes(case, MPI.COMM_WORLD, quiet, n_modes=9)
+    assert found.modes.n_rigid == 3
+    np.testing.assert_allclose(found.size_m, [0.57, 0.021, 0.0212])
+    assert found.html().count("Mode shape") >= 6
+    # The drawn corners move as sensors there do.
+    corners, motion = corner_motion(found.modes.model, [found.modes.shape(5)])
+    sensors = Sensors(corners[::7].reshape(-1, 3), [1.0, 0, 1])
+    read = found.modes.at(sensors)[:, 5]
+    moved = motion[0, ::7].reshape(-1, 3) @ [1.0, 0, 1] / np.sqrt(2)
+    np.testing.assert_allclose(moved, read, atol=1e-12 * np.abs(read).max())
+    assert np.ptp(corners[..., 2]) == pytest.approx(2 * 0.0106)
+    with pytest.raises(InputError, match="no mesh for multigrid"):
+        run_modes(case, MPI.COMM_WORLD, quiet, method="iterative")
+    with pytest.raises(InputError, match="expected sections .contacts.NAME."):
+        run_modes(case, MPI.COMM_WORLD, quiet, state="preload")
+    with pytest.raises(InputError, match="contacts is missing"):
+        run_preload(case, MPI.COMM_WORLD, quiet)
+    with pytest.raises(InputError, match="expected a section .harmonic."):
+        run_harmonic(case, MPI.COMM_WORLD, quiet)
 
 
 def test_functions_identify_the_damping_too(tmp_path):

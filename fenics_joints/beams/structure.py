@@ -126,6 +126,13 @@ class BeamStructure:
         """See `dilation_frequency`."""
         return self.model.scale_hz
 
+    @property
+    def size_m(self) -> np.ndarray:
+        """Extents along x, y and z, nominal, m, shape (3,)."""
+        z = [b.height * (1 if i % 2 == 0 else -1) for i, b in enumerate(self.beams)]
+        width = max(b.breadth for b in self.beams)
+        return np.array([np.ptp(self.layout.x), width, max(z) - min(*z, 0.0)])
+
     def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
         """All parameters' values."""
         return self.model.values(given)
