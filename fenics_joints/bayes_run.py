@@ -2,162 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-import fenics_joints
 from fenics_joints.bayes.arviz_files import arviz
 from fenics_joints.bayes.case_model import CaseModel, case_model
 from fenics_joints.bayes.chains import Chains
-from fenics_joints.bayes.hierarchical import Specimens, sample_hierarchy
+from fenics_joints.bayes.held import Held, predict_held
+from fenics_joints.bayes.hierarchical import Hierarchy, Specimens, sample_hierarchy
 from fenics_joints.bayes.likelihood import FittedLikelihood, GaussianLikelihood
 from fenics_joints.bayes.posterior import Posterior
 from fenics_joints.bayes.predictive import PredictiveCheck, check_predictive, replicate
 from fenics_joints.bayes.samplers import Settings, sample
+from fenics_joints.bayes_report import BayesReport, Predicted
 from fenics_joints.case import Case
 from fenics_joints.case_bayes import Bayes, bayes_data, specimens
+from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import check_writable
 from fenics_joints.meshes.tagged import on_root
 from fenics_joints.progress import Progress
 
-if TYPE_CHECKING:
-    from rich.console import Console
+__all__ = ["run_bayes"]
 
-__all__ = ["BayesReport", "run_bayes"]
-
+#: New sets of specimens; draws for frequencies.
 _SETS, _PREDICTED = 400, 2000
-
-
-@dataclass(frozen=True, eq=False)
-class BayesReport:
-    """What ``fenics-joints update --bayes`` found.
-
-    Attributes:
-        title: The case's title.
-        condition: Name, value and unit of the condition of the data.
-        chains: Draws; converged, or there would be no report.
-        units: Units of the parameters, by name.
-        prior: In words, one for each parameter.
-        likelihood: In words.
-        doubts: What to be wary of, in words.
-        mode_names: Names of the modes.
-        measured_hz: One set of frequencies, or the specimens' mean, (m,).
-        measured_sd: Relative standard deviation, or the specimens' scatter, (m,).
-        predicted_hz: Draws of frequencies, (n, m).
-        check: Against the specimens, or None without.
-        model: The model, and how good its reduction is.
-        settings: How it was sampled.
-    """
-
-    title: str
-    condition: tuple[str, float, str]
-    chains: Chains
-    units: dict[str, str]
-    prior: list[str]
-    likelihood: list[str]
-    doubts: list[str]
-    mode_names: tuple[str, ...]
-    measured_hz: np.ndarray
-    measured_sd: np.ndarray
-    predicted_hz: np.ndarray
-    check: PredictiveCheck | None
-    model: CaseModel
-    settings: Settings
-
-    def rows(self) -> list[dict]:
-        """Each quantity: mean, sd, median, 90 % interval, R-hat, effective sample sizes, unit."""
-        return [{**row, "unit": self.units.get(row["name"], "")} for row in self.chains.table()]
-
-    def predicted(self) -> list[dict]:
-        """Measured and predicted frequency of each mode, with its 90 % interval."""
-        low, median, high = np.quantile(self.predicted_hz, [0.05, 0.5, 0.95], axis=0)
-        return [
-            {
-                "mode": name, "measured_hz": float(f) if np.isfinite(f) else None,
-                "median_hz": float(median[i]), "low_hz": float(low[i]), "high_hz": float(high[i]),
-            }
-            for i, (name, f) in enumerate(zip(self.mode_names, self.measured_hz, strict=True))
-        ]  # fmt: skip
-
-    def json(self) -> dict[str, object]:
-        """The documented keys of ``update --bayes --json``."""
-        return {
-            "version": fenics_joints.__version__,
-            "title": self.title,
-            "parameters": [_finite(row) for row in self.rows()],
-            "correlation": {
-                "names": list(self.chains.names),
-                "matrix": self.chains.correlation().tolist(),
-            },
-            "prior": self.prior,
-            "likelihood": self.likelihood,
-            "doubts": self.doubts,
-            "frequencies": self.predicted(),
-            "predictive_check": None if self.check is None else self.check.to_json(),
-            "sampler": {
-                "name": self.chains.sampler,
-                "chains": self.settings.chains,
-                "samples": self.settings.samples,
-                "burn_in": self.settings.burn_in,
-                "seed": self.settings.seed,
-                "acceptance": float(np.mean(self.chains.acceptance)),
-                "evaluations": self.chains.evaluations,
-            },
-            "model": {
-                "dofs": self.model.n_dofs,
-                "basis": self.model.n_basis,
-                "frequency_error": self.model.check.error,
-                "checked_points": self.model.check.n_points,
-                "points_without_modes": self.model.check.n_missing,
-            },
-        }
-
-    def html(self) -> str:
-        """The page."""
-        from fenics_joints.bayes import pictures
-        from fenics_joints.report import render, svg
-
-        names, pair = list(self.chains.names), pictures.pairs(self.chains, self.chains.names)
-        return render(
-            "bayes.html", b=self, rows=self.rows(), predicted=self.predicted(),
-            trace=svg(pictures.traces(self.chains, names)),
-            pair=None if pair is None else svg(pair),
-            frequencies=svg(pictures.frequencies(
-                self.mode_names, self.measured_hz, self.measured_sd, self.predicted_hz
-            )),
-            correlations=None if self.check is None else svg(pictures.correlations(self.check)),
-        )  # fmt: skip
-
-    def show(self, console: Console) -> None:
-        """Print the summary."""
-        from fenics_joints.formatting import hertz, quantity
-        from fenics_joints.summary import new_table, say
-
-        say(console, f"{self.title}: posterior", "bold")
-        for line in (*self.likelihood, f"{self.chains.sampler}; {self.settings.chains} chains"):
-            say(console, line)
-        for line in self.doubts:
-            say(console, f"but: {line}", "yellow")
-        table = new_table("quantity", ">mean", ">s.d.", ">5 %", ">95 %", ">R-hat", ">ESS")
-        for row in self.rows():
-            table.add_row(
-                row["name"],
-                *(quantity(row[k], row["unit"]) for k in ("mean", "sd", "low", "high")),
-                f"{row['rhat']:.3f}", f"{min(row['ess_bulk'], row['ess_tail']):.0f}",
-            )  # fmt: skip
-        console.print(table)
-        table = new_table("mode", ">measured, Hz", ">predicted, Hz", ">5 %", ">95 %")
-        for row in self.predicted():
-            keys = ("measured_hz", "median_hz", "low_hz", "high_hz")
-            table.add_row(row["mode"], *(hertz(row[k]) for k in keys))
-        console.print(table)
-        for line in [] if self.check is None else self.check.words():
-            say(console, line)
+#: Draws for held modes, by the full model; more of them below so many degrees of freedom.
+_HELD, _HELD_SMALL, _SMALL = 40, 400, 2000
 
 
 def run_bayes(
@@ -169,18 +43,23 @@ def run_bayes(
         case: The case.
         comm: Communicator; the chains are shared out over its ranks.
         progress: Told what is being done.
-        keep: File of the chains, see `fenics_joints.bayes.samplers.sample`.
+        keep: File of the chains, see `fenics_joints.bayes.samplers.sample`; a solid case's reduced
+            model is kept beside it, with the ending ``.model.h5``.
+
+    Returns:
+        The report; of chains that did not converge too, which then has a `BayesReport.failure` and
+        predicts nothing.
 
     Raises:
         InputError: If the case, a prior or the data cannot be used; a distribution does not fit.
-        ConvergenceError: If the chains did not converge; they are in the file all the same, to be
-            prolonged. Or if the reduced model is not good enough.
+        ConvergenceError: If the reduced model is not good enough.
     """
     arviz()  # missing, it is said before the work
     if keep is not None:
         on_root(comm, lambda: check_writable(keep, "--keep"))
     with threadpool_limits(1):
-        model = case_model(case, comm, progress)
+        beside = None if keep is None else Path(keep).with_suffix(".model.h5")
+        model = case_model(case, comm, progress, keep=beside)
         return _Run(case, model, comm, progress, keep).report()
 
 
@@ -200,9 +79,7 @@ class _Run:
         )
 
     def report(self) -> BayesReport:
-        case, condition = self.case, float(self.data.conditions[self.row])
-        kind, names = self.section.kind, self.data.mode_names
-        progress, last = self.progress, [0]
+        section, progress, last = self.section, self.progress, [0]
         progress.step("sampling", 100)
 
         def told(share: float) -> None:
@@ -212,25 +89,25 @@ class _Run:
 
         run = {"comm": self.comm, "keep": self.keep, "told": told}
         doubts: list[str] = []
-        if kind == "hierarchical":
-            chains, words, replicates = self._hierarchy(run)
+        if section.kind == "hierarchical":
+            found = self._hierarchy(run)
+            chains, words = found.chains, self._hierarchy_words()
         else:
-            likelihood = self._likelihood(kind)
+            likelihood = self._likelihood(section.kind)
             doubts, words = likelihood.doubts(), likelihood.describe()
             posterior = Posterior(self.model.prior, self.model.frequencies, likelihood)
-            chains = sample(posterior, self.settings, **run).require_converged()
-            replicates = None
-            if kind == "fitted":
-                replicates = replicate(chains, self.model.frequencies, len(self.table), _SETS)
-        check = None
-        if replicates is not None and len(names) > 1:
-            check = check_predictive(names, self.table, replicates)
+            found = chains = sample(posterior, self.settings, **run)
+        predicted = None
+        if chains.converged:
+            predicted, more = self._predicted(found)
+            doubts = [*doubts, *more]
         log_f, sd = self._measured()
+        condition = (self.data.condition_name, float(self.data.conditions[self.row]),
+                     self.data.condition_unit)  # fmt: skip
         return BayesReport(
-            case.title, (self.data.condition_name, condition, self.data.condition_unit), chains,
-            {p.name: p.unit for p in self.model.prior.parameters},
-            list(self.model.prior.describe()), words, doubts, names, np.exp(log_f), sd,
-            self._predicted(chains, replicates), check, self.model, self.settings,
+            self.case.title, condition, chains, self._units(), list(self.model.prior.describe()),
+            words, doubts, self.data.mode_names, np.exp(log_f), sd, predicted, self.model,
+            self.settings, self.keep,
         )  # fmt: skip
 
     def _likelihood(self, kind: str):
@@ -248,21 +125,25 @@ class _Run:
             self.discrepancy,
         )  # fmt: skip
 
-    def _hierarchy(self, run):
+    def _hierarchy(self, run) -> Hierarchy:
         section = self.section
         data = Specimens(
             self.data.mode_names, self.table, section.noise, section.noise_known, section.scatter,
             self.discrepancy,
         )  # fmt: skip
-        found = sample_hierarchy(
+        return sample_hierarchy(
             data, self.model.prior, self.model.frequencies, self.settings, **run
         )
-        found.chains.require_converged()
-        words = [
+
+    def _hierarchy_words(self) -> list[str]:
+        return [
             f"hierarchical: {len(self.table)} specimens scatter about a mean; discrepancy of the "
             f"model {100 * self.discrepancy:g} %"
         ]
-        return found.chains, words, found.replicate(self.model.frequencies, _SETS)
+
+    def _units(self) -> dict[str, str]:
+        """Of the quantities: parameters in theirs, the rest are ratios."""
+        return {p.name: p.unit for p in self.model.prior.parameters}
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray]:
         """ln f that the prediction is compared with, and its standard deviation."""
@@ -271,14 +152,56 @@ class _Run:
             return np.nanmean(logs, axis=0), np.nanstd(logs, axis=0, ddof=1)
         return np.log(self.data.frequencies_hz[self.row]), self.data.log_sd()[self.row]
 
-    def _predicted(self, chains: Chains, replicates) -> np.ndarray:
-        """Frequencies, Hz, of new specimens, or of the structure where there are none."""
-        if replicates is not None:
-            return np.exp(replicates.reshape(-1, replicates.shape[2]))
-        draws = chains.draws()
-        some = np.random.default_rng(self.settings.seed).choice(len(draws), _PREDICTED)
-        return np.exp(self.model.frequencies(draws[some]))
+    # -- predictions from chains that converged ---------------------------------------------------
 
+    def _predicted(self, found: Chains | Hierarchy) -> tuple[Predicted, list[str]]:
+        """Frequencies of new specimens, or of the structure where there are none; and doubts."""
+        names, frequencies, doubts = self.data.mode_names, self.model.frequencies, []
+        rng, several = np.random.default_rng(self.settings.seed), len(names) > 1
+        check = rival = None
+        if isinstance(found, Hierarchy):
+            replicates = found.replicate(frequencies, _SETS)
+            log_f = replicates.reshape(-1, replicates.shape[2])
+            values, _, tau = found.new_specimens(self._count(), 1, seed=1)
+            values, log_sd = values[:, 0], np.hypot(tau, self.discrepancy)
+            if several:
+                check = check_predictive(names, self.table, replicates)
+                rival, doubts = self._rival()
+        else:
+            draws = found.draws()
+            log_f = frequencies(draws[rng.choice(len(draws), _PREDICTED)])
+            values, log_sd = draws[rng.choice(len(draws), self._count())], self.discrepancy
+            if self.section.kind == "fitted":
+                log_sd = 0.0
+                if several:
+                    check = self._independent(found)
+        held = self._held(values, log_sd)
+        return Predicted(np.exp(log_f), held, check, rival), doubts
 
-def _finite(row: dict) -> dict:
-    return {k: v if isinstance(v, str) or np.isfinite(v) else None for k, v in row.items()}
+    def _independent(self, chains: Chains) -> PredictiveCheck:
+        replicates = replicate(chains, self.model.frequencies, len(self.table), _SETS)
+        return check_predictive(self.data.mode_names, self.table, replicates)
+
+    def _rival(self) -> tuple[PredictiveCheck | None, list[str]]:
+        """What the paper's likelihood makes of the same specimens; a doubt where it cannot."""
+        self.progress.step("the paper's likelihood, for comparison")
+        try:
+            posterior = Posterior(
+                self.model.prior, self.model.frequencies, self._likelihood("fitted")
+            )
+            settings = replace(self.settings, sampler="metropolis", samples=5000, burn_in=1000)
+            return self._independent(sample(posterior, settings, self.comm)), []
+        except (InputError, ConvergenceError) as error:
+            return None, [f"not compared with the paper's likelihood: {error}"]
+
+    def _count(self) -> int:
+        return _HELD_SMALL if self.model.n_dofs < _SMALL else _HELD
+
+    def _held(self, values: np.ndarray, log_sd) -> Held | None:
+        n = len(self.data.mode_names)
+        if len(self.case.measurements().mode_names) == n:
+            return None
+        self.progress.step("modes that were held out", len(values))
+        points = self.model.frequencies.by_name(values)
+        points = [{**self.model.start, **point} for point in points]
+        return predict_held(self.case, self.row, n, points, log_sd, self.comm, self.progress)

@@ -151,9 +151,11 @@ def update(
     For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz, crossings_pa,
     stuck_area_m2, minimum, sweep), test and stuck frequencies.
 
-    With --bayes instead: parameters (name, mean, sd, median, low and high of 90 %, rhat, ess_bulk,
-    ess_tail, unit), correlation, prior, likelihood and doubts in words, frequencies (measured and
-    predicted), predictive_check (scatter and correlation of specimens), sampler, model.
+    With --bayes instead: converged and problems, parameters (name, mean, sd, median, low and high
+    of 90 %, rhat, ess_bulk, ess_tail, unit), correlation, prior, likelihood and doubts in words,
+    frequencies (measured and predicted, held or not), predictive_check (scatter and correlation of
+    specimens), independent_check (of the paper's likelihood), sampler, model. Chains that did not
+    converge predict nothing; what they are is written, and the command fails.
     """
 
     def run(case, comm, progress):
@@ -314,6 +316,8 @@ def _prepare(comm, path: Path, json: Path | None, report: Path | None) -> Case:
 
 
 def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
+    """Write and show; then fail, where the outcome says that it is none."""
+    from fenics_joints.errors import ConvergenceError
     from fenics_joints.files import write_text
     from fenics_joints.meshes.tagged import on_root
 
@@ -327,3 +331,6 @@ def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
             typer.echo(f"wrote {path}")
 
     on_root(comm, write)
+    failure = getattr(outcome, "failure", None)
+    if failure is not None:
+        raise ConvergenceError(failure)

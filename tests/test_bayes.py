@@ -200,23 +200,60 @@ def test_chains_that_did_not_converge_are_not_used():
 @pytest.mark.parallel
 @pytest.mark.parametrize("kind", ["metropolis", "prior_metropolis", "emcee"])
 def test_chains_are_kept_and_prolonged(kind, tmp_path_factory, monkeypatch):
-    """Prolonged chains are those of a single run; on several ranks they are the serial ones."""
+    """Stopped in the burn-in, in the draws, and not converged: the chains of a single run."""
     comm = MPI.COMM_WORLD
     folder = comm.bcast(tmp_path_factory.mktemp("chains") if comm.rank == 0 else None)
     posterior, file = Posterior(prior(), linear, gaussian()), folder / "chains.nc"
     # Writings fall on the same steps, so that the random numbers do.
-    monkeypatch.setattr(samplers, "_CHUNK", 250)
+    monkeypatch.setattr(samplers, "_CHUNK", 50)
+    monkeypatch.setattr(samplers, "_EVERY", 0.0)
     walkers = 8 if kind == "emcee" else 1
-    short, long = (Settings(kind, n * walkers, 100 * walkers, 3) for n in (600, 850))
+    short, long = (Settings(kind, n * walkers, 100 * walkers, 3) for n in (200, 300))
+
+    def stop_at(share):
+        def told(done):
+            if done >= share:
+                raise KeyboardInterrupt
+
+        return told
+
+    for share in (0.25, 0.5):  # of what is left: within the burn-in, and within the draws
+        with pytest.raises(KeyboardInterrupt):
+            sample(posterior, short, comm, keep=file, told=stop_at(share))
     begun = sample(posterior, short, comm, keep=file)
-    whole = sample(posterior, long, comm, keep=file)
+    assert begun.info["steps"] == 200 and not begun.converged
+    again = sample(posterior, short, comm, keep=file)
+    assert again.info["steps"] == 300 and again.info["burn_in"] == 100
     alone = sample(posterior, long)
-    np.testing.assert_array_equal(begun.values, whole.values[:, : begun.values.shape[1]])
-    np.testing.assert_allclose(whole.values, alone.values, rtol=1e-9)
-    with pytest.raises(InputError, match="another posterior"):
-        sample(Posterior(prior(), linear, gaussian(0.01)), long, comm, keep=file)
+    np.testing.assert_array_equal(begun.values, again.values[:, : begun.values.shape[1]])
+    np.testing.assert_allclose(again.values, alone.values, rtol=1e-9)
+
+
+@pytest.mark.parallel
+def test_chains_of_another_task_are_refused(tmp_path_factory):
+    """And it is said what differs."""
+    comm = MPI.COMM_WORLD
+    folder = comm.bcast(tmp_path_factory.mktemp("chains") if comm.rank == 0 else None)
+    file, settings = folder / "chains.nc", Settings(samples=60, burn_in=20)
+    sample(Posterior(prior(), linear, gaussian()), settings, comm, keep=file)
+
+    def shifted(values):
+        return linear(values) + 1e-3
+
+    for posterior, words in (
+        (Posterior(prior(), linear, gaussian(1e-5)), "chains with other data"),
+        (Posterior(prior(0.4), linear, gaussian()), "chains with another prior"),
+        (Posterior(prior(), shifted, gaussian()), "chains with another model"),
+    ):
+        with pytest.raises(InputError, match=words):
+            sample(posterior, settings, comm, keep=file)
     with pytest.raises(InputError, match="seed = 1, not 2"):
-        sample(posterior, Settings(kind, 9000, long.burn_in, 3, 2), comm, keep=file)
+        sample(Posterior(prior(), linear, gaussian()), Settings(seed=2), comm, keep=file)
+    other = prior()
+    one = Prior(other.parameters[:1], other.densities[:1], LogScale("a", NoLaws()))
+    posterior = Posterior(one, lambda v: np.log(v) @ SLOPE[:, :1].T, gaussian(-np.log(100)))
+    with pytest.raises(InputError, match="holds chains of a, b; expected a"):
+        sample(posterior, settings, comm, keep=file)
 
 
 def test_file_is_arviz(tmp_path):

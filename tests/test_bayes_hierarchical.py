@@ -157,8 +157,10 @@ def test_two_levels_on_ranks(specimens, tmp_path_factory):
     found = sample_hierarchy(data, prior(), model, settings, comm, keep=folder / "levels.nc")
     alone = sample_hierarchy(data, prior(), model, settings)
     np.testing.assert_allclose(found.chains.values, alone.chains.values, rtol=1e-6, atol=1e-12)
+    # Kept, read again, and prolonged, since so few have not converged.
     again = sample_hierarchy(data, prior(), model, settings, comm, keep=folder / "levels.nc")
-    np.testing.assert_array_equal(again.chains.values, found.chains.values)
+    np.testing.assert_array_equal(again.chains.values[:, :80], found.chains.values)
+    assert again.chains.values.shape[1] == 160
     assert len(found.chains.names) == 2 + 2 + 1 + 1 + 5
 
 

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from fenics_joints.errors import InputError
 
-__all__ = ["arviz", "convergence", "data_tree", "read_chains", "write_chains"]
+__all__ = ["arviz", "convergence", "data_tree", "draw", "read_chains", "write_chains"]
 
 _GROUPS = ("posterior", "sample_stats")
 
@@ -45,6 +45,8 @@ def convergence(draws: np.ndarray) -> dict[str, float]:
     Returns:
         rhat, ess_bulk, ess_tail; nan where they are not defined.
     """
+    if draws.shape[1] < 4:
+        return dict.fromkeys(("rhat", "ess_bulk", "ess_tail"), float("nan"))
     az = arviz()
     return {
         "rhat": float(az.rhat(draws)),
@@ -64,8 +66,30 @@ def data_tree(draws: Mapping[str, np.ndarray], statistics: Mapping[str, np.ndarr
     groups = {"posterior": dict(draws)}
     if statistics:
         groups["sample_stats"] = dict(statistics)
-    old = int(az.__version__.split(".")[0]) < 1
-    return az.from_dict(**groups) if old else az.from_dict(groups)
+    return az.from_dict(**groups) if _is_old() else az.from_dict(groups)
+
+
+def _is_old() -> bool:
+    return int(arviz().__version__.split(".")[0]) < 1
+
+
+def draw(kind: str, draws: Mapping[str, np.ndarray], columns: int, size: tuple[float, float]):
+    """One of ArviZ's pictures, by matplotlib.
+
+    Args:
+        kind: ``trace``, ``ess`` (at each quantile) or ``pair``.
+        draws: By name, (n_chains, n_draws).
+        columns: Of a grid.
+        size: Inches.
+    """
+    az, tree = arviz(), data_tree(draws)
+    plot, more = getattr(az, f"plot_{kind}"), {"kind": "quantile"} if kind == "ess" else {}
+    if _is_old():
+        old = {"trace": {"compact": False}, "pair": {"marginals": True}, "ess": {}}
+        plot(tree, figsize=size, **old[kind], **more)
+        return
+    layout = {} if kind == "pair" else {"col_wrap": columns}
+    plot(tree, backend="matplotlib", figure_kwargs={"figsize": size}, **layout, **more)
 
 
 def write_chains(
@@ -78,7 +102,7 @@ def write_chains(
 
     Args:
         path: The file.
-        draws: By name, (n_chains, n_draws).
+        draws: By name, (n_chains, n_draws); none yet in the burn-in.
         statistics: Of the sampler, likewise.
         resume: What the chains go on from, for JSON.
 
@@ -89,7 +113,8 @@ def write_chains(
 
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        data_tree(draws, statistics).to_netcdf(str(part), engine="h5netcdf")
+        if draws:
+            data_tree(draws, statistics).to_netcdf(str(part), engine="h5netcdf")
         with h5py.File(part, "a") as file:
             file.create_dataset("resume/state", data=json.dumps(resume))
         os.replace(part, path)
@@ -99,8 +124,10 @@ def write_chains(
         part.unlink(missing_ok=True)
 
 
-def read_chains(path: Path, names: Sequence[str]) -> tuple[dict, dict, dict]:
+def read_chains(path: Path) -> tuple[dict, dict, dict]:
     """Draws, the sampler's statistics and what to go on from, as `write_chains` has written them.
+
+    In the burn-in there are no draws yet.
 
     Raises:
         InputError: If the file is not one of these chains.
@@ -111,8 +138,9 @@ def read_chains(path: Path, names: Sequence[str]) -> tuple[dict, dict, dict]:
     try:
         with h5py.File(path, "r") as file:
             resume = json.loads(file["resume/state"].asstr()[()])
+            there = [group for group in _GROUPS if group in file]
         found = []
-        for group in _GROUPS:
+        for group in there:
             with xarray.open_dataset(path, group=group, engine="h5netcdf") as data:
                 found.append({str(k): np.array(v.values) for k, v in data.data_vars.items()})
     except (OSError, KeyError, ValueError, TypeError) as error:
@@ -120,9 +148,4 @@ def read_chains(path: Path, names: Sequence[str]) -> tuple[dict, dict, dict]:
             f"{path}: is not a file of chains that can go on ({error}); expected one that "
             "--keep wrote, or a new name"
         ) from error
-    if set(found[0]) != set(names):
-        raise InputError(
-            f"{path}: holds chains of {', '.join(sorted(found[0]))}; expected {', '.join(names)}. "
-            "Choose another file."
-        )
-    return found[0], found[1], resume
+    return (found[0], found[1], resume) if found else ({}, {}, resume)

@@ -28,6 +28,7 @@ class Chains:
         acceptance: Share of accepted proposals of each chain, (n_chains,).
         sampler: How they were drawn.
         evaluations: Times that the model was asked for its frequencies, burn-in included.
+        info: ``steps`` in all, those of the ``burn_in``, and ``walkers`` of a chain.
     """
 
     names: tuple[str, ...]
@@ -64,6 +65,11 @@ class Chains:
                 )
         return found
 
+    def shortly(self, most: int = 3) -> str:
+        """The first few problems, and how many more there are."""
+        more = len(self.problems) - most
+        return "; ".join(self.problems[:most]) + (f"; and {more} more" if more > 0 else "")
+
     @property
     def converged(self) -> bool:
         """Whether the chains may be used."""
@@ -77,8 +83,8 @@ class Chains:
         """
         if self.problems:
             raise ConvergenceError(
-                f"the chains did not converge ({'; '.join(self.problems)}): take more samples, a "
-                "longer burn-in, or a narrower prior"
+                f"the chains did not converge ({self.shortly()}): take more samples, a longer "
+                "burn-in, or a narrower prior"
             )
         return self
 

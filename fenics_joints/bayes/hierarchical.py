@@ -94,6 +94,28 @@ class Hierarchy:
     prior: Prior
     specimens: Specimens
 
+    def new_specimens(self, n_sets: int, size: int, seed: int = 0):
+        """Parameters of new specimens, and what else comes to their frequencies.
+
+        Args:
+            n_sets: Sets, each of one draw of the posterior.
+            size: Specimens of a set.
+            seed: Of the draws.
+
+        Returns:
+            Values, SI, (n_sets, size, d); offsets of the modes, (n_sets, m); noise, (n_sets,).
+
+        Raises:
+            ConvergenceError: If the chains did not converge.
+        """
+        rng, draws = np.random.default_rng([seed, 3]), self.chains.draws()
+        rows = draws[rng.choice(len(draws), n_sets)]
+        mu, sigma, tau, b = _unpacked(rows, self.prior, self.specimens)
+        p = self.prior.size
+        root, steps = np.linalg.cholesky(sigma), rng.standard_normal((n_sets, size, p))
+        x = mu[:, None] + np.einsum("npq,nsq->nsp", root, steps)
+        return self.prior.values(x.reshape(-1, p)).reshape(n_sets, size, p), b, tau
+
     def replicate(
         self, model: Callable[[np.ndarray], np.ndarray], n_sets: int = 200, seed: int = 0
     ) -> np.ndarray:
@@ -107,16 +129,10 @@ class Hierarchy:
         Raises:
             ConvergenceError: If the chains did not converge.
         """
-        rng = np.random.default_rng([seed, 3])
-        draws = self.chains.draws()
-        rows = draws[rng.choice(len(draws), n_sets)]
-        mu, sigma, tau, b = _unpacked(rows, self.prior, self.specimens)
-        S, p = len(self.specimens.frequencies_hz), self.prior.size
-        root = np.linalg.cholesky(sigma)
-        x = mu[:, None] + np.einsum("npq,nsq->nsp", root, rng.standard_normal((n_sets, S, p)))
-        log_f = model(self.prior.values(x.reshape(-1, p))).reshape(n_sets, S, -1)
-        noise = tau[:, None, None] * rng.standard_normal(log_f.shape)
-        return log_f + b[:, None] + noise
+        S, rng = len(self.specimens.frequencies_hz), np.random.default_rng([seed, 8])
+        values, b, tau = self.new_specimens(n_sets, S, seed)
+        log_f = model(values.reshape(-1, self.prior.size)).reshape(n_sets, S, -1)
+        return log_f + b[:, None] + tau[:, None, None] * rng.standard_normal(log_f.shape)
 
 
 def sample_hierarchy(
@@ -156,7 +172,7 @@ def sample_hierarchy(
     data = np.log(specimens.frequencies_hz)
     names = _names(prior.names, specimens)
 
-    def walk(mine, states):
+    def walk(mine, states, burn_in):
         rngs = [generator(settings.seed, c) for c in mine]
         return Gibbs(level, np.repeat(data[None], len(rngs), axis=0), rngs, states)
 
@@ -164,13 +180,13 @@ def sample_hierarchy(
         flat = _packed(points.reshape(-1, points.shape[2]), prior, specimens)
         return flat.reshape(*points.shape[:2], -1)
 
-    mark = np.concatenate(
-        [centre, level.at_centre, level.slope.ravel(), np.nan_to_num(data).ravel(),
-         prior.log_density(centre[None]),
-         [specimens.noise, specimens.noise_known, specimens.scatter, specimens.discrepancy]]
-    )  # fmt: skip
+    marks = {
+        "prior": np.append(draws[:4], prior.log_density(draws[:4])), "model": g(draws[:4]),
+        "data": np.append(data, [specimens.noise, specimens.noise_known, specimens.scatter,
+                                 specimens.discrepancy]),
+    }  # fmt: skip
     task = Task(
-        names, walk, values, mark, Gibbs.label, 1, settings.samples, settings.burn_in,
+        names, walk, values, marks, Gibbs.label, 1, settings.samples, settings.burn_in,
         len(data) * (2 if specimens.discrepancy else 1),
     )  # fmt: skip
     return Hierarchy(grow(task, settings, comm, keep=keep, told=told), prior, specimens)

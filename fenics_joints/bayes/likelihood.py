@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.bayes.densities import log_pdf
-from fenics_joints.bayes.distributions import Fitted, choose
+from fenics_joints.bayes.distributions import FAMILIES, Fitted, choose
 from fenics_joints.errors import InputError
 
 __all__ = ["FittedLikelihood", "GaussianLikelihood", "checked_specimens"]
@@ -68,6 +68,12 @@ class FittedLikelihood:
         for density, column in zip(self._logs, f.T, strict=True):
             total += density(column)
         return _finite(total)
+
+    def numbers(self) -> np.ndarray:
+        """What the likelihood is made of, to be known again by."""
+        found = [(d.frozen.mean(), d.frozen.std(), list(FAMILIES).index(d.family), d.n)
+                 for d in self.fitted]  # fmt: skip
+        return np.array(found).ravel()
 
     def describe(self) -> list[str]:
         """What was chosen, a sentence for each mode."""
@@ -180,6 +186,12 @@ class GaussianLikelihood:
         good = np.all(np.isfinite(off), axis=1)
         square = np.sum((np.where(good[:, None], off, 0.0) @ self._whiten.T) ** 2, axis=1)
         return np.where(good, -0.5 * square - self._constant, -np.inf)
+
+    def numbers(self) -> np.ndarray:
+        """What the likelihood is made of, to be known again by."""
+        sd = np.sqrt(np.diag(self.covariance))
+        correlation = self.covariance / np.outer(sd, sd)
+        return np.concatenate([self.log_f, np.log(sd), correlation.ravel()])
 
     def describe(self) -> list[str]:
         """What it is, in a sentence."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,12 @@ from fenics_joints.meshes.tagged import on_root
 
 __all__ = ["SAMPLERS", "Settings", "Task", "grow", "sample"]
 
+#: Largest difference of ln f of one model, reduced once more.
+_ALIKE = 1e-4
+_OTHER = {"prior": "another prior", "model": "another model", "data": "other data"}
 SAMPLERS = ("metropolis", "prior_metropolis", "emcee")
-#: Steps between two writings of the file.
-_CHUNK = 2500
+#: Steps between two places where the file may be written, and the time, s, after which it is.
+_CHUNK, _EVERY = 250, 5.0
 
 
 @dataclass(frozen=True)
@@ -80,19 +84,22 @@ def sample(
         posterior: What is drawn from; the same on every rank.
         settings: How.
         comm: Ranks that share the chains.
-        keep: File of the chains: gone on from if it is there, and written as they grow; one with
-            fewer samples than now asked for is prolonged.
+        keep: File of the chains: gone on from if it is there, also from within the burn-in, and
+            written as they grow. Chains with fewer samples than now asked for are prolonged, and
+            so are those that did not converge: twice as many are kept then. The file's burn-in
+            stands.
         told: Told the share that is done.
 
     Raises:
-        InputError: If the file is of another posterior, sampler or seed, or cannot be written.
+        InputError: If the file is of another posterior, sampler or seed, and says what differs; or
+            cannot be written.
     """
     d = posterior.prior.size
     w, (n_steps, burn_in) = settings.walkers(d), settings.steps(d)
     starts = posterior.starts(settings.chains * w, settings.seed)
     points = starts.points.reshape(settings.chains, w, d)
 
-    def walk(mine, states):
+    def walk(mine, states, burn_in):
         rngs = [generator(settings.seed, c) for c in mine]
         own = points[list(mine)]
         if settings.sampler == "emcee":
@@ -108,10 +115,19 @@ def sample(
 
     label = {"metropolis": RandomWalk, "emcee": Ensembles, "prior_metropolis": Independence}
     task = Task(
-        posterior.names, walk, values, np.append(posterior(starts.points), starts.points.ravel()),
-        label[settings.sampler].label, w, n_steps, burn_in,
+        posterior.names, walk, values, _marks(posterior), label[settings.sampler].label, w, n_steps,
+        burn_in,
     )  # fmt: skip
     return grow(task, settings, comm, keep=keep, told=told)
+
+
+def _marks(posterior: Posterior) -> dict[str, np.ndarray]:
+    """Numbers by which a file's posterior is known again, by what they are of."""
+    x = posterior.prior.sample(4, np.random.default_rng(9))
+    log_f = posterior.frequencies(posterior.prior.values(x))
+    own = getattr(posterior.likelihood, "numbers", None)
+    data = posterior.likelihood(np.nan_to_num(log_f)) if own is None else own()
+    return {"prior": np.append(x, posterior.prior.log_density(x)), "model": log_f, "data": data}
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +136,10 @@ class Task:
 
     Attributes:
         names: Of the quantities.
-        walk: Makes the walk of some chains: from their numbers, and their states or None.
+        walk: Makes the walk of some chains: from their numbers, their states or None, and the steps
+            of the burn-in.
         values: From a walk's points (n_chains, n, d) to the quantities.
-        mark: Numbers that tell this task from others, for files; -inf may be among them.
+        marks: Numbers that tell this task from others, for files, by what they are of.
         label: How the draws are made.
         walkers: Rows of points for each chain.
         n_steps: Steps in all.
@@ -133,7 +150,7 @@ class Task:
     names: tuple[str, ...]
     walk: Callable
     values: Callable[[np.ndarray], np.ndarray]
-    mark: np.ndarray
+    marks: Mapping[str, np.ndarray]
     label: str
     walkers: int
     n_steps: int
@@ -152,29 +169,33 @@ def grow(
     """Let the chains of a task grow to their length, see `sample`. Collective."""
     mine = range(comm.rank, settings.chains, comm.size)
     kept = None if keep is None else _kept(comm, keep, task, settings)
-    walk = task.walk(mine, None if kept is None else [kept["states"][c] for c in mine])
-    done = 0 if kept is None else kept["steps"]
-    parts = [] if kept is None else [kept["part"]]
+    done, parts, states = 0, [], None
+    if kept is not None:
+        done, parts, states = kept.steps, kept.parts, [kept.states[c] for c in mine]
+        task = replace(task, burn_in=kept.burn_in, n_steps=max(task.n_steps, kept.burn_in + 1))
+        if done >= task.n_steps and not _joined(task, parts, done).converged:
+            task = replace(task, n_steps=2 * done - task.burn_in)
+    walk = task.walk(mine, states, task.burn_in)
+    first, written = done, time.monotonic()
     while done < task.n_steps:
         n = _next(done, task)
         points, lps, accepted = _gathered(comm, walk.advance(n), task.walkers, settings.chains)
         done += n
         if done > task.burn_in:
             parts.append((task.values(points), lps, accepted))
-        if keep is not None and done > task.burn_in:
-            found = _joined(task, settings, parts)
-            resume = {"settings": asdict(settings), "steps": done,
-                      "states": _in_order(comm, walk.states(), settings.chains),
-                      "mark": [float(v) if np.isfinite(v) else None for v in task.mark],
-                      "acceptance": found.acceptance.tolist()}  # fmt: skip
-            on_root(comm, lambda: _write(keep, found, resume))  # noqa: B023
+        due = done >= task.n_steps or time.monotonic() - written > _EVERY
+        if keep is not None and comm.bcast(due):
+            states = _in_order(comm, walk.states(), settings.chains)
+            found = _joined(task, parts, done) if parts else None
+            on_root(comm, lambda: _write(keep, found, task, settings, done, states))  # noqa: B023
+            written = time.monotonic()
         if told is not None:
-            told(done / task.n_steps)
-    return _joined(task, settings, parts)
+            told((done - first) / (task.n_steps - first))
+    return _joined(task, parts, done)
 
 
 def _next(done: int, task: Task) -> int:
-    """Steps to the next place where the file is written: never over the end of the burn-in."""
+    """Steps to the next place where the file may be written: never over the burn-in's end."""
     end = task.burn_in if done < task.burn_in else task.n_steps
     return min(_CHUNK, end - done)
 
@@ -194,48 +215,69 @@ def _gathered(comm, found, w: int, n_chains: int):
     )
 
 
-def _joined(task: Task, settings: Settings, parts) -> Chains:
+def _joined(task: Task, parts, steps: int) -> Chains:
     lengths = np.array([part[0].shape[1] for part in parts], dtype=float)
     shares = np.array([part[2] for part in parts])
+    values = np.concatenate([part[0] for part in parts], axis=1)
     return Chains(
-        task.names,
-        np.concatenate([part[0] for part in parts], axis=1),
-        np.concatenate([part[1] for part in parts], axis=1),
-        lengths @ shares / lengths.sum(),
-        task.label,
-        settings.chains * task.walkers * task.n_steps * task.cost,
-    )
+        task.names, values, np.concatenate([part[1] for part in parts], axis=1),
+        lengths @ shares / lengths.sum(), task.label, len(values) * steps * task.cost,
+        {"steps": steps, "burn_in": task.burn_in, "walkers": task.walkers},
+    )  # fmt: skip
 
 
 # -- the file --------------------------------------------------------------------------------------
 
 
-def _write(path: Path, chains: Chains, resume: dict) -> None:
-    write_chains(path, chains.by_name(), {"lp": chains.log_density}, resume)
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """What a file holds: where the chains are, and their parts after the burn-in."""
+
+    steps: int
+    burn_in: int
+    states: list
+    parts: list
 
 
-def _kept(comm, path: Path, task: Task, settings: Settings):
+def _write(path: Path, found: Chains | None, task: Task, settings, steps: int, states) -> None:
+    """Write draws, if there are any yet, and what the chains go on from."""
+    marks = {
+        key: [float(v) if np.isfinite(v) else None for v in np.ravel(mark)]
+        for key, mark in task.marks.items()
+    }
+    resume = {"names": list(task.names), "settings": asdict(settings), "steps": steps,
+              "burn_in": task.burn_in, "states": states, "marks": marks,
+              "acceptance": None if found is None else found.acceptance.tolist()}  # fmt: skip
+    draws = {} if found is None else found.by_name()
+    write_chains(path, draws, {} if found is None else {"lp": found.log_density}, resume)
+
+
+def _kept(comm, path: Path, task: Task, settings: Settings) -> _Kept | None:
     """What the file holds; None if it is not there. Collective."""
     found = comm.bcast(
-        on_root(comm, lambda: read_chains(path, task.names) if path.exists() else None)
+        on_root(comm, lambda: read_chains(path) if path.exists() else None)
     )
     if found is None:
         return None
     draws, statistics, resume = found
+    if resume["names"] != list(task.names):
+        raise InputError(
+            f"{path}: holds chains of {', '.join(resume['names'])}; expected "
+            f"{', '.join(task.names)}. Choose another file."
+        )
+    again = "expected the same to go on from them, or a new name"
     for key, now in asdict(settings).items():
         then = resume["settings"].get(key)
-        if key != "samples" and then != now:
-            raise InputError(
-                f"{path}: holds chains with {key} = {then}, not {now}; expected the same to go on "
-                "from them, or a new name"
-            )
-    then = np.array([np.nan if v is None else v for v in resume["mark"]])
-    now = np.where(np.isfinite(task.mark), task.mark, np.nan)
-    if then.shape != now.shape or not np.allclose(then, now, 1e-3, 1e-3, equal_nan=True):
-        raise InputError(
-            f"{path}: holds chains of another posterior: the model, the prior or the data have "
-            "changed. Expected the same to go on from them, or a new name."
-        )
-    values = np.stack([draws[name] for name in task.names], axis=2)
-    resume["part"] = values, statistics["lp"], np.array(resume["acceptance"])
-    return resume
+        if key not in ("samples", "burn_in") and then != now:
+            raise InputError(f"{path}: holds chains with {key} = {then}, not {now}; {again}")
+    for key, mark in task.marks.items():
+        then = np.array([np.nan if v is None else v for v in resume["marks"].get(key, [])])
+        now = np.where(np.isfinite(mark), mark, np.nan).ravel()
+        close = _ALIKE if key == "model" else 1e-12
+        if then.shape != now.shape or not np.allclose(then, now, 1e-9, close, equal_nan=True):
+            raise InputError(f"{path}: holds chains with {_OTHER[key]}; {again}")
+    parts = []
+    if draws:
+        values = np.stack([draws[name] for name in task.names], axis=2)
+        parts = [(values, statistics["lp"], np.array(resume["acceptance"]))]
+    return _Kept(resume["steps"], resume["burn_in"], resume["states"], parts)
