@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects_rig import MISPLACED, MISSCALED, SWAPPED
+from fenics_joints.diagnosis.effects_rig import MISPLACED, MISSCALED, MISSED, SWAPPED
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, least_sure
 from fenics_joints.formatting import (
     condition_value,
@@ -43,7 +43,7 @@ __all__ = ["Explanation", "Point", "explain", "group_words", "in_words", "zone_w
 #: Probability of a look-alike that is not worth a word.
 _REMOTE = 0.01
 #: Effects that are no change of the structure but of how it was measured.
-_IN_TEST = (MISSCALED, MISPLACED, SWAPPED)
+_IN_TEST = (MISSCALED, MISPLACED, MISSED, SWAPPED)
 #: Adjusted p below which a test says more than chance.
 _LEVEL = 0.05
 #: Shares of the gap, and members of a list, that are worth a word.
@@ -125,7 +125,13 @@ def in_words(effect: EffectResult) -> str:
 
 
 def zone_words(name: str) -> str:
-    """A joint's zone in words: ``away_b3_r2`` is ``away, bolt 3, ring 2``."""
+    """A joint's zone in words: ``away_b3_r2`` is ``away, bolt 3, ring 2``.
+
+    That of a lap of beams: ``lap_s2`` is ``lap, stretch 2``.
+    """
+    lap = re.fullmatch(r"(.+)_s(\d+)", name)
+    if lap:
+        return f"{plain(lap[1])}, stretch {lap[2]}"
     match = re.fullmatch(r"(.+?)(?:_b(\w+?))?_r(\d+)", name)
     if not match:
         return plain(name)
@@ -476,17 +482,18 @@ def _finer(found: Location) -> str:
     patches = found.patches
     if patches is None:
         return " ".join(words)
+    of = "the beams" if patches.side_view else "the mesh"
     n, several = int(patches.significant.sum()), int(patches.sufficient.sum())
     if n:
         best = int(np.argmax(np.where(patches.significant, patches.share, -1.0)))
         at = ", ".join(f"{1e3 * x:.0f}" for x in patches.middle[best])
         words.append(
-            f"Of {len(patches.tests)} patches of the mesh {n} explain more than chance and "
+            f"Of {len(patches.tests)} patches of {of} {n} explain more than chance and "
             f"{several} could each be the only one; most does the one at ({at}) mm in "
-            f"{plain(patches.region[best])}."
+            f"{zone_words(patches.region[best])}."
         )
     else:
-        words.append(f"None of {len(patches.tests)} patches of the mesh explains more than chance.")
+        words.append(f"None of {len(patches.tests)} patches of {of} explains more than chance.")
     return " ".join(words)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,13 +22,16 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.patches import PatchMap
     from fenics_joints.diagnosis.result import CellMap
 
-__all__ = ["cell_map", "diverging", "mode_shape", "patch_map"]
+__all__ = [
+    "OUTLINES", "UNSEEN", "cell_map", "cells_alt", "diverging", "mode_shape", "patch_legend",
+    "patch_map", "patches_alt", "rising",
+]  # fmt: skip
 
 #: Red to blue through near white, which all kinds of colour vision tell apart.
 diverging = colormaps["RdBu_r"]
 
 #: Near white to dark red, ever darker: it reads in grey as well.
-_rising = LinearSegmentedColormap.from_list(
+rising = LinearSegmentedColormap.from_list(
     "rising", ["#f4f2ee", "#f6c79b", "#dd6b4a", "#7d1128"]
 )
 
@@ -41,9 +44,9 @@ _FACES = {
     "triangle": [(0, 1, 2)],
 }  # fmt: skip
 #: Colour of a patch that the test does not see, off the scale of those that it sees.
-_UNSEEN = "#b9c6d6"
+UNSEEN = "#b9c6d6"
 #: Outlines of a patch: of no note, more than chance, and that alone enough.
-_OUTLINES = (
+OUTLINES = (
     {"colors": "#9aa0a8", "lw": 0.5}, {"colors": "#14181d", "lw": 0.9},
     {"colors": "#14181d", "lw": 2.6},
 )  # fmt: skip
@@ -184,7 +187,7 @@ def cell_map(cells: CellMap) -> str:
         bar.set_ticks([-1, -0.5, 0, 0.5, 1], labels=["-1", "-0.5", "0", "0.5", "1"])
         bar.set_label("blue: stiffer here closes the gap   |   red: softer here closes the gap")
         bar.outline.set_visible(False)
-        return to_svg(figure, "cells", _cells_alt(cells))
+        return to_svg(figure, "cells", cells_alt(cells))
 
 
 def _level(panel, plane, cells, members, norm) -> None:
@@ -203,14 +206,15 @@ def _level(panel, plane, cells, members, norm) -> None:
             panel.add_collection(LineCollection(lines, colors="#20252b", lw=0.8))
 
 
-def _cells_alt(cells: CellMap) -> str:
+def cells_alt(cells: CellMap) -> str:
+    """A map of cells in words."""
     words = []
     for r, name in enumerate(cells.regions):
         density = cells.density[cells.region == r]
         if len(density):
             words.append(f"{name} {density.min():.2f} to {density.max():.2f}")
     return (
-        "Structure taken apart and seen from above. Colour from -1, where stiffer closes the gap, "
+        "Structure taken apart. Colour from -1, where stiffer closes the gap, "
         "to 1, where softer does. By region: " + "; ".join(words) + "."
     )
 
@@ -310,13 +314,13 @@ def patch_map(cells: PatchMap, name: str = "patches") -> str:
         tall = 6.6 * (high - low) / np.ptp(axes.get_xlim())
         figure.set_size_inches(7.6, min(max(tall, 1.2), 6.0) + 1.3)
         bar = figure.colorbar(
-            ScalarMappable(norm, _rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
+            ScalarMappable(norm, rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
             format=lambda value, _: f"{100 * value:.3g} %",
         )  # fmt: skip
         bar.set_label("share of the misfit that a change in this patch alone would explain")
         bar.outline.set_visible(False)
-        _patch_legend(figure, cells)
-        return to_svg(figure, name, _patches_alt(cells))
+        patch_legend(figure, cells)
+        return to_svg(figure, name, patches_alt(cells))
 
 
 def _regions_of(cells: PatchMap) -> np.ndarray:
@@ -352,8 +356,8 @@ def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, norm
     _, behind = _oblique(middle[outer][:, None])
     shown = np.flatnonzero(depth >= behind - 1e-9 * np.ptp(x))
     shown = shown[np.argsort(depth[shown])]
-    colours = _rising(norm(cells.share[patch[outer][shown]]))
-    colours[~cells.seen[patch[outer][shown]]] = to_rgba(_UNSEEN)
+    colours = rising(norm(cells.share[patch[outer][shown]]))
+    colours[~cells.seen[patch[outer][shown]]] = to_rgba(UNSEEN)
     axes.add_collection(
         PolyCollection(flat[shown], facecolors=colours, edgecolors=colours, lw=0.3, rasterized=True)
     )
@@ -361,7 +365,7 @@ def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, norm
     for p in np.unique(own):
         rank = int(cells.significant[p]) + int(cells.sufficient[p])
         lines = _outline(ids[own == p], flat[own == p])
-        axes.add_collection(LineCollection(lines, zorder=3 + rank, **_OUTLINES[rank]))
+        axes.add_collection(LineCollection(lines, zorder=3 + rank, **OUTLINES[rank]))
 
 
 def _bolt_marks(axes, bolts: np.ndarray, heights: list[np.ndarray], gap: float) -> None:
@@ -376,7 +380,12 @@ def _bolt_marks(axes, bolts: np.ndarray, heights: list[np.ndarray], gap: float) 
         axes.plot(u, v, "+", ms=5.5, mec="#14181d", mew=1.0, zorder=7)
 
 
-def _patch_legend(figure, cells: PatchMap) -> None:
+#: Mark of a bolt: a broken line with a ring.
+_BOLT = {"marker": "o", "mfc": "#ffffff", "mec": "#14181d", "ls": (0, (4, 3))}
+
+
+def patch_legend(figure, cells: PatchMap, bolt: Mapping = _BOLT) -> None:
+    """What outlines and marks of patches mean."""
     words = [
         f"none explains more than chance (p < {cells.level:g}, all considered)",
         f"explains more than chance (p < {cells.level:g}, all considered)",
@@ -385,20 +394,20 @@ def _patch_legend(figure, cells: PatchMap) -> None:
     there = [not cells.significant.any(), cells.significant.any(), cells.sufficient.any()]
     handles = [
         Line2D([], [], color=style["colors"], lw=style["lw"], label=label)
-        for label, style, shown in zip(words, _OUTLINES, there, strict=True)
+        for label, style, shown in zip(words, OUTLINES, there, strict=True)
         if shown
     ]
     if not cells.seen.all():
-        handles.append(Patch(fc=_UNSEEN, ec="#9aa0a8", label="not seen by this test"))
+        handles.append(Patch(fc=UNSEEN, ec="#9aa0a8", label="not seen by this test"))
     if len(cells.bolts):
-        mark = {"marker": "o", "mfc": "#ffffff", "mec": "#14181d", "ls": (0, (4, 3))}
-        handles.append(Line2D([], [], color="#14181d", lw=0.9, label="bolt", **mark))
+        handles.append(Line2D([], [], color="#14181d", lw=0.9, label="bolt", **bolt))
     figure.legend(
         handles=handles, loc="outside upper left", ncols=2 if len(handles) > 2 else len(handles)
     )
 
 
-def _patches_alt(cells: PatchMap) -> str:
+def patches_alt(cells: PatchMap) -> str:
+    """A map of patches in words."""
     best = sorted(cells.tests, key=lambda t: -t.share)[:3]
     words = "; ".join(f"{t.zone} {100 * t.share:.0f} %" for t in best)
     return (

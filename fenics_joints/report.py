@@ -13,7 +13,13 @@ import numpy as np
 from markupsafe import Markup
 
 import fenics_joints
-from fenics_joints import diagnosis_pictures, formatting, mesh_pictures, pictures
+from fenics_joints import (
+    beam_pictures,
+    diagnosis_pictures,
+    formatting,
+    mesh_pictures,
+    pictures,
+)
 from fenics_joints.explanation import explain, group_words, zone_words
 from fenics_joints.formatting import extents, mode_kinds, ring_row
 from fenics_joints.gap import Gap
@@ -32,7 +38,8 @@ from fenics_joints.reading import (
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.location import Location
-    from fenics_joints.diagnosis.result import Diagnosis
+    from fenics_joints.diagnosis.patches import PatchMap
+    from fenics_joints.diagnosis.result import CellMap, Diagnosis
     from fenics_joints.diagnosis.where import ZoneTest
     from fenics_joints.meshes import Ring
     from fenics_joints.mode_list import ModeList
@@ -178,8 +185,8 @@ def diagnosis_html(
         words=explain(d),
         lead=leading(d),
         bars=svg(_gap_picture(d)),
-        patches=svg(mesh_pictures.patch_map(found.patches)) if _has_map(found) else None,
-        map=None if d.cells is None else svg(mesh_pictures.cell_map(d.cells)),
+        patches=svg(_patch_picture(found.patches)) if _has_map(found) else None,
+        map=None if d.cells is None else svg(_cell_picture(d.cells)),
         zones=[] if found is None else _zones(found),
         axes=[] if found is None else _axes(found, d.condition),
         heat=_heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
@@ -204,6 +211,16 @@ def diagnosis_html(
         assumed=assumed,
         facts=facts({**d.model, "frequency_error": d.model_error}),
     )  # fmt: skip
+
+
+def _patch_picture(cells: PatchMap) -> str:
+    draw = beam_pictures.beam_patches if cells.side_view else mesh_pictures.patch_map
+    return draw(cells)
+
+
+def _cell_picture(cells: CellMap) -> str:
+    draw = beam_pictures.beam_cells if cells.side_view else mesh_pictures.cell_map
+    return draw(cells)
 
 
 def _has_map(found: Location | None) -> bool:

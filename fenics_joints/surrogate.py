@@ -47,6 +47,9 @@ class Forward:
         n_modes: Number of model modes to compute.
         reference: Shapes of the test's modes at the sensors, measured or of a near model; modes
             are matched to them by MAC.
+
+    Attributes:
+        further: Forward of one mode more, where the test may have missed one; None where not.
     """
 
     def __init__(
@@ -59,6 +62,7 @@ class Forward:
     ):
         self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
         self.reference = reference
+        self.further: Forward | None = None
         self._last: tuple | None = None
         self._cache: dict[tuple, tuple] = {}
         self._shapes: dict[tuple, tuple] = {}
@@ -153,6 +157,9 @@ class Surrogate:
         pairing: Which of them the test saw.
         crossings: Pairs of test modes whose order the model changes, where it was checked.
     """
+
+    #: Motions that a test may not see.
+    unseen = "torsion, in-plane motion"
 
     def __init__(
         self,

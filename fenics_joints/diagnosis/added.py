@@ -32,11 +32,16 @@ def next_modes(n: int) -> str:
     return "the next mode of the same kind" if n == 1 else f"the next {n} modes of the same kind"
 
 
-def missed_modes(n: int) -> str:
-    """The lowest modes that the test's sensors do not see, in words."""
+def missed_modes(n: int, kinds: str) -> str:
+    """The lowest modes that the test's sensors do not see, in words.
+
+    Args:
+        n: How many.
+        kinds: What motions they may be.
+    """
     which = "lowest mode" if n == 1 else f"{n} lowest modes"
     return (
-        f"the {which} that these sensors miss (torsion, in-plane motion): "
+        f"the {which} that these sensors miss ({kinds}): "
         "put sensors off the line and in the other directions"
     )
 

@@ -106,7 +106,8 @@ class Candidates:
         shapes, clear = modes.at(everywhere), modes.visibility(everywhere)[elastic] > VISIBLE
         found = []
         for words, name, which in (
-            (next_modes, "next mode", seen), (missed_modes, "missed mode", ~seen),
+            (next_modes, "next mode", seen),
+            (lambda n: missed_modes(n, surrogate.unseen), "missed mode", ~seen),
         ):  # fmt: skip
             index = elastic[which & free & clear][:MORE_MODES]
             if len(index):

@@ -9,12 +9,13 @@ import numpy as np
 from fenics_joints.diagnosis.effects import Effect, Prior, in_series, relative_error
 
 __all__ = [
-    "MISPLACED", "MISSCALED", "SWAPPED", "attached", "mass_error", "misplaced_sensor",
-    "misscaled_sensor", "placed", "spring_error", "support_compliance", "swapped_modes",
+    "MISPLACED", "MISSCALED", "MISSED", "SWAPPED", "attached", "mass_error", "misplaced_sensor",
+    "misscaled_sensor", "missed_mode", "placed", "spring_error", "support_compliance",
+    "swapped_modes",
 ]  # fmt: skip
 
 MISSCALED, MISPLACED = "sensor mis-scaled", "sensor misplaced"
-SWAPPED = "mode mis-pairing"
+SWAPPED, MISSED = "mode mis-pairing", "mode missed by the test"
 #: Stiffness of a clamped face per area, Pa/m: that of an interface (1e11 to 1e13), less what the
 #: ground gives way; hence a factor of 30 either way. "Clamped" ends have been seen to be off by
 #: more than 10 % in frequency (Ritto et al.).
@@ -142,6 +143,23 @@ def misplaced_sensor(i: int, length: float, weight: float) -> Effect:
         MISPLACED, f"sensor {i + 1}", (prior,), None, words,
         family=MISPLACED, weight=weight, sensing=read,
     )  # fmt: skip
+
+
+def missed_mode(j: int, names: Sequence[str]) -> Effect:
+    """The test did not find the model's mode j (from 0): it and those above are the next ones.
+
+    Args:
+        j: The first that is another one.
+        names: Names of all modes of the test.
+    """
+
+    def read(sensing, theta):
+        sensing.order[sensing.order >= j] += 1
+
+    words = f"The test's {names[j]} is the model's next one, and so on: it did not find that mode."
+    return Effect(
+        MISSED, names[j], (), None, words, family=SWAPPED, weight=1 / len(names), sensing=read
+    )
 
 
 def swapped_modes(j: int, names: Sequence[str]) -> Effect:

@@ -35,6 +35,9 @@ class ExactModel:
         crossings: Pairs of test modes whose order the model changes, where it was looked.
     """
 
+    #: Motions that a test may not see, of those that beams in a plane have.
+    unseen = "motion along the beams"
+
     def __init__(
         self,
         full: BeamStructure,
@@ -53,6 +56,9 @@ class ExactModel:
         self.crossings: set[tuple[int, int]] = set(self.pairing.crossing)
         reference = self.pairing.shapes if shapes is None else shapes
         self.forward = Forward(self.model, sensors, n_test, n_modes, reference)
+        if shapes is None:
+            wider = pair_modes(self.nominal, n_test + 1, sensors).shapes
+            self.forward.further = Forward(self.model, sensors, n_test + 1, n_modes + 1, wider)
 
     def error(self, points: Sequence[Mapping[str, float]]) -> tuple[float, list[Modes]]:
         """None: the arrays are the structure. Looks which modes change places at the points."""

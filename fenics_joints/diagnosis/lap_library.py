@@ -25,11 +25,12 @@ from fenics_joints.diagnosis.effects_lap import (
     lap_stiffness,
     loose_lap,
 )
+from fenics_joints.diagnosis.effects_rig import MISSED, missed_mode
 from fenics_joints.diagnosis.laps import LapZones, lap_as_one
 from fenics_joints.diagnosis.result import Silent
 from fenics_joints.measurements import TestData
 
-__all__ = ["following_the_parts", "lap_groups"]
+__all__ = ["following_the_parts", "lap_groups", "missed_modes"]
 
 _SLIP = (KEYS["slip"],)
 #: What layers of solids may have, and joint elements not.
@@ -140,3 +141,20 @@ def following_the_parts(effect: Effect, case: Case, laps: LapZones) -> Effect:
             values[key] *= k / before[key]
 
     return replace(effect, apply=apply)
+
+
+def missed_modes(data: TestData) -> Group:
+    """Modes of the beams that the test did not find, such as those along them.
+
+    Of beams alone: their model has no torsion and no motion across the plane, and its modes along
+    the beams hardly show in the plane, so that counting modes goes wrong easily.
+    """
+    reasons = {
+        "measured shapes say which mode is which": data.shapes is not None,
+        "damping ratios of one mode more are not predicted": has_ratios(data),
+        "the test is by level, and its modes are followed": data.by_level,
+    }
+    for reason, applies in reasons.items():
+        if applies:
+            return (), (Silent(MISSED, reason),)
+    return tuple(missed_mode(j, data.mode_names) for j in range(len(data.mode_names))), ()

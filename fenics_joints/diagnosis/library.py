@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.case import Case
+from fenics_joints.case_mesh import OffsetBeamsMesh
 from fenics_joints.case_sections import AttachedMass
 from fenics_joints.diagnosis.amplitude import NAMES, amplitude_effects
 from fenics_joints.diagnosis.contact_zones import ContactZones
@@ -42,7 +43,11 @@ from fenics_joints.diagnosis.effects_rig import (
 )
 from fenics_joints.diagnosis.joint_places import JointPlaces, joint_places
 from fenics_joints.diagnosis.joint_zones import JointZones
-from fenics_joints.diagnosis.lap_library import following_the_parts, lap_groups
+from fenics_joints.diagnosis.lap_library import (
+    following_the_parts,
+    lap_groups,
+    missed_modes,
+)
 from fenics_joints.diagnosis.laps import LapZones
 from fenics_joints.diagnosis.nominal import bonded_values, layer_thickness
 from fenics_joints.diagnosis.result import Silent
@@ -136,6 +141,7 @@ def case_effects(
         (_with_the_laps(_part_effects(case, data), case, zones), ()),
         (_attached_effects(case), ()),
         _test_effects(data),
+        missed_modes(data) if isinstance(case.mesh, OffsetBeamsMesh) else ((), ()),
     ]
     effects = tuple(effect for found, _ in groups for effect in found)
     silent = tuple(one for _, left_out in groups for one in left_out)

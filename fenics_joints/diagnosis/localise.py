@@ -10,6 +10,7 @@ import numpy as np
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.diagnosis.inference import Evidence, Fit, Forward
 from fenics_joints.diagnosis.result import CellMap, ZoneShare
+from fenics_joints.diagnosis.sensing import in_order
 from fenics_joints.gap import Pairing
 from fenics_joints.modal import Modes
 from fenics_joints.structure import Structure
@@ -17,6 +18,8 @@ from fenics_joints.structure import Structure
 __all__ = ["cell_map", "mean_residual", "merge_regions", "zone_shares"]
 
 _STEPS = 12
+#: What a test that calls modes by wrong names explains of a gap.
+_TEST = "names of the modes"
 
 
 def zone_shares(
@@ -35,13 +38,22 @@ def zone_shares(
     """
     names = list(forward.model.parameters)
     changes = np.zeros((len(names), *evidence.log_f.shape))
+    hypothesis, order = fit.hypothesis, None
+    if hypothesis.senses:
+        order = hypothesis.sensing(fit.z, forward.n_test, len(forward.sensors or ())).order
+
+    def ordered(values):
+        return in_order(forward, order, values)
+
     for row, condition in enumerate(evidence.conditions):
-        end = fit.hypothesis.values(fit.z, condition, baseline, row)
-        changes[:, row, :] = _along_path(forward, names, baseline, end)
+        end = hypothesis.values(fit.z, condition, baseline, row)
+        changes[:, row, :] = _along_path(ordered, forward.n_test, names, baseline, end)
     start = np.array([forward(baseline)[0]] * len(evidence.conditions))
     gap = np.where(evidence.used, evidence.log_f - start, 0.0)
     size = np.sum(gap**2)
     by_region: dict[str, float] = {}
+    if order is not None and np.any(order != np.arange(len(order))):
+        by_region[_TEST] = float(np.sum((ordered(baseline)[0] - start) * gap) / size)
     for name, change in zip(names, changes, strict=True):
         region = name.rpartition(".")[0]
         region = (merged or {}).get(region, region)
@@ -51,9 +63,9 @@ def zone_shares(
     return [*shares, ZoneShare("unexplained", 1.0 - sum(by_region.values()))]
 
 
-def _along_path(forward, names, start, end) -> np.ndarray:
+def _along_path(forward, n_test: int, names, start, end) -> np.ndarray:
     """Contribution of every parameter to the change of ln f, shape (n_parameters, m)."""
-    total = np.zeros((len(names), forward.n_test))
+    total = np.zeros((len(names), n_test))
     moved = [n for n in names if end[n] != start[n]]
     for step in range(_STEPS):
         values = [_between(start, end, n, step / _STEPS) for n in names]

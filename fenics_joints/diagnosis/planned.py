@@ -16,10 +16,12 @@ from fenics_joints.diagnosis.added import measurement, rank, table
 from fenics_joints.diagnosis.candidates import Candidates
 from fenics_joints.diagnosis.classes import APART
 from fenics_joints.diagnosis.effects import Effect
+from fenics_joints.diagnosis.effects_rig import MISSED
 from fenics_joints.diagnosis.evidence import evidence_of
 from fenics_joints.diagnosis.plan import Signature, Study, combination, groups
 from fenics_joints.diagnosis.plan_result import Plan, PlannedClass, PlannedEffect
 from fenics_joints.diagnosis.prepared import Prepared, prepare
+from fenics_joints.diagnosis.result import Silent
 from fenics_joints.formatting import number, quantity
 from fenics_joints.measurements import TestData
 from fenics_joints.progress import Progress
@@ -59,6 +61,7 @@ def plan(
     layout = case.planned()
     with threadpool_limits(1):
         model = prepare(case, comm, progress, extra=extra, data=layout)
+        _without_missed_modes(model)
         model.reduce(progress, keep)
         model.data = _nominal(model, case)
         evidence = evidence_of(model.data, model.case.diagnose.discrepancy)
@@ -101,6 +104,15 @@ def plan(
         silent=model.silent,
         model=facts,
     )
+
+
+def _without_missed_modes(model: Prepared) -> None:
+    """A plan takes the modes to be those that the model has."""
+    missed = [e for e in model.effects if e.name == MISSED]
+    if missed:
+        model.effects = tuple(e for e in model.effects if e.name != MISSED)
+        reason = "a plan takes the test to find the modes that the model has"
+        model.silent = (*model.silent, Silent(MISSED, reason))
 
 
 def _nominal(model: Prepared, case: Case) -> TestData:

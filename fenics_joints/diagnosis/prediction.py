@@ -106,14 +106,20 @@ class Prediction:
         self._steady, self._chains = steady, {}
         self._hypothesis, self._forward, self._z = hypothesis, forward, z
         self._condition, self._baseline, self._row = condition, baseline, row
+        self._beyond, self._order = False, None
         looks = [self._look(None)]
+        self._m = len(looks[0].log_f)
+        sensing = self._sensing(z)
+        if sensing is not None:
+            self._order = sensing.order
+            # With a mode that the test missed, the model has one more.
+            self._beyond = int(np.max(sensing.order)) >= self._m
+            looks = [self._look(None)] if self._beyond else looks
         log_f = looks[0].log_f
         if hypothesis.amplitudes:
             looks += [self._look(i) for i in range(1, len(log_f))]
             log_f = np.array([look.log_f[i] for i, look in enumerate(looks)])
         self._looks, self._log_f = looks, log_f
-        sensing = self._sensing(z)
-        self._order = None if sensing is None else sensing.order
         self.log_f = self._ordered(log_f)
 
     def _ordered(self, by_mode: np.ndarray) -> np.ndarray:
@@ -122,7 +128,8 @@ class Prediction:
 
     def _look(self, mode: int | None) -> _Look:
         values = self._values(self._z, mode)
-        return _Look(mode, values, *self._forward(values))
+        forward = self._forward.further if self._beyond else self._forward
+        return _Look(mode, values, *forward(values))
 
     def _values(self, z, mode) -> dict[str, float]:
         return self._hypothesis.values(z, self._condition, self._baseline, self._row, mode)
@@ -222,7 +229,7 @@ class Prediction:
             return None
         sensors = self._forward.sensors
         count = 0 if sensors is None else len(sensors)
-        return self._hypothesis.sensing(z, len(self._log_f), count)
+        return self._hypothesis.sensing(z, self._m, count)
 
     def _read(self, z, at, along) -> np.ndarray:
         """What the sensors say, (n_s, m)."""

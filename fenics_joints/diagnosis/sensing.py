@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Sensing"]
+__all__ = ["Sensing", "in_order"]
 
 
 @dataclass
@@ -15,7 +16,7 @@ class Sensing:
 
     Attributes:
         order: The model's mode whose frequency and damping stand in each of the test's columns,
-            shape (m,).
+            shape (m,); m itself is the one after those that the test is taken for.
         gains: Reading over true motion of each sensor, shape (n_s,).
         shifts: How far each sensor sits from where the case has it, m, along the line of sensors,
             shape (n_s,).
@@ -29,3 +30,18 @@ class Sensing:
     def true(cls, n_modes: int, n_sensors: int) -> Sensing:
         """A test without errors."""
         return cls(np.arange(n_modes), np.ones(n_sensors), np.zeros(n_sensors))
+
+
+def in_order(forward, order: np.ndarray | None, values: Mapping[str, float]):
+    """ln f of the test's columns, (m,), and their derivatives, (m, n_parameters).
+
+    Args:
+        forward: Predicts frequencies.
+        order: See `Sensing`; None for that of the model.
+        values: The model's parameter values.
+    """
+    if order is None:
+        return forward(values)
+    reach = int(np.max(order)) + 1
+    log_f, slope = (forward if reach <= forward.n_test else forward.further)(values)
+    return log_f[order], slope[order]

@@ -73,7 +73,7 @@ def best_measurement(
     )
     absolute = float(np.hypot(noise, discrepancy))
     sensors, n_test = surrogate.sensors, surrogate.n_test
-    candidates = _modes(first, second, sensors, n_test, absolute)
+    candidates = _modes(first, second, sensors, n_test, absolute, surrogate.unseen)
     candidates += _added_mass(first, second, sensors, n_test, noise * np.sqrt(2))
     candidates += _conditions(a, b, surrogate.forward, baseline, condition, conditions, absolute)
     candidates += _damping(a, b, surrogate.forward, baseline, condition)
@@ -97,7 +97,7 @@ def _log_ratio(a: Modes, b: Modes, i, j) -> np.ndarray:
     return np.log(a.frequencies_hz[i[:n]] / b.frequencies_hz[j[:n]])
 
 
-def _modes(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
+def _modes(a: Modes, b: Modes, sensors, n_test, sd, unseen: str) -> list[_Candidate]:
     (seen_a, unseen_a), (seen_b, unseen_b) = _split(a, sensors), _split(b, sensors)
     found = []
     more = slice(n_test, n_test + MORE_MODES)
@@ -106,7 +106,7 @@ def _modes(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
         found.append(_Candidate(next_modes(len(change)), change, sd))
     if len(unseen_a) and len(unseen_b):
         change = _log_ratio(a, b, unseen_a[:MORE_MODES], unseen_b[:MORE_MODES])
-        found.append(_Candidate(missed_modes(len(change)), change, sd))
+        found.append(_Candidate(missed_modes(len(change), unseen), change, sd))
     return found
 
 
