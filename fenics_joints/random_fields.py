@@ -252,16 +252,15 @@ class FieldMap:
                 f"correlation of the fields = {R.tolist()}: expected a correlation matrix of shape "
                 f"({n}, {n})."
             )
-        values, vectors = np.linalg.eigh(R)
-        root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
         first = np.concatenate([[0], np.cumsum(self.sizes)])
         whole = np.zeros((first[-1], first[-1]))
-        for i in range(n):
-            for j in range(n):
-                for term in range(min(self.sizes[i], self.sizes[j])):
-                    whole[first[i] + term, first[j] + term] = root[i, j]
-        # Terms that the other field has not: its variables stay independent, of unit variance.
-        return whole / np.linalg.norm(whole, axis=1, keepdims=True)
+        for term in range(max(self.sizes)):
+            # Only fields that have this term can be correlated in it.
+            has = [i for i in range(n) if self.sizes[i] > term]
+            values, vectors = np.linalg.eigh(R[np.ix_(has, has)])
+            at = first[has] + term
+            whole[np.ix_(at, at)] = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+        return whole
 
     def values(self, xi: np.ndarray) -> tuple[dict[str, float], np.ndarray]:
         """Parameter values and the derivatives of the random ones by xi, (n_names, n_variables)."""

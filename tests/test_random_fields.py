@@ -140,6 +140,24 @@ def test_derivatives_by_the_variables():
         np.testing.assert_allclose(slopes[:, j], slope, rtol=1e-6, atol=1e-8)
 
 
+def test_fields_of_unequal_length_keep_their_correlations():
+    sets = {"a": K1, "b": K2, "c": ["k"]}
+    fields = [
+        RandomField(tuple(sets["a"]), 0.1, karhunen_loeve(PLACES, 0.02, n_terms=4)),
+        RandomField(("k",), 0.2),
+        RandomField(tuple(sets["b"]), 0.1, karhunen_loeve(PLACES, 0.02, n_terms=3)),
+    ]
+    R = np.array([[1.0, 0.5, -0.6], [0.5, 1.0, 0.2], [-0.6, 0.2, 1.0]])
+    found = FieldMap(fields, dict.fromkeys([*K1, *K2, "k"], 1.0), R)
+    covariance = found.root @ found.root.T
+    np.testing.assert_allclose(np.diag(covariance), 1.0)
+    # The variables: four of the first field, one of the second, three of the third.
+    expected = np.eye(8)
+    for i, j, r in ((0, 4, 0.5), (0, 5, -0.6), (4, 5, 0.2), (1, 6, -0.6), (2, 7, -0.6)):
+        expected[i, j] = expected[j, i] = r
+    np.testing.assert_allclose(covariance, expected, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
