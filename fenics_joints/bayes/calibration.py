@@ -24,11 +24,13 @@ class Calibration:
         counts: Ranks in each bin, (n_bins,).
         p_value: Of a chi-square test of their evenness.
         covered: Share of truths inside of the central 90 % of the draws.
+        covered_half: Likewise of the central half.
     """
 
     counts: np.ndarray
     p_value: float
     covered: float
+    covered_half: float
 
 
 def rank(truth: float, draws: np.ndarray, n: int) -> int:
@@ -61,7 +63,11 @@ def calibrate(ranks: np.ndarray, n: int, bins: int = 10) -> Calibration:
             f"bins = {bins}: expected a divisor of n + 1 = {n + 1}, and at least {5 * bins} ranks."
         )
     counts = np.bincount(ranks * bins // (n + 1), minlength=bins)
-    # The central 90 % of n + 1 equally likely ranks.
-    edge = 0.05 * (n + 1)
-    covered = np.mean((ranks >= edge) & (ranks < n + 1 - edge))
-    return Calibration(counts, float(stats.chisquare(counts).pvalue), float(covered))
+
+    def inside(share: float) -> float:
+        """Of the central ones of n + 1 equally likely ranks."""
+        edge = 0.5 * (1 - share) * (n + 1)
+        return float(np.mean((ranks >= edge) & (ranks < n + 1 - edge)))
+
+    p_value = float(stats.chisquare(counts).pvalue)
+    return Calibration(counts, p_value, inside(0.9), inside(0.5))
