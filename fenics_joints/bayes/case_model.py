@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
+from fenics_joints.affine import number
 from fenics_joints.bayes.kept_lean import read_lean, write_lean
 from fenics_joints.bayes.model import Frequencies, ReducedCheck, check_reduced, narrow_frequencies
 from fenics_joints.bayes.priors import Prior, default_density, density
@@ -17,7 +18,7 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.exact import ExactBeams
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
-from fenics_joints.case_bayes import Bayes, bayes_data, prior_numbers
+from fenics_joints.case_bayes import UNITS, Bayes, bayes_data, prior_numbers
 from fenics_joints.components import Parameter
 from fenics_joints.errors import InputError
 from fenics_joints.fingerprint import fingerprint
@@ -29,6 +30,8 @@ __all__ = ["CaseModel", "case_model", "case_prior"]
 
 #: Points of the prior that beams are checked at.
 _CHECKED = 50
+#: Relative distance from a law's limit.
+_INSIDE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,15 +88,14 @@ def case_model(
             written. Beams need none.
 
     Raises:
-        InputError: If the case has no test or no parameters to update.
+        InputError: If the case has no test, no parameters to update or no [update.bayes].
         ConvergenceError: If the reduced model does not become as good as the case asks for.
     """
-    if case.update is None or not case.update.parameters:
-        raise InputError(f"{case.path}: update.parameters is missing: expected what is identified")
+    _check_asked(case)
     progress = progress or Progress(silent=True)
     progress.step("building the model")
     full, start = build_structure(case, comm), {**case.nominal(), **case.start()}
-    parameters = [full.parameters[name] for name in case.update.parameters]
+    parameters = _within_laws([full.parameters[n] for n in case.update.parameters], start, full)
     prior = case_prior(case, parameters, start, full)
     data = bayes_data(case)
     given = {"sensors": data.sensors, "n_test": len(data.mode_names),
@@ -103,7 +105,7 @@ def case_model(
         exact = ExactBeams(full, start, **given)
         frequencies = narrow_frequencies(exact.forward, prior, start, tolerance=tolerance / 10)
         check = check_reduced(frequencies, _many(exact.forward), prior, _CHECKED)
-        bound = frequencies.error
+        bound = max(frequencies.error, check.error)
     else:
         frequencies, check, bound = _solid(
             case, full, start, given, prior, tolerance, progress, keep
@@ -111,6 +113,52 @@ def case_model(
     check.require(tolerance)
     return CaseModel(prior, frequencies, check, bound, start, full.n_dofs,
                      frequencies.forward.model.n_dofs)  # fmt: skip
+
+
+def _within_laws(parameters: list[Parameter], start, model) -> list[Parameter]:
+    """The parameters, with bounds that keep each E below its G's limit where one of them is fixed.
+
+    Where both are free the coordinates do that.
+    """
+    found = {p.name: p for p in parameters}
+    for region in model.regions:
+        limit, E, G = region.law.ratio_limit, *(region.properties.get(k) for k in "EG")
+        if limit is None or (E in found) == (G in found):
+            continue
+        if E in found:
+            most = (1 - _INSIDE) * limit * number(G, start)
+            found[E] = replace(found[E], upper=min(found[E].upper, most))
+        else:
+            least = (1 + _INSIDE) * number(E, start) / limit
+            found[G] = replace(found[G], lower=max(found[G].lower, least))
+    return list(found.values())
+
+
+def _check_asked(case: Case) -> None:
+    """Refuse a case that does not say what is sampled, with what to write."""
+    if case.test is None:
+        raise InputError(f"{case.path}: test is missing: expected measured frequencies")
+    if case.update is not None and case.update.cutoff is not None:
+        raise InputError(
+            f"{case.path}: update.cutoff: the cut-off pressure is searched step by step, without a "
+            "density; --bayes expects update.parameters, moduli and the like. Leave --bayes out."
+        )
+    if case.update is None or not case.update.parameters:
+        raise InputError(f"{case.path}: update.parameters is missing: expected what is identified")
+    if case.update.bayes is None:
+        start = {**case.nominal(), **case.start()}
+        lines = [_prior_line(case, name, start[name]) for name in case.update.parameters]
+        raise InputError(
+            f"{case.path}: update.bayes is missing: --bayes needs what is known before the test. "
+            "For instance, with two thirds between the median over and times 1.6:\n"
+            + "\n".join(["[update.bayes.priors]", *lines])
+        )
+
+
+def _prior_line(case: Case, name: str, value: float) -> str:
+    unit = UNITS.get(name.rpartition(".")[2], "").replace("*", " ")
+    median = f'"{value:.4g} {unit}"' if unit else f"{value:.4g}"
+    return f'"{name}" = {{ kind = "lognormal", median = {median}, log_sd = 0.5 }}'
 
 
 def _many(forward):

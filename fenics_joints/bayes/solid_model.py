@@ -20,7 +20,7 @@ __all__ = ["SolidModel"]
 #: of the first two and of the rest; how many of them are taken at most, and rounds.
 _FIRST, _FEW, _MANY, _WORST, _ROUNDS = 8, 64, 160, 8, 8
 #: Share of the tolerance that the estimate is brought to, and that of the lean model's own error.
-_GOOD, _LEAN = 0.4, 0.1
+_GOOD, _LEAN = 0.4, 0.25
 #: Points at which the full model is solved for the check, and rounds of them.
 _CHECKED, _CHECKS = 50, 3
 
@@ -54,25 +54,27 @@ class SolidModel:
     def ready(self) -> tuple[Frequencies, ReducedCheck, float]:
         """The model, its check against the full one, and the largest error that is estimated.
 
-        The check is at points that the model was not made of, the estimate at others still. If
-        points were added after the check, the estimate is of the model before.
+        The check is at points that the model was not made of, the estimate at those and more.
         """
         bound = self._sample()
         for i in range(_CHECKS):
-            frequencies, modes = self._frequencies(), []
+            frequencies, modes, at = self._frequencies(), [], []
             self.progress.step("reduced model: checking it in the prior", _CHECKED)
 
-            def exact(points, modes=modes):
+            def exact(points, modes=modes, at=at):
+                at += points
                 modes += [self._solved(values) for values in points]
                 return np.array([self.model.log_f(each) for each in modes])
 
             # Other points each time: those that were put right say nothing of the rest.
             check = check_reduced(frequencies, exact, self.prior, _CHECKED, seed=12345 + i)
+            bound = max(bound, float(np.nanmax(self.model.errors(at))))
             if check.error <= self.tolerance or i == _CHECKS - 1:
                 break
             worst = np.argsort(check.errors)[::-1][:_WORST]
             self.model.add([modes[k] for k in worst if check.errors[k] > 0.1 * self.tolerance])
-        return frequencies, check, bound + frequencies.error
+            bound = 0.0
+        return frequencies, check, max(bound + frequencies.error, check.error)
 
     def _sample(self) -> float:
         """Add points to the basis until the estimate is well below the tolerance.
