@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import Case, matching, unknown_groups
+from fenics_joints.case_beams import refuse_beams
 from fenics_joints.case_mesh import MeshFile, OffsetBeamsMesh
 from fenics_joints.case_preload import BeamBoltSection, PretensionBoltSection
 from fenics_joints.case_sections import (
@@ -188,6 +189,7 @@ def build_preload(
         InputError: If the case has no contacts or no bolts, or a value is out of range.
         MeshError: As `build_structure`; if faces do not match, or bodies share vertices.
     """
+    refuse_beams(case, "contact under preload")
     for table in ("contacts", "bolts"):
         if not getattr(case, table):
             raise InputError(f"{case.path}: {table} is missing, expected sections [{table}.NAME]")

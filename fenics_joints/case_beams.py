@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 from fenics_joints.case_mesh import OffsetBeamsMesh
 from fenics_joints.case_messages import said
+from fenics_joints.errors import InputError
 
 if TYPE_CHECKING:
     from fenics_joints.case import Case
 
-__all__ = ["check_beams"]
+__all__ = ["check_beams", "refuse_beams"]
 
 #: Sections of solid bodies, and what they need.
 _SOLID = {
@@ -47,6 +48,15 @@ def check_beams(case: Case) -> list[str]:
         errors.append(said("mesh.degree", case.mesh.degree, "beams have no cells; expected none"))
     short = _short(case.mesh)
     return errors + _one_owner(case) + (short or _places(case))
+
+
+def refuse_beams(case: Case, what: str) -> None:
+    """Raise InputError, naming what was asked for, if a case has beams in place of a mesh."""
+    if isinstance(case.mesh, OffsetBeamsMesh):
+        raise InputError(
+            f"{case.path}: {what} needs solid parts: expected another mesh.builder than "
+            "'offset_beams', or a file; modes, update and diagnose work on beams"
+        )
 
 
 def _short(mesh: OffsetBeamsMesh) -> list[str]:

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from fenics_joints.build import build_preload, build_structure
 from fenics_joints.case import Case
+from fenics_joints.case_beams import refuse_beams
 from fenics_joints.case_harmonic import CoulombSection
 from fenics_joints.errors import InputError
 from fenics_joints.full_model import full_layers
@@ -72,6 +73,7 @@ def harmonic_model(case: Case, comm: MPI.Intracomm, progress: Progress) -> Harmo
         JointsError: If the mesh or a solution fails.
     """
     if case.harmonic is None:
+        refuse_beams(case, "harmonic")
         raise InputError(f"{case.path}: harmonic: expected a section [harmonic]")
     contacts = [name for name in case.nonlinear if name in case.contacts]
     if contacts and len(contacts) < len(case.nonlinear):

@@ -71,9 +71,9 @@ def test_what_the_commands_say_of_beams():
         run_modes(case, MPI.COMM_WORLD, quiet, method="iterative")
     with pytest.raises(InputError, match="expected sections .contacts.NAME."):
         run_modes(case, MPI.COMM_WORLD, quiet, state="preload")
-    with pytest.raises(InputError, match="contacts is missing"):
+    with pytest.raises(InputError, match="preload needs solid parts"):
         run_preload(case, MPI.COMM_WORLD, quiet)
-    with pytest.raises(InputError, match="expected a section .harmonic."):
+    with pytest.raises(InputError, match="harmonic needs solid parts"):
         run_harmonic(case, MPI.COMM_WORLD, quiet)
 
 
