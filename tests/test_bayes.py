@@ -60,7 +60,8 @@ def test_conjugate_posterior(kind):
     covariance = np.linalg.inv(SLOPE.T @ weight @ SLOPE + np.eye(2) / 0.25)
     mean = covariance @ SLOPE.T @ weight @ (likelihood.log_f - np.log(100))
     found = sample(
-        Posterior(prior(), linear, likelihood), Settings(kind, 10000, 2000, 4)
+        Posterior(prior(), linear, likelihood),
+        Settings(kind, 6000 if kind == "metropolis" else 10000, 2000, 4),
     )
     logs = np.log(found.draws())
     sd, n = np.sqrt(np.diag(covariance)), min(c["ess_bulk"] for c in found.convergence.values())
@@ -93,7 +94,7 @@ def test_fitted_likelihood_against_a_grid():
     mean = weights @ grid
     sd = np.sqrt(weights @ (grid - mean) ** 2)
     for kind in ("metropolis", "emcee"):
-        n = 8000 if kind == "metropolis" else 16000
+        n = 6000 if kind == "metropolis" else 16000
         draws = np.log(sample(posterior, Settings(kind, n, 2000, 4)).draws())
         assert np.all(np.abs(draws.mean(axis=0) - mean) < 0.12 * sd), kind
         np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.12)
@@ -173,7 +174,7 @@ def test_what_does_not_fit_is_refused():
     rng = np.random.default_rng(4)
     two_kinds = np.concatenate([rng.normal(100, 0.1, 20), rng.normal(110, 0.1, 20)])
     with pytest.raises(InputError, match="first: no distribution fits its 40 frequencies"):
-        choose("first", two_kinds, ["normal", "lognormal"])
+        choose("first", two_kinds, ["normal"])
     accepted = choose("first", two_kinds, ["normal"], accept_misfit=True)
     assert accepted.doubtful and "fits badly" in accepted.words("first")
     for bad, words in (

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from rich.console import Console
 from typer.testing import CliRunner
 
+from fenics_joints import bayes_run
 from fenics_joints.bayes.case_model import case_model
 from fenics_joints.bayes_run import run_bayes
 from fenics_joints.build import build_structure
@@ -60,7 +61,7 @@ def test_command(tmp_path_factory):
     """The paper's likelihood; chains in a file; JSON, page and summary."""
     comm = MPI.COMM_WORLD
     folder = comm.bcast(tmp_path_factory.mktemp("bayes") if comm.rank == 0 else None)
-    changes = {SPECIMENS: SPECIMENS + '\nlikelihood = "fitted"\nsamples = 3000\n'
+    changes = {SPECIMENS: SPECIMENS + '\nlikelihood = "fitted"\nsamples = 2000\n'
                'distributions = ["normal", "weibull"]'}  # fmt: skip
     path = comm.bcast(written(folder, changes) if comm.rank == 0 else None)
     found = run_bayes(load_case(path), comm, Progress(silent=True), keep=folder / "chains.nc")
@@ -79,7 +80,7 @@ def test_command(tmp_path_factory):
 
 
 def test_without_specimens_and_held_modes(tmp_path):
-    one_set = {SPECIMENS: "samples = 3000"}
+    one_set = {SPECIMENS: "samples = 2500"}
     case = load_case(written(tmp_path, one_set))
     found = run_bayes(case, MPI.COMM_SELF, Progress(silent=True))
     assert found.predicted.check is None and found.html().count("<svg") == 4
@@ -97,10 +98,13 @@ def test_without_specimens_and_held_modes(tmp_path):
     np.testing.assert_allclose([row["median_hz"] for row in rows[5:]], np.exp(exact[5:]), rtol=2e-3)
 
 
-def test_chains_that_did_not_converge(tmp_path, capfd):
+def test_chains_that_did_not_converge(tmp_path, capfd, monkeypatch):
     """Written, marked, not used, an error; and gone on from."""
-    changes = {SPECIMENS: SPECIMENS + "\nlikelihood = 'gaussian'\nsamples = 400\nburn_in = 200"}
-    path, files = written(tmp_path, changes), [tmp_path / n for n in ("j.json", "p.html", "c.nc")]
+    changes = {SPECIMENS: SPECIMENS + "\nlikelihood = 'gaussian'\nsamples = 900\nburn_in = 300"}
+    path = written(tmp_path, changes)
+    model = case_model(load_case(path), MPI.COMM_SELF)
+    monkeypatch.setattr(bayes_run, "case_model", lambda *given, **named: model)
+    files = [tmp_path / n for n in ("j.json", "p.html", "c.nc")]
     options = [f"--{o}={f}" for o, f in zip(("json", "report", "keep"), files, strict=True)]
     command = ["update", str(path), "--bayes", *options]
     run = CliRunner().invoke(app, command)
@@ -109,17 +113,18 @@ def test_chains_that_did_not_converge(tmp_path, capfd):
     assert "the chains did not converge (lap.k1" in errors and "goes on from there" in errors
     content, page = json.loads(files[0].read_text(encoding="utf-8")), files[1].read_text("utf-8")
     assert content["converged"] is False and content["problems"]
-    assert content["frequencies"] == [] and content["sampler"]["samples"] == 400
+    assert content["frequencies"] == [] and content["sampler"]["samples"] == 900
     assert "Not converged: not to be used" in page and "What it predicts" not in page
-    samples = []
-    for _ in range(5):
+    samples, command = [], [word for word in command if not word.startswith("--report")]
+    while len(samples) < 4:
         run = CliRunner().invoke(app, command)
         content = json.loads(files[0].read_text(encoding="utf-8"))
         samples.append(content["sampler"]["samples"])
         if run.exit_code == 0:
             break
     assert content["converged"] is True and len(content["frequencies"]) == 8
-    assert samples == [200 + 200 * 2 ** (i + 1) for i in range(len(samples))]
+    # The draws that are kept were doubled each time.
+    assert samples == [300 + 600 * 2 ** (i + 1) for i in range(len(samples))]
 
 
 @pytest.mark.parametrize(

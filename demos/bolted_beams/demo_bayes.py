@@ -228,7 +228,7 @@ assert min(evenness) > 0.002
 if comm.rank == 0 and len(sys.argv) > 1:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 4), layout="constrained")
+    figure = Figure(figsize=(12, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     new = hierarchy.new_specimens(800, 1)[0][:, 0]
     some = runs["metropolis"].draws()[::30]
@@ -241,7 +241,8 @@ if comm.rank == 0 and len(sys.argv) > 1:
     ):  # fmt: skip
         left.plot(values[:, 0], values[:, 1] / 1e3, ".", color=colour, ms=3, alpha=0.5, label=label)
     left.set(xlabel="k1, N m", ylabel="k2, kN m")
-    left.legend(markerscale=3)
+    left.plot(*median / [1, 1e3], "k+", ms=12, label="truth: median")
+    left.legend(markerscale=1.5, loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
     pairs = np.triu_indices(5, 1)
     names = [f"{i + 1}, {j + 1}" for i, j in zip(*pairs, strict=True)]
     places = np.arange(len(names))
@@ -256,5 +257,5 @@ if comm.rank == 0 and len(sys.argv) > 1:
         right.plot(at, mid, "o", color=colour, ms=4)
     right.set(xlabel="modes", ylabel="correlation of frequencies", xticks=places)
     right.set_xticklabels(names)
-    right.legend()
+    right.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3)
     figure.savefig(sys.argv[1], dpi=120)
