@@ -16,6 +16,7 @@ import numpy as np
 
 from fenics_joints.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.array_model import ArrayModel
+from fenics_joints.beams.laws import BEAM_LAWS
 from fenics_joints.components import Parameter
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable
@@ -34,6 +35,7 @@ __all__ = [
 _FORMAT = "fenics_joints interface model"
 _ARRAYS = "fenics_joints reduced model"
 _VERSION = 1
+_LAWS = {**LINEAR_LAWS, **BEAM_LAWS}
 _CLASSES = {
     c.__name__: c
     for c in (
@@ -189,7 +191,7 @@ def _fields(value) -> dict:
 def _decode(parent, name: str):
     if name in parent.attrs:
         value = json.loads(parent.attrs[name])
-        return LINEAR_LAWS[value["linear law"]] if isinstance(value, dict) else value
+        return _LAWS[value["linear law"]] if isinstance(value, dict) else value
     item = parent[name]
     if "kind" not in item.attrs:
         return item[()]

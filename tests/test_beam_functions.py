@@ -11,6 +11,7 @@ from fenics_joints.components import Parameter
 from fenics_joints.damping import Damping
 from fenics_joints.errors import InputError
 from fenics_joints.frf import solve_frf
+from fenics_joints.interface_files import read_array_model, write_array_model
 from fenics_joints.points import Sensors
 
 STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}
@@ -66,7 +67,7 @@ def test_free_beam_has_the_closed_forms_receptance():
     assert slow.values[0, 0, 0] == pytest.approx(-1 / (mass * np.pi**2), rel=1e-3)
 
 
-def test_joint_damping_is_that_of_the_matrix_and_has_derivatives():
+def test_joint_damping_is_that_of_the_matrix_and_has_derivatives(tmp_path):
     beams, lines = lapped(), np.linspace(30.0, 3000.0, 60)
     hammer = Sensors([[0.01, 0, 0.01]], UP)
     read = Sensors([[0.57, 0, 0], [0.3333, 0, 0.01], [0.1, 0, 0.0106]], [UP, UP, [1.0, 0, 0]])
@@ -87,6 +88,11 @@ def test_joint_damping_is_that_of_the_matrix_and_has_derivatives():
     # The same as plain arrays, which know the points that they were made for.
     arrays = beams.arrays(None, hammer, read)
     np.testing.assert_allclose(solve_frf(arrays, **common).values, found.values, rtol=1e-10)
+    write_array_model(arrays, tmp_path / "beams.h5")
+    kept = read_array_model(tmp_path / "beams.h5")
+    np.testing.assert_array_equal(
+        solve_frf(kept, **common).values, solve_frf(arrays, **common).values
+    )
     smaller = arrays.on(np.linalg.qr(np.random.default_rng(0).random((len(K), 9)))[0])
     assert smaller.dampers["lap.c"].shape == (9, 9)
     assert solve_frf(smaller, **common).values.shape == found.values.shape
