@@ -15,6 +15,7 @@ from fenics_joints.diagnosis.nested import _Marginal, nested_evidence
 from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.laws import LAYER_LAWS
 from fenics_joints.lean import LeanForward
+from fenics_joints.narrow import freeze
 from fenics_joints.points import Sensors
 from fenics_joints.surrogate import Forward
 
@@ -139,3 +140,22 @@ def test_all_kinds_of_data_are_as_predicted_one_by_one():
         expected, _ = predict(hypothesis, forward, evidence, point, BASELINE)
         assert len(expected) == 8 + 8 + 4 * N
         assert got == pytest.approx(expected, abs=1e-6)
+
+
+def test_constant_mass_is_taken_out():
+    """What the mass does not depend on needs no generalised problem; the same frequencies."""
+    model, sensors = chain()
+    stiff = freeze(model, ["left.G", "right.G", "k"], BASELINE)
+    forward = Forward(stiff, sensors, 4, 8, forward_of(model, sensors).reference)
+    lean = LeanForward(forward, stiff)
+    assert lean.model.mass() == pytest.approx(np.eye(N), abs=1e-12)
+    values = [{name: v[name] for name in stiff.parameters} for v in some_values(5)]
+    found = lean.prepare(values, slopes=True)
+    for got, value in zip(found, values, strict=True):
+        K, M = (model.stiffness({**BASELINE, **value}), model.mass(BASELINE))
+        exact = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[1:5]) / (2 * np.pi)
+        assert np.exp(np.sort(got)) == pytest.approx(exact, rel=1e-8)
+        assert lean(value)[1] == pytest.approx(forward(value)[1], rel=1e-6, abs=1e-14)
+    # Values of parameters that it does not have are left aside.
+    lean.release()
+    assert lean({**BASELINE, **values[0]})[0] == pytest.approx(found[0], abs=1e-9)
