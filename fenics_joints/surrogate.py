@@ -13,7 +13,7 @@ from fenics_joints._compat import geometry_dofmap
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.errors import InputError
 from fenics_joints.files import write_arrays
-from fenics_joints.gap import Pairing, pair_modes
+from fenics_joints.gap import VISIBLE, Pairing, pair_modes
 from fenics_joints.interface_files import read_array_model, write_array_model
 from fenics_joints.meshes.tagged import on_root
 from fenics_joints.modal import Modes, solve_modes
@@ -47,6 +47,7 @@ class Forward:
         n_modes: Number of model modes to compute.
         reference: Shapes of the test's modes at the sensors, measured or of a near model; modes
             are matched to them by MAC.
+        threshold: Least visibility of a mode that the test saw.
 
     Attributes:
         further: Forward of one mode more, where the test may have missed one; None where not.
@@ -59,9 +60,10 @@ class Forward:
         n_test: int,
         n_modes: int,
         reference: np.ndarray | None = None,
+        threshold: float = VISIBLE,
     ):
         self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
-        self.reference = reference
+        self.reference, self.threshold = reference, threshold
         self.further: Forward | None = None
         self._last: tuple | None = None
         self._cache: dict[tuple, tuple] = {}
@@ -88,13 +90,29 @@ class Forward:
         while True:
             modes = solve_modes(self.model, values, n_modes=count)
             try:
-                pairing = pair_modes(modes, self.n_test, self.sensors, reference=self.reference)
+                pairing = self.paired(modes)
             except InputError:
                 if count >= min(_SEARCHED * self.n_modes, self.model.n_dofs):
                     raise
                 count = min(count + self.n_test + _SPARE, self.model.n_dofs)
                 continue
             return modes, pairing
+
+    def paired(self, modes: Modes) -> Pairing:
+        """Which modes of such a model the test's are."""
+        return pair_modes(
+            modes, self.n_test, self.sensors, reference=self.reference, threshold=self.threshold
+        )
+
+    def of(self, model, n_modes: int | None = None) -> Forward:
+        """The same of another model of the structure.
+
+        Args:
+            model: The model.
+            n_modes: Number of its modes to compute; by default as many.
+        """
+        count = self.n_modes if n_modes is None else n_modes
+        return Forward(model, self.sensors, self.n_test, count, self.reference, self.threshold)
 
     def pairing(self, values: Mapping[str, float]) -> Pairing:
         """Which of the model's modes the test's are."""

@@ -229,11 +229,15 @@ class BeamStructure:
         )  # fmt: skip
 
     def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
-        """Frequency, Hz, at which the beams would stretch evenly along x: a scale for shifts."""
+        """Frequency, Hz, at which the beams would stretch evenly along x: a scale for shifts.
+
+        Clamps, which may be as good as rigid, are left out.
+        """
         values = self.values(given)
         x = np.repeat(self.layout.x - self.layout.x.mean(), 3)[self.layout.free]
         shape = np.where(self.layout.free % 3 == 0, x, 0.0)
-        K, M = self.model.stiffness(values), self.model.mass(values)
+        bodies = [r for r in self.pencil.regions if r.law is not ELASTIC_SUPPORT]
+        K, M = replace(self.pencil, regions=bodies).matrices(values)
         if not self.total_mass(values) > 0:
             raise InputError("the structure has no mass: expected a density > 0 in some beam.")
         return float(np.sqrt((shape @ K @ shape) / (shape @ M @ shape)) / (2 * np.pi))

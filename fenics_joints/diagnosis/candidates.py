@@ -31,7 +31,7 @@ from fenics_joints.diagnosis.library import case_effects
 from fenics_joints.diagnosis.plan import Measurement, Study, own_slice
 from fenics_joints.diagnosis.prepared import Prepared
 from fenics_joints.formatting import condition_value
-from fenics_joints.gap import VISIBLE, pair_modes
+from fenics_joints.gap import VISIBLE
 from fenics_joints.modal import solve_modes
 from fenics_joints.points import Sensors
 from fenics_joints.reading import plain
@@ -96,9 +96,7 @@ class Candidates:
         modes = solve_modes(
             reduced, self.model.baseline, n_modes=min(surrogate.n_modes, reduced.n_dofs)
         )
-        own = pair_modes(
-            modes, surrogate.n_test, surrogate.sensors, reference=self.model.forward.reference
-        )
+        own = self.model.forward.paired(modes)
         elastic = np.arange(modes.n_rigid, len(modes))
         seen = np.isin(elastic, own.visible)
         free = ~np.isin(elastic, own.index)
@@ -127,7 +125,7 @@ class Candidates:
         """The test's modes from it."""
         forward, model = self.model.forward, self._wide
         n_modes = min(self.model.surrogate.n_modes, model.n_dofs)
-        return Forward(model, forward.sensors, forward.n_test, n_modes, forward.reference)
+        return forward.of(model, n_modes)
 
     def _points_of_sizes(self) -> list[Mapping[str, float]]:
         """The nominal values and those of every effect at its expected size: what to span."""
@@ -223,10 +221,7 @@ class Candidates:
         if best is None:
             return []
         forward = self._wide_forward
-        loaded = Forward(
-            Loaded(forward.model, rows[best], mass), forward.sensors, forward.n_test,
-            forward.n_modes, forward.reference,
-        )  # fmt: skip
+        loaded = forward.of(Loaded(forward.model, rows[best], mass))
         at = ", ".join(f"{1e3 * x:.0f}" for x in places[best])
         grams = f"{1e3 * mass:.0f} g" if mass < 1 else f"{mass:.2f} kg"
         name = f"the shifts by a known mass of {grams} ({ADDED_MASS:.0%}) put on at ({at}) mm"
@@ -258,7 +253,7 @@ class Candidates:
         """Squared motion of the test's modes at points, 1/kg, (n_points, m)."""
         forward = self._wide_forward
         modes = solve_modes(forward.model, values, n_modes=forward.n_modes)
-        pairing = pair_modes(modes, forward.n_test, forward.sensors, reference=forward.reference)
+        pairing = forward.paired(modes)
         return np.sum((rows @ modes.shapes[:, pairing.index]) ** 2, axis=1)
 
     def _rig(self) -> list[Candidate]:

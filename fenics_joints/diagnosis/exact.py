@@ -8,12 +8,15 @@ import numpy as np
 
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.beams import BeamStructure
-from fenics_joints.gap import pair_modes
+from fenics_joints.gap import VISIBLE, pair_modes
 from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.points import Sensors
 from fenics_joints.surrogate import Forward
 
 __all__ = ["ExactModel"]
+
+#: How much less visible a mode may become than the least visible one of the test's.
+_CLEAR = 10.0
 
 
 class ExactModel:
@@ -54,20 +57,35 @@ class ExactModel:
         self.nominal = solve_modes(full, start, n_modes=n_modes)
         self.pairing = pair_modes(self.nominal, n_test, sensors, reference=shapes)
         self.crossings: set[tuple[int, int]] = set(self.pairing.crossing)
-        reference = self.pairing.shapes if shapes is None else shapes
-        self.forward = Forward(self.model, sensors, n_test, n_modes, reference)
+        # Without measured shapes modes go by their order, as the test's names of them do: in one
+        # plane they do not cross but veer, and by the nominal shapes one along the beams, which
+        # shows little, would be taken for any other.
+        self.forward = Forward(self.model, sensors, n_test, n_modes, shapes, self._threshold())
         if shapes is None:
-            wider = pair_modes(self.nominal, n_test + 1, sensors).shapes
-            self.forward.further = Forward(self.model, sensors, n_test + 1, n_modes + 1, wider)
+            self.forward.further = Forward(
+                self.model, sensors, n_test + 1, n_modes + 1, threshold=self.forward.threshold
+            )
+
+    def _threshold(self) -> float:
+        """A visibility far from those of the nominal modes, so that none comes or goes by a little.
+
+        Between the least of the test's modes and the largest of the others below the highest one.
+        """
+        if self.sensors is None:
+            return VISIBLE
+        seen = self.nominal.visibility(self.sensors)
+        own = self.pairing.index
+        others = np.setdiff1d(np.arange(self.nominal.n_rigid, own.max()), own)
+        high = min(float(np.min(seen[own])), 1.0)
+        low = max(float(np.max(seen[others], initial=0.0)), high / _CLEAR)
+        return float(np.sqrt(low * high)) if low < high else VISIBLE
 
     def error(self, points: Sequence[Mapping[str, float]]) -> tuple[float, list[Modes]]:
         """None: the arrays are the structure. Looks which modes change places at the points."""
         found = []
         for values in points:
             modes = solve_modes(self.full, values, n_modes=self.n_modes)
-            pairing = pair_modes(
-                modes, self.n_test, self.sensors, reference=self.forward.reference
-            )
+            pairing = self.forward.paired(modes)
             self.crossings.update(pairing.crossing)
             found.append(modes)
         return 0.0, found

@@ -13,7 +13,6 @@ from fenics_joints.diagnosis.prediction import predict
 from fenics_joints.diagnosis.prepared import Prepared
 from fenics_joints.diagnosis.where import Attribution, ZoneTest, attribution, zone_tests
 from fenics_joints.diagnosis.zone_sensitivity import given_way, zone_sensitivities
-from fenics_joints.gap import pair_modes
 from fenics_joints.modal import solve_modes
 
 __all__ = ["AXES", "Location", "locate_gap"]
@@ -108,10 +107,7 @@ def _yielding(model: Prepared):
     modes = solve_modes(
         model.full, values, n_modes=surrogate.n_modes, solver=surrogate.nominal.solver
     )
-    paired = pair_modes(
-        modes, surrogate.n_test, surrogate.sensors, reference=surrogate.forward.reference
-    )
-    return modes, paired
+    return modes, surrogate.forward.paired(modes)
 
 
 def _groups(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]]:

@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.prediction import Prediction
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.gap import VISIBLE
 from fenics_joints.modal import Modes, solve_modes
-from fenics_joints.surrogate import Forward, Surrogate
+from fenics_joints.surrogate import Surrogate
 
 __all__ = ["best_measurement"]
 
@@ -139,8 +139,7 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
         log_f = []
         for f in (a, b):
             # Followed from the nearest tested condition: modes change places beyond it.
-            follow = Forward(forward.model, forward.sensors, forward.n_test, forward.n_modes)
-            follow.reference = forward.reference
+            follow = forward.of(forward.model)
             follow.track(f.hypothesis.values(f.z, float(near), baseline))
             log_f.append(Prediction(f.hypothesis, follow, f.z, float(value), baseline).log_f)
         name = f"the same modes at {word} {condition[0]} ({value:g} {condition[1]})"
