@@ -53,6 +53,7 @@ def test_update_identifies_slap_and_slip():
     assert MPI.COMM_WORLD.allgather(k1) == [k1] * MPI.COMM_WORLD.size
 
 
+@pytest.mark.parallel
 def test_what_the_commands_say_of_beams():
     """`modes` lists and draws them; what needs a mesh or contacts is refused in words."""
     case, quiet = load_case(DEMO), Progress(silent=True)
@@ -77,10 +78,13 @@ def test_what_the_commands_say_of_beams():
         run_harmonic(case, MPI.COMM_WORLD, quiet)
 
 
-def test_functions_identify_the_damping_too(tmp_path):
+@pytest.mark.parallel
+def test_functions_identify_the_damping_too(shared_tmp_path):
     """Seed 002, Fig. 13: c from functions; those of finer beams, by the matrices themselves."""
+    tmp_path, comm = shared_tmp_path, MPI.COMM_WORLD
     truth = {"lap.k1": 2000.0, "lap.k2": 33000.0, "lap.c": 0.5}
-    fine = load_case(written(tmp_path, {"elements = [30, 20]": "elements = [45, 30]"}))
+    mesh = load_case(DEMO).mesh.model_copy(update={"elements": [45, 30]})
+    fine = load_case(DEMO).model_copy(update={"mesh": mesh})
     beams = build_structure(fine, MPI.COMM_WORLD)
     K, M, C = (getattr(beams, name)(truth) for name in ("stiffness", "mass", "damping_matrix"))
     places, up = {"1": 0.01, "2": 0.3, "3": 0.57}, [0.0, 0, 1]
@@ -90,7 +94,7 @@ def test_functions_identify_the_damping_too(tmp_path):
     H = np.array([-w * w * rows @ np.linalg.solve(K + 1j * w * C - w * w * M, rows[0])
                   for w in omega])  # fmt: skip
     H = H * (1 + 0.01 / np.sqrt(2) * (noise.standard_normal((*H.shape, 2)) @ [1, 1j]))
-    if MPI.COMM_WORLD.rank == 0:
+    if comm.rank == 0:
         head = ["frequency [Hz]"]
         head += [f"{n}:+z/1:+z {part} [m/s2/N]" for n in places for part in ("re", "im")]
         columns = [lines, *(part for h in H.T for part in (h.real, h.imag))]
@@ -105,10 +109,12 @@ def test_functions_identify_the_damping_too(tmp_path):
         'modes = ["mode 6", "mode 7", "mode 8"]': 'responses = ["3:+z"]',
         "[update.held]": 'data = ["frfs"]\n[update.held]',
     }
-    path = written(tmp_path, changes)
-    text = path.read_text(encoding="utf-8")
-    path.write_text(text[: text.index("[update.published]")], encoding="utf-8")
-    found = run_combined(load_case(path), MPI.COMM_WORLD, Progress(silent=True))
+    if comm.rank == 0:
+        path = written(tmp_path, changes)
+        text = path.read_text(encoding="utf-8")
+        path.write_text(text[: text.index("[update.published]")], encoding="utf-8")
+    comm.barrier()
+    found = run_combined(load_case(tmp_path), MPI.COMM_WORLD, Progress(silent=True))
     for row in found.parameters:
         assert row["value"] == pytest.approx(truth[row["name"]], rel=max(4 * row["sd"], 5e-3)), row
     held = found.functions.summary()
@@ -116,7 +122,10 @@ def test_functions_identify_the_damping_too(tmp_path):
     assert "samples" not in found.model
     # All of a joint's stiffness, by the name that the case has for it.
     more = "\n[damping]\nhysteretic = { lap = 0.02, beams = 1e-4 }\n"
-    lossy = load_case(written(tmp_path, {}, more))
+    if comm.rank == 0:
+        written(tmp_path, {}, more)
+    comm.barrier()
+    lossy = load_case(tmp_path)
     damping = model_damping(lossy, build_structure(lossy, MPI.COMM_WORLD, damping=True))
     assert list(damping.hysteretic) == [
         "lap.slap", "lap.slip", "beam_1", "lap.beam_1", "lap.beam_2", "beam_2"
