@@ -78,6 +78,7 @@ def beam_patches(cells: PatchMap, name: str = "patches") -> str:
     norm = Normalize(0.0, max(float(cells.share.max(initial=0.0)), 1e-9))
     colours = rising(norm(cells.share[cells.patch]))
     colours[~cells.seen[cells.patch]] = to_rgba(UNSEEN)
+    bolts = 1e3 * cells.bolts[:, 0]
     with style():
         figure = new_figure(*_SIZE)
         axes = figure.subplots()
@@ -93,12 +94,15 @@ def beam_patches(cells: PatchMap, name: str = "patches") -> str:
             if x1 - x0 > _ROOM * np.ptp(boxes[:, :, 0]) or y0 == _JOINT[0]:
                 dark = norm(cells.share[p]) > 0.6
                 axes.text(
-                    (x0 + x1) / 2, (y0 + y1) / 2, test.zone.rpartition(" ")[2], ha="center",
-                    va="center", fontsize=6.5, color="#ffffff" if dark else _NAMES, zorder=7,
+                    (x0 + x1) / 2, (y0 + y1) / 2, test.zone.rpartition(" ")[2],
+                    ha="center", va="center", fontsize=6.5, zorder=7,
+                    color="#ffffff" if dark else _NAMES,
                 )  # fmt: skip
         _frame(axes, boxes)
-        for x in 1e3 * cells.bolts[:, 0]:
-            axes.axvline(x, 0.02, 0.98, ls=(0, (4, 3)), lw=0.9, color=_NAMES, zorder=6)
+        gaps = [(_BELOW[1], _JOINT[0]), (sum(_JOINT), _ABOVE[0])]
+        for x in bolts:
+            for ends in [(-0.1, 0.15), *gaps, (sum(_ABOVE) - 0.15, sum(_ABOVE) + 0.1)]:
+                axes.plot([x, x], ends, ls=(0, (3, 2)), lw=1.1, color=_NAMES, zorder=6)
         bar = figure.colorbar(
             ScalarMappable(norm, rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
             format=lambda value, _: f"{100 * value:.3g} %",

@@ -80,7 +80,7 @@ def _stiffness(laps: LapZones, series: bool, reference: float | None) -> list[Ef
         )
         for kind, words in kinds.items()
     ]  # fmt: skip
-    single = {zone: (zone,) for zone in laps.names}
+    single = {zone.replace("_s", " stretch "): (zone,) for zone in laps.names}
     symmetric = laps.symmetric
     for kind in kinds:
         if len(symmetric) > 1:
