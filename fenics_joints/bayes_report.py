@@ -192,7 +192,7 @@ class BayesReport:
         for row in self.rows():
             table.add_row(
                 row["name"], *(in_words(row, key) for key in ("mean", "sd", "low", "high")),
-                f"{row['rhat']:.3f}", f"{min(row['ess_bulk'], row['ess_tail']):.0f}",
+                f"{row['rhat']:.4g}", f"{min(row['ess_bulk'], row['ess_tail']):.0f}",
             )  # fmt: skip
         console.print(table)
         if self.predicted is None:

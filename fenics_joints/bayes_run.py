@@ -12,6 +12,8 @@ from threadpoolctl import threadpool_limits
 from fenics_joints.bayes.arviz_files import arviz
 from fenics_joints.bayes.case_model import CaseModel, case_model
 from fenics_joints.bayes.chains import Chains
+from fenics_joints.bayes.conflict import check_prior
+from fenics_joints.bayes.distributions import FEWEST
 from fenics_joints.bayes.held import Held, predict_held
 from fenics_joints.bayes.hierarchical import Hierarchy, Specimens, sample_hierarchy
 from fenics_joints.bayes.likelihood import FittedLikelihood, GaussianLikelihood
@@ -31,7 +33,7 @@ __all__ = ["run_bayes"]
 #: New sets of specimens; draws for frequencies.
 _SETS, _PREDICTED = 400, 2000
 #: Draws for held modes, by the full model; more of them below so many degrees of freedom.
-_HELD, _HELD_SMALL, _SMALL = 40, 400, 2000
+_HELD, _HELD_SMALL, _SMALL = 40, 200, 2000
 
 
 def run_bayes(
@@ -88,13 +90,15 @@ class _Run:
             last[0] = now
 
         run = {"comm": self.comm, "keep": self.keep, "told": told}
-        doubts: list[str] = []
+        doubts = self._prior_doubts()
         if section.kind == "hierarchical":
             found = self._hierarchy(run)
             chains, words = found.chains, self._hierarchy_words()
+            doubts += self._normal_doubts()
         else:
             likelihood = self._likelihood(section.kind)
-            doubts, words = likelihood.doubts(), likelihood.describe()
+            words = likelihood.describe()
+            doubts += likelihood.doubts()
             posterior = Posterior(self.model.prior, self.model.frequencies, likelihood)
             found = chains = sample(posterior, self.settings, **run)
         predicted = None
@@ -134,6 +138,22 @@ class _Run:
         return sample_hierarchy(
             data, self.model.prior, self.model.frequencies, self.settings, **run
         )
+
+    def _prior_doubts(self) -> list[str]:
+        log_f, sd = self._measured()
+        return check_prior(
+            self.model.prior, self.model.frequencies, self.data.mode_names, log_f,
+            np.hypot(np.nan_to_num(sd, nan=1.0), self.discrepancy),
+        )  # fmt: skip
+
+    def _normal_doubts(self) -> list[str]:
+        """Modes whose frequencies are not those of specimens that scatter about one mean."""
+        enough = np.sum(np.isfinite(self.table), axis=0) >= FEWEST
+        fitted = FittedLikelihood.from_specimens(
+            [n for n, e in zip(self.data.mode_names, enough, strict=True) if e],
+            self.table[:, enough], ["normal"], seed=self.settings.seed, accept_misfit=True,
+        )  # fmt: skip
+        return [f"{line}: the specimens do not scatter about one mean" for line in fitted.doubts()]
 
     def _hierarchy_words(self) -> list[str]:
         return [

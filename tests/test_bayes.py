@@ -17,6 +17,7 @@ from fenics_joints.bayes import (
     samplers,
 )
 from fenics_joints.bayes.calibration import calibrate, rank
+from fenics_joints.bayes.conflict import check_prior
 from fenics_joints.bayes.densities import log_pdf
 from fenics_joints.bayes.distributions import choose
 from fenics_joints.bayes.priors import density
@@ -297,6 +298,24 @@ def test_priors_keep_to_bounds_and_laws():
 def test_bad_priors_are_named(kind, numbers, words):
     with pytest.raises(InputError, match=f"prior of lap.k1: .*{words}"):
         density("lap.k1", kind, numbers)
+
+
+def test_prior_that_excludes_the_data():
+    """What no value within four standard deviations of the prior brings near is refused."""
+    known, sd = prior(0.1), np.full(3, 0.01)
+    near = np.log(100) + SLOPE @ [0.3, -0.3]
+    assert check_prior(known, linear, MODES, near, sd) == []
+    far = np.log(100) + SLOPE @ [0.0, 1.5]
+    # Along b alone, as far as its fourth standard deviation.
+    left = 100 * np.expm1(np.max(np.abs(SLOPE[:, 1])) * (1.5 - 0.4))
+    with pytest.raises(InputError, match="prior of .*b: excludes the data") as error:
+        check_prior(known, linear, MODES, far, sd)
+    found = float(str(error.value).split(" %")[0].split()[-1])
+    assert 0.5 * left < found < left
+    # Not the prior's fault: no parameter moves the modes apart so.
+    odd = np.log(100) + np.array([0.1, 0.1, -0.1])
+    words = check_prior(prior(2.0), linear, MODES, odd, np.full(3, 0.003))
+    assert words and "third" in words[-1] and "give it a discrepancy" in words[-1]
 
 
 def test_prior_beside_its_bounds_is_named():
