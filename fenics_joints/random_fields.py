@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 
 import numpy as np
 
@@ -53,12 +54,12 @@ def covariance(points: np.ndarray, length: float, kind: str = "exponential") -> 
     """
     if kind not in KINDS:
         raise InputError(f"kind = {kind!r}: expected one of: {', '.join(KINDS)}.")
-    if not length > 0:
+    if not isinstance(length, Real) or not length > 0:
         raise InputError(f"correlation length = {length}: expected a length > 0, m.")
     points = np.asarray(points, dtype=float)
+    if not points.ndim or not points.size or not np.all(np.isfinite(points)):
+        raise InputError(f"points of a random field = {points}: expected finite positions, m.")
     points = points.reshape(len(points), -1)
-    if not np.all(np.isfinite(points)):
-        raise InputError("points of a random field: expected finite positions, m.")
     distance = np.linalg.norm(points[:, None] - points[None], axis=2)
     return KINDS[kind](distance / length)
 
@@ -112,7 +113,7 @@ def karhunen_loeve(
         raise InputError(f"weights = {weights.tolist()}: expected {n} positive numbers.")
     if n_terms is None and not 0 < share <= 1:
         raise InputError(f"share = {share}: expected a number above 0 and at most 1.")
-    if n_terms is not None and not 1 <= n_terms <= n:
+    if n_terms is not None and not (isinstance(n_terms, Integral) and 1 <= n_terms <= n):
         raise InputError(f"n_terms = {n_terms}: expected 1 to {n}, the number of points.")
     root = np.sqrt(weights)
     values, vectors = np.linalg.eigh(root[:, None] * correlation * root)
@@ -126,7 +127,13 @@ def karhunen_loeve(
 
 
 def one_variable(n: int) -> KarhunenLoeve:
-    """The field that is one random variable for all n parameters."""
+    """The field that is one random variable for all n parameters.
+
+    Raises:
+        InputError: If there is none.
+    """
+    if n < 1:
+        raise InputError(f"n = {n}: expected at least one parameter for a random variable.")
     return KarhunenLoeve(np.array([float(n)]), np.full((n, 1), n**-0.5), 1.0)
 
 
@@ -150,17 +157,19 @@ class RandomField:
 
     def __post_init__(self):
         names = (self.names,) if isinstance(self.names, str) else tuple(self.names)
+        if not names or len(set(names)) != len(names):
+            raise InputError(
+                f"names of a random field = {list(names)}: expected some, each name once."
+            )
         expansion = self.expansion or one_variable(len(names))
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "expansion", expansion)
-        if not names or len(set(names)) != len(names):
-            raise InputError(f"names of a random field = {list(names)}: expected each name once.")
         if len(expansion.modes) != len(names):
             raise InputError(
                 f"the expansion has {len(expansion.modes)} points: expected {len(names)}, one for "
                 "each parameter."
             )
-        if not 0 < self.eps < 1:
+        if not isinstance(self.eps, Real) or not 0 < self.eps < 1:
             raise InputError(f"eps = {self.eps}: expected a coefficient of variation, 0 < eps < 1.")
         if self.distribution not in _DISTRIBUTIONS:
             raise InputError(

@@ -162,6 +162,8 @@ def test_fields_of_unequal_length_keep_their_correlations():
     ("make", "words"),
     [
         (lambda: covariance(PLACES, -1.0), "correlation length = -1"),
+        (lambda: covariance([], 1.0), "expected finite positions"),
+        (lambda: RandomField((), 0.1), "expected some"),
         (lambda: covariance(PLACES, 1.0, "gaussian"), "squared_exponential"),
         (lambda: karhunen_loeve(PLACES, 1.0, n_terms=9), "n_terms = 9: expected 1 to 5"),
         (lambda: karhunen_loeve(PLACES, 1.0, weights=np.zeros(5)), "5 positive numbers"),
