@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,6 +34,10 @@ __all__ = [
 _REACH = 1.5
 #: Residual vectors that modes and others leave less than this share of their energy are none.
 _DEPENDENT = 1e-8
+#: Eigenvalues of a layer below this share of its largest are none; layers of damping whose rank is
+#: this many times smaller than the basis are a correction of the diagonal, but not where a mode's
+#: own share of it is less than that of its terms.
+_RANK, _FEW, _SINGULAR = 1e-13, 4, 1e-6
 #: Lines that are solved at once.
 _CHUNK = 256
 
@@ -126,10 +131,42 @@ class ModalPencil:
 
     def solve(self, s: np.ndarray, rights: np.ndarray) -> np.ndarray:
         """Z(s)^-1 of the columns of (m, k), (len(s), m, k)."""
+        diagonal = self._diagonal(s)
         if not self.parts:
-            return rights / self._diagonal(s)[:, :, None]
-        many = np.broadcast_to(rights, (len(s), *rights.shape))
-        return np.linalg.solve(self.stiffness(s), many)
+            return rights / diagonal[:, :, None]
+        found = np.empty((len(s), *rights.shape), dtype=complex)
+        size = np.abs(self.stiff) + np.abs(s[:, None]) ** 2 * self.heavy
+        few = np.all(np.abs(diagonal) > _SINGULAR * size, axis=1) & (self._thin is not None)
+        if few.any():
+            found[few] = self._corrected(s[few], diagonal[few], rights)
+        if not few.all():
+            many = np.broadcast_to(rights, (np.sum(~few), *rights.shape))
+            found[~few] = np.linalg.solve(self.stiffness(s[~few]), many)
+        return found
+
+    @cached_property
+    def _thin(self) -> tuple[np.ndarray, tuple[str, ...]] | None:
+        """U with U U^T = K of the damped layers, side by side, and the layer of each column.
+
+        None where they have not few columns.
+        """
+        columns, names = [], []
+        for name, K in self.parts.items():
+            values, vectors = np.linalg.eigh(K)
+            some = values > _RANK * values[-1]
+            columns.append(vectors[:, some] * np.sqrt(values[some]))
+            names += [name] * int(some.sum())
+        return (np.hstack(columns), tuple(names)) if _FEW * len(names) <= len(K) else None
+
+    def _corrected(self, s: np.ndarray, diagonal: np.ndarray, rights: np.ndarray) -> np.ndarray:
+        """Z(s)^-1 of columns by Woodbury's formula: the layers' damping is of low rank."""
+        U, names = self._thin
+        base = self.damping.stiffness_factor(s)
+        factors = {n: self.damping.stiffness_factor(s, n) - base for n in self.parts}
+        f = np.stack([factors[n] for n in names], axis=1)[:, :, None]
+        x, y = rights / diagonal[:, :, None], U / diagonal[:, :, None]
+        small = np.eye(len(names)) + f * (U.T @ y)
+        return x - y @ np.linalg.solve(small, f * (U.T @ x))
 
     def stiffness_slope(self, s: complex) -> np.ndarray:
         """dZ/ds, complex, (m, m)."""

@@ -12,6 +12,7 @@ from fenics_joints.damping import Damping
 from fenics_joints.errors import InputError
 from fenics_joints.frf import solve_frf
 from fenics_joints.interface_files import read_array_model, write_array_model
+from fenics_joints.modal import solve_modes
 from fenics_joints.points import Sensors
 
 STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}
@@ -69,6 +70,7 @@ def test_free_beam_has_the_closed_forms_receptance():
 
 def test_joint_damping_is_that_of_the_matrix_and_has_derivatives(tmp_path):
     beams, lines = lapped(), np.linspace(30.0, 3000.0, 60)
+    lines[14] = solve_modes(beams, n_modes=6).frequencies_hz[5]  # where only the joint's damping is
     hammer = Sensors([[0.01, 0, 0.01]], UP)
     read = Sensors([[0.57, 0, 0], [0.3333, 0, 0.01], [0.1, 0, 0.0106]], [UP, UP, [1.0, 0, 0]])
     common = {"frequencies_hz": lines, "excitation": hammer, "sensors": read, "kind": "accelerance",
