@@ -18,7 +18,7 @@ from fenics_joints.modal import solve_modes
 
 BAYES = """
 [update.bayes]
-samples = 400
+samples = 2400
 [update.bayes.priors]
 "near.G" = { kind = "lognormal", median = "0.5 GPa", log_sd = 0.7 }
 "away.G" = { kind = "lognormal", median = "0.5 MPa", log_sd = 0.7 }
@@ -45,6 +45,12 @@ def a_case(write_case, folder, *edits, more=BAYES):
 @pytest.fixture
 def case(write_case, shared_tmp_path):
     return a_case(write_case, shared_tmp_path)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """Folder of the reduced model that the first test that needs one makes."""
+    return tmp_path_factory.mktemp("kept")
 
 
 @pytest.mark.parallel
@@ -131,8 +137,8 @@ def test_supports_are_held(write_case, shared_tmp_path):
         assert again.eigenvalues == pytest.approx(exact.eigenvalues, rel=1e-7)
 
 
-def test_kept_model_is_used_for_the_same_case_alone(case, write_case, tmp_path, monkeypatch):
-    file = tmp_path / "chains.model.h5"
+def test_kept_model_is_used_for_the_same_case_alone(case, write_case, kept, tmp_path, monkeypatch):
+    file = kept / "chains.model.h5"
     first = case_model(case, MPI.COMM_SELF, keep=file)
     assert first.check.n_points == 50 and first.check.error <= first.bound < 1e-4
     points = first.prior.values(first.prior.sample(40, np.random.default_rng(5)))
@@ -148,12 +154,40 @@ def test_kept_model_is_used_for_the_same_case_alone(case, write_case, tmp_path, 
     folder = tmp_path / "other"
     folder.mkdir()
     other = a_case(write_case, folder, ('rho = "2750 kg/m3"', 'rho = "2700 kg/m3"'))
-    for wanted, path in ((other, file), (case, tmp_path / "none.h5")):
+    damaged = tmp_path / "damaged.h5"
+    damaged.write_bytes(file.read_bytes()[:2000])
+    for wanted, path in ((other, file), (case, tmp_path / "none.h5"), (case, damaged)):
         with pytest.raises(RuntimeError, match="made anew"):
             case_model(wanted, MPI.COMM_SELF, keep=path)
-    file.write_bytes(file.read_bytes()[:2000])
-    with pytest.raises(RuntimeError, match="made anew"):
-        case_model(case, MPI.COMM_SELF, keep=file)
+
+
+def test_command_samples_the_full_models_posterior(case, kept):
+    """Densities of draws against the full model's frequencies and the closed form of the prior."""
+    pytest.importorskip("arviz")
+    from fenics_joints.bayes_run import run_bayes
+    from fenics_joints.progress import Progress
+
+    found = run_bayes(case, MPI.COMM_SELF, Progress(silent=True), keep=kept / "chains.nc")
+    assert (kept / "chains.nc").is_file() and (kept / "chains.model.h5").is_file()
+    chains = found.chains
+    assert chains.names == ("near.G", "away.G") and chains.converged
+    full = build_structure(case, MPI.COMM_SELF)
+    nominal = solve_modes(full, {**case.nominal(), **case.start()}, n_modes=14)
+    data = case.measurements()
+    reference = pair_modes(nominal, 4, data.sensors).shapes
+    row = data.row(20.0)
+    sd = np.hypot(data.log_sd()[row], case.diagnose.discrepancy)
+    rng, expected, got = np.random.default_rng(8), [], []
+    for c, i in zip(rng.integers(4, size=5), rng.integers(1800, size=5), strict=True):
+        values = dict(zip(chains.names, chains.values[c, i], strict=True))
+        modes = solve_modes(full, values, n_modes=14)
+        index = pair_modes(modes, 4, data.sensors, reference=reference).index
+        off = np.log(modes.frequencies_hz[index] / data.frequencies_hz[row]) / sd
+        z = (np.log(list(values.values())) - np.log([5e8, 5e5])) / 0.7
+        expected.append(-0.5 * (off @ off + z @ z))
+        got.append(chains.log_density[c, i])
+    assert np.ptp(expected) > 0.1
+    assert np.diff(got) == pytest.approx(np.diff(expected), abs=0.02)
 
 
 def test_what_to_write_is_told(write_case, tmp_path):

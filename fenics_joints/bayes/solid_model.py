@@ -16,11 +16,15 @@ from fenics_joints.structure import Structure
 
 __all__ = ["SolidModel"]
 
+#: Points that are rare in the prior are the worst, and thousands of samples will find them: the
+#: first ones are so much further out than draws.
+_WIDER = 1.5
 #: Points of the prior in the basis at first; those of each round at which the error is estimated,
 #: of the first two and of the rest; how many of them are taken at most, and rounds.
 _FIRST, _FEW, _MANY, _WORST, _ROUNDS = 8, 64, 160, 8, 8
-#: Share of the tolerance that the estimate is brought to, and that of the lean model's own error.
-_GOOD, _LEAN = 0.4, 0.25
+#: Share of the tolerance that the estimate is brought to, at which a point is worth adding, and
+#: that of the lean model's own error.
+_GOOD, _SOME, _LEAN = 0.4, 0.05, 0.25
 #: Points at which the full model is solved for the check, and rounds of them.
 _CHECKED, _CHECKS = 50, 3
 
@@ -82,17 +86,18 @@ class SolidModel:
         Returns:
             The largest estimate at the last points, of which none was added.
         """
-        picked = self._drawn(_FIRST)
+        picked = self._drawn(_FIRST, _WIDER)
         for i in range(_ROUNDS):
             self.progress.step("reduced model: sampling the prior", len(picked))
             self.model.add([self._solved(values) for values in picked])
-            points = self._drawn(_FEW if i < 2 else _MANY)
+            points = self._drawn(_FEW, _WIDER) if i < 2 else self._drawn(_MANY)
             # A point without the test's modes tells nothing of those that have them.
             errors = np.nan_to_num(self.model.errors(points))
-            worst = np.argsort(errors)[::-1][:_WORST]
-            picked = [points[k] for k in worst if errors[k] > _GOOD * self.tolerance]
-            if not picked:
+            if errors.max() <= _GOOD * self.tolerance:
                 break
+            # A round costs as much as several points: more of them than must be.
+            worst = np.argsort(errors)[::-1][:_WORST]
+            picked = [points[k] for k in worst if errors[k] > _SOME * self.tolerance]
         return float(errors.max())
 
     def _frequencies(self) -> Frequencies:
@@ -101,8 +106,13 @@ class SolidModel:
             self.model.forward, self.prior, self.model.start, tolerance=_LEAN * self.tolerance
         )
 
-    def _drawn(self, n: int) -> list[dict[str, float]]:
-        rows = self.prior.values(self.prior.sample(n, self._rng)).tolist()
+    def _drawn(self, n: int, wider: float = 1.0) -> list[dict[str, float]]:
+        """Draws of the prior, or as much further from their middle as it allows."""
+        x = self.prior.sample(n, self._rng)
+        middle = np.mean(x, axis=0)
+        far = middle + wider * (x - middle)
+        x = np.where(np.isfinite(self.prior.log_density(far))[:, None], far, x)
+        rows = self.prior.values(x).tolist()
         return [dict(zip(self.prior.names, row, strict=True)) for row in rows]
 
     def _solved(self, values: Mapping[str, float]) -> Modes:
