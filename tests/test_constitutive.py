@@ -96,12 +96,12 @@ def test_a_right_model_has_no_error():
 def test_the_functional_is_at_its_least():
     """Against a dense minimisation of the functional itself, v and w eliminated by equilibrium, on
     the matrices of the structure."""
-    from fenics_joints.diagnosis.constitutive import _System
+    from fenics_joints.diagnosis.constitutive import TwoFields
 
     model = beam(MPI.COMM_SELF, "b")
     hz, shapes = measured(beam(MPI.COMM_SELF))
     omega, gamma = 2 * np.pi * hz[0], 0.4
-    system = _System(model, None, sensors(), gamma)
+    system = TwoFields(model, None, sensors(), gamma)
     K, M, P = (A.convert("dense").getDenseArray().copy() for A in (system.K, system.M, system.P))
     s = shapes[:, 0] / np.sqrt(np.mean(shapes[:, 0] ** 2))
     rho = system._trust(np.ones(len(s), bool), omega, 0.02)

@@ -11,6 +11,7 @@ from fenics_joints.beams.laws import BEAM
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.beam_cells import beam_cells, log_slopes
+from fenics_joints.diagnosis.beam_constitutive import beam_constitutive_error
 from fenics_joints.diagnosis.laps import lap_as_one, lap_zones
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.planned import plan
@@ -18,6 +19,7 @@ from fenics_joints.diagnosis.prepared import prepare
 from fenics_joints.errors import InputError
 from fenics_joints.explanation import zone_words
 from fenics_joints.modal import solve_modes
+from fenics_joints.points import Sensors
 from fenics_joints.progress import Progress
 from fenics_joints.report import diagnosis_html
 
@@ -163,6 +165,28 @@ def test_element_by_element_sums_to_the_parameters(tmp_path):
     }.items():  # fmt: skip
         columns = sum(by_value[:, names.index(name)] * values[name] for name in parameters)
         np.testing.assert_allclose(slopes[key].sum(axis=0), columns, rtol=1e-8, atol=1e-12)
+
+
+def test_shapes_contradict_the_law_where_it_is_wrong(tmp_path):
+    """With the model's own shapes there is no error; with those of a soft stretch it is there."""
+    subject = prepare(write_case(tmp_path, measured()), MPI.COMM_SELF, QUIET).subject
+    x = subject.full.layout.x
+    points = np.column_stack([x, 0 * x, 0 * x])
+    sensors = Sensors(points, np.tile([0.0, 0.0, 1.0], (len(x), 1)))
+
+    def error(given):
+        modes = solve_modes(subject.full, subject.baseline | given, n_modes=9)
+        return beam_constitutive_error(
+            subject.full, subject.cells, subject.labels, subject.baseline,
+            modes.at(sensors)[:, 3:], modes.frequencies_hz[3:], sensors, subject.split(8),
+            noise=1e-3, draws=0,
+        )  # fmt: skip
+
+    assert np.all(error({}).total < 1e-9)
+    for name in ("lap_s2", "lap_s4"):
+        soft = error({f"{name}.k1": 0.3 * subject.baseline[f"{name}.k1"]})
+        assert soft.regions[int(np.argmax(soft.relative))] == name
+        assert np.sum(soft.strain, axis=0) == pytest.approx(1.0)
 
 
 def test_a_lap_as_one_piece_is_a_beam_of_twice_the_height(tmp_path):

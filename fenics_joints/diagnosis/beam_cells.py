@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from fenics_joints.beams.element import joint_matrices, mass_matrices, stiffness
 from fenics_joints.beams.laws import BEAM_MASSES
 from fenics_joints.modal import Modes
 
-__all__ = ["BeamCells", "beam_cells", "log_slopes"]
+__all__ = ["BeamCells", "beam_cells", "cell_energies", "log_slopes"]
 
 #: Height of the box of a joint element, over that of its beams: the interface itself has none.
 _INTERFACE = 0.05
@@ -84,21 +84,40 @@ def log_slopes(
         By E, rho, k1 and k2, (n_cells, m): nought where a cell has no such property. In a lap E is
         that of the axial stiffness alone.
     """
-    n, values = len(structure.layout.x), structure.values(modes.given)
-    whole = np.zeros((3 * n, len(index)))
-    whole[structure.layout.free] = modes.shapes[:, index]
-    ends = np.stack([whole[3 * e : 3 * e + 6] for e in range(n - 1)])
-    stiffness, inertia = _element_matrices(structure, values)
     lam = modes.eigenvalues[index]
-    found = {key: np.zeros((len(cells.beam), len(index))) for key in ("E", "rho", "k1", "k2")}
+    found = cell_energies(structure, cells, modes.shapes[:, index], modes.given)
+    return {
+        key: -values / 2 if key == "rho" else values / (2 * lam) for key, values in found.items()
+    }
+
+
+def cell_energies(
+    structure: BeamStructure,
+    cells: BeamCells,
+    vectors: np.ndarray,
+    given: Mapping[str, float] | None = None,
+) -> dict[str, np.ndarray]:
+    """x^T K x of each cell by E, k1 and k2, and x^T M x by rho, (n_cells, m).
+
+    Args:
+        structure: The beams.
+        cells: Their cells.
+        vectors: x as columns, (n_dofs, m).
+        given: Values of parameters that differ from their nominal value.
+    """
+    n, m = len(structure.layout.x), vectors.shape[1]
+    whole = np.zeros((3 * n, m))
+    whole[structure.layout.free] = vectors
+    stiffness, inertia = _element_matrices(structure, structure.values(given))
+    found = {key: np.zeros((len(cells.beam), m)) for key in ("E", "rho", "k1", "k2")}
     for c, (beam, e) in enumerate(zip(cells.beam, cells.element, strict=True)):
-        x = ends[e]
+        x = whole[3 * e : 3 * e + 6]
         if beam >= 0:
-            found["E"][c] = _squares(stiffness[beam, e], x) / (2 * lam)
-            found["rho"][c] = -_squares(inertia[beam, e], x) / 2
+            found["E"][c] = _squares(stiffness[beam, e], x)
+            found["rho"][c] = _squares(inertia[beam, e], x)
         else:
             for key in ("k1", "k2"):
-                found[key][c] = _squares(stiffness[key, e], x) / (2 * lam)
+                found[key][c] = _squares(stiffness[key, e], x)
     return found
 
 

@@ -12,6 +12,8 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.build_beams import build_beams
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.beam_cells import BeamCells, beam_cells, log_slopes
+from fenics_joints.diagnosis.beam_constitutive import beam_constitutive_error
+from fenics_joints.diagnosis.constitutive import ConstitutiveError
 from fenics_joints.diagnosis.laps import LapZones, lap_as_one, lap_zones
 from fenics_joints.diagnosis.localise import mean_residual
 from fenics_joints.diagnosis.nominal import bonded_values
@@ -59,7 +61,7 @@ class BeamSubject:
         return beam_cells(self.full)
 
     @cached_property
-    def _labels(self) -> list[str]:
+    def labels(self) -> list[str]:
         """Part, or zone of a lap, of each cell."""
         owners = {cell: name for name, part in self.case.parts.items() for cell in part.cells}
         firsts = {s.joint: s.first for s in self.full.layout.stretches if s.joint is not None}
@@ -80,7 +82,7 @@ class BeamSubject:
         total = -sum(slopes[key] @ residual for key in ("E", *_JOINT)) / self.cells.volume
         if self.comm.rank != 0:
             return None
-        shown = [self.shown.get(label, label) for label in self._labels]
+        shown = [self.shown.get(label, label) for label in self.labels]
         names = tuple(dict.fromkeys(shown))
         region = np.array([names.index(label) for label in shown])
         largest = float(np.max(np.abs(total)))
@@ -89,7 +91,7 @@ class BeamSubject:
 
     def split(self, n: int) -> Patches:
         """Stretches of elements: of each beam by itself, and zones of each lap."""
-        labels = self._labels
+        labels = self.labels
         pairs = list(zip(labels, self.cells.beam.tolist(), strict=True))
         groups = list(dict.fromkeys(pairs))
         group = np.array([groups.index(pair) for pair in pairs])
@@ -140,8 +142,13 @@ class BeamSubject:
         points[:, 0] = sorted({point[0] for point in found})
         return points
 
-    def constitutive(self, data: TestData, row: int, n: int) -> None:
-        """None: it is for solid bodies, whose cells are many."""
+    def constitutive(self, data: TestData, row: int, n: int) -> ConstitutiveError:
+        """The error by parts and zones, and by the patches that are tested."""
+        there = np.isfinite(data.frequencies_hz[row])
+        return beam_constitutive_error(
+            self.full, self.cells, self.labels, self.baseline, data.shapes[:, there],
+            data.frequencies_hz[row][there], data.sensors, self.split(n), noise=data.shape_noise,
+        )  # fmt: skip
 
 
 def beam_subject(case: Case, comm: MPI.Intracomm) -> BeamSubject:

@@ -43,7 +43,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.points import Sensors
 from fenics_joints.structure import Structure
 
-__all__ = ["ConstitutiveError", "constitutive_error"]
+__all__ = ["ConstitutiveError", "TwoFields", "check_measured", "constitutive_error"]
 
 #: Relative error in energy that is taken as lightly as a deviation at the sensors by their noise:
 #: shapes are then met to about two thirds of their noise.
@@ -180,8 +180,8 @@ def constitutive_error(
     """
     shapes = np.asarray(shapes, dtype=float)
     hz = np.asarray(frequencies_hz, dtype=float)
-    _check(shapes, hz, sensors, gamma, noise)
-    system = _System(structure, given, sensors, gamma)
+    check_measured(shapes, hz, sensors, gamma, noise)
+    system = TwoFields(structure, given, sensors, gamma)
     split = _whole(structure) if split is None else split
     try:
         pairs = zip(shapes.T, 2 * np.pi * hz, strict=True)
@@ -203,7 +203,8 @@ def _whole(structure: Structure) -> Patches:
     return Patches(np.zeros(owned, dtype=int), (), (), np.zeros((0, 3)), np.zeros(0))
 
 
-def _check(shapes, hz, sensors, gamma, noise) -> None:
+def check_measured(shapes, hz, sensors, gamma, noise) -> None:
+    """See `constitutive_error`."""
     if shapes.shape != (len(sensors), len(hz)):
         raise InputError(
             f"shapes has shape {shapes.shape}: expected {(len(sensors), len(hz))}, a row for each "
@@ -218,7 +219,7 @@ def _check(shapes, hz, sensors, gamma, noise) -> None:
             raise InputError(f"{name} = {value}: expected above 0 and below {high:g}.")
 
 
-class _System:
+class TwoFields:
     """The two-field system of one structure, for one measured mode after another."""
 
     def __init__(self, structure: Structure, given, sensors: Sensors, gamma: float):
@@ -276,8 +277,7 @@ class _System:
         drawn = [self._energies(field, omega, split) for _, field in fields[1:]]
         chance = [sum(k) / draws for k in zip(*drawn, strict=True)] or [0 * e for e in error]
         off = (self._read(u) - s)[there]
-        for vector in (v for pair in fields for v in pair):
-            vector.destroy()
+        self._release(fields)
         whole = motion[0].sum()
         stiff, heavy = 1 / (self.gamma * whole), 1 / ((1 - self.gamma) * whole)
         return {
@@ -290,6 +290,10 @@ class _System:
             "patch_strain": motion[2] / whole,
             "deviation": float(np.sqrt(np.mean(off**2))),
         }
+
+    def _release(self, fields: Sequence[tuple]) -> None:
+        for vector in (v for pair in fields for v in pair):
+            vector.destroy()
 
     def _trust(self, there, omega, noise) -> float:
         """rho: noise at all sensors weighs as a hundredth of the energy of a motion like s.
