@@ -33,16 +33,19 @@ class _Coefficients:
     by_heavy: np.ndarray
 
 
+_NONE = np.zeros(0)
+
+
 class _Changes(dict):
     """Derivatives of a law's terms by its properties, (stiffness, inertia), as they are asked for:
     of a beam's dozen properties few are parameters."""
 
-    def __init__(self, law: Law, at: Mapping[str, float]):
+    def __init__(self, law: Law, at: Mapping[str, float], stiff: bool):
         super().__init__()
-        self.law, self.at = law, at
+        self.law, self.at, self.stiff = law, at, stiff
 
     def __missing__(self, key: str) -> tuple[np.ndarray, float]:
-        stiff = slopes(self.law.stiffness_terms, self.at, key)
+        stiff = slopes(self.law.stiffness_terms, self.at, key) if self.stiff else _NONE
         self[key] = stiff, slopes(self.law.inertia_terms, self.at, key)[0]
         return self[key]
 
@@ -123,8 +126,8 @@ class _Stacks:
             if len(self._known) > _MOST:
                 self._known.clear()
             at = region.values(values)
-            changes = _Changes(region.law, at)
             terms, inertia = region.law.stiffness_terms(at), region.law.inertia_terms(at)[0]
+            changes = _Changes(region.law, at, len(terms) > 0)
             known = np.asarray(terms, dtype=float), float(inertia), changes
             self._known[region.law.name, q] = known
         return known

@@ -17,7 +17,8 @@ from fenics_joints.diagnosis.constitutive import ConstitutiveError
 from fenics_joints.diagnosis.laps import LapZones, lap_as_one, lap_zones
 from fenics_joints.diagnosis.localise import mean_residual
 from fenics_joints.diagnosis.nominal import bonded_values
-from fenics_joints.diagnosis.patches import Patches, PatchMap, partition, split_tests
+from fenics_joints.diagnosis.partition import partition
+from fenics_joints.diagnosis.patches import Patches, PatchMap, split_tests
 from fenics_joints.diagnosis.result import CellMap
 from fenics_joints.diagnosis.zone_sensitivity import EXPECTED
 from fenics_joints.gap import Pairing
