@@ -192,7 +192,7 @@ class BayesReport:
         for row in self.rows():
             table.add_row(
                 row["name"], *(in_words(row, key) for key in ("mean", "sd", "low", "high")),
-                f"{row['rhat']:.4g}", f"{min(row['ess_bulk'], row['ess_tail']):.0f}",
+                in_words(row, "rhat"), f"{min(row['ess_bulk'], row['ess_tail']):.0f}",
             )  # fmt: skip
         console.print(table)
         if self.predicted is None:
@@ -220,6 +220,8 @@ def in_words(row: dict, key: str) -> str:
     """A number of a row of quantities with its unit; ratios other than correlations in per cent."""
     from fenics_joints.formatting import number, quantity
 
+    if key == "rhat":
+        return f"{row[key]:.3f}" if row[key] < 10 else number(row[key])
     digits = 3 if key == "sd" else 4
     if row["unit"]:
         return quantity(row[key], row["unit"], digits)

@@ -21,7 +21,9 @@ __all__ = ["SAMPLERS", "Settings", "Task", "grow", "sample"]
 
 #: Largest difference of ln f of one model, reduced once more.
 _ALIKE = 1e-4
-_OTHER = {"prior": "another prior", "model": "another model", "data": "other data, noise or discrepancy"}
+_OTHER = {
+    "prior": "another prior", "model": "another model", "data": "other data, noise or discrepancy",
+}  # fmt: skip
 SAMPLERS = ("metropolis", "prior_metropolis", "emcee")
 #: Steps between two places where the file may be written, and the time, s, after which it is.
 _CHUNK, _EVERY = 250, 5.0
