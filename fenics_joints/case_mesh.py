@@ -268,7 +268,7 @@ class OffsetBeamsMesh(BuilderMesh):
         """
         raise MeshError(
             "builder = 'offset_beams' has no mesh of cells: expected another builder, or a file, "
-            "for what this command does; modes and update work on beams"
+            "for what this command does; modes, update and diagnose work on beams"
         )
 
 
