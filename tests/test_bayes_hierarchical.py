@@ -83,7 +83,7 @@ def test_new_specimens_correlate_as_the_measured_ones_do(hierarchy, specimens):
 
 def test_intervals_of_the_two_levels_hold_the_truth():
     """Simulation-based calibration: truths from the priors, all sets of data in one walk."""
-    rng, n, S = np.random.default_rng(12), 100, 6
+    rng, n, S = np.random.default_rng(12), 80, 6
     sd, scatter, noise, off = 0.2, 0.03, 2e-3, 5e-2
     slope = np.array([[0.3, 0.1], [0.1, 0.4], [0.2, 0.2]])
 
@@ -108,8 +108,8 @@ def test_intervals_of_the_two_levels_hold_the_truth():
         curvature(g, np.zeros(2)),
     )  # fmt: skip
     walk = Gibbs(level, data, [generator(1, c) for c in range(n)])
-    walk.advance(200)
-    points, _, _ = walk.advance(700)
+    walk.advance(150)
+    points, _, _ = walk.advance(500)
     truths = np.column_stack([mu, sigma[:, 0, 0], sigma[:, 0, 1], sigma[:, 1, 1], tau, b])
     p_values = []
     for i, truth in enumerate(truths.T):
