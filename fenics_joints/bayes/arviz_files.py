@@ -85,8 +85,10 @@ def draw(kind: str, draws: Mapping[str, np.ndarray], columns: int, size: tuple[f
     az, tree = arviz(), data_tree(draws)
     plot, more = getattr(az, f"plot_{kind}"), {"kind": "quantile"} if kind == "ess" else {}
     if _is_old():
-        old = {"trace": {"compact": False}, "pair": {"marginals": True}, "ess": {}}
-        plot(tree, figsize=size, **old[kind], **more)
+        if kind == "trace":  # a row for each quantity, with its density
+            plot(tree, figsize=(size[0], 1.5 * len(draws) + 0.4), compact=False)
+        else:
+            plot(tree, figsize=size, textsize=9, **more)
         return
     layout = {} if kind == "pair" else {"col_wrap": columns}
     plot(tree, backend="matplotlib", figure_kwargs={"figsize": size}, **layout, **more)

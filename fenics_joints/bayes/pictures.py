@@ -97,7 +97,7 @@ def _tidied(figure, kind: str, count: int, columns: int, every: int) -> None:
             continue
         for line in axes.lines if kind == "trace" else ():
             line.set(linewidth=0.5, alpha=0.7)
-        if kind == "trace":
+        if kind == "trace" and axes.get_xlabel():
             axes.set_xlabel("draw" if every == 1 else f"draw, one in {every}")
         if i + columns < count:
             axes.set_xlabel("")
