@@ -149,10 +149,21 @@ def test_readme_frf(run_script, tmp_path):
     assert slopes * turned == pytest.approx(difference, rel=3e-3)
 
 
+def test_readme_beams(run_script, tmp_path):
+    """Functions of the README's beams, line by line, peak where its modes are."""
+    (script,) = [b for b in blocks("python") if "BeamStructure(" in b]
+    path = tmp_path / "readme_beams.py"
+    path.write_text(script, encoding="utf-8")
+    modes, peaks = (numbers(part) for part in run_script(path).split("]", 1))
+    # Its damping is small, and its lines are 1 Hz apart.
+    assert len(modes) == 6
+    assert peaks == pytest.approx(modes, abs=1.0)
+
+
 def test_readme_commands():
     """What the README says to type first is what CI runs, and exists."""
     commands = [line for block in blocks("sh") for line in block.splitlines()]
-    first = ["./with-fenicsx fenics-joints diagnose demos/lap_plates", "./with-fenicsx pytest"]
+    first = ["./with-fenicsx fenics-joints diagnose demos/lap_plates", "./with-fenicsx pytest -n 2"]
     assert commands[:2] == first
     assert first[1] in (REPOSITORY / ".ci" / "run").read_text(encoding="utf-8")
     assert (REPOSITORY / "demos" / "lap_plates" / "case.toml").exists()
