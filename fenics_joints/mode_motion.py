@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.beams import BeamStructure
-from fenics_joints.diagnosis.beam_cells import beam_cells
+from fenics_joints.beams.cells import beam_cells
 
 if TYPE_CHECKING:
     from fenics_joints.structure import Structure

@@ -7,10 +7,10 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, LumpedMass
+from fenics_joints.beams.cells import beam_cells, log_slopes
 from fenics_joints.beams.laws import BEAM
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.beam_cells import beam_cells, log_slopes
 from fenics_joints.diagnosis.beam_constitutive import beam_constitutive_error
 from fenics_joints.diagnosis.laps import lap_as_one, lap_zones
 from fenics_joints.diagnosis.location import locate_gap

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.diagnosis.beam_cells import BeamCells, cell_energies
+from fenics_joints.beams.cells import BeamCells, cell_energies
 from fenics_joints.diagnosis.constitutive import ConstitutiveError, TwoFields, check_measured
 from fenics_joints.diagnosis.patches import Patches
 from fenics_joints.errors import ConvergenceError

@@ -9,9 +9,9 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
+from fenics_joints.beams.cells import BeamCells, beam_cells, log_slopes
 from fenics_joints.build_beams import build_beams
 from fenics_joints.case import Case
-from fenics_joints.diagnosis.beam_cells import BeamCells, beam_cells, log_slopes
 from fenics_joints.diagnosis.beam_constitutive import beam_constitutive_error
 from fenics_joints.diagnosis.constitutive import ConstitutiveError
 from fenics_joints.diagnosis.laps import LapZones, lap_as_one, lap_zones
