@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from fenics_joints.affine import slopes
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.errors import InputError
-from fenics_joints.gap import VISIBLE, mac
+from fenics_joints.gap import mac
 from fenics_joints.modal import solve_modes
 from fenics_joints.narrow import pod
 from fenics_joints.surrogate import Forward
@@ -56,7 +56,11 @@ class LeanForward(Forward):
         unit = _of_unit_mass(model)
         model = model if unit is None else unit
         self._unit = unit is not None
-        super().__init__(model, forward.sensors, forward.n_test, n_modes, forward.reference)
+        super().__init__(
+            model, forward.sensors, forward.n_test, n_modes, forward.reference, forward.threshold
+        )
+        if forward.further is not None:
+            self.further = LeanForward(forward.further, model)
         self._ready: dict[tuple, tuple] = {}
         self._terms = _Terms(model)
         names = list(model.parameters)
@@ -146,7 +150,7 @@ class LeanForward(Forward):
         if self.sensors is not None:
             shapes = self.model.sensor_rows @ vectors
             mass = self._terms.total_mass(values, b)
-            seen &= np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None]) > VISIBLE
+            seen &= np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None]) > self.threshold
         good = np.sum(seen, axis=1) >= m
         index = np.zeros((b, m), dtype=int)
         if self.sensors is None or self.reference is None:
@@ -254,6 +258,7 @@ def lean_forward(
     checks: Sequence[Mapping[str, float]],
     limit: float,
     sizes: Sequence[int] = (16, 20, 24, 28, 32, 36, 40, 50, 60),
+    beyond: bool = False,
 ) -> tuple[LeanForward, float]:
     """The leanest forward whose frequencies are good enough.
 
@@ -266,6 +271,7 @@ def lean_forward(
         checks: Parameter values at which frequencies are compared.
         limit: Error of ln f that is good enough.
         sizes: Sizes of the basis to try.
+        beyond: Whether the mode after the test's has to be good enough too (`Forward.further`).
 
     Returns:
         The forward, and its largest error of ln f at the checks: above ``limit`` if even the
@@ -273,11 +279,12 @@ def lean_forward(
     """
     vectors, energies = pod(model, snapshots, weights, given)
     most = int(np.sum(energies > 1e-7 * energies[0]))
-    exact = np.array([forward(values)[0] for values in checks])
+    watched = forward.further if beyond else forward
+    exact = np.array([watched(values)[0] for values in checks])
     tried = [s for s in sizes if max(6 + forward.n_test, forward.n_modes) <= s < most] + [most]
     for size in tried:
         lean = LeanForward(forward, model.on(vectors[:, :size]))
-        error = frequency_error(lean, checks, exact)
+        error = frequency_error(lean.further if beyond else lean, checks, exact)
         if error <= limit:
             break
     return lean, error

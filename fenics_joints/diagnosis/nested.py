@@ -141,8 +141,8 @@ def _sample_well(problem, forward, slopes, n_live, n_effective, seed, started) -
         error = 0.0
         if model is not None:
             checks = problem.spread(drawn)
-            exact = np.array([forward(values)[0] for values in checks])
-            error = frequency_error(lean, checks, exact)
+            exact = np.array([problem.watched(forward)(values)[0] for values in checks])
+            error = frequency_error(problem.watched(lean), checks, exact)
         if error <= limit or last:
             break
         wider = np.concatenate([design[0], drawn]), np.append(design[1], np.ones(len(drawn)))
@@ -249,9 +249,17 @@ class _Marginal:
         checks = self.spread(centre + 0.5 * (points[weights == 1.0][1 : _CHECKS + 1] - centre))
         lean, _ = lean_forward(
             forward, model, self._values(self.fit.z, 0, None), np.hstack(found),
-            np.concatenate(sizes), checks, limit,
+            np.concatenate(sizes), checks, limit, beyond=self.watched(forward) is not forward,
         )  # fmt: skip
         return lean
+
+    def watched(self, forward: Forward) -> Forward:
+        """The one that has all modes that count: if the test missed one, the next one too."""
+        h, n_test = self.hypothesis, forward.n_test
+        if not h.senses:
+            return forward
+        order = h.sensing(self.fit.z, n_test, len(forward.sensors or ())).order
+        return forward if np.max(order) < n_test else forward.further
 
     # -- the likelihood ------------------------------------------------------------------------
 
@@ -299,10 +307,13 @@ class _Marginal:
         modes = range(len(h.modes) if h.amplitudes else 1)
         rows = range(len(evidence.conditions))
         wanted = [self._values(each, row, i) for each in z for row in rows for i in modes]
-        found = self.forward.prepare(wanted, slopes=h.damped)
+        asked = dict.fromkeys((self.forward, self.watched(self.forward)))
+        for forward in asked:
+            found = forward.prepare(wanted, slopes=h.damped)
         if h.amplitudes or h.senses or h.damped or evidence.shapes is not None:
             found = np.array([self._predicted(each) for each in z])
-        self.forward.release()
+        for forward in asked:
+            forward.release()
         return found.reshape(len(z), -1)
 
     def _predicted(self, z: np.ndarray) -> np.ndarray:
