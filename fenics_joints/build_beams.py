@@ -13,7 +13,7 @@ from fenics_joints.case_sections import AXES, MassSection, SpringSection
 from fenics_joints.components import Parameter, Spring
 from fenics_joints.errors import InputError
 
-__all__ = ["ZonedLap", "build_beams"]
+__all__ = ["ZonedLap", "build_beams", "lap_axial", "lap_name"]
 
 #: Bounds of the actual over the nominal axial stiffness of a lap.
 _AXIAL = (1e-3, 1e3)
@@ -105,16 +105,42 @@ def _joints(case: Case) -> list[GenericJoint]:
             key: f"{joints[0]}.{key}" if alone else [f"{joint}.{key}" for joint in joints]
             for key in ("k1", "k2", "c")
         }
-        axial = [joint for joint in joints if case.joints[joint].k_axial is not None]
-        if axial and not alone:
-            raise InputError(
-                f"joints.{axial[0]}.k_axial: expected none where a lap has zones of several joints"
-            )
-        single = alone and len(set(case.joints[joints[0]].cells)) == len(set(cells))
-        name = joints[0] if single else cells[0] if len(set(cells)) == 1 else "lap"
-        k_axial = f"{joints[0]}.k_axial" if axial else None
+        axial = lap_axial(case, joints)
+        k_axial = None if axial is None else f"{joints[0]}.k_axial"
+        name = lap_name(case, cells, joints)
         found.append(GenericJoint(name, length, len(cells), **names, k_axial=k_axial))
     return found
+
+
+def lap_name(case: Case, cells: Sequence[str], joints: Sequence[str]) -> str:
+    """Name of a lap: its joint's where that has no other lap.
+
+    Args:
+        case: The case.
+        cells: Name of each of its elements.
+        joints: Joint section of each.
+    """
+    if len(set(joints)) == 1 and len(set(case.joints[joints[0]].cells)) == len(set(cells)):
+        return joints[0]
+    return cells[0] if len(set(cells)) == 1 else "lap"
+
+
+def lap_axial(case: Case, joints: Sequence[str]) -> float | None:
+    """Axial stiffness of a lap's elements, N/m; None for that of its beams.
+
+    Args:
+        case: The case.
+        joints: Joint section of each element.
+
+    Raises:
+        InputError: If a lap of several sections has one.
+    """
+    given = [joint for joint in joints if case.joints[joint].k_axial is not None]
+    if given and len(set(joints)) > 1:
+        raise InputError(
+            f"joints.{given[0]}.k_axial: expected none where a lap has zones of several joints"
+        )
+    return case.joints[given[0]].k_axial if given else None
 
 
 def _zoned(case: Case, laps: Sequence[ZonedLap]) -> list[GenericJoint]:

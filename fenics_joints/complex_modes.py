@@ -58,6 +58,8 @@ class ComplexModes:
             step would change of the shapes. In the state space SLEPc's relative residuals. Of a
             reduced model |Z(s) x| / |K x| on its modes of energy 1.
         slopes: ds/dp for every parameter, (n, n_parameters); None unless they were asked for.
+        shares: Which real modes each is made of: share of each real mode, rigid-body modes first,
+            in the shape, in the norm of mass, (n_real, n); None in the state space.
         solver: SLEPc's solver; None of a reduced model.
     """
 
@@ -68,6 +70,7 @@ class ComplexModes:
     residuals: np.ndarray
     slopes: np.ndarray | None = None
     solver: object | None = None
+    shares: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -160,7 +163,8 @@ def solve_complex_modes(
     finally:
         pencil.destroy()
     return ComplexModes(
-        structure, dict(given or {}), s, modal.basis @ y, residuals, slopes, modes.solver.solver
+        structure, dict(given or {}), s, modal.basis @ y, residuals, slopes, modes.solver.solver,
+        _shares(modal, y),
     )
 
 
@@ -181,7 +185,14 @@ def _reduced(model, given, damping: Damping, n_modes: int, gradients: bool) -> C
             f"the largest residual is {residuals.max():.1e}",
         )
     slopes = _slopes(modal, s, y) if gradients else None
-    return ComplexModes(model, dict(given or {}), s, modal.basis @ y, residuals, slopes)
+    return ComplexModes(
+        model, dict(given or {}), s, modal.basis @ y, residuals, slopes, shares=_shares(modal, y)
+    )
+
+
+def _shares(modal: ModalPencil, y: np.ndarray) -> np.ndarray:
+    size = np.abs(y[: len(modal.modes)]) ** 2
+    return size / np.sum(size, axis=0)
 
 
 def _projected(modal: ModalPencil, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -209,7 +209,7 @@ def diagnosis_html(
         ),
         far=_FAR,
         assumed=assumed,
-        facts=facts({**d.model, "frequency_error": d.model_error}),
+        facts=facts(_with_error(d)),
     )  # fmt: skip
 
 
@@ -277,11 +277,17 @@ _FACTS = {
     "basis": "vectors of the reduced model's basis",
     "samples": "parameter sets the basis was made from",
     "frequency_error": "largest frequency error of the reduced model against the full one",
+    "solutions": "eigenproblems solved",
     "seconds": "seconds that the diagnosis took",
     "reduced_solutions": "eigenproblems of the reduced model solved",
     "not_converged": "conditions at which the identification did not converge, left out",
     "crossing_modes": "modes of the test that change places in the model (followed by MAC)",
 }
+
+
+def _with_error(d: Diagnosis) -> dict[str, object]:
+    """A model that is its own reduced model has no error to speak of."""
+    return {**d.model, "frequency_error": d.model_error} if "basis" in d.model else d.model
 
 
 def facts(model: Mapping[str, object]) -> list[tuple[str, str]]:

@@ -178,6 +178,8 @@ class Surrogate:
 
     #: Motions that a test may not see.
     unseen = "torsion, in-plane motion"
+    #: What `error` does.
+    checking = "checking the reduced model against the full one"
 
     def __init__(
         self,
@@ -242,6 +244,17 @@ class Surrogate:
         self._reduced = enrich(self.full, basis, shapes, self.travel)
         self.model = self.forward.model = self._arrays(self._reduced)
         self.forward.forget()
+
+    def facts(self, n_samples: int) -> dict[str, object]:
+        """Its size and use.
+
+        Args:
+            n_samples: Number of samples that it was made from.
+        """
+        return {
+            "dofs": self.full.n_dofs, "basis": self.model.n_dofs, "samples": n_samples,
+            "reduced_solutions": self.forward.calls,
+        }  # fmt: skip
 
     def wide(self, points: Sequence[Mapping[str, float]]) -> ReducedStructure:
         """A reduced model with all modes, whether the test sees them or not. Collective.

@@ -19,17 +19,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
-from fenics_joints.complex_modes import solve_complex_modes
 from fenics_joints.damped_pencil import point_loads
 from fenics_joints.damping import Damping
 from fenics_joints.errors import InputError
 from fenics_joints.frf import solve_frf
 from fenics_joints.frf_modal import ModalPencil
 from fenics_joints.frf_units import KINDS
-from fenics_joints.gap import Pairing, mac, pair_modes
+from fenics_joints.gap import Pairing, pair_modes
 from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.mode_damping import damping_ratios
 from fenics_joints.points import Sensors
 from fenics_joints.sensitivity import frequency_sensitivity
 from fenics_joints.shape_sensitivity import shape_gradients
@@ -46,6 +45,8 @@ _REACH = 1.5
 _SEARCHED = 4
 #: Relative step of a line for the FRF's slope by frequency: small beside a resonance's width.
 _STEP = 1e-5
+#: Damping ratio that is none: nothing measures it, and its logarithm would be round-off's.
+_UNDAMPED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +94,6 @@ class Predictor:
         damping: The damping; its numbers may be parameters of the model.
         n_modes: Modes to compute, rigid-body ones included; more where they are too few.
 
-    Raises:
-        InputError: If damping ratios are data of a reduced model.
-
     Attributes:
         calls: Number of sets of values that were computed.
         moves: B, the share of each mode's slip by which each line moves, (n_f, m).
@@ -114,8 +112,6 @@ class Predictor:
         self.model, self.target, self.fixed = model, target, dict(fixed or {})
         self.damping = damping or Damping()
         self.is_full = isinstance(model, Structure)
-        if "damping" in target.kinds and not self.is_full:
-            raise InputError("damping_ratios: expected the full model for them, not a reduced one")
         self.n_modes = n_modes or 6 + len(target) + _SPARE
         self.most = max(self.n_modes, _SEARCHED * (6 + len(target) + _SPARE))
         position = list(model.parameters)
@@ -200,16 +196,16 @@ class Predictor:
         return modes.frequencies_hz[-1] >= _REACH * self.target.frfs.frequencies_hz.max()
 
     def _damping(self, modes: Modes, pairing: Pairing, given) -> dict[str, np.ndarray]:
-        found = solve_complex_modes(
-            self.model, given, damping=self.damping, n_modes=len(modes), gradients=True,
-            modes=modes,
-        )  # fmt: skip
-        index = pairing.index - modes.n_rigid
-        if pairing.shapes is not None:
-            match = mac(pairing.shapes, found.at(self.target.shape_sensors))
-            index = linear_sum_assignment(-match)[1]
-        slopes = found.gradients()[1][index][:, self.columns]
-        return {"damping_ratios": found.damping_ratios[index], "damping_slopes": slopes}
+        ratios, slopes = damping_ratios(
+            self.model, given, self.damping, modes, pairing.index, gradients=True
+        )
+        none = np.isfinite(self.target.damping_ratios) & (ratios < _UNDAMPED)
+        if none.any():
+            raise InputError(
+                f"damping_ratios: the model's mode {int(np.argmax(none)) + 1} of the test has no "
+                "damping; expected some of every mode whose ratio was measured"
+            )
+        return {"damping_ratios": ratios, "damping_slopes": slopes[:, self.columns]}
 
     # -- FRFs ----------------------------------------------------------------------------------
 

@@ -13,8 +13,10 @@ from fenics_joints.beams.laws import BEAM_MASSES
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.modal import Modes
 
-__all__ = ["BeamCells", "beam_cells", "cell_energies", "log_slopes"]
+__all__ = ["JOINT_KEYS", "BeamCells", "beam_cells", "cell_energies", "log_slopes"]
 
+#: Stiffness that joint elements have of their own.
+JOINT_KEYS = ("k1", "k2", "k_axial")
 #: Height of the box of a joint element, over that of its beams: the interface itself has none.
 _INTERFACE = 0.05
 
@@ -81,8 +83,8 @@ def log_slopes(
         index: Which of them.
 
     Returns:
-        By E, rho, k1 and k2, (n_cells, m): nought where a cell has no such property. In a lap E is
-        that of the axial stiffness alone.
+        By E, rho, k1, k2 and k_axial, (n_cells, m): nought where a cell has no such property. In a
+        lap E is that of the axial stiffness alone, unless that is given as k_axial.
     """
     lam = modes.eigenvalues[index]
     found = cell_energies(structure, cells, modes.shapes[:, index], modes.given)
@@ -97,7 +99,7 @@ def cell_energies(
     vectors: np.ndarray,
     given: Mapping[str, float] | None = None,
 ) -> dict[str, np.ndarray]:
-    """x^T K x of each cell by E, k1 and k2, and x^T M x by rho, (n_cells, m).
+    """x^T K x of each cell by E, k1, k2 and k_axial, and x^T M x by rho, (n_cells, m).
 
     Args:
         structure: The beams.
@@ -109,15 +111,15 @@ def cell_energies(
     whole = np.zeros((3 * n, m))
     whole[structure.layout.free] = vectors
     stiffness, inertia = _element_matrices(structure, structure.values(given))
-    found = {key: np.zeros((len(cells.beam), m)) for key in ("E", "rho", "k1", "k2")}
+    found = {key: np.zeros((len(cells.beam), m)) for key in ("E", "rho", *JOINT_KEYS)}
     for c, (beam, e) in enumerate(zip(cells.beam, cells.element, strict=True)):
         x = whole[3 * e : 3 * e + 6]
         if beam >= 0:
             found["E"][c] = _squares(stiffness[beam, e], x)
             found["rho"][c] = _squares(inertia[beam, e], x)
         else:
-            for key in ("k1", "k2"):
-                found[key][c] = _squares(stiffness[key, e], x)
+            for key in JOINT_KEYS:
+                found[key][c] = _squares(stiffness[key, e], x) if (key, e) in stiffness else 0.0
     return found
 
 
@@ -126,7 +128,7 @@ def _squares(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _element_matrices(structure: BeamStructure, values) -> tuple[dict, dict]:
-    """Stiffness and mass, (6, 6), of each beam in each element; stiffness of k1 and k2 there."""
+    """Stiffness and mass, (6, 6), of each beam in each element; stiffness of joint elements."""
     regions = {region.name: region for region in structure.regions}
     stiffness, inertia = {}, {}
     for stretch in structure.layout.stretches:
@@ -146,8 +148,12 @@ def _element_matrices(structure: BeamStructure, values) -> tuple[dict, dict]:
                 stiffness[i, e], inertia[i, e] = stiff, mass
         if joint is None:
             continue
-        for key, matrix in zip(("k1", "k2"), joint_matrices(stretch.length), strict=False):
+        slap, slip, axial = joint_matrices(stretch.length)
+        for key, matrix in (("k1", slap), ("k2", slip)):
             for _, value, group in joint.groups(key):
                 for e in group:
                     stiffness[key, stretch.first + e] = number(value, values) * matrix
+        if joint.k_axial is not None:
+            k = number(joint.k_axial, values) * number(joint.axial, values)
+            stiffness.update({("k_axial", e): k * axial for e in elements})
     return stiffness, inertia

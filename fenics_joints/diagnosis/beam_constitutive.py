@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.beams.cells import BeamCells, cell_energies
+from fenics_joints.beams.cells import JOINT_KEYS, BeamCells, cell_energies
 from fenics_joints.diagnosis.constitutive import ConstitutiveError, TwoFields, check_measured
 from fenics_joints.diagnosis.patches import Patches
 from fenics_joints.errors import ConvergenceError
@@ -62,7 +62,7 @@ class _DenseTwoFields(TwoFields):
 
     def _energies(self, x: np.ndarray, omega: float, split: Patches):
         found = cell_energies(self.structure, self.cells, x[:, None], self.given)
-        stiff = sum(found[key] for key in ("E", "k1", "k2"))[:, 0]
+        stiff = sum(found[key] for key in ("E", *JOINT_KEYS))[:, 0]
         heavy = omega**2 * found["rho"][:, 0]
         n = len(self.names)
         by_region = (np.bincount(self.region, values, n) for values in (stiff, heavy))

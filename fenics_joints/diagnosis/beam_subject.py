@@ -9,17 +9,19 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.beams.cells import BeamCells, beam_cells, log_slopes
+from fenics_joints.beams.cells import JOINT_KEYS, BeamCells, beam_cells, log_slopes
 from fenics_joints.build_beams import build_beams
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.beam_constitutive import beam_constitutive_error
 from fenics_joints.diagnosis.constitutive import ConstitutiveError
+from fenics_joints.diagnosis.effects import Effect
+from fenics_joints.diagnosis.lap_library import beam_effects, beam_nuisances
 from fenics_joints.diagnosis.laps import LapZones, lap_as_one, lap_zones
 from fenics_joints.diagnosis.localise import mean_residual
 from fenics_joints.diagnosis.nominal import bonded_values
 from fenics_joints.diagnosis.partition import partition
 from fenics_joints.diagnosis.patches import Patches, PatchMap, split_tests
-from fenics_joints.diagnosis.result import CellMap
+from fenics_joints.diagnosis.result import CellMap, Silent
 from fenics_joints.diagnosis.zone_sensitivity import EXPECTED
 from fenics_joints.gap import Pairing
 from fenics_joints.measurements import TestData
@@ -42,10 +44,6 @@ class BeamSubject:
     exact = True
 
     @property
-    def thickness(self) -> dict[str, float]:
-        return {}
-
-    @property
     def interfaces(self) -> dict[str, dict[str, float]]:
         """Joint elements half as stiff as nominal, all of them: the median of their prior in
         series with a lap as one piece."""
@@ -55,6 +53,12 @@ class BeamSubject:
     @property
     def shown(self) -> dict[str, str]:
         return {} if self.zones is None else self.zones.shown()
+
+    def effects(self, data: TestData) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+        return beam_effects(self.case, data, self.zones)
+
+    def nuisances(self) -> tuple[Effect, ...]:
+        return beam_nuisances(self.case, self.zones)
 
     @cached_property
     def cells(self) -> BeamCells:
@@ -80,7 +84,7 @@ class BeamSubject:
         """Where stiffness would have to change, from the sensitivities of the baseline."""
         residual = mean_residual(modes, pairing, evidence, nuisance)
         slopes = log_slopes(self.full, self.cells, modes, pairing.index)
-        total = -sum(slopes[key] @ residual for key in ("E", *_JOINT)) / self.cells.volume
+        total = -sum(slopes[key] @ residual for key in ("E", *JOINT_KEYS)) / self.cells.volume
         if self.comm.rank != 0:
             return None
         shown = [self.shown.get(label, label) for label in self.labels]
@@ -130,18 +134,9 @@ class BeamSubject:
         return found
 
     def _bolts(self) -> np.ndarray:
-        """Bolts that the case names, or in the middle of laps that it calls bolted."""
-        found = []
-        for section in self.case.joints.values():
-            found += [point[:1] for point in section.bolts or ()]
-        if not found and self.zones is not None:
-            for lap in self.zones.laps:
-                if any(self.case.joints[zone].bolted for zone in lap.zones):
-                    own = [n in lap.zones for n in self.zones.names]
-                    found.append((float(np.mean(self.zones.middle[own])),))
-        points = np.zeros((len(set(found)), 3))
-        points[:, 0] = sorted({point[0] for point in found})
-        return points
+        """Places of the bolts, m, (n_bolts, 3)."""
+        x = () if self.zones is None else self.zones.bolts
+        return np.column_stack([x, np.zeros((len(x), 2))])
 
     def constitutive(self, data: TestData, row: int, n: int) -> ConstitutiveError:
         """The error by parts and zones, and by the patches that are tested."""

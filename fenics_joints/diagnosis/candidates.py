@@ -27,7 +27,6 @@ from fenics_joints.diagnosis.added import (
 from fenics_joints.diagnosis.classes import APART
 from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.evidence import Evidence, evidence_of
-from fenics_joints.diagnosis.library import case_effects
 from fenics_joints.diagnosis.plan import Measurement, Study, own_slice
 from fenics_joints.diagnosis.prepared import Prepared
 from fenics_joints.formatting import condition_value
@@ -177,7 +176,7 @@ class Candidates:
             m.data, conditions=np.array([at / 2, at]), damping=None, shapes=None, shapes_at=None,
             frequencies_hz=np.repeat(m.data.frequencies_hz, 2, axis=0),
         )  # fmt: skip
-        effects, _ = case_effects(m.case, two, m.subject.thickness, m.zones)
+        effects, _ = m.subject.effects(two)
         return {e.key: e for e in effects}
 
     def _damping(self) -> list[Candidate]:

@@ -196,10 +196,7 @@ class _Run:
             shrinkage=shrink,
             nested=self.nested,
             model={
-                "dofs": self.model.full.n_dofs,
-                "basis": self.model.surrogate.model.n_dofs,
-                "samples": self.model.n_samples,
-                "reduced_solutions": self.forward.calls,
+                **self.model.surrogate.facts(self.model.n_samples),
                 "crossing_modes": crossing_names(self.model.surrogate, self.data.mode_names),
                 "seconds": time.perf_counter() - self.started,
             },

@@ -69,7 +69,7 @@ def lap_stiffness(
 def graded_lap(
     groups: Mapping[str, Sequence[str]],
     kinds: Sequence[str],
-    free: bool,
+    origin: str | None,
     series: bool,
     reference: float | None,
 ) -> Effect:
@@ -78,11 +78,11 @@ def graded_lap(
     Args:
         groups: Zones of each group, by its name.
         kinds: Of ``"slap"`` and ``"slip"``.
-        free: Whether each zone is a group, rather than all that are as far from a bolt.
+        origin: What zones of a group are as far from; None if each zone is a group.
         series: See `lap_stiffness`.
         reference: Likewise.
     """
-    how = "zone by zone" if free else "by the distance from the bolt"
+    how = "zone by zone" if origin is None else f"by the distance from the {origin}"
     what = " and ".join(kinds)
     name = f"joint {what} stiffness graded {how}"
     words = f"The stiffness of {what} is not the same all along the lap: it differs {how}."

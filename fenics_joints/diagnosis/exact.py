@@ -40,6 +40,8 @@ class ExactModel:
 
     #: Motions that a test may not see, of those that beams in a plane have.
     unseen = "motion along the beams"
+    #: What `error` does.
+    checking = "looking which modes change places"
 
     def __init__(
         self,
@@ -92,6 +94,10 @@ class ExactModel:
 
     def refine(self, modes: Sequence[Modes]) -> None:
         """Nothing: there is no basis."""
+
+    def facts(self, n_samples: int) -> dict[str, object]:
+        """Its size and use; it is made from no samples."""
+        return {"dofs": self.full.n_dofs, "solutions": self.forward.calls}
 
     def wide(self, points: Sequence[Mapping[str, float]]) -> ArrayModel:
         """The same that can be seen at all nodes."""

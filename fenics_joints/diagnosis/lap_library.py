@@ -1,8 +1,7 @@
-"""The effects that the laps of a case with beams give rise to."""
+"""The effects that a case with beams gives rise to."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,10 +26,17 @@ from fenics_joints.diagnosis.effects_lap import (
 )
 from fenics_joints.diagnosis.effects_rig import MISSED, missed_mode
 from fenics_joints.diagnosis.laps import LapZones, lap_as_one
+from fenics_joints.diagnosis.library import (
+    Group,
+    by_preload,
+    case_nuisances,
+    common_groups,
+    wanted_effects,
+)
 from fenics_joints.diagnosis.result import Silent
 from fenics_joints.measurements import TestData
 
-__all__ = ["following_the_parts", "lap_groups", "missed_modes"]
+__all__ = ["beam_effects", "beam_nuisances"]
 
 _SLIP = (KEYS["slip"],)
 #: What layers of solids may have, and joint elements not.
@@ -42,20 +48,37 @@ _OF_SOLIDS = {
         "joint elements have their beams' own stiffness too, which no loss of contact takes"
     ),
 }
-Group = tuple[Sequence[Effect], Sequence[Silent]]
 
 
-def lap_groups(
-    case: Case, data: TestData, laps: LapZones, reference: float | None
-) -> list[Group]:
-    """Effects in laps, and those that they or the test cannot speak of.
+def beam_effects(
+    case: Case, data: TestData, laps: LapZones | None
+) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+    """The effects that a case with beams can hold, and those its test cannot speak of.
 
     Args:
         case: The case, with a joint section for each zone.
         data: The test.
-        laps: Its zones.
-        reference: Torque at which a stiffness holds; None if the test is by no torque.
+        laps: Its zones; None without laps.
+
+    Raises:
+        InputError: If the case asks for an effect that is not there.
     """
+    (parts, silent), *others = common_groups(case, data)
+    parts = [_following_the_parts(effect, case, laps) for effect in parts]
+    joints = _joints(case, data, laps)
+    return wanted_effects(case, [*joints, (parts, silent), *others, _missed_modes(data)])
+
+
+def beam_nuisances(case: Case, laps: LapZones | None) -> tuple[Effect, ...]:
+    """See `fenics_joints.diagnosis.library.case_nuisances`."""
+    return tuple(_following_the_parts(effect, case, laps) for effect in case_nuisances(case))
+
+
+def _joints(case: Case, data: TestData, laps: LapZones | None) -> list[Group]:
+    """Effects in laps, and those that they or the test cannot speak of."""
+    if laps is None:
+        return [amplitude_effects(data, ())]
+    reference = float(data.conditions[-1]) if by_preload(data) else None
     series = case.diagnose.joints == "bonded"
     silent = tuple(Silent(name, reason) for name, reason in _OF_SOLIDS.items())
     return [
@@ -80,13 +103,13 @@ def _stiffness(laps: LapZones, series: bool, reference: float | None) -> list[Ef
         )
         for kind, words in kinds.items()
     ]  # fmt: skip
-    single = {zone.replace("_s", " stretch "): (zone,) for zone in laps.names}
-    symmetric = laps.symmetric
+    single = {laps.words[zone]: (zone,) for zone in laps.names}
+    symmetric, origin = laps.symmetric, "bolt" if len(laps.bolts) else "middle of the lap"
     for kind in kinds:
         if len(symmetric) > 1:
-            effects.append(graded_lap(symmetric, kind, False, series, reference))
+            effects.append(graded_lap(symmetric, kind, origin, series, reference))
         if len(single) > len(symmetric):
-            effects.append(graded_lap(single, kind, True, series, reference))
+            effects.append(graded_lap(single, kind, None, series, reference))
     names = tuple(lap.name for lap in laps.laps)
     effects.append(axial_error(names, ", ".join(names) if len(names) < 3 else "all laps"))
     if len(names) > 1:
@@ -113,8 +136,11 @@ def _bolts(laps: LapZones, series: bool) -> Group:
             '[diagnose] joints = "given" takes the stiffness that the case gives'
         )
         return effects, (Silent(LOW_PRELOAD, reason),)
-    keys = tuple(KEYS.values())
-    effects.append(low_preload("joint", laps.names, LOW_PRELOAD, keys=keys))
+    if not len(laps.bolts):
+        reason = "no lap has a bolt ([joints.NAME] bolted, or bolts)"
+        return effects, (Silent(LOW_PRELOAD, reason),)
+    keys, pressed = tuple(KEYS.values()), sum(laps.by_bolt.values(), ())
+    effects.append(low_preload("joint", pressed, LOW_PRELOAD, keys=keys))
     name = "preload of one bolt lower than nominal"
     return [*effects, *(low_preload(b, z, name, share, keys) for b, z in bolts.items())], ()
 
@@ -129,9 +155,15 @@ def _damping(data: TestData, laps: LapZones) -> Group:
     return slipping, ()
 
 
-def following_the_parts(effect: Effect, case: Case, laps: LapZones) -> Effect:
-    """The same effect, with the stiffness of a lap that is as one piece going with its parts'."""
-    if effect.apply is None:
+def _following_the_parts(effect: Effect, case: Case, laps: LapZones | None) -> Effect:
+    """The same effect, with the stiffness of a lap that is as one piece going with its parts'.
+
+    Args:
+        effect: An error of parts.
+        case: The case.
+        laps: Its laps; None without.
+    """
+    if effect.apply is None or laps is None or case.diagnose.joints != "bonded":
         return effect
 
     def apply(values, theta, condition):
@@ -143,7 +175,7 @@ def following_the_parts(effect: Effect, case: Case, laps: LapZones) -> Effect:
     return replace(effect, apply=apply)
 
 
-def missed_modes(data: TestData) -> Group:
+def _missed_modes(data: TestData) -> Group:
     """Modes of the beams that the test did not find, such as those along them.
 
     Of beams alone: their model has no torsion and no motion across the plane, and its modes along

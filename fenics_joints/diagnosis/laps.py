@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.build_beams import ZonedLap
+from fenics_joints.build_beams import ZonedLap, lap_axial, lap_name
 from fenics_joints.case import Case
 from fenics_joints.errors import InputError
 
@@ -30,9 +30,10 @@ class LapZones:
         joint: Name of the original joint of each zone.
         lap: Name of the lap of each zone.
         middle: Places of the middles of the zones' elements, m, on average, (n,).
-        bolt: Number of the nearest bolt of each zone, from 0; of a lap without a bolt its own
-            middle stands for one.
-        distance: Mean distance of the zone's elements from it, m, (n,).
+        bolts: Places of the bolts, m, ascending, (n_bolts,).
+        bolt: Number of the nearest bolt of the same lap of each zone, from 0; -1 without one.
+        distance: Mean distance of the zone's elements from it, m, (n,); from the middle of a lap
+            that has no bolt.
     """
 
     case: Case
@@ -41,12 +42,13 @@ class LapZones:
     joint: tuple[str, ...]
     lap: tuple[str, ...]
     middle: np.ndarray
+    bolts: np.ndarray
     bolt: tuple[int, ...]
     distance: np.ndarray
 
     @property
     def symmetric(self) -> dict[str, tuple[str, ...]]:
-        """Zones by their distance from the bolts, the nearest first, by the group's name.
+        """Zones by their `distance`, the nearest first, by the group's name.
 
         Zones that are equally far, as on either side of a bolt, are in one group.
         """
@@ -56,7 +58,7 @@ class LapZones:
             if not groups or self.distance[i] > groups[-1][0] + size:
                 groups.append((float(self.distance[i]), []))
             groups[-1][1].append(self.names[i])
-        return {f"at {1e3 * d:.3g} mm": tuple(names) for d, names in groups}
+        return {f"at {1e3 * d:.4g} mm": tuple(names) for d, names in groups}
 
     @property
     def by_lap(self) -> dict[str, tuple[str, ...]]:
@@ -66,7 +68,18 @@ class LapZones:
     @property
     def by_bolt(self) -> dict[str, tuple[str, ...]]:
         """Zones nearest to each bolt, by its name."""
-        return _by(self.names, [f"bolt {b + 1}" for b in self.bolt])
+        near = [(n, f"bolt {b + 1}") for n, b in zip(self.names, self.bolt, strict=True) if b >= 0]
+        return _by(*zip(*near, strict=True)) if near else {}
+
+    @property
+    def words(self) -> dict[str, str]:
+        """What each zone is called in the names of parameters: ``lap stretch 2``."""
+        found = {}
+        for lap in self.laps:
+            for i, zone in enumerate(dict.fromkeys(lap.zones)):
+                split = zone == _zone(lap.name, i)
+                found[zone] = f"{lap.name} stretch {i + 1}" if split else zone
+        return found
 
     def shown(self) -> dict[str, str]:
         """What each zone, and each lap as a whole, is called where zones are shown as one."""
@@ -85,58 +98,59 @@ def lap_zones(case: Case) -> LapZones | None:
 
     A lap of one joint section is split into five zones, or as many as it has elements, which are
     as good as equal and symmetric; one of several sections keeps these as its zones. Bolts are
-    those of ``[joints.NAME] bolts``, else one in the middle of each lap.
+    those of ``[joints.NAME] bolts``, else one in the middle of each lap that is ``bolted``.
 
     Raises:
-        InputError: If a bolt is beside its lap, or a zone's name is taken.
+        InputError: If a bolt is beside its lap, a zone's name is taken, or a lap of several
+            sections has an axial stiffness.
     """
-    mesh, starts = case.mesh, _starts(case)
     owners = {cell: name for name, joint in case.joints.items() for cell in joint.cells}
     laps, rows, sections = [], {}, {}
     bolts: list[float] = []
-    for number, cells in enumerate(mesh.lap_cells()):
-        length = mesh.of("laps")[number]
+    _check_bolts(case, owners)
+    for cells, (start, length) in zip(case.mesh.lap_cells(), _laps(case), strict=True):
         joints = [owners[cell] for cell in cells]
-        several = len(set(joints)) > 1
-        alone = len(mesh.lap_cells()) == 1 or several
-        label = _lap_name(cells, joints, several, len(case.joints[joints[0]].cells))
-        zones = tuple(joints) if several else tuple(_split(label, len(cells)))
-        places = starts[number] + length / len(cells) * (np.arange(len(cells)) + 0.5)
-        own = _bolts(case, joints, starts[number], length, alone)
+        label = lap_name(case, cells, joints)
+        zones = tuple(joints) if len(set(joints)) > 1 else tuple(_split(label, len(cells)))
+        places = start + length / len(cells) * (np.arange(len(cells)) + 0.5)
+        own = _bolts(case, joints, start, length)
         for zone in dict.fromkeys(zones):
             there = np.array([z == zone for z in zones])
-            x = places[there]
-            away = np.abs(x[:, None] - np.array(own))
-            nearest = int(np.argmin(away.mean(axis=0)))
             joint = joints[int(np.argmax(there))]
-            sections[zone] = case.joints[joint].model_copy(
-                update={"cells": [zone], "k_axial": None}
-            )
-            rows[zone] = (joint, label, x.mean(), len(bolts) + nearest, away[:, nearest].mean())
+            away = np.abs(places[there, None] - np.array(own or [start + length / 2]))
+            i = int(np.argmin(away.mean(axis=0)))
+            number = len(bolts) + i if own else -1
+            rows[zone] = (joint, label, places[there].mean(), number, away[:, i].mean())
+            update = {"cells": [zone], "k_axial": None}
+            sections[zone] = case.joints[joint].model_copy(update=update)
         bolts += own
-        laps.append(ZonedLap(label, zones, case.joints[joints[0]].k_axial))
+        laps.append(ZonedLap(label, zones, _axial(case, joints)))
     if not laps:
         return None
     _check_names(case, sections)
     joint, lap, middle, bolt, distance = zip(*rows.values(), strict=True)
     return LapZones(
         case.model_copy(update={"joints": sections}), tuple(laps), tuple(rows), joint, lap,
-        np.array(middle), bolt, np.array(distance),
+        np.array(middle), np.array(bolts), bolt, np.array(distance),
     )  # fmt: skip
 
 
-def _starts(case: Case) -> list[float]:
-    """Where each lap starts, m."""
-    mesh = case.mesh
-    lengths, laps = np.array(mesh.lengths), np.array(mesh.of("laps"))
-    return (np.cumsum(lengths[:-1]) - np.cumsum(laps)).tolist()
+def _laps(case: Case) -> list[tuple[float, float]]:
+    """Where each lap starts, and its length, m."""
+    lengths, laps = np.array(case.mesh.lengths), case.mesh.of("laps")
+    starts = np.cumsum(lengths[:-1]) - np.cumsum(laps)
+    return list(zip(starts.tolist(), laps, strict=True))
 
 
-def _lap_name(cells, joints, several: bool, count: int) -> str:
-    """The joint's name where it has no other lap; else the lap's."""
-    if several:
-        return "lap"
-    return joints[0] if count == len(set(cells)) else cells[0]
+def _axial(case: Case, joints) -> float | None:
+    try:
+        return lap_axial(case, joints)
+    except InputError as error:
+        raise InputError(f"{case.path}: {error}") from error
+
+
+def _zone(label: str, i: int) -> str:
+    return f"{label}_s{i + 1}"
 
 
 def _split(label: str, n: int) -> list[str]:
@@ -144,22 +158,31 @@ def _split(label: str, n: int) -> list[str]:
     count = min(n, _ZONES)
     edges = np.round(n / count * np.arange(count + 1)).astype(int)
     zone = np.repeat(np.arange(count), np.diff(edges))
-    return [f"{label}_s{i + 1}" for i in zone]
+    return [_zone(label, i) for i in zone]
 
 
-def _bolts(case: Case, joints, start: float, length: float, alone: bool) -> list[float]:
-    """Places of the bolts of a lap, m."""
-    given = []
-    for name in dict.fromkeys(joints):
-        for i, point in enumerate(case.joints[name].bolts or ()):
-            if start <= point[0] <= start + length:
-                given.append(float(point[0]))
-            elif alone:
+def _bolts(case: Case, joints, start: float, length: float) -> list[float]:
+    """Places of the bolts of a lap, m; one in its middle if it is bolted and says no more."""
+    own = [case.joints[name] for name in dict.fromkeys(joints)]
+    given = {float(point[0]) for section in own for point in section.bolts or ()}
+    found = sorted(x for x in given if start <= x <= start + length)
+    return found or ([start + length / 2] if any(section.bolted for section in own) else [])
+
+
+def _check_bolts(case: Case, owners: Mapping[str, str]) -> None:
+    """Every bolt has to be in a lap of its joint."""
+    for name, section in case.joints.items():
+        laps = [
+            lap for cells, lap in zip(case.mesh.lap_cells(), _laps(case), strict=True)
+            if name in {owners[cell] for cell in cells}
+        ]  # fmt: skip
+        for i, point in enumerate(section.bolts or ()):
+            if not any(start <= point[0] <= start + length for start, length in laps):
+                where = " or ".join(f"{start:g} to {start + length:g}" for start, length in laps)
                 raise InputError(
                     f"{case.path}: joints.{name}.bolts[{i}] = {list(point)} m is beside the lap: "
-                    f"expected x from {start:g} to {start + length:g} m"
+                    f"expected x from {where} m"
                 )
-    return given or [start + length / 2]
 
 
 def _check_names(case: Case, zones) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.case_mesh import OffsetBeamsMesh
 from fenics_joints.case_sections import AttachedMass
 from fenics_joints.diagnosis.amplitude import NAMES, amplitude_effects
 from fenics_joints.diagnosis.contact_zones import ContactZones
@@ -43,12 +42,6 @@ from fenics_joints.diagnosis.effects_rig import (
 )
 from fenics_joints.diagnosis.joint_places import JointPlaces, joint_places
 from fenics_joints.diagnosis.joint_zones import JointZones
-from fenics_joints.diagnosis.lap_library import (
-    following_the_parts,
-    lap_groups,
-    missed_modes,
-)
-from fenics_joints.diagnosis.laps import LapZones
 from fenics_joints.diagnosis.nominal import bonded_values, layer_thickness
 from fenics_joints.diagnosis.result import Silent
 from fenics_joints.diagnosis.samples import sample_ranges, sample_values
@@ -56,8 +49,8 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements import TestData
 
 __all__ = [
-    "bonded_values", "by_preload", "case_effects", "case_nuisances", "layer_thickness",
-    "sample_ranges", "sample_values",
+    "Group", "bonded_values", "by_preload", "case_effects", "case_nuisances", "common_groups",
+    "layer_thickness", "sample_ranges", "sample_values", "wanted_effects",
 ]  # fmt: skip
 
 #: Tolerances where the case gives none: handbook values, rolled plate. Of a width only what the
@@ -65,17 +58,12 @@ __all__ = [
 _TOLERANCE = {"E": 0.015, "rho": 0.01, "thickness": 0.005, "width": 0.0}
 #: Relative spread of an attached mass or spring without a tolerance.
 _ATTACHED = {"mass": 0.3, "stiffness": 1.0}
+#: Effects, and those that the test cannot speak of.
+Group = tuple[Sequence[Effect], Sequence[Silent]]
 
 
-def case_nuisances(
-    case: Case, zones: ContactZones | JointZones | LapZones | None = None
-) -> tuple[Effect, ...]:
-    """What is known within tolerance only, and free in every hypothesis.
-
-    Args:
-        case: The case, with a joint for each zone.
-        zones: How its joints were split.
-    """
+def case_nuisances(case: Case) -> tuple[Effect, ...]:
+    """What is known within tolerance only, and free in every hypothesis."""
     given = case.tolerances()
     found = []
     for name in case.parts:
@@ -96,14 +84,7 @@ def case_nuisances(
             words = f"stiffness of {name.replace('_', ' ')}, within tolerance"
             key = f"{name}.stiffness"
             found.append(relative_error(words, name, [key], section.tolerance, ""))
-    return tuple(_with_the_laps(found, case, zones))
-
-
-def _with_the_laps(effects: Sequence[Effect], case: Case, zones) -> Sequence[Effect]:
-    """Errors of parts, which change laps that are as one piece with them."""
-    if not isinstance(zones, LapZones) or case.diagnose.joints != "bonded":
-        return effects
-    return [following_the_parts(effect, case, zones) for effect in effects]
+    return tuple(found)
 
 
 # -- causes ----------------------------------------------------------------------------------------
@@ -113,43 +94,46 @@ def case_effects(
     case: Case,
     data: TestData,
     thickness: dict[str, float],
-    zones: ContactZones | JointZones | LapZones | None = None,
+    zones: ContactZones | JointZones | None = None,
 ) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
     """The effects of the library that this case can hold, and those its test cannot speak of.
+
+    Of solid bodies; for beams see `fenics_joints.diagnosis.lap_library.beam_effects`.
 
     Args:
         case: The case, with a joint for each zone.
         data: The test.
-        thickness: Layer thickness of each joint, m; none of laps of beams.
+        thickness: Layer thickness of each joint, m.
         zones: How its contact or its joints were split; None if they are the case's own layers.
 
     Raises:
         InputError: If the case asks for an effect that is not there.
     """
     reference = float(data.conditions[-1]) if by_preload(data) else None
-    if isinstance(zones, LapZones):
-        joints = lap_groups(case, data, zones, reference)
-    else:
-        joints = [
-            (_joint_effects(case, thickness, reference, zones), ()),
-            _bolt_effects(case, thickness, zones),
-            _damping_effects(case, data),
-            amplitude_effects(data, tuple(case.joints)),
-        ]
-    groups = [
-        *joints,
-        (_with_the_laps(_part_effects(case, data), case, zones), ()),
-        (_attached_effects(case), ()),
-        _test_effects(data),
-        missed_modes(data) if isinstance(case.mesh, OffsetBeamsMesh) else ((), ()),
+    joints = [
+        (_joint_effects(case, thickness, reference, zones), ()),
+        _bolt_effects(case, thickness, zones),
+        _damping_effects(case, data),
+        amplitude_effects(data, tuple(case.joints)),
     ]
+    return wanted_effects(case, [*joints, *common_groups(case, data)])
+
+
+def common_groups(case: Case, data: TestData) -> list[Group]:
+    """Effects in parts, in what is attached to them, and in the test."""
+    return [(_part_effects(case, data), ()), (_attached_effects(case), ()), _test_effects(data)]
+
+
+def wanted_effects(
+    case: Case, groups: Sequence[Group]
+) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+    """Those that the case asks for, all by default.
+
+    Raises:
+        InputError: If it asks for one that is not there.
+    """
     effects = tuple(effect for found, _ in groups for effect in found)
     silent = tuple(one for _, left_out in groups for one in left_out)
-    return _wanted(case, effects, silent)
-
-
-def _wanted(case: Case, effects, silent):
-    """Those that the case asks for, all by default."""
     wanted = case.diagnose.effects
     if wanted is None:
         return effects, silent

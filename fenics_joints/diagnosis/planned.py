@@ -82,9 +82,7 @@ def plan(
             additions = rank(study, offered, progress.advance)
     letters = {i: c.letter for c, members in classes for i in members}
     facts = {
-        "dofs": model.full.n_dofs,
-        "basis": model.surrogate.model.n_dofs,
-        "reduced_solutions": model.forward.calls,
+        **model.surrogate.facts(model.n_samples),
         "seconds": time.perf_counter() - started,
     }
     picked = np.ix_(order, [*order, len(order)])

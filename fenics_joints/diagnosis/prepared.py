@@ -18,8 +18,6 @@ from fenics_joints.diagnosis.exact import ExactModel
 from fenics_joints.diagnosis.hypothesis import Hypothesis
 from fenics_joints.diagnosis.library import (
     by_preload,
-    case_effects,
-    case_nuisances,
     sample_ranges,
     sample_values,
 )
@@ -208,10 +206,10 @@ def prepare(
     data = case.measurements() if data is None else data
     subject = subject_of(case.diagnosed(), comm, progress)
     case, zones = subject.case, subject.zones
-    effects, silent = case_effects(case, data, subject.thickness, zones)
+    effects, silent = subject.effects(data)
     extra = [for_zones(effect, zones_of_joints(zones)) for effect in extra]
     return Prepared(
-        case, comm, data, subject, (*effects, *extra), silent, case_nuisances(case, zones),
+        case, comm, data, subject, (*effects, *extra), silent, subject.nuisances(),
         case.diagnose.preload_scatter if by_preload(data) else 0.0,
         evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
     )  # fmt: skip

@@ -124,7 +124,7 @@ class Search:
         surrogate, fits = self.model.surrogate, list(fits)
         limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
         for left in reversed(range(_ROUNDS)):
-            self.progress.step("checking the reduced model against the full one")
+            self.progress.step(surrogate.checking)
             error, modes = surrogate.error(self._leading_values(fits, count))
             # Every rank has to take the same way from here.
             self.model_error = self.model.comm.bcast(error)

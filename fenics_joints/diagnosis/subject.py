@@ -14,13 +14,15 @@ from fenics_joints.case import Case
 from fenics_joints.case_mesh import OffsetBeamsMesh
 from fenics_joints.diagnosis.constitutive import ConstitutiveError, constitutive_error
 from fenics_joints.diagnosis.contact_zones import ContactZones, contact_zones
+from fenics_joints.diagnosis.effects import Effect
 from fenics_joints.diagnosis.evidence import Evidence
 from fenics_joints.diagnosis.joint_zones import JointZones, joint_zones
 from fenics_joints.diagnosis.laps import LapZones
+from fenics_joints.diagnosis.library import case_effects, case_nuisances
 from fenics_joints.diagnosis.localise import cell_map, merge_regions
 from fenics_joints.diagnosis.nominal import bonded_values, layer_thickness
 from fenics_joints.diagnosis.patches import PatchMap, patch_tests, patches
-from fenics_joints.diagnosis.result import CellMap
+from fenics_joints.diagnosis.result import CellMap, Silent
 from fenics_joints.diagnosis.zone_sensitivity import layer_interfaces
 from fenics_joints.errors import InputError
 from fenics_joints.gap import Pairing
@@ -40,7 +42,6 @@ class Subject(Protocol):
         full: The model, with all that effects need as parameters.
         zones: How its joints were split; None without joints.
         baseline: Parameter values of the nominal model.
-        thickness: Layer thickness of each joint, m; none of joints that are no layers.
         interfaces: What joints give way by: see `zone_sensitivity.zone_sensitivities`.
         shown: What each zone of a joint is called where zones are shown as one.
         exact: Whether it is its own reduced model (`ExactModel`), as beams are.
@@ -50,10 +51,19 @@ class Subject(Protocol):
     full: object
     zones: object
     baseline: dict[str, float]
-    thickness: dict[str, float]
     interfaces: Mapping[str, Mapping[str, float]]
     shown: dict[str, str]
     exact: bool
+
+    def effects(self, data: TestData) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+        """The effects that this case can hold, and those that the test cannot speak of.
+
+        Raises:
+            InputError: If the case asks for an effect that is not there.
+        """
+
+    def nuisances(self) -> tuple[Effect, ...]:
+        """What is known within tolerance only."""
 
     def cell_map(
         self, modes: Modes, pairing: Pairing, evidence: Evidence, nuisance: np.ndarray
@@ -73,7 +83,11 @@ class Subject(Protocol):
 
 @dataclass
 class SolidSubject:
-    """Solid bodies on a mesh of cells; see `Subject`."""
+    """Solid bodies on a mesh of cells; see `Subject`.
+
+    Attributes:
+        thickness: Layer thickness of each joint, m.
+    """
 
     case: Case
     full: Structure
@@ -93,6 +107,12 @@ class SolidSubject:
         if isinstance(self.zones, JointZones):
             return dict(zip(self.zones.names, self.zones.joint, strict=True))
         return {}
+
+    def effects(self, data: TestData) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+        return case_effects(self.case, data, self.thickness, self.zones)
+
+    def nuisances(self) -> tuple[Effect, ...]:
+        return case_nuisances(self.case)
 
     def cell_map(self, modes, pairing, evidence, nuisance) -> CellMap | None:
         found = cell_map(self.full, modes, pairing, evidence, nuisance)
