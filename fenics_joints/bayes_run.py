@@ -18,7 +18,13 @@ from fenics_joints.bayes.held import Held, predict_held
 from fenics_joints.bayes.hierarchical import Hierarchy, Specimens, sample_hierarchy
 from fenics_joints.bayes.likelihood import FittedLikelihood, GaussianLikelihood
 from fenics_joints.bayes.posterior import Posterior
-from fenics_joints.bayes.predictive import PredictiveCheck, check_predictive, replicate
+from fenics_joints.bayes.predictive import FEWEST as FEWEST_CHECKED
+from fenics_joints.bayes.predictive import (
+    PredictiveCheck,
+    check_predictive,
+    outside,
+    replicate,
+)
 from fenics_joints.bayes.samplers import Settings, sample
 from fenics_joints.bayes_report import BayesReport, Predicted
 from fenics_joints.case import Case
@@ -34,6 +40,8 @@ __all__ = ["run_bayes"]
 _SETS, _PREDICTED = 400, 2000
 #: Draws for held modes, by the full model; more of them below so many degrees of freedom.
 _HELD, _HELD_SMALL, _SMALL = 40, 200, 2000
+#: Offset of a mode, in standard deviations of its prior, from which it is doubted.
+_OFFSET = 3.0
 
 
 def run_bayes(
@@ -90,7 +98,7 @@ class _Run:
             last[0] = now
 
         run = {"comm": self.comm, "keep": self.keep, "told": told}
-        doubts = self._prior_doubts()
+        doubts = [*section.without_effect(), *self._prior_doubts()]
         if section.kind == "hierarchical":
             found = self._hierarchy(run)
             chains, words = found.chains, self._hierarchy_words()
@@ -122,8 +130,9 @@ class _Run:
             )
         if self.table is not None:
             return GaussianLikelihood.from_specimens(
-                names, self.table, discrepancy=self.discrepancy
-            )
+                names, self.table, discrepancy=self.discrepancy,
+                n_parameters=self.model.prior.size,
+            )  # fmt: skip
         return GaussianLikelihood.from_row(
             names, self.data.frequencies_hz[self.row], self.data.log_sd()[self.row],
             self.discrepancy,
@@ -176,33 +185,71 @@ class _Run:
 
     def _predicted(self, found: Chains | Hierarchy) -> tuple[Predicted, list[str]]:
         """Frequencies of new specimens, or of the structure where there are none; and doubts."""
-        names, frequencies, doubts = self.data.mode_names, self.model.frequencies, []
-        rng, several = np.random.default_rng(self.settings.seed), len(names) > 1
+        names, frequencies = self.data.mode_names, self.model.frequencies
+        rng, doubts = np.random.default_rng(self.settings.seed), []
+        checked = self._checked(doubts)
         check = rival = None
         if isinstance(found, Hierarchy):
             replicates = found.replicate(frequencies, _SETS)
             log_f = replicates.reshape(-1, replicates.shape[2])
             values, _, tau = found.new_specimens(self._count(), 1, seed=1)
             values, log_sd = values[:, 0], np.hypot(tau, self.discrepancy)
-            if several:
+            if checked:
                 check = check_predictive(names, self.table, replicates)
-                rival, doubts = self._rival()
+                rival = self._rival(doubts)
+            doubts += self._offset_doubts(found.chains)
         else:
             draws = found.draws()
             log_f = frequencies(draws[rng.choice(len(draws), _PREDICTED)])
             values, log_sd = draws[rng.choice(len(draws), self._count())], self.discrepancy
             if self.section.kind == "fitted":
                 log_sd = 0.0
-                if several:
+                if checked:
                     check = self._independent(found)
-        held = self._held(values, log_sd)
-        return Predicted(np.exp(log_f), held, check, rival), doubts
+        held, hz = self._held(values, log_sd), np.exp(log_f)
+        doubts += outside(names, np.exp(self._measured()[0]), hz, self._not_drawn())
+        if held is not None:
+            doubts += outside(
+                [f"{name}, held out" for name in held.mode_names], held.measured_hz,
+                held.predicted_hz, held.measured_sd,
+            )  # fmt: skip
+        return Predicted(hz, held, check, rival), doubts
+
+    def _checked(self, doubts: list[str]) -> bool:
+        """Whether scatter and correlation of the specimens can be checked; a doubt if too few."""
+        if self.table is None or self.table.shape[1] < 2 or self.section.kind == "gaussian":
+            return False
+        n = int(np.sum(np.all(np.isfinite(self.table), axis=1)))
+        if n < FEWEST_CHECKED:
+            doubts.append(
+                f"scatter and correlation are not checked: {n} specimens have all modes, expected "
+                f"at least {FEWEST_CHECKED}"
+            )
+        return n >= FEWEST_CHECKED
+
+    def _not_drawn(self) -> np.ndarray | float:
+        """What keeps a measured frequency from the draws beside their own scatter, relative."""
+        if self.section.kind != "gaussian":
+            return 0.0  # draws are of specimens, which scatter
+        sd = self._measured()[1]
+        if self.table is not None:
+            sd = sd / np.sqrt(np.sum(np.isfinite(self.table), axis=0))
+        return np.hypot(np.nan_to_num(sd), self.discrepancy)
+
+    def _offset_doubts(self, chains: Chains) -> list[str]:
+        """Modes that the model has only with more than the discrepancy that was allowed."""
+        rows = [row for row in chains.table() if row["name"].startswith("offset ")]
+        return [
+            f"{row['name']}: {100 * row['mean']:.2g} %, more than {_OFFSET:g} times the "
+            f"discrepancy of {100 * self.discrepancy:g} % that the model is allowed"
+            for row in rows if abs(row["mean"]) > _OFFSET * self.discrepancy
+        ]  # fmt: skip
 
     def _independent(self, chains: Chains) -> PredictiveCheck:
         replicates = replicate(chains, self.model.frequencies, len(self.table), _SETS)
         return check_predictive(self.data.mode_names, self.table, replicates)
 
-    def _rival(self) -> tuple[PredictiveCheck | None, list[str]]:
+    def _rival(self, doubts: list[str]) -> PredictiveCheck | None:
         """What the paper's likelihood makes of the same specimens; a doubt where it cannot."""
         self.progress.step("the paper's likelihood, for comparison")
         try:
@@ -210,9 +257,10 @@ class _Run:
                 self.model.prior, self.model.frequencies, self._likelihood("fitted")
             )
             settings = replace(self.settings, sampler="metropolis", samples=5000, burn_in=1000)
-            return self._independent(sample(posterior, settings, self.comm)), []
+            return self._independent(sample(posterior, settings, self.comm))
         except (InputError, ConvergenceError) as error:
-            return None, [f"not compared with the paper's likelihood: {error}"]
+            doubts.append(f"not compared with the paper's likelihood: {error}")
+            return None
 
     def _count(self) -> int:
         return _HELD_SMALL if self.model.n_dofs < _SMALL else _HELD

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from fenics_joints.case_messages import did_you_mean, said
 from fenics_joints.case_sections import Names, Section, Share
@@ -41,6 +41,22 @@ class PriorSection(Section):
     kind: str
 
 
+def _a_table(value):
+    """A prior that is no table, in words."""
+    if not isinstance(value, dict | PriorSection):
+        such = '{ kind = "lognormal", median = 1, log_sd = 0.5 }'
+        raise ValueError(f"expected a table such as {such}")
+    return value
+
+
+#: Keys that a likelihood makes no use of.
+_WITHOUT_EFFECT = {
+    "gaussian": ("distributions", "scatter", "noise", "noise_known"),
+    "fitted": ("scatter", "noise", "noise_known", "discrepancy"),
+    "hierarchical": ("sampler",),
+}
+
+
 class Bayes(Section):
     """``[update.bayes]``.
 
@@ -68,7 +84,7 @@ class Bayes(Section):
     noise: Share = 0.001
     noise_known: bool = False
     tolerance: Share = 1e-4
-    priors: dict[str, PriorSection] = {}
+    priors: dict[str, Annotated[PriorSection, BeforeValidator(_a_table)]] = {}
 
     @property
     def kind(self) -> str:
@@ -79,6 +95,15 @@ class Bayes(Section):
         """Samples and burn-in: the paper's 20,000 and 5,000, but fewer of the costlier Gibbs."""
         samples = self.samples or (2000 if self.kind == "hierarchical" else 20000)
         return samples, samples // 4 if self.burn_in is None else self.burn_in
+
+
+    def without_effect(self) -> list[str]:
+        """Keys that were given though the likelihood makes no use of them, in words."""
+        unused = [key for key in _WITHOUT_EFFECT[self.kind] if key in self.model_fields_set]
+        return [
+            f"update.bayes.{key} = {getattr(self, key)!r} has no effect with the {self.kind} "
+            "likelihood" for key in unused
+        ]  # fmt: skip
 
 
 class Update(PlainUpdate):
@@ -108,6 +133,9 @@ def check_bayes(case: Case) -> list[str]:
             prior_numbers(case, name)
         except InputError as error:
             errors.append(f"update.bayes.priors.{name}: {error}")
+    errors += _unknown_distributions(bayes.distributions or ())
+    if not bayes.tolerance > 0:
+        errors.append(said("update.bayes.tolerance", bayes.tolerance, "expected above 0"))
     samples, burn_in = bayes.length()
     if burn_in >= samples:
         errors.append(said("update.bayes.burn_in", burn_in, f"expected below samples = {samples}"))
@@ -116,10 +144,43 @@ def check_bayes(case: Case) -> list[str]:
         errors.append(said("update.bayes.likelihood", bayes.kind, expected))
     if bayes.specimens is not None and case.test is not None:
         try:
-            specimens(case)
+            _check_likelihood(case)
         except InputError as error:
             errors.append(f"update.bayes.specimens: {error}")
     return errors
+
+
+def _check_likelihood(case: Case) -> None:
+    """Refuse a table that the likelihood cannot use.
+
+    Raises:
+        InputError: For a bad table, or too few specimens, or scales that are not positive.
+    """
+    from fenics_joints.bayes.distributions import FEWEST
+    from fenics_joints.bayes.hierarchical import Specimens
+    from fenics_joints.bayes.likelihood import GaussianLikelihood
+
+    bayes, table, modes = case.update.bayes, specimens(case), bayes_data(case).mode_names
+    if bayes.kind == "hierarchical":
+        Specimens(modes, table, bayes.noise, bayes.noise_known, bayes.scatter)
+    elif bayes.kind == "gaussian":
+        GaussianLikelihood.from_specimens(modes, table)
+    else:
+        for mode, n in zip(modes, np.sum(np.isfinite(table), axis=0), strict=True):
+            if n < FEWEST:
+                raise InputError(
+                    f"{mode}: {n} measured frequencies: expected at least {FEWEST} for a "
+                    "distribution"
+                )
+
+
+def _unknown_distributions(names) -> list[str]:
+    from fenics_joints.bayes.distributions import FAMILIES
+
+    return [
+        said("update.bayes.distributions", name, f"unknown{did_you_mean(name, list(FAMILIES))}")
+        for name in names if name not in FAMILIES
+    ]  # fmt: skip
 
 
 def prior_numbers(case: Case, name: str) -> dict[str, float]:

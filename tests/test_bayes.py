@@ -20,6 +20,7 @@ from fenics_joints.bayes.calibration import calibrate, rank
 from fenics_joints.bayes.conflict import check_prior
 from fenics_joints.bayes.densities import log_pdf
 from fenics_joints.bayes.distributions import choose
+from fenics_joints.bayes.predictive import outside
 from fenics_joints.bayes.priors import density
 from fenics_joints.bayes.walks import RandomWalk, generator
 from fenics_joints.components import Parameter
@@ -322,3 +323,37 @@ def test_prior_beside_its_bounds_is_named():
     far = (Parameter("a", 30.0, lower=20.0),)
     with pytest.raises(InputError, match="prior of a: has .* of its probability"):
         Prior(far, prior().densities[:1], LogScale("a", NoLaws()))
+
+
+def test_mean_of_few_specimens_is_known_no_better():
+    """A covariance found of seven: 90 % intervals hold 90 % of the truths, by the exact theory."""
+    rng, slope, n = np.random.default_rng(0), np.array([0.3, 0.1, 0.2]), 7
+    spread = np.array([[5.0, 0, 0], [4, 2, 0], [3, 1, 1]]) * 1e-3
+    off, held = np.linspace(-0.1, 0.1, 401), {"t": 0, "normal": 0}
+    for _ in range(600):
+        logs = rng.standard_normal((n, 3)) @ spread.T
+        found = GaussianLikelihood.from_specimens(MODES, np.exp(logs), n_parameters=1)
+        known = GaussianLikelihood(MODES, found.log_f, found.covariance)
+        for key, likelihood in (("t", found), ("normal", known)):
+            lp = likelihood(off[:, None] * slope)
+            shares = np.cumsum(np.exp(lp - lp.max()))
+            held[key] += 0.05 < shares[200] / shares[-1] < 0.95
+    assert abs(held["t"] / 600 - 0.9) < 0.04 and held["normal"] / 600 < 0.75
+
+
+def test_what_is_measured_outside_of_the_prediction():
+    rng = np.random.default_rng(1)
+    draws = np.exp(np.log([100.0, 200.0, 300.0]) + 1e-3 * rng.standard_normal((4000, 3)))
+    measured = np.array([100.1, 205.0, np.nan])
+    (line,) = outside(MODES, measured, draws)
+    assert line.startswith("second: predicted 2.4 % below the measured 205.00 Hz, 25 standard")
+    assert outside(MODES, measured, draws, 0.01) == []
+
+
+def test_priors_in_words():
+    """Units, and the range that bounds leave."""
+    given = {"mean": 2e9, "sd": 1e8}
+    p = Parameter("lap.E", 2e9, unit="Pa", upper=2e9)
+    (words,) = Prior((p,), (density("lap.E", "normal", given),), LogScale(["lap.E"], NoLaws())
+                     ).describe()  # fmt: skip
+    assert words == "lap.E: normal, 95 % in 1.78 to 2.00 GPa"

@@ -91,6 +91,11 @@ def test_without_specimens_and_held_modes(tmp_path):
     assert np.max(np.abs(off[:5])) < 2.5e-3
     np.testing.assert_allclose(100 * off[5:], [-2.10, 5.07, -2.50], atol=0.4)
     assert [row["held"] for row in rows] == [False] * 5 + [True] * 3
+    said = [line.split(", held out: predicted ") for line in found.doubts if "held out" in line]
+    assert [(mode, words.split(" the")[0].split(" % ")[1]) for mode, words in said] == [
+        ("mode 6", "below"), ("mode 7", "above"), ("mode 8", "below")
+    ]  # fmt: skip
+    assert any("update.bayes.noise = 0.0002 has no effect" in line for line in found.doubts)
     # The held modes move with k1 and k2 as the beams themselves say.
     beams, sensors = build_structure(case, MPI.COMM_SELF), case.sensors()
     mean = {row["name"]: row["mean"] for row in found.rows()}
@@ -139,6 +144,9 @@ def test_chains_that_did_not_converge(tmp_path, capfd, monkeypatch):
         (SPECIMENS, SPECIMENS + "\nsampler = 'nuts'", "update.bayes.sampler"),
         (SPECIMENS, SPECIMENS + "\nchains = 1", "update.bayes.chains"),
         (SPECIMENS, SPECIMENS + "\nsamples = 20\nburn_in = 20", "expected below samples = 20"),
+        (SPECIMENS, SPECIMENS + "\ndistributions = ['weibul']", "did you mean 'weibull'"),
+        (SPECIMENS, SPECIMENS + "\ntolerance = 0", "update.bayes.tolerance = 0.0: expected above"),
+        ('noise = "0.02 %"', "noise = 0", "noise = 0.0: expected from above 0"),
     ],
 )
 def test_bad_cases_are_named(tmp_path, old, new, words):

@@ -179,7 +179,7 @@ def _solid(case: Case, full, start, given, prior: Prior, tolerance, progress, ke
     """A solid model's frequencies, check and estimated error, from their file if it is there."""
     comm, name = full.comm, None
     if keep is not None:
-        said = [start, prior.names, list(prior.describe()), given["n_test"], tolerance]
+        said = [start, prior.names, prior.exactly(), given["n_test"], tolerance]
         shapes = None if given["shapes"] is None else given["shapes"].tolist()
         name = fingerprint(case, full, given["sensors"], *said, shapes)
         kept = read_lean(keep, name, given["sensors"])

@@ -55,7 +55,7 @@ class Chains:
                 found.append(f"{name}: the chains do not move")
             elif c["rhat"] > MOST_RHAT:
                 found.append(
-                    f"{name}: the chains disagree, R-hat = {c['rhat']:.4g}, "
+                    f"{name}: the chains disagree, R-hat = {c['rhat']:.4f}, "
                     f"expected at most {MOST_RHAT}"
                 )
             ess = min(c["ess_bulk"], c["ess_tail"])

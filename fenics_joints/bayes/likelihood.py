@@ -92,17 +92,27 @@ class FittedLikelihood:
 class GaussianLikelihood:
     """ln f is normal about the model's, correlated over the modes.
 
+    A covariance that is itself found of n specimens makes it a t's, (1 + q / (n - 1))^(-n / 2) with
+    q the weighed square (Sellentin and Heavens, MNRAS Lett. 456, 2016). Where p parameters have to
+    explain m modes, the m - p other contrasts are covariates that cost as many specimens (Rao,
+    Biometrika 46, 1959): the power is (n - m + p) / 2, and intervals of a linear model hold what
+    they say.
+
     Attributes:
         mode_names: Names of the modes.
         log_f: Measured, (m,); nan where a mode was not.
         covariance: Of the difference to the model, (m, m).
         said: What the covariance is made of, in words.
+        n: Number of specimens that the covariance was found of; 0 for one that is known.
+        n_parameters: Number of parameters that are to be found, p; 0 for one for each mode.
     """
 
     mode_names: tuple[str, ...]
     log_f: np.ndarray
     covariance: np.ndarray
     said: str = "Gaussian"
+    n: int = 0
+    n_parameters: int = 0
 
     def __post_init__(self):
         log_f = np.asarray(self.log_f, dtype=float)
@@ -150,7 +160,7 @@ class GaussianLikelihood:
     @classmethod
     def from_specimens(
         cls, mode_names: Sequence[str], frequencies_hz: np.ndarray, *, of: str = "mean",
-        discrepancy: float = 0.0,
+        discrepancy: float = 0.0, n_parameters: int = 0,
     ) -> GaussianLikelihood:  # fmt: skip
         """Mean over specimens, and their covariance.
 
@@ -160,6 +170,7 @@ class GaussianLikelihood:
             of: What the model is of: the ``mean`` structure, known to the covariance over n; or
                 any ``specimen``, which scatters by all of it.
             discrepancy: Relative error that frequencies of the best model may have.
+            n_parameters: Number of parameters that are to be found; 0 for one for each mode.
 
         Raises:
             InputError: If there are gaps, or too few specimens for a covariance.
@@ -178,20 +189,27 @@ class GaussianLikelihood:
         if discrepancy:
             said += f", and the model's discrepancy of {100 * discrepancy:g} %"
         covariance = covariance + discrepancy**2 * np.eye(m)
-        return cls(tuple(mode_names), logs.mean(axis=0), covariance, said)
+        return cls(tuple(mode_names), logs.mean(axis=0), covariance, said, n, n_parameters)
 
     def __call__(self, log_f: np.ndarray) -> np.ndarray:
-        """ln of the likelihood at the model's ln f, (n, m): (n,)."""
+        """ln of the likelihood at the model's ln f, (n, m), up to a constant: (n,)."""
         off = (np.asarray(log_f) - self.log_f)[:, self._used]
         good = np.all(np.isfinite(off), axis=1)
         square = np.sum((np.where(good[:, None], off, 0.0) @ self._whiten.T) ** 2, axis=1)
-        return np.where(good, -0.5 * square - self._constant, -np.inf)
+        if self.n:
+            m = len(self.mode_names)
+            power = 0.5 * (self.n - m + min(self.n_parameters or m, m))
+            half = power * np.log1p(square / (self.n - 1))
+        else:
+            half = 0.5 * square
+        return np.where(good, -half - self._constant, -np.inf)
 
     def numbers(self) -> np.ndarray:
         """What the likelihood is made of, to be known again by."""
         sd = np.sqrt(np.diag(self.covariance))
         correlation = self.covariance / np.outer(sd, sd)
-        return np.concatenate([self.log_f, np.log(sd), correlation.ravel()])
+        counts = [self.n, self.n_parameters]
+        return np.concatenate([self.log_f, np.log(sd), correlation.ravel(), counts])
 
     def describe(self) -> list[str]:
         """What it is, in a sentence."""

@@ -10,9 +10,13 @@ import numpy as np
 from fenics_joints.bayes.chains import Chains
 from fenics_joints.errors import InputError
 
-__all__ = ["PredictiveCheck", "check_predictive", "replicate"]
+__all__ = ["FEWEST", "PredictiveCheck", "check_predictive", "outside", "replicate"]
 
 _DOUBT = 0.025
+#: Specimens without gaps of which scatter and correlation are checked.
+FEWEST = 5
+#: Standard deviations from the prediction beyond which a measured frequency is doubted.
+_FAR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +108,31 @@ def replicate(
     return model(draws[rows]).reshape(n_sets, n_specimens, -1)
 
 
+def outside(
+    mode_names: Sequence[str], measured_hz: np.ndarray, predicted_hz: np.ndarray,
+    log_sd: np.ndarray | float = 0.0,
+) -> list[str]:  # fmt: skip
+    """Modes whose measured frequency is not among what is predicted, a line each.
+
+    Args:
+        mode_names: Names of the modes, m of them.
+        measured_hz: Shape (m,); nan where not measured.
+        predicted_hz: Draws, (n, m).
+        log_sd: Relative standard deviation by which the two may differ and that the draws do not
+            have, (m,); nan counts as none.
+    """
+    logs = np.log(predicted_hz)
+    off = logs.mean(axis=0) - np.log(measured_hz)
+    sd = np.hypot(logs.std(axis=0), np.nan_to_num(np.broadcast_to(log_sd, off.shape)))
+    return [
+        f"{name}: predicted {100 * abs(np.expm1(o)):.2g} % {'above' if o > 0 else 'below'} the "
+        f"measured {f:.2f} Hz, {abs(o) / s:.0f} standard deviations of the prediction: the model "
+        "lacks something that this mode feels"
+        for name, f, o, s in zip(mode_names, measured_hz, off, sd, strict=True)
+        if abs(o) > _FAR * s
+    ]
+
+
 def check_predictive(
     mode_names: Sequence[str], frequencies_hz: np.ndarray, replicates: np.ndarray
 ) -> PredictiveCheck:
@@ -112,19 +141,21 @@ def check_predictive(
     Args:
         mode_names: Names of the modes, m of them.
         frequencies_hz: Measured, (S, m); specimens with gaps are left out.
-        replicates: ln f of new sets, (n_sets, S, m).
+        replicates: ln f of new sets, (n_sets, S, m); as many specimens of each as have no gaps.
 
     Raises:
-        InputError: For fewer than two modes or five specimens.
+        InputError: For fewer than two modes or `FEWEST` specimens without gaps.
     """
     logs = np.log(np.asarray(frequencies_hz, dtype=float))
     logs = logs[np.all(np.isfinite(logs), axis=1)]
     replicates = replicates[np.all(np.isfinite(replicates), axis=(1, 2))]
-    if logs.ndim != 2 or logs.shape[1] < 2 or len(logs) < 5 or not len(replicates):
+    if logs.ndim != 2 or logs.shape[1] < 2 or len(logs) < FEWEST or not len(replicates):
         raise InputError(
             f"frequencies of specimens have shape {logs.shape} without gaps: expected two modes or "
-            "more of at least five specimens."
+            f"more of at least {FEWEST} specimens."
         )
+    # Sets of the size of the measured one: larger ones would scatter less from set to set.
+    replicates = replicates[:, : len(logs)]
     sds = replicates.std(axis=1, ddof=1)
     own_sd, own = logs.std(axis=0, ddof=1), np.corrcoef(logs.T)
     every = np.array([np.corrcoef(one.T) for one in replicates])

@@ -12,6 +12,7 @@ from scipy.special import log_expit
 from fenics_joints.bayes.densities import log_pdf
 from fenics_joints.components import Parameter
 from fenics_joints.errors import InputError
+from fenics_joints.formatting import interval
 from fenics_joints.log_scale import LogScale
 
 __all__ = ["KINDS", "Prior", "density", "default_density"]
@@ -26,6 +27,11 @@ KINDS: dict[str, tuple[str, ...]] = {
     "gamma": ("mean", "sd"),
 }
 _SPREADS = ("sd", "log_sd")
+#: What people call scipy's densities.
+_CALLED = {
+    "norm": "normal", "lognorm": "lognormal", "truncnorm": "truncated normal",
+    "loguniform": "log-uniform", "reciprocal": "log-uniform",
+}  # fmt: skip
 
 
 def density(name: str, kind: str, numbers: Mapping[str, float]):
@@ -176,9 +182,15 @@ class Prior:
         return found
 
     def describe(self) -> Sequence[str]:
-        """Each density in words."""
+        """Each density in words, with the range that holds 95 % of what its bounds leave."""
         words = []
         for p, d in zip(self.parameters, self.densities, strict=True):
-            low, high = d.ppf([0.025, 0.975])
-            words.append(f"{p.name}: {d.dist.name}, 95 % in {low:.4g} to {high:.4g}")
+            first, last = d.cdf(max(p.lower, 0.0)), d.cdf(p.upper)
+            low, high = d.ppf(first + np.array([0.025, 0.975]) * (last - first))
+            kind = _CALLED.get(d.dist.name, d.dist.name)
+            words.append(f"{p.name}: {kind}, 95 % in {interval(low, high, p.unit)}")
         return words
+
+    def exactly(self) -> list[str]:
+        """Each density to the last digit, for fingerprints."""
+        return [f"{d.dist.name} {d.args} {sorted(d.kwds.items())}" for d in self.densities]
