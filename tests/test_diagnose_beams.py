@@ -7,21 +7,26 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, LumpedMass
-from fenics_joints.beams.cells import beam_cells, log_slopes
+from fenics_joints.beams.cells import beam_cells, cell_energies, log_slopes
 from fenics_joints.beams.laws import BEAM
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.beam_constitutive import beam_constitutive_error
+from fenics_joints.diagnosis.effects_bolts import LOW_PRELOAD
+from fenics_joints.diagnosis.inference import fit
 from fenics_joints.diagnosis.laps import lap_as_one, lap_zones
 from fenics_joints.diagnosis.location import locate_gap
+from fenics_joints.diagnosis.nested import nested_evidence
 from fenics_joints.diagnosis.planned import plan
 from fenics_joints.diagnosis.prepared import prepare
 from fenics_joints.errors import InputError
 from fenics_joints.explanation import zone_words
+from fenics_joints.lean import LeanForward
 from fenics_joints.modal import solve_modes
 from fenics_joints.points import Sensors
 from fenics_joints.progress import Progress
 from fenics_joints.report import diagnosis_html
+from fenics_joints.surrogate import Forward
 
 STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}
 WIDTH, HEIGHT, LAP, K1, K2 = 0.021, 0.0106, 0.05, 1763.2, 37402.0
@@ -71,7 +76,9 @@ discrepancy = "0.3 %"
 """
 
 
-def measured(slap=(1.0,) * 5, slip=(1.0,) * 5, axial=1.0, cable=0.0, seed=1) -> np.ndarray:
+def measured(
+    slap=(1.0,) * 5, slip=(1.0,) * 5, axial=1.0, cable=0.0, seed=1, missed=None
+) -> np.ndarray:
     """Frequencies, Hz, with noise, from elements half as long as the diagnosed ones."""
     # Half an element has half the slap and twice the slip (eq. 2 with phi far above 1).
     k1 = np.repeat(np.array(slap) * K1 / 2, 2).tolist()
@@ -82,9 +89,10 @@ def measured(slap=(1.0,) * 5, slip=(1.0,) * 5, axial=1.0, cable=0.0, seed=1) -> 
     ]
     masses = [LumpedMass("bolt", 0.012, (0.335, 0, 0)), LumpedMass("cable", cable, (0.5, 0, 0))]
     model = BeamStructure(beams, [GenericJoint("lap", LAP, 10, k1, k2, axial=axial)], masses=masses)
-    modes = solve_modes(model, n_modes=N_MODES + 3)
-    noise = 5e-4 * np.random.default_rng(seed).standard_normal(N_MODES)
-    return modes.frequencies_hz[modes.n_rigid :] * np.exp(noise)
+    modes = solve_modes(model, n_modes=N_MODES + 4)
+    hz = modes.frequencies_hz[modes.n_rigid :]
+    hz = hz[:-1] if missed is None else np.delete(hz, missed)
+    return hz * np.exp(5e-4 * np.random.default_rng(seed).standard_normal(N_MODES))
 
 
 def write_case(folder, hz, *more: str, text: str = CASE):
@@ -167,6 +175,38 @@ def test_element_by_element_sums_to_the_parameters(tmp_path):
         np.testing.assert_allclose(slopes[key].sum(axis=0), columns, rtol=1e-8, atol=1e-12)
 
 
+@pytest.mark.parametrize("axial", ["", "k_axial = 4.6e9"])
+def test_energies_of_elements_are_all_there_is(tmp_path, axial):
+    """By Rayleigh: of free beams all cells' energies together are the eigenvalues."""
+    text = CASE.replace("k2 = 37402.0", f"k2 = 37402.0\n{axial}")
+    model = prepare(write_case(tmp_path, measured(), text=text), MPI.COMM_SELF, QUIET)
+    modes = solve_modes(model.full, model.baseline, n_modes=12)
+    found = cell_energies(model.full, beam_cells(model.full), modes.shapes, model.baseline)
+    np.testing.assert_allclose(found.pop("rho").sum(axis=0)[3:], 1.0, atol=0.05)
+    total = sum(values.sum(axis=0) for values in found.values())
+    np.testing.assert_allclose(total[3:], modes.eigenvalues[3:], rtol=1e-8)
+    assert bool(axial) == np.any(found["k_axial"][:, 3:] > 0)
+
+
+def test_a_missed_mode_is_sampled_as_it_is_fitted(tmp_path):
+    """Nested sampling, on a lean model of its own, and Laplace's approximation agree."""
+    model = prepare(write_case(tmp_path, measured(missed=4)), MPI.COMM_SELF, QUIET)
+    model.reduce(QUIET)
+    named = {effect.key: effect for effect in model.effects}
+    keys = "mode missed by the test (mode 5)", "joint slap stiffness (joint)"
+    hypothesis = model.hypothesis([named[key] for key in keys])
+    found = fit(hypothesis, model.forward, model.evidence, model.baseline)
+    assert found.p_value > 0.05
+    sampled = nested_evidence(found, model.forward, model.evidence, model.baseline)
+    assert sampled.log_evidence == pytest.approx(found.log_evidence, abs=0.1)
+    # Which modes a test sees, the lean model takes from the one that it is of.
+    lean = LeanForward(model.forward, model.forward.model)
+    assert lean.threshold == model.forward.threshold != Forward(lean.model, None, 1, 1).threshold
+    for a, b in ((lean, model.forward), (lean.further, model.forward.further)):
+        prepared = a.prepare([model.baseline], slopes=False)[0]
+        np.testing.assert_allclose(prepared, b(model.baseline)[0], rtol=1e-9)
+
+
 def test_shapes_contradict_the_law_where_it_is_wrong(tmp_path):
     """With the model's own shapes there is no error; with those of a soft stretch it is there."""
     subject = prepare(write_case(tmp_path, measured()), MPI.COMM_SELF, QUIET).subject
@@ -245,6 +285,36 @@ def test_zones_of_laps(tmp_path):
     taken = CASE.replace("[masses.bolt]", "[masses.lap_s1]")
     with pytest.raises(InputError, match="'lap_s1' is needed for a zone"):
         lap_zones(write_case(tmp_path, measured(), text=taken))
+
+
+def test_laps_without_bolts(tmp_path):
+    """Two laps of two sections: nothing is said of bolts that are not there."""
+    text = CASE.replace("laps = 0.05", "laps = [0.05, 0.06]").replace("bolted = true", "")
+    for old, new in {
+        "[0.36, 0.26]": "[0.36, 0.26, 0.3]", "[12, 9]": "[12, 9, 9]",
+        '["beam_1", "beam_2"]': '["beam_1", "beam_2", "beam_3"]', "[joints.lap]": "[joints.a_s]",
+        'cells = "lap"': 'cells = ["lap_1", "lap_2"]',
+    }.items():  # fmt: skip
+        text = text.replace(old, new)
+    case = write_case(tmp_path, measured(), text=text)
+    model = prepare(case, MPI.COMM_SELF, QUIET)
+    assert not model.zones.by_bolt and not len(model.zones.bolts)
+    assert not any("bolt" in e.name or "preload" in e.name for e in model.effects)
+    assert "no lap has a bolt" in {s.effect: s.reason for s in model.silent}[LOW_PRELOAD]
+    free = next(e for e in model.effects if e.name == "joint slip stiffness graded zone by zone")
+    assert [p.name for p in free.priors][5] == "lap_2 stretch 1, slip"
+    text = text.replace('["lap_1", "lap_2"]', '["lap_1", "lap_2"]\nbolts = [[0.54, 0, 0]]')
+    zones = lap_zones(write_case(tmp_path, measured(), text=text))
+    assert zones.bolt == (-1,) * 5 + (0,) * 5 and list(zones.by_bolt) == ["bolt 1"]
+    text = text.replace("[[0.54, 0, 0]]", "[[0.54, 0, 0], [0.4, 0, 0]]")
+    with pytest.raises(InputError, match=r"bolts\[1\].*0.31 to 0.36 or 0.51 to 0.57 m"):
+        lap_zones(write_case(tmp_path, measured(), text=text))
+    zoned = CASE.replace("lap_elements = 5", "lap_elements = 5\nlap_zones = [2, 3]")
+    zoned = zoned.replace("[joints.lap]", '[joints.left]\ncells = "zone_1"\nlaw = "generic"\n'
+                          "k1 = 1763.2\nk2 = 37402.0\n[joints.lap]")  # fmt: skip
+    zoned = zoned.replace('cells = "lap"', 'cells = "zone_2"\nk_axial = 1e9')
+    with pytest.raises(InputError, match="joints.lap.k_axial: expected none"):
+        lap_zones(write_case(tmp_path, measured(), text=zoned))
 
 
 def test_a_plan_of_a_test_on_beams(tmp_path):
