@@ -187,26 +187,48 @@ class Case(Section):
         return dict(self._published)
 
     def combined(self) -> bool:
-        """Whether an update takes functions or shapes beside frequencies, at one condition."""
+        """Whether an update takes more than frequencies (or says what), at one condition."""
         update = self.update
         if update is None or update.cutoff is not None:
             return False
-        return bool(update.combined_keys()) or "frfs" in self.fitted_data()
+        return bool(update.combined_keys()) or bool({"damping", "frfs"} & set(self.fitted_data()))
 
     def fitted_data(self) -> tuple[str, ...]:
         """Kinds of data that a combined update fits: what there is, unless the case says it.
 
         Without ``[damping]``, or the c of a lap of beams, the model has no functions to compare
-        with those of the test.
+        with those of the test. Damping ratios are data by default where a parameter of damping is
+        to be fitted, unless they were identified from functions that are fitted themselves.
         """
         if self.update is not None and self.update.data is not None:
             return tuple(dict.fromkeys(self.update.data))
+        functions = self._frfs is not None and self.is_damped
+        wanted = self.update is not None and self.damping_names() & set(self.update.parameters)
+        derived = functions and self.test.frequencies is None
         there = {
             "frequencies": self._measured is not None,
             "shapes": self._measured is not None and self._measured.shapes is not None,
-            "frfs": self._frfs is not None and self.is_damped,
+            "damping": bool(wanted) and not derived and self.has_ratios(),
+            "frfs": functions,
         }
         return tuple(kind for kind, has in there.items() if has)
+
+    def has_ratios(self) -> bool:
+        """Whether damping ratios were measured at the condition of the update."""
+        data = self._measured
+        if data is None or data.damping is None:
+            return False
+        at = None if self.update is None else self.update.at
+        try:
+            row = len(data) - 1 if at is None else data.row(at)
+        except InputError:
+            return False  # said where the condition is checked
+        return bool(np.isfinite(data.damping[row]).any())
+
+    def damping_names(self) -> set[str]:
+        """Names of the parameters of damping: of ``[damping]``, and the c of laps of beams."""
+        own = {} if self.damping is None else self.damping.nominal()
+        return {*own, *(f"{n}.c" for n, j in self.joints.items() if "c" in j.nominal())}
 
     @property
     def is_damped(self) -> bool:
@@ -539,7 +561,7 @@ def _check_cutoff(case: Case) -> list[str]:
 def _check_update(case: Case) -> list[str]:
     update, measured = case.update, case._measured
     errors = [] if update.cutoff is None else _check_cutoff(case)
-    known = case.nominal(damping=case.combined())
+    known = case.nominal(damping=True)
     for i, name in enumerate(update.parameters):
         if name not in known:
             key = f"update.parameters[{i}]"

@@ -1,4 +1,4 @@
-"""Checks of what a case says of an update to frequencies, shapes and functions together."""
+"""Checks of what a case says of an update to frequencies, shapes, damping and functions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def check_combined(case: Case) -> list[str]:
     if update.cutoff is not None:
         return errors + [f"update.{key}: expected it only with update.parameters" for key in keys]
     if not case.combined():
-        return errors
+        return errors + _without_effect(case)
     if case.test is None:
         errors.append("update: expected a section [test]")
         return errors
@@ -41,6 +41,42 @@ def check_combined(case: Case) -> list[str]:
     errors += _check_data(case)
     errors += _check_conditions(case)
     errors += _check_held(case)
+    return errors
+
+
+def _without_effect(case: Case) -> list[str]:
+    """Parameters of damping that no data of the update depend on."""
+    if {"damping", "frfs"} & set(case.fitted_data()):
+        return []
+    expected = (
+        "undamped frequencies and shapes do not depend on damping; expected 'damping' or 'frfs' in "
+        "update.data: measured damping ratios (test.damping) or functions (test.frfs)"
+    )
+    own = case.damping_names()
+    return [
+        said(f"update.parameters[{i}]", name, expected)
+        for i, name in enumerate(case.update.parameters) if name in own
+    ]  # fmt: skip
+
+
+def _check_ratios(case: Case) -> list[str]:
+    """Measured damping ratios as data."""
+    update, data, errors = case.update, case._measured, []
+    if update.method == "weighted":
+        expected = "expected no damping in update.data: the seed's equations have none"
+        errors.append(said("update.method", update.method, expected))
+    if not case.is_damped:
+        errors.append(
+            "damping is missing: expected a section [damping], or the c of a lap of beams, without "
+            "which the model's damping ratios are 0"
+        )
+    at = _row(update, data) if case.has_ratios() else None
+    if at is not None:
+        errors += [
+            f"test.damping: {name} = 0 at {data.condition_name} = {data.conditions[at]:g}: "
+            "expected a ratio above 0, or an empty cell where none was measured"
+            for name, ratio in zip(data.mode_names, data.damping[at], strict=True) if ratio == 0
+        ]  # fmt: skip
     return errors
 
 
@@ -79,6 +115,9 @@ def _check_data(case: Case) -> list[str]:
     lacking = {
         "frequencies": (measured is None, "test.frequencies, or [test.frfs.identify]"),
         "shapes": (measured is None or measured.shapes is None, "test.shapes and [test.sees]"),
+        "damping": (
+            not case.has_ratios(), "test.damping, with ratios at the condition of the update"
+        ),
         "frfs": (case._frfs is None, "a section [test.frfs]"),
     }
     wanted = case.fitted_data()
@@ -97,20 +136,16 @@ def _check_data(case: Case) -> list[str]:
     if "shapes" in wanted and update.method == "weighted":
         expected = "expected no shapes in update.data: the seed's equations have none"
         errors.append(said("update.method", update.method, expected))
+    if "damping" in wanted:
+        errors += _check_ratios(case)
     if "frfs" in wanted:
-        if not case.is_damped:
+        if not case.is_damped and "damping" not in wanted:
             errors.append(
                 "damping is missing: expected a section [damping], without which the model's "
                 "functions are infinite at its resonances"
             )
     else:
-        own = {} if case.damping is None else case.damping.nominal()
-        own |= {f"{name}.c": joint.c for name, joint in case.joints.items()}
-        errors += [
-            said(f"update.parameters[{i}]", name, "undamped frequencies and shapes do not depend "
-                 "on damping; expected 'frfs' in update.data")
-            for i, name in enumerate(update.parameters) if name in own
-        ]  # fmt: skip
+        errors += _without_effect(case)
         errors += [
             f"update.{key}: expected it only with 'frfs' in update.data"
             for key, given in _of_functions(update) if given is not None
@@ -206,8 +241,14 @@ def _check_held(case: Case) -> list[str]:
 
 def _check_held_modes(case: Case, modes, data) -> list[str]:
     key = "update.held.modes"
-    if "frequencies" not in case.fitted_data() or data is None:
-        return [f"{key}: expected it only with 'frequencies' in update.data"]
+    wanted = case.fitted_data()
+    alone = "damping" in wanted and "frfs" not in wanted
+    if data is None or not ("frequencies" in wanted or alone):
+        # The band that a mode's lines are in lies between the frequencies of its neighbours.
+        return [
+            f"{key}: expected it only with 'frequencies' in update.data, or 'damping' without "
+            "'frfs'"
+        ]
     row = _row(case.update, data)
     if row is None:
         return []  # said already
@@ -224,7 +265,9 @@ def _check_held_modes(case: Case, modes, data) -> list[str]:
         said(f"{key}[{i}]", name, "its frequency was not measured: expected one to compare with")
         for i, name in enumerate(modes) if name in data.mode_names and name not in measured
     ]  # fmt: skip
-    if measured <= set(modes):
+    left = np.array([name not in modes for name in data.mode_names])
+    fitted = there if "frequencies" in wanted else np.isfinite(data.damping[row])
+    if not np.any(fitted & left):
         errors.append(said(key, modes, "expected some modes left to fit"))
     return errors
 

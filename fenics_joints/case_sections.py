@@ -577,7 +577,8 @@ class PlannedTest(Section):
 class Test(Section):
     """``[test]``: the measured data and how good it is.
 
-    ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping,
+    ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping
+    ratios (10 % unless given),
     ``shape_noise`` that of a component of a shape, relative to the shape's root mean square, and
     ``shapes_at`` the condition at which shapes were measured, the last one by default. A test that
     has not been made yet has a section ``planned`` in place of ``frequencies``.
@@ -679,8 +680,10 @@ class Update(Section):
     ``regularisation`` is the standard deviation of the logarithm of every parameter about its
     starting value: it holds what the data leave open, and is 2.3 (a factor of 10) by default.
 
-    ``data`` says what is fitted: any of ``"frequencies"``, ``"shapes"`` and ``"frfs"``; by default
-    what there is, functions only with a section ``[damping]``. ``method`` is ``"log"`` (logarithms
+    ``data`` says what is fitted: any of ``"frequencies"``, ``"shapes"``, ``"damping"`` (ratios) and
+    ``"frfs"``; by default what there is, functions only with a section ``[damping]``, and ratios
+    only where a number of ``[damping]`` or the c of a lap is among ``parameters``, but none that
+    were identified from functions which are fitted themselves. ``method`` is ``"log"`` (logarithms
     of functions at frequencies relative to the resonances) or ``"weighted"`` (seed 000, eqs. 15 to
     20), whose steps ``step_limit`` limits, relative to each value; the seed does not. ``lines`` are
     the lines of the functions that are fitted: how many, spread over flanks and antiresonances, or
@@ -695,7 +698,8 @@ class Update(Section):
     published: Published | None = None
     cutoff: CutoffUpdate | None = None
     data: Annotated[
-        list[Literal["frequencies", "shapes", "frfs"]], BeforeValidator(listed), Field(min_length=1)
+        list[Literal["frequencies", "shapes", "damping", "frfs"]], BeforeValidator(listed),
+        Field(min_length=1),
     ] | None = None
     method: Literal["log", "weighted"] | None = None
     step_limit: Positive | None = None

@@ -139,14 +139,16 @@ def update(
 ) -> None:
     """Fit the parameters, or the cut-off pressure, that the case names to what was measured.
 
-    To frequencies; with test.frfs and [damping], or update.data, to any mix of frequencies, shapes
-    and frequency response functions at one condition.
+    To frequencies; with test.frfs and [damping], a parameter of damping and test.damping, or
+    update.data, to any mix of frequencies, shapes, damping ratios and frequency response functions
+    at one condition.
 
     JSON: parameters (name, value, unit, standard deviation), frequencies_hz before and after,
     errors_percent. For a mix: method, data, parameters, modes (test, before and after, Hz, errors,
-    MAC), functions_db (RMS of |H| in dB, all, fitted and held out), held_modes (predicted_hz,
-    error_percent), condition_numbers (before and after weighting), identifiability (in_words,
-    undetermined, weakest_direction), fit (chi2, evaluations), history.
+    MAC, damping_test, damping_before, damping_after), functions_db (RMS of |H| in dB, all, fitted
+    and held out), held_modes (predicted_hz, error_percent, damping_predicted), condition_numbers
+    (before and after weighting), identifiability (in_words, undetermined, weakest_direction), fit
+    (chi2, evaluations), history.
 
     For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz, crossings_pa,
     stuck_area_m2, minimum, sweep), test and stuck frequencies.

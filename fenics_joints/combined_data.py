@@ -112,7 +112,7 @@ def _condition(case: Case) -> tuple[str, float, str] | None:
 def _modes(case: Case, kinds) -> dict:
     """Fields of a `Target` on modes. Measured shapes pair them even where they are no data."""
     data = case._measured
-    if data is None or not {"frequencies", "shapes"} & set(kinds):
+    if data is None or not {"frequencies", "shapes", "damping"} & set(kinds):
         # Functions alone; but where resonances are is known, and pairs them with the model's.
         return {"names": ()}
     row = _row(case, data)
@@ -120,11 +120,18 @@ def _modes(case: Case, kinds) -> dict:
     frequencies = data.frequencies_hz[row]
     if "frequencies" not in kinds:
         frequencies = np.full(len(frequencies), np.nan)
-    fields |= {"frequencies_hz": frequencies, "log_sd": np.nan_to_num(data.log_sd()[row], nan=1.0)}
+    fields |= {"frequencies_hz": frequencies, "log_sd": _positive(data.log_sd()[row])}
+    if "damping" in kinds:
+        fields |= {"damping_ratios": data.damping[row], "damping_log_sd": data.damping_sd}
     if data.shapes is not None and data.sensors is not None:
         fields["shapes"] = data.shapes
         fields["shape_sd"] = data.shape_noise if "shapes" in kinds else None
     return fields
+
+
+def _positive(log_sd: np.ndarray) -> np.ndarray:
+    """Standard deviations, 1 where there is no datum that they are of."""
+    return np.where(log_sd > 0, log_sd, 1.0)
 
 
 def _functions(case: Case, bands: list[tuple[float, float]]) -> dict:

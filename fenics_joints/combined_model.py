@@ -15,14 +15,15 @@ from fenics_joints.damping import Damping
 from fenics_joints.errors import InputError
 from fenics_joints.frf_basis import frf_error
 from fenics_joints.frf_modal import modal_pencil
-from fenics_joints.gap import pair_modes
+from fenics_joints.gap import Pairing, pair_modes
 from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.mode_damping import damping_ratios
 from fenics_joints.reduction import ReducedStructure
 from fenics_joints.snapshots import SNAPSHOT, Snapshots
 from fenics_joints.structure import Structure
 from fenics_joints.updating_data import Target
 
-__all__ = ["CombinedModel", "ModelError", "sample_values"]
+__all__ = ["CombinedModel", "ModelError", "paired", "sample_values"]
 
 #: Samples for each parameter, beside the start, and their range about it, a factor either way.
 _SAMPLES, _RANGE = 2, 30.0
@@ -44,17 +45,20 @@ class ModelError:
     Attributes:
         frequencies: Largest relative error of the paired frequencies; 0 without any.
         frfs: Largest |H - H_full| / |H_full| over the lines that were checked; None without.
+        damping: Largest relative error of the damping ratios that are data; None without.
     """
 
     frequencies: float
     frfs: float | None
+    damping: float | None = None
 
 
 class CombinedModel:
-    """A reduced model for the frequencies, shapes and functions of a target. Collective.
+    """A reduced model for the frequencies, shapes, ratios and functions of a target. Collective.
 
-    Its basis holds modes and, for functions, residual vectors of their forces, sensors and damped
-    layers, at samples of the parameters; more samples can be added.
+    Its basis holds modes and, for functions, residual vectors of their forces and sensors, and for
+    them and for damping ratios those of damped layers, at samples of the parameters; more samples
+    can be added.
 
     Args:
         full: The full model.
@@ -73,6 +77,7 @@ class CombinedModel:
         self.arrays: ArrayModel | None = None
         self._snapshots = Snapshots(full)
         self._solver = self._exact = None
+        self._ratios: dict[tuple, np.ndarray] = {}
         frfs = target.frfs
         self._loads = None
         if frfs is not None:
@@ -90,16 +95,25 @@ class CombinedModel:
                     solver.destroy()
             self._solver = self._exact = None
             modes = self._modes(values, SNAPSHOT)
-        if self._loads is not None:
-            pencil = DampedPencil(self.full, values, self.damping)
-            try:
-                lines = self.target.frfs.frequencies_hz
-                modal = modal_pencil(pencil, self._loads, lines, modes=modes)
-            finally:
-                pencil.destroy()
-            more = modal.basis[:, len(modes) :]
+        ratios = "damping" in self.target.kinds and self.damping.layers
+        if self._loads is not None or ratios:
+            more = self._residual_vectors(values, modes)
         self._snapshots.add(modes, more=more)
         self.samples += 1
+
+    def _residual_vectors(self, values: Mapping[str, float], modes: Modes) -> np.ndarray:
+        """What forces and damped layers add to the modes, this rank's rows, (n_local, k)."""
+        if self._loads is None:
+            loads = np.zeros((len(modes.shapes[0].array_r), 0))
+            lines = modes.frequencies_hz[modes.n_rigid :]
+        else:
+            loads, lines = self._loads, self.target.frfs.frequencies_hz
+        pencil = DampedPencil(self.full, values, self.damping)
+        try:
+            modal = modal_pencil(pencil, loads, lines, modes=modes)
+        finally:
+            pencil.destroy()
+        return modal.basis[:, len(modes) :]
 
     def _wants_more(self, modes: Modes) -> bool:
         """Whether the modes end below the lines."""
@@ -137,6 +151,21 @@ class CombinedModel:
         self._exact = modes.solver
         return modes
 
+    def ratios(self, values: Mapping[str, float], modes: Modes) -> np.ndarray | None:
+        """Damping ratios of the full model's modes that are the test's, (m,); None if no data.
+
+        Args:
+            values: Values of the parameters.
+            modes: Modes of the full model there, the last that were found; remembered.
+        """
+        if "damping" not in self.target.kinds:
+            return None
+        key = tuple(values.items())
+        if key not in self._ratios:
+            index = paired(modes, self.target).index
+            self._ratios[key] = damping_ratios(self.full, values, self.damping, modes, index)[0]
+        return self._ratios[key]
+
     def error(self, values: Mapping[str, float], modes: Modes) -> ModelError:
         """Error of the reduced model.
 
@@ -144,24 +173,30 @@ class CombinedModel:
             values: Values of the parameters.
             modes: Modes of the full model there.
         """
-        frequencies, target = 0.0, self.target
+        frequencies, target, off = 0.0, self.target, None
         if len(target):
             own = solve_modes(self.arrays, values, n_modes=min(self.n_modes, self.arrays.n_dofs))
-            ours, theirs = (
-                m.frequencies_hz[pair_modes(
-                    m, len(target), target.shape_sensors, reference=target.shapes
-                ).index]
-                for m in (own, modes)
-            )  # fmt: skip
-            frequencies = float(np.max(np.abs(ours / theirs - 1)))
+            index = paired(own, target).index
+            ours, theirs = own.frequencies_hz[index], modes.frequencies_hz
+            frequencies = float(np.max(np.abs(ours / theirs[paired(modes, target).index] - 1)))
+            exact = self.ratios(values, modes)
+            if exact is not None:
+                ours, _ = damping_ratios(self.arrays, values, self.damping, own, index)
+                used = np.isfinite(target.damping_ratios)
+                off = float(np.max(np.abs(ours / exact - 1)[used]))
         if target.frfs is None:
-            return ModelError(frequencies, None)
+            return ModelError(frequencies, None, off)
         found = frf_error(
             self.arrays, self.full, [values], frequencies_hz=target.frfs.frequencies_hz,
             excitation=target.frfs.excitation, sensors=target.frfs.sensors, damping=self.damping,
             lines=_CHECKED,
         )  # fmt: skip
-        return ModelError(frequencies, found.worst)
+        return ModelError(frequencies, found.worst, off)
+
+
+def paired(modes: Modes, target: Target) -> Pairing:
+    """A model's modes that are the test's."""
+    return pair_modes(modes, len(target), target.shape_sensors, reference=target.shapes)
 
 
 def sample_values(

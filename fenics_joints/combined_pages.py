@@ -1,17 +1,20 @@
-"""Page and summary of an update to frequencies, shapes and functions."""
+"""Page and summary of an update to frequencies, shapes, damping ratios and functions."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from fenics_joints.combined_damping import DampingTable, ratio_words
 from fenics_joints.combined_pictures import convergence_chart, function_charts, shown_functions
 from fenics_joints.combined_report import (
     CombinedReport,
     Functions,
+    HeldMode,
     ModeTable,
     accuracy,
     decibel,
@@ -34,10 +37,13 @@ __all__ = ["CombinedOutcome", "combined_html", "show_combined"]
 
 #: The method in words.
 METHODS = {
-    "log": "Maximum likelihood; frequencies and functions count by their logarithms",
+    "log": "Maximum likelihood; frequencies, ratios and functions count by their logarithms",
     "weighted": "By the weighted equations of seed 000 (eqs. 15 to 20)",
 }
-_KINDS = {"frequencies": "frequencies", "shapes": "mode shapes", "frfs": "functions"}
+_KINDS = {
+    "frequencies": "frequencies", "shapes": "mode shapes", "damping": "damping ratios",
+    "frfs": "functions",
+}  # fmt: skip
 #: Rows of each table on the terminal.
 _PARAMETERS, _MODES = 8, 10
 
@@ -79,7 +85,8 @@ def combined_html(r: CombinedReport) -> str:
         chart=None if functions is None else svg(function_charts(functions)),
         shown=0 if functions is None else len(shown_functions(functions)),
         rows=[] if functions is None else _function_rows(functions),
-        modes=modes, rms=_mode_rms(modes), macs=macs, held=r.held,
+        modes=modes, rms=_mode_rms(modes), macs=macs, held=r.held, ratio=ratio_words,
+        damping=None if modes is None else modes.damping,
         held_rms=rms(np.array([h.error for h in r.held])) if r.held else None,
         theirs=_theirs(r), published=r.published,
         convergence=svg(convergence_chart(r)), conditions=r.conditions,
@@ -165,6 +172,7 @@ _OWN = {
     "functions": "measured functions",
     "function_error": "largest error of the reduced model's functions against the full one's",
     "function_noise": "relative standard deviation of the functions, median",
+    "damping_error": "largest error of the reduced model's damping ratios against the full one's",
     "solution_error": "largest error of the drawn functions against a direct solution, two lines",
 }  # fmt: skip
 
@@ -210,6 +218,11 @@ def show_combined(console: Console, r: CombinedReport) -> None:
         _rest(console, len(r.modes.names) - _MODES)
         if not r.modes.fitted.all():
             say(console, "* no fit saw its frequency", "dim")
+        if r.modes.damping is not None:
+            console.print()
+            console.print(_ratio_rows(r.modes.names, r.modes.damping))
+            if not r.modes.damping.fitted[r.modes.damping.measured].all():
+                say(console, "* no fit saw its damping ratio", "dim")
     if r.functions is not None:
         console.print()
         console.print(_level_rows(r.functions))
@@ -217,6 +230,9 @@ def show_combined(console: Console, r: CombinedReport) -> None:
         console.print()
         console.print(_held_rows(r))
         _rest(console, len(r.held) - _MODES)
+        if any(h.damping is not None for h in r.held):
+            console.print()
+            console.print(_held_ratio_rows(r.held))
 
 
 def _rest(console: Console, more: int) -> None:
@@ -236,6 +252,30 @@ def _mode_rows(modes: ModeTable):
         if shapes:
             row.append(f"{modes.mac_after[j, j]:.2f}")
         table.add_row(Text(name if modes.fitted[j] else f"{name} *", no_wrap=True), *row)
+    return table
+
+
+def _ratio_rows(names: Sequence[str], damping: DampingTable):
+    table = new_table(
+        "damping ratio", ">test", ">before", ">after", ">error before", ">error after"
+    )
+    for j in damping.measured[:_MODES]:
+        name = names[j] if damping.fitted[j] else f"{names[j]} *"
+        errors = damping.error_before[j], damping.error_after[j]
+        table.add_row(
+            Text(name, no_wrap=True),
+            *(ratio_words(z[j]) for z in (damping.test, damping.before, damping.after)),
+            *(percent(e, 1, sign=True) for e in errors),
+        )
+    return table
+
+
+def _held_ratio_rows(held: Sequence[HeldMode]):
+    table = new_table("damping ratio, held out", ">test", ">predicted", ">error", ">± s.d.")
+    for h in held[:_MODES]:
+        d = h.damping
+        table.add_row(Text(h.name), ratio_words(d.test), ratio_words(d.predicted),
+                      percent(d.error, 1, sign=True), accuracy(d.sd))  # fmt: skip
     return table
 
 

@@ -1,4 +1,4 @@
-"""What an update to frequencies, shapes and functions found, and its JSON."""
+"""What an update to frequencies, shapes, damping ratios and functions found, and its JSON."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fenics_joints.combined_damping import DampingTable, HeldRatio
 from fenics_joints.combined_result import CombinedUpdate
 from fenics_joints.formatting import number, percent, spread
 from fenics_joints.gap import rms
@@ -34,6 +35,7 @@ class ModeTable:
         fitted: Which of them the fit saw, (m,), bool.
         mac_before: MAC of test by paired model modes, (m, m); None without shapes.
         mac_after: The same, updated.
+        damping: Damping ratios; None if they are no data.
     """
 
     names: tuple[str, ...]
@@ -43,6 +45,7 @@ class ModeTable:
     fitted: np.ndarray
     mac_before: np.ndarray | None = None
     mac_after: np.ndarray | None = None
+    damping: DampingTable | None = None
 
     @property
     def before(self) -> np.ndarray:
@@ -132,6 +135,7 @@ class HeldMode:
         sd: Relative standard deviation of that by the parameters' covariance alone.
         values: What was identified without it, by parameter.
         alone: Whether it was the only one held out.
+        damping: Its damping ratio, held out too; None if ratios are no data.
     """
 
     name: str
@@ -141,6 +145,7 @@ class HeldMode:
     sd: float
     values: dict[str, float]
     alone: bool
+    damping: HeldRatio | None = None
 
     @property
     def error(self) -> float:
@@ -214,7 +219,7 @@ class CombinedReport:
                     "name": h.name, "test_hz": h.test_hz, "before_hz": h.before_hz,
                     "predicted_hz": h.predicted_hz, "error_percent": 100 * h.error,
                     "standard_deviation_percent": _finite(100 * h.sd), "alone": h.alone,
-                    "parameters": h.values,
+                    "parameters": h.values, **({} if h.damping is None else h.damping.json()),
                 }
                 for h in self.held
             ],
@@ -250,6 +255,8 @@ def _modes_json(modes: ModeTable) -> list[dict]:
         }  # fmt: skip
         if modes.mac_after is not None:
             row |= {"mac_before": modes.mac_before[j, j], "mac_after": modes.mac_after[j, j]}
+        if modes.damping is not None:
+            row |= modes.damping.row(j)
         rows.append(row)
     return rows
 
@@ -340,6 +347,9 @@ def gap_words(report: CombinedReport) -> str:
             rms(e[report.modes.fitted]) for e in (report.modes.before, report.modes.after)
         )
         parts.append(f"frequencies {percent(before)} -> {percent(after)}")
+    if report.modes is not None and report.modes.damping is not None:
+        before, after = (percent(e, 1) for e in report.modes.damping.rms())
+        parts.append(f"damping ratios {before} -> {after}")
     if report.functions is not None:
         found = report.functions.summary()
         parts.append(f"functions {decibel(found['all_before'])} -> {decibel(found['all_after'])}")

@@ -1,4 +1,4 @@
-"""``fenics-joints update`` on any mix of frequencies, shapes and functions."""
+"""``fenics-joints update`` on any mix of frequencies, shapes, damping ratios and functions."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.exact import ExactCombinedModel
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
+from fenics_joints.combined_damping import DampingTable, HeldRatio
 from fenics_joints.combined_data import CombinedData, combined_data
-from fenics_joints.combined_model import CombinedModel, ModelError, sample_values
+from fenics_joints.combined_model import CombinedModel, ModelError, paired, sample_values
 from fenics_joints.combined_report import CombinedReport, Functions, HeldMode, ModeTable
 from fenics_joints.combined_result import CombinedUpdate
 from fenics_joints.combined_updating import update_combined
@@ -22,7 +23,7 @@ from fenics_joints.damping import Damping
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.frf import solve_frf
-from fenics_joints.gap import Pairing, mac, pair_modes
+from fenics_joints.gap import Pairing, mac
 from fenics_joints.modal import Modes
 from fenics_joints.model_damping import model_damping
 from fenics_joints.points import Sensors
@@ -69,11 +70,11 @@ class _Run:
         self.case, self.progress, self.section = case, progress, case.update
         self.data: CombinedData = combined_data(case)
         progress.step("building the model")
-        functions = "frfs" in self.data.kinds
-        self.full: Structure | BeamStructure = build_structure(case, comm, damping=functions)
-        self.damping = model_damping(case, self.full) if functions else Damping()
+        damped = bool({"damping", "frfs"} & set(self.data.kinds))
+        self.full: Structure | BeamStructure = build_structure(case, comm, damping=damped)
+        self.damping = model_damping(case, self.full) if damped else Damping()
         self.parameters = [self.full.parameters[n] for n in self.section.parameters]
-        self.start = {**case.nominal(damping=functions), **case.start()}
+        self.start = {**case.nominal(damping=damped), **case.start()}
         self._check_start()
         self.notes: list[str] = []
         n_modes = 6 + len(self.data.target) + _SPARE
@@ -81,7 +82,7 @@ class _Run:
             n_modes = max(case.diagnose.n_modes, n_modes)
         target = self.data.target
         if isinstance(self.full, BeamStructure):
-            self.model = ExactCombinedModel(self.full, target, n_modes)
+            self.model = ExactCombinedModel(self.full, target, self.damping, n_modes)
         else:
             self.model = CombinedModel(self.full, target, self.damping, n_modes)
 
@@ -104,6 +105,7 @@ class _Run:
         found, modes, error = self._checked()
         self._tell_bounds(found)
         first = self.model.modes(self.start)
+        self.model.ratios(self.start, first)  # before the solver has solved anything else
         held = self._held(first)
         self.progress.step("comparing test and model, before and after")
         values = self._values(found)
@@ -114,7 +116,7 @@ class _Run:
             kinds=self.data.kinds,
             parameters=self._table(found),
             update=found,
-            modes=self._modes(first, modes),
+            modes=self._modes(first, modes, values),
             functions=functions,
             held=held + self._held_always(first, modes, found),
             model=self._facts(error, functions),
@@ -136,7 +138,7 @@ class _Run:
 
     def _checked(self) -> tuple[CombinedUpdate, Modes, ModelError]:
         """The fit, where the reduced model holds; else with a better one."""
-        limit = self._limit()
+        limits = ModelError(_FREQUENCY, *self._limits())
         for round_ in range(_ROUNDS):
             again = " again, on a better reduced model" if round_ else ""
             self.progress.step(f"fitting {len(self.parameters)} parameters{again}")
@@ -144,8 +146,8 @@ class _Run:
             values = self._values(found)
             modes = self.model.modes(values)
             error = self.model.error(values, modes)
-            good = error.frequencies <= _FREQUENCY and (error.frfs or 0.0) <= limit
-            if good or round_ == _ROUNDS - 1:
+            off = _too_far(error, limits)
+            if not off or round_ == _ROUNDS - 1:
                 break
             self.model.better(values)
         if found.method == "log" and found.history[-1].moved:
@@ -154,12 +156,7 @@ class _Run:
                 "functions were compared at the same place between the resonances, not at the same "
                 "frequency"
             )
-        if not good:
-            off = []
-            if error.frequencies > _FREQUENCY:
-                off.append(f"frequencies by {percent(error.frequencies, 3)}")
-            if (error.frfs or 0.0) > limit:
-                off.append(f"functions by up to {percent(error.frfs, 2)}")
+        if off:
             self.notes.append(
                 f"the reduced model is still off at what was found: {', '.join(off)}; the "
                 "parameters may be off by more than their standard deviations"
@@ -182,10 +179,14 @@ class _Run:
                         "beyond, and its standard deviation says nothing"
                     )
 
-    def _limit(self) -> float:
-        """Largest accepted relative error of functions."""
-        frfs = self.data.target.frfs
-        return np.inf if frfs is None else _SHARE * float(np.median(frfs.relative_sd[frfs.used]))
+    def _limits(self) -> tuple[float, float]:
+        """Largest accepted relative errors of functions and of damping ratios."""
+        target = self.data.target
+        frfs, noise = target.frfs, np.inf
+        if frfs is not None:
+            noise = float(np.median(frfs.relative_sd[frfs.used]))
+        there = np.isfinite(target.damping_ratios)
+        return _SHARE * noise, _SHARE * float(target.damping_log_sd[there].min(initial=np.inf))
 
     def _fit(self, target: Target) -> CombinedUpdate:
         model, common = self.model.arrays, {"damping": self.damping}
@@ -214,7 +215,8 @@ class _Run:
         if not self.data.each:
             return []
         target = self.data.target
-        measured = np.flatnonzero(np.isfinite(target.frequencies_hz))
+        fitted = target.frequencies_hz if "frequencies" in target.kinds else target.damping_ratios
+        measured = np.flatnonzero(np.isfinite(fitted) & np.isfinite(self._measured_hz()))
         self.progress.step("holding out each mode in turn", len(measured))
         rows = []
         for j in measured:
@@ -244,21 +246,37 @@ class _Run:
         row = self._measured_hz()[j]
         return HeldMode(
             self.data.mode_names[j], float(row), float(before), float(after), sd,
-            found.mapping(), alone,
+            found.mapping(), alone, self._held_ratio(j, first, modes, found),
         )  # fmt: skip
+
+    def _held_ratio(self, j, first: Modes, modes: Modes, found: CombinedUpdate) -> HeldRatio | None:
+        before = self.model.ratios(self.start, first)
+        if before is None:
+            return None
+        after, sd = self.model.ratios(self._values(found), modes)[j], np.nan
+        if found.prediction.damping_ratios is not None:
+            slopes = found.prediction.damping_slopes[j] / found.prediction.damping_ratios[j]
+            sd = np.sqrt(max(slopes @ found.covariance @ slopes, 0.0))
+        return HeldRatio(*(float(v) for v in (self._measured_ratios()[j], before[j], after, sd)))
 
     # -- before and after ----------------------------------------------------------------------
 
     def _pair(self, modes: Modes) -> Pairing:
-        target = self.data.target
-        return pair_modes(modes, len(target), target.shape_sensors, reference=target.shapes)
+        return paired(modes, self.data.target)
 
     def _measured_hz(self) -> np.ndarray:
         """Measured frequencies, also those held out."""
-        data, at = self.case.measurements(), self.section.at
-        return data.frequencies_hz[len(data) - 1 if at is None else data.row(at)]
+        return self.case.measurements().frequencies_hz[self._row()]
 
-    def _modes(self, first: Modes, modes: Modes) -> ModeTable | None:
+    def _measured_ratios(self) -> np.ndarray:
+        """Measured damping ratios, also those held out."""
+        return self.case.measurements().damping[self._row()]
+
+    def _row(self) -> int:
+        data, at = self.case.measurements(), self.section.at
+        return len(data) - 1 if at is None else data.row(at)
+
+    def _modes(self, first: Modes, modes: Modes, values) -> ModeTable | None:
         target = self.data.target
         if not len(target):
             return None
@@ -270,6 +288,16 @@ class _Run:
         return ModeTable(
             self.data.mode_names, self._measured_hz(), first.frequencies_hz[before.index],
             modes.frequencies_hz[after.index], np.isfinite(target.frequencies_hz), *macs,
+            self._ratios(first, modes, values),
+        )  # fmt: skip
+
+    def _ratios(self, first: Modes, modes: Modes, values) -> DampingTable | None:
+        before = self.model.ratios(self.start, first)
+        if before is None:
+            return None
+        return DampingTable(
+            self._measured_ratios(), before, self.model.ratios(values, modes),
+            np.isfinite(self.data.target.damping_ratios),
         )  # fmt: skip
 
     def _functions(self, values: Mapping[str, float]) -> Functions | None:
@@ -327,6 +355,8 @@ class _Run:
                 "basis": self.model.arrays.n_dofs, "samples": self.model.samples,
                 "frequency_error": error.frequencies,
             }  # fmt: skip
+            if error.damping is not None:
+                facts["damping_error"] = percent(error.damping, 4)
         if functions is not None:
             frfs = self.data.target.frfs
             facts |= {
@@ -338,6 +368,17 @@ class _Run:
                 "solution_error": percent(functions.solution, 2),
             }
         return facts
+
+
+def _too_far(error: ModelError, limits: ModelError) -> list[str]:
+    """What of a reduced model is further from the full one than the limits allow, in words."""
+    kinds = {"frequencies": ("frequencies by", 3), "frfs": ("functions by up to", 2),
+             "damping": ("damping ratios by up to", 2)}  # fmt: skip
+    return [
+        f"{words} {percent(getattr(error, key), digits)}"
+        for key, (words, digits) in kinds.items()
+        if (getattr(error, key) or 0.0) > getattr(limits, key)
+    ]
 
 
 def _is_at(parameter: Parameter, value: float, bound: float) -> bool:

@@ -8,9 +8,11 @@ import numpy as np
 
 from fenics_joints.array_model import ArrayModel
 from fenics_joints.beams.structure import BeamStructure
-from fenics_joints.combined_model import ModelError
+from fenics_joints.combined_model import ModelError, paired
+from fenics_joints.damping import Damping
 from fenics_joints.gap import pair_modes
 from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.mode_damping import damping_ratios
 from fenics_joints.points import Sensors
 from fenics_joints.surrogate import Forward
 from fenics_joints.updating_data import Target
@@ -62,11 +64,13 @@ class ExactBeams:
 
 
 class ExactCombinedModel:
-    """Frequencies, shapes and functions, as a `fenics_joints.combined_model.CombinedModel`.
+    """Frequencies, shapes, damping ratios and functions, as a
+    `fenics_joints.combined_model.CombinedModel`.
 
     Args:
         structure: The beams.
         target: The data.
+        damping: The damping.
         n_modes: Number of modes to compute.
 
     Attributes:
@@ -76,7 +80,8 @@ class ExactCombinedModel:
 
     samples = 0
 
-    def __init__(self, structure: BeamStructure, target: Target, n_modes: int):
+    def __init__(self, structure: BeamStructure, target: Target, damping: Damping, n_modes: int):
+        self.target, self.damping = target, damping
         self.n_modes = min(n_modes, structure.n_dofs)
         self.functions = target.frfs is not None
         places = [target.frfs.excitation, target.frfs.sensors] if self.functions else []
@@ -90,6 +95,14 @@ class ExactCombinedModel:
         """Modes at some values."""
         return solve_modes(self.arrays, values, n_modes=self.n_modes)
 
+    def ratios(self, values: Mapping[str, float], modes: Modes) -> np.ndarray | None:
+        """Damping ratios of the modes that are the test's, (m,); None if they are no data."""
+        if "damping" not in self.target.kinds:
+            return None
+        index = paired(modes, self.target).index
+        return damping_ratios(self.arrays, values, self.damping, modes, index)[0]
+
     def error(self, values: Mapping[str, float], modes: Modes) -> ModelError:
-        """Error of frequencies and functions: none."""
-        return ModelError(0.0, 0.0 if self.functions else None)
+        """Error of frequencies, ratios and functions: none."""
+        ratios = 0.0 if "damping" in self.target.kinds else None
+        return ModelError(0.0, 0.0 if self.functions else None, ratios)
