@@ -24,7 +24,7 @@ class ZonedLap:
     """A lap whose joint elements are in zones, each a section of the case.
 
     Attributes:
-        name: Its name; ``NAME.axial``, its actual over nominal axial stiffness, is a parameter.
+        name: Its name.
         zones: Name of the joint section of each of its elements.
         k_axial: Its axial stiffness, N/m, if it is not the beams' own.
     """
@@ -32,6 +32,12 @@ class ZonedLap:
     name: str
     zones: tuple[str, ...]
     k_axial: float | None = None
+
+    @property
+    def along(self) -> str:
+        """What it is along the beams; ``ALONG.axial`` is the parameter of that, actual over nominal
+        stiffness."""
+        return f"{self.name}_along"
 
 
 def build_beams(
@@ -60,7 +66,7 @@ def build_beams(
     known = parameters(
         case, attached=attached, width=width, elastic_supports=elastic_supports, damping=damping
     )
-    known += [Parameter(f"{lap.name}.axial", 1.0, "", *_AXIAL) for lap in laps or ()]
+    known += [Parameter(f"{lap.along}.axial", 1.0, "", *_AXIAL) for lap in laps or ()]
     try:
         return BeamStructure(
             _beams(case, width),
@@ -148,7 +154,7 @@ def _zoned(case: Case, laps: Sequence[ZonedLap]) -> list[GenericJoint]:
         GenericJoint(
             lap.name, length, len(lap.zones),
             **{key: [f"{zone}.{key}" for zone in lap.zones] for key in ("k1", "k2", "c")},
-            k_axial=lap.k_axial, axial=f"{lap.name}.axial",
+            k_axial=lap.k_axial, axial=f"{lap.along}.axial",
         )
         for lap, length in zip(laps, case.mesh.of("laps"), strict=True)
     ]  # fmt: skip

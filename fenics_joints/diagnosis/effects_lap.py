@@ -143,7 +143,7 @@ def axial_error(laps: Sequence[str], region: str, weight: float = 1.0) -> Effect
     """The axial stiffness of laps, which the model takes from the beams or the case.
 
     Args:
-        laps: Names of the laps; each has a parameter ``LAP.axial``.
+        laps: The laps along the beams; each has a parameter ``LAP.axial``.
         region: Where, for people.
         weight: Prior odds relative to other effects.
     """

@@ -110,11 +110,12 @@ def _stiffness(laps: LapZones, series: bool, reference: float | None) -> list[Ef
             effects.append(graded_lap(symmetric, kind, origin, series, reference))
         if len(single) > len(symmetric):
             effects.append(graded_lap(single, kind, None, series, reference))
-    names = tuple(lap.name for lap in laps.laps)
-    effects.append(axial_error(names, ", ".join(names) if len(names) < 3 else "all laps"))
-    if len(names) > 1:
-        share = 1 / len(names)
-        effects += [axial_error((name,), name, share) for name in names]
+    along = {lap.name: lap.along for lap in laps.laps}
+    where = ", ".join(along) if len(along) < 3 else "all laps"
+    effects.append(axial_error(tuple(along.values()), where))
+    if len(along) > 1:
+        share = 1 / len(along)
+        effects += [axial_error((own,), name, share) for name, own in along.items()]
         effects += [
             lap_stiffness(
                 "joint stiffness at one lap", name, zones, both, series, reference,

@@ -82,8 +82,8 @@ class LapZones:
         return found
 
     def shown(self) -> dict[str, str]:
-        """What each zone, and each lap as a whole, is called where zones are shown as one."""
-        return dict(zip(self.names, self.lap, strict=True)) | {p.name: p.name for p in self.laps}
+        """What each zone, and each lap along the beams, is called where zones are shown as one."""
+        return dict(zip(self.names, self.lap, strict=True)) | {p.along: p.name for p in self.laps}
 
 
 def _by(names, labels) -> dict[str, tuple[str, ...]]:
