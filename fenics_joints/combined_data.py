@@ -161,8 +161,7 @@ def _lines(case: Case, frfs: MeasuredFRFs, sd, out) -> np.ndarray:
         if not allowed[near].any():
             raise InputError(f"{case.path}: update.lines: expected some that are not held out")
         return near[allowed[near]]
-    damping = {} if case.damping is None else case.damping.nominal()
-    fitted = any(name in damping for name in case.update.parameters)
+    fitted = not case.damping_names().isdisjoint(case.update.parameters)
     seen = np.where(out, np.nan, frfs.values)
     return choose_lines(
         f, seen, wanted or _LINES, relative_sd=sd, allowed=allowed, peaks=fitted

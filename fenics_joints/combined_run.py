@@ -12,13 +12,13 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.exact import ExactCombinedModel
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
+from fenics_joints.combined_checks import bound_notes, error_limits, too_far
 from fenics_joints.combined_damping import DampingTable, HeldRatio
 from fenics_joints.combined_data import CombinedData, combined_data
 from fenics_joints.combined_model import CombinedModel, ModelError, paired, sample_values
 from fenics_joints.combined_report import CombinedReport, Functions, HeldMode, ModeTable
 from fenics_joints.combined_result import CombinedUpdate
 from fenics_joints.combined_updating import update_combined
-from fenics_joints.components import Parameter
 from fenics_joints.damping import Damping
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.formatting import percent, quantity
@@ -36,17 +36,11 @@ __all__ = ["run_combined"]
 
 #: Modes beyond the rigid-body ones and those of the test.
 _SPARE = 4
-#: Largest accepted relative error of the reduced model's frequencies; and of its functions, as a
-#: share of the noise.
-_FREQUENCY, _SHARE = 2e-4, 0.1
 #: How often the reduced model is bettered at what was found.
 _ROUNDS = 4
 #: chi^2 per degree of freedom above which a model has not the test's resonances: lines are then
 #: compared at the same place relative to them.
 _MISFIT = 9.0
-#: A value as near to a bound has been stopped there: relative to it where the scale is
-#: logarithmic, else to the room between the bounds.
-_AT_BOUND = 2e-3
 
 
 def run_combined(
@@ -103,7 +97,7 @@ class _Run:
         if isinstance(self.model, CombinedModel):
             self._sample()
         found, modes, error = self._checked()
-        self._tell_bounds(found)
+        self.notes += bound_notes(self.parameters, found)
         first = self.model.modes(self.start)
         self.model.ratios(self.start, first)  # before the solver has solved anything else
         held = self._held(first)
@@ -138,7 +132,7 @@ class _Run:
 
     def _checked(self) -> tuple[CombinedUpdate, Modes, ModelError]:
         """The fit, where the reduced model holds; else with a better one."""
-        limits = ModelError(_FREQUENCY, *self._limits())
+        limits = error_limits(self.data.target)
         for round_ in range(_ROUNDS):
             again = " again, on a better reduced model" if round_ else ""
             self.progress.step(f"fitting {len(self.parameters)} parameters{again}")
@@ -146,7 +140,7 @@ class _Run:
             values = self._values(found)
             modes = self.model.modes(values)
             error = self.model.error(values, modes)
-            off = _too_far(error, limits)
+            off = too_far(error, limits)
             if not off or round_ == _ROUNDS - 1:
                 break
             self.model.better(values)
@@ -162,31 +156,6 @@ class _Run:
                 "parameters may be off by more than their standard deviations"
             )
         return found, modes, error
-
-    def _tell_bounds(self, found: CombinedUpdate) -> None:
-        for p, value in zip(self.parameters, found.values, strict=True):
-            if found.method == "weighted":
-                if not p.lower <= value <= p.upper:
-                    self.notes.append(
-                        f"{p.name} is outside its bounds, {quantity(p.lower, p.unit)} to "
-                        f"{quantity(p.upper, p.unit)}: the weighted equations have none"
-                    )
-                continue
-            for bound in (p.lower, p.upper):
-                if _is_at(p, value, bound):
-                    self.notes.append(
-                        f"{p.name} ended at its bound, {quantity(bound, p.unit)}: the data want it "
-                        "beyond, and its standard deviation says nothing"
-                    )
-
-    def _limits(self) -> tuple[float, float]:
-        """Largest accepted relative errors of functions and of damping ratios."""
-        target = self.data.target
-        frfs, noise = target.frfs, np.inf
-        if frfs is not None:
-            noise = float(np.median(frfs.relative_sd[frfs.used]))
-        there = np.isfinite(target.damping_ratios)
-        return _SHARE * noise, _SHARE * float(target.damping_log_sd[there].min(initial=np.inf))
 
     def _fit(self, target: Target) -> CombinedUpdate:
         model, common = self.model.arrays, {"damping": self.damping}
@@ -368,24 +337,3 @@ class _Run:
                 "solution_error": percent(functions.solution, 2),
             }
         return facts
-
-
-def _too_far(error: ModelError, limits: ModelError) -> list[str]:
-    """What of a reduced model is further from the full one than the limits allow, in words."""
-    kinds = {"frequencies": ("frequencies by", 3), "frfs": ("functions by up to", 2),
-             "damping": ("damping ratios by up to", 2)}  # fmt: skip
-    return [
-        f"{words} {percent(getattr(error, key), digits)}"
-        for key, (words, digits) in kinds.items()
-        if (getattr(error, key) or 0.0) > getattr(limits, key)
-    ]
-
-
-def _is_at(parameter: Parameter, value: float, bound: float) -> bool:
-    """Whether a value is as good as at a bound."""
-    if not np.isfinite(bound):
-        return False
-    room = parameter.upper - parameter.lower
-    size = abs(bound) if parameter.log or not np.isfinite(room) else room
-    size = size or abs(parameter.value)
-    return abs(value - bound) <= _AT_BOUND * size

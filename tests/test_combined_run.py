@@ -16,11 +16,12 @@ from rich.console import Console
 
 from fenics_joints.build import build_structure
 from fenics_joints.case import load_case
+from fenics_joints.combined_checks import is_at
 from fenics_joints.combined_data import combined_data
 from fenics_joints.combined_model import CombinedModel
 from fenics_joints.combined_pages import CombinedOutcome
 from fenics_joints.combined_report import accuracy, in_words, start_words
-from fenics_joints.combined_run import _is_at, run_combined
+from fenics_joints.combined_run import run_combined
 from fenics_joints.components import Parameter, part, transition
 from fenics_joints.damping import Damping
 from fenics_joints.errors import ConvergenceError, InputError
@@ -300,9 +301,9 @@ start = { "joint.loss_factor" = 3 }
 def test_bounds_have_the_parameters_size():
     """A damping of a microsecond is not at its bound of a nanosecond, though both are near 0 s."""
     beta = Parameter("beta", 1e-6, "s", 1e-9, 1e-3, log=True)
-    assert _is_at(beta, 1.001e-9, 1e-9) and not _is_at(beta, 1e-6, 1e-9)
+    assert is_at(beta, 1.001e-9, 1e-9) and not is_at(beta, 1e-6, 1e-9)
     nu = Parameter("nu", 0.3, "", 0.0, 0.49, log=False)
-    assert _is_at(nu, 1e-4, 0.0) and not _is_at(nu, 0.01, 0.0)
+    assert is_at(nu, 1e-4, 0.0) and not is_at(nu, 0.01, 0.0)
 
 
 def test_lines():
