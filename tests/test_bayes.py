@@ -20,7 +20,7 @@ from fenics_joints.bayes.calibration import calibrate, rank
 from fenics_joints.bayes.conflict import check_prior
 from fenics_joints.bayes.densities import log_pdf
 from fenics_joints.bayes.distributions import choose
-from fenics_joints.bayes.predictive import outside
+from fenics_joints.bayes.predictive import check_predictive, outside
 from fenics_joints.bayes.priors import density
 from fenics_joints.bayes.walks import RandomWalk, generator
 from fenics_joints.components import Parameter
@@ -95,11 +95,9 @@ def test_fitted_likelihood_against_a_grid():
     weights /= weights.sum()
     mean = weights @ grid
     sd = np.sqrt(weights @ (grid - mean) ** 2)
-    for kind in ("metropolis", "emcee"):
-        n = 6000 if kind == "metropolis" else 16000
-        draws = np.log(sample(posterior, Settings(kind, n, 2000, 4)).draws())
-        assert np.all(np.abs(draws.mean(axis=0) - mean) < 0.12 * sd), kind
-        np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.12)
+    draws = np.log(sample(posterior, Settings(samples=6000, burn_in=2000)).draws())
+    assert np.all(np.abs(draws.mean(axis=0) - mean) < 0.12 * sd)
+    np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.12)
 
 
 def test_proposals_from_the_prior_are_the_same_posterior():
@@ -348,6 +346,21 @@ def test_what_is_measured_outside_of_the_prediction():
     (line,) = outside(MODES, measured, draws)
     assert line.startswith("second: predicted 2.4 % below the measured 205.00 Hz, 25 standard")
     assert outside(MODES, measured, draws, 0.01) == []
+
+
+def test_sets_of_the_size_of_the_measured_one():
+    """Specimens with gaps are left out: new sets are as small, and scatter from set to set so."""
+    rng = np.random.default_rng(3)
+    table = np.exp(1e-3 * rng.standard_normal((30, 2)))
+    table[5:, 1] = np.nan
+    sets = 1e-3 * rng.standard_normal((4000, 30, 2))
+    check = check_predictive(MODES[:2], table, sets)
+    low, high = 1e-3 * np.sqrt(stats.chi2(4).ppf([0.05, 0.95]) / 4)
+    np.testing.assert_allclose(check.sd_low, low, rtol=0.06)
+    np.testing.assert_allclose(check.sd_high, high, rtol=0.03)
+    table[4:, 1] = np.nan
+    with pytest.raises(InputError, match="at least 5 specimens"):
+        check_predictive(MODES[:2], table, sets)
 
 
 def test_priors_in_words():
