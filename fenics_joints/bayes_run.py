@@ -206,7 +206,9 @@ class _Run:
                 log_sd = 0.0
                 if checked:
                     check = self._independent(found)
-        held, hz = self._held(values, log_sd), np.exp(log_f)
+        # Specimens that the model cannot be, beyond a law's limit, have no frequencies.
+        hz = np.exp(log_f[np.all(np.isfinite(log_f), axis=1)])
+        held = self._held(values, log_sd)
         doubts += outside(names, np.exp(self._measured()[0]), hz, self._not_drawn())
         if held is not None:
             doubts += outside(

@@ -54,6 +54,10 @@ def test_small_model_is_the_whole_one():
     log_f = [exact(point)[0] for point in model.frequencies.by_name(values)]
     np.testing.assert_allclose(model.frequencies(values), log_f, atol=1e-4)
     assert model.n_basis < model.n_dofs / 4
+    # A proposal beyond a law's limit is no end of the others.
+    beyond = model.frequencies(np.vstack([values[:2], [[1763.0, -1.0]]]))
+    np.testing.assert_allclose(beyond[:2], log_f[:2], atol=1e-4)
+    assert np.all(np.isnan(beyond[2]))
 
 
 @pytest.mark.parallel

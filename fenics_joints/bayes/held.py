@@ -27,7 +27,8 @@ class Held:
         mode_names: Names, m of them.
         measured_hz: Shape (m,).
         measured_sd: Relative standard deviation of the test's noise, (m,).
-        predicted_hz: Draws, (n, m), without those at which the model lacks a mode.
+        predicted_hz: Draws, (n, m), without those at which the model lacks a mode, or which are
+            beyond a law's limit.
     """
 
     mode_names: tuple[str, ...]
@@ -70,10 +71,10 @@ def predict_held(
     )
     reference, found = first.shapes if data.shapes is None else data.shapes, []
     for values in points:
-        modes = solve_modes(model, values, n_modes=n_modes)
         if progress is not None:
             progress.advance()
         try:
+            modes = solve_modes(model, values, n_modes=n_modes)
             index = pair_modes(modes, n_test, data.sensors, reference=reference).index
         except InputError:
             found.append(np.full(n_test - n_fitted, np.nan))

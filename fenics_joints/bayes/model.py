@@ -53,19 +53,24 @@ class Frequencies:
         ]
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """ln f at values (n, d): (n, m); nan where the model lacks a mode that the test saw."""
+        """ln f at values (n, d): (n, m); nan where the model lacks a mode that the test saw, and
+        beyond the laws' limits.
+        """
         wanted = self.by_name(values)
         self.calls += len(wanted)
         if isinstance(self.forward, LeanForward):
-            found = self.forward.prepare(wanted, slopes=False)
-            self.forward.release()
-            return found
+            try:
+                return self.forward.prepare(wanted, slopes=False)
+            except (InputError, np.linalg.LinAlgError):
+                pass  # one of them is beyond a law's limit, such as a specimen's: one by one
+            finally:
+                self.forward.release()
         return np.array([self._one(each) for each in wanted])
 
     def _one(self, values) -> np.ndarray:
         try:
             return self.forward(values)[0]
-        except InputError:
+        except (InputError, np.linalg.LinAlgError):
             return np.full(self.n_modes, np.nan)
 
     @property
