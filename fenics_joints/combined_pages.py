@@ -79,7 +79,8 @@ def combined_html(r: CombinedReport) -> str:
     return render(
         "combined.html",
         r=r, u=r.update, method=METHODS[r.update.method], data=data_words(r),
-        at=_at(r), words=in_words(r.update.identifiability), gap=gap_words(r), pull=start_words(r),
+        at=_at(r), words=in_words(r.update.identifiability), verdict=verdict_words(r),
+        pull=start_words(r),
         levels=None if functions is None else functions.summary(),
         decibel=decibel, accuracy=accuracy, functions=functions,
         chart=None if functions is None else svg(function_charts(functions)),
@@ -98,6 +99,27 @@ def data_words(r: CombinedReport) -> str:
     """The kinds of data, such as ``frequencies and functions``."""
     *others, last = [_KINDS[kind] for kind in r.kinds]
     return f"{', '.join(others)} and {last}" if others else last
+
+
+def verdict_words(r: CombinedReport) -> str:
+    """Errors before and after in a sentence; the MAC where shapes alone are data."""
+    parts = []
+    if r.modes is not None and r.modes.fitted.any():
+        errors = (rms(e[r.modes.fitted]) for e in (r.modes.before, r.modes.after))
+        parts.append(("frequencies", *(percent(e) for e in errors)))
+    if r.modes is not None and r.modes.damping is not None:
+        parts.append(("damping ratios", *(percent(e, 1) for e in r.modes.damping.rms())))
+    if r.functions is not None:
+        found = r.functions.summary()
+        levels = (decibel(found[key]) for key in ("all_before", "all_after"))
+        parts.append(("functions", *levels))
+    if not parts:
+        words = gap_words(r)
+        return f"The {words}." if words else ""
+    (what, before, after), *others = parts
+    words = [f"The error of the {what} went from {before} to {after}"]
+    words += [f"that of the {what} from {before} to {after}" for what, before, after in others]
+    return f"{', '.join(words)}."
 
 
 def _at(r: CombinedReport) -> str:

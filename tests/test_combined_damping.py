@@ -128,6 +128,8 @@ def test_taken_by_default_where_damping_is_sought(measured, tmp_path):
     assert outcome.json()["held_modes"][0]["damping_error_percent"] is None
     page = outcome.html()
     assert 'id="damping-ratios"' in page and 'id="damping-after"' in page
+    assert "The error of the frequencies went from" in page
+    assert "that of the damping ratios from" in page
     console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     outcome.show(console)
     shown = console.export_text()
