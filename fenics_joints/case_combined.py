@@ -27,13 +27,13 @@ def check_combined(case: Case) -> list[str]:
     keys = update.combined_keys()
     if update.cutoff is not None:
         return errors + [f"update.{key}: expected it only with update.parameters" for key in keys]
+    if _is_unread(case):
+        return errors
     if not case.combined():
         return errors + _without_effect(case)
     if case.test is None:
         errors.append("update: expected a section [test]")
         return errors
-    if case.test.frfs is not None and case._frfs is None:
-        return errors  # they could not be read, which is said already
     errors += [
         said(f"update.parameters[{i}]", name, "expected each parameter once")
         for i, name in enumerate(update.parameters) if name in update.parameters[:i]
@@ -42,6 +42,16 @@ def check_combined(case: Case) -> list[str]:
     errors += _check_conditions(case)
     errors += _check_held(case)
     return errors
+
+
+def _is_unread(case: Case) -> bool:
+    """Whether some data could not be read, which is said already."""
+    test = case.test
+    if test is None:
+        return False
+    return (test.frequencies is not None and case._measured is None) or (
+        test.frfs is not None and case._frfs is None
+    )
 
 
 def _without_effect(case: Case) -> list[str]:
