@@ -41,7 +41,7 @@ from fenics_joints.modal import solve_modes
 
 DEMOS = Path(__file__).parents[1] / "demos"
 COMM = MPI.COMM_WORLD
-#: What the issue allows and asks for.
+#: What is allowed and asked for.
 LIMIT_S, LEAST_RATIO, LARGEST_ERROR = 30.0, 500.0, 1e-4
 
 

@@ -42,30 +42,13 @@ from fenics_joints.preload import (
     WasherForce,
 )
 from fenics_joints.structure import Structure
+from fenics_joints.units import parameter_unit
 
 if TYPE_CHECKING:
     from fenics_joints.beams import BeamStructure
 
 __all__ = ["RIGID_SUPPORT", "build_mesh", "build_preload", "build_structure", "parameters"]
 
-_UNITS = {
-    "E": "Pa",
-    "G": "Pa",
-    "rho": "kg/m3",
-    "mass": "kg",
-    "stiffness": "N/m",
-    "travel": "m",
-    "k_n": "Pa/m",
-    "k_t": "Pa/m",
-    "h": "m",
-    "k1": "N m",
-    "k2": "N m",
-    "k_axial": "N/m",
-    "c": "N m s",
-    "alpha": "1/s",
-    "beta": "s",
-    "relaxation": "s",
-}
 #: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
 _JOINT_MODULUS = (1e2, 1e14)
 #: How far a known property may be from its nominal value, as a factor.
@@ -253,7 +236,7 @@ def _support(name: str, section: SupportSection, elastic: bool) -> Support | Ela
 
 
 def _unit(name: str) -> str:
-    return _UNITS.get(name.rpartition(".")[2], "")
+    return parameter_unit(name).replace("*", " ")
 
 
 def _is_log(name: str, value: float) -> bool:

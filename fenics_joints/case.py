@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
-from fenics_joints.case_bayes import UNITS, Update, check_bayes
+from fenics_joints.case_bayes import Update, check_bayes
 from fenics_joints.case_beams import check_beams
 from fenics_joints.case_combined import check_combined
 from fenics_joints.case_damping import DampingSection
@@ -44,7 +44,7 @@ from fenics_joints.frf_files import read_frfs
 from fenics_joints.measured_curves import MeasuredCurves, read_curves
 from fenics_joints.measured_frfs import MeasuredFRFs
 from fenics_joints.measurements import TestData, read_table, read_test_data
-from fenics_joints.units import to_si
+from fenics_joints.units import parameter_unit, to_si
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -579,7 +579,7 @@ def _check_update(case: Case) -> list[str]:
                 errors.append(said(key, value, f"is not in update.parameters{hint}"))
                 continue
             try:
-                into[name] = to_si(value, UNITS.get(name.rpartition(".")[2], ""))
+                into[name] = to_si(value, parameter_unit(name))
             except InputError as error:
                 errors.append(said(key, value, str(error)))
     if measured is None:

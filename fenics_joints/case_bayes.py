@@ -12,22 +12,16 @@ from fenics_joints.case_sections import Names, Section, Share
 from fenics_joints.case_sections import Update as PlainUpdate
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import TestData, read_table
-from fenics_joints.units import to_si
+from fenics_joints.units import parameter_unit, to_si
 
 if TYPE_CHECKING:
     from fenics_joints.case import Case
 
 __all__ = [
-    "UNITS", "Bayes", "PriorSection", "Update", "bayes_data", "check_bayes", "prior_numbers",
+    "Bayes", "PriorSection", "Update", "bayes_data", "check_bayes", "prior_numbers",
     "specimens",
 ]  # fmt: skip
 
-#: Units of parameters, by the last part of their name.
-UNITS = {
-    "E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "h": "m",
-    "k1": "N*m", "k2": "N*m", "k_axial": "N/m", "c": "N*m*s", "alpha": "1/s", "beta": "s",
-    "relaxation": "s",
-}  # fmt: skip
 _WITHOUT_UNIT = ("log_sd",)
 
 
@@ -192,7 +186,7 @@ def prior_numbers(case: Case, name: str) -> dict[str, float]:
     from fenics_joints.bayes.priors import density
 
     section = case.update.bayes.priors[name]
-    unit, found = UNITS.get(name.rpartition(".")[2], ""), {}
+    unit, found = parameter_unit(name), {}
     for key, value in (section.model_extra or {}).items():
         try:
             found[key] = to_si(value, "" if key in _WITHOUT_UNIT else unit)

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from fenics_joints.errors import InputError
 
-__all__ = ["factor_to_si", "to_si"]
+__all__ = ["factor_to_si", "parameter_unit", "to_si"]
 
 #: What a unit measures and how one would write it, for messages.
 _KINDS = {
@@ -26,10 +26,21 @@ _KINDS = {
     "s": ("a time", "2 us"),
     "1/s": ("a rate", "5 1/s"),
 }
+#: SI units of a model's parameters, by the last part of their name; the others are ratios.
+_PARAMETERS = {
+    "E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "travel": "m",
+    "k_n": "Pa/m", "k_t": "Pa/m", "h": "m", "k1": "N*m", "k2": "N*m", "k_axial": "N/m",
+    "c": "N*m*s", "alpha": "1/s", "beta": "s", "relaxation": "s",
+}  # fmt: skip
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 #: Angles are no dimension, so that rad/s and rpm would pass for Hz and be wrong by 2 pi or 60.
 _ANGLES = re.compile(r"rad|rev|rpm|turn|cycle|deg|°")
 _PRODUCT = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "2", "³": "3", "−": "-"})
+
+
+def parameter_unit(name: str) -> str:
+    """SI unit of a model's parameter, such as ``"N*m"`` of ``lap.k1``; ``""`` for a ratio."""
+    return _PARAMETERS.get(name.rpartition(".")[2], "")
 
 
 def to_si(value: float | str, unit: str) -> float:

@@ -88,7 +88,7 @@ say("", *likelihood.describe())
 posterior = Posterior(prior, frequencies, likelihood)
 runs = {
     kind: sample(posterior, Settings(kind, samples, samples // 4), comm)
-    for kind, samples in (("prior_metropolis", 20000), ("metropolis", 8000), ("emcee", 16000))
+    for kind, samples in (("prior_metropolis", 20000), ("metropolis", 8000), ("emcee", 24000))
 }
 
 

@@ -18,13 +18,14 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.exact import ExactBeams
 from fenics_joints.build import build_structure
 from fenics_joints.case import Case
-from fenics_joints.case_bayes import UNITS, Bayes, bayes_data, prior_numbers
+from fenics_joints.case_bayes import Bayes, bayes_data, prior_numbers
 from fenics_joints.components import Parameter
 from fenics_joints.errors import InputError
 from fenics_joints.fingerprint import fingerprint
 from fenics_joints.log_scale import LogScale
 from fenics_joints.meshes.tagged import on_root
 from fenics_joints.progress import Progress
+from fenics_joints.units import parameter_unit
 
 __all__ = ["CaseModel", "case_model", "case_prior"]
 
@@ -156,7 +157,7 @@ def _check_asked(case: Case) -> None:
 
 
 def _prior_line(case: Case, name: str, value: float) -> str:
-    unit = UNITS.get(name.rpartition(".")[2], "").replace("*", " ")
+    unit = parameter_unit(name).replace("*", " ")
     median = f'"{value:.4g} {unit}"' if unit else f"{value:.4g}"
     return f'"{name}" = {{ kind = "lognormal", median = {median}, log_sd = 0.5 }}'
 
