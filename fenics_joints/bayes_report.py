@@ -107,6 +107,20 @@ class BayesReport:
         """Each quantity: mean, sd, median, 90 % interval, R-hat, effective sample sizes, unit."""
         return [{**row, "unit": self.units.get(row["name"], "")} for row in self.chains.table()]
 
+    def answer(self) -> list[str]:
+        """The parameters, and how much specimens scatter, in words; none without convergence."""
+        if self.failure is not None:
+            return []
+        rows = {row["name"]: row for row in self.rows()}
+        said = [f"{n} is {in_words(rows[n], 'mean')} \N{PLUS-MINUS SIGN} {in_words(rows[n], 'sd')}"
+                for n in self.units]  # fmt: skip
+        scatter = [
+            f"{n} by {in_words(rows[f'scatter {n}'], 'mean')}"
+            for n in self.units if f"scatter {n}" in rows
+        ]  # fmt: skip
+        found = [f"{', '.join(said)} (mean and standard deviation)"]
+        return found + ([f"Specimens scatter in {', in '.join(scatter)}"] if scatter else [])
+
     def frequencies(self) -> list[dict]:
         """Measured and predicted frequency of each mode, with its 90 % interval; held ones last."""
         if self.predicted is None:
@@ -182,7 +196,8 @@ class BayesReport:
         from fenics_joints.summary import new_table, say
 
         say(console, f"{self.title}: posterior", "bold")
-        for line in (*self.likelihood, f"{self.chains.sampler}; {self.settings.chains} chains"):
+        how = f"{self.chains.sampler}; {self.settings.chains} chains"
+        for line in (*self.answer(), *self.likelihood, how):
             say(console, line)
         for line in self.doubts:
             console.print(f"but: {line}", style="yellow", markup=False, highlight=False)

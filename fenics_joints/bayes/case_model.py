@@ -146,6 +146,12 @@ def _check_asked(case: Case) -> None:
         )
     if case.update is None or not case.update.parameters:
         raise InputError(f"{case.path}: update.parameters is missing: expected what is identified")
+    unseen = [name for name in case.update.parameters if name in case.damping_names()]
+    if unseen:
+        raise InputError(
+            f"{case.path}: update.parameters: {', '.join(unseen)}: the posterior is that of "
+            "undamped frequencies, which damping does not move. Expected stiffnesses and masses."
+        )
     if case.update.bayes is None:
         start = {**case.nominal(), **case.start()}
         lines = [_prior_line(case, name, start[name]) for name in case.update.parameters]

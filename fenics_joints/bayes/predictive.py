@@ -78,7 +78,7 @@ def _said(what: str, text: str, p: float) -> str:
         return f"{text}: the {what} is under-stated (p = {p:.3f})"
     if p > 1 - _DOUBT:
         return f"{text}: the {what} is over-stated (p = {1 - p:.3f})"
-    return f"{text}: as it may be (p = {min(p, 1 - p):.2f})"
+    return f"{text}: within what chance allows (p = {min(p, 1 - p):.2f})"
 
 
 def _share(more: np.ndarray) -> float:
