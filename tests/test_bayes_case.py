@@ -44,7 +44,7 @@ def written(folder: Path, changes: dict[str, str]) -> Path:
 
 @pytest.mark.parallel
 def test_small_model_is_the_whole_one():
-    """The issue's bound, 0.01 % at 50 points of the prior, against the beams themselves."""
+    """Within 0.01 % at 50 points of the prior, against the beams themselves."""
     case = load_case(DEMO)
     model = case_model(case, MPI.COMM_WORLD)
     assert model.check.n_points == 50 and model.check.error < 1e-4

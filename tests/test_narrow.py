@@ -52,7 +52,7 @@ def test_frozen_model_is_the_model(model):
 
 
 def test_narrow_model_keeps_its_word(model):
-    """The issue's bound: 0.01 % at 50 random points; gradients too."""
+    """Within 0.01 % at 50 random points; gradients too."""
     ranges = {"k1": (900.0, 3500.0), "k2": (15e3, 80e3)}
     small = narrow(model, ranges, 10, tolerance=1e-4)
     assert small.error <= 1e-4
