@@ -80,7 +80,8 @@ def problem(bend, truth, seed=3, most=2, families=None):
 
     return SimpleNamespace(
         comm=MPI.COMM_SELF, effects=tuple(effects), evidence=evidence, baseline=forward.baseline,
-        forward=forward, surrogate=SimpleNamespace(error=error), checked=checked,
+        forward=forward, checked=checked,
+        surrogate=SimpleNamespace(error=error, checking="checking"),
         case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=most)),
         hypothesis=lambda chosen, **kwargs: Hypothesis(tuple(chosen), known, **kwargs),
     )  # fmt: skip
