@@ -15,6 +15,7 @@ from fenics_joints.mesh_pictures import (
     UNSEEN,
     cells_alt,
     diverging,
+    patch_bar,
     patch_legend,
     patches_alt,
     rising,
@@ -103,12 +104,7 @@ def beam_patches(cells: PatchMap, name: str = "patches") -> str:
         for x in bolts:
             for ends in [(-0.1, 0.15), *gaps, (sum(_ABOVE) - 0.15, sum(_ABOVE) + 0.1)]:
                 axes.plot([x, x], ends, ls=(0, (3, 2)), lw=1.1, color=_NAMES, zorder=6)
-        bar = figure.colorbar(
-            ScalarMappable(norm, rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
-            format=lambda value, _: f"{100 * value:.3g} %",
-        )  # fmt: skip
-        bar.set_label("share of the misfit that a change in this patch alone would explain")
-        bar.outline.set_visible(False)
+        patch_bar(figure, axes, norm)
         patch_legend(figure, cells, bolt={"ls": (0, (4, 3))})
         return to_svg(figure, name, patches_alt(cells))
 

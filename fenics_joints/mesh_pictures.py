@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import CellMap
 
 __all__ = [
-    "OUTLINES", "UNSEEN", "cell_map", "cells_alt", "diverging", "mode_shape", "patch_legend",
-    "patch_map", "patches_alt", "rising",
+    "OUTLINES", "UNSEEN", "cell_map", "cells_alt", "diverging", "mode_shape", "patch_bar",
+    "patch_legend", "patch_map", "patches_alt", "rising",
 ]  # fmt: skip
 
 #: Red to blue through near white, which all kinds of colour vision tell apart.
@@ -313,12 +313,7 @@ def patch_map(cells: PatchMap, name: str = "patches") -> str:
         low, high = axes.get_ylim()
         tall = 6.6 * (high - low) / np.ptp(axes.get_xlim())
         figure.set_size_inches(7.6, min(max(tall, 1.2), 6.0) + 1.3)
-        bar = figure.colorbar(
-            ScalarMappable(norm, rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
-            format=lambda value, _: f"{100 * value:.3g} %",
-        )  # fmt: skip
-        bar.set_label("share of the misfit that a change in this patch alone would explain")
-        bar.outline.set_visible(False)
+        patch_bar(figure, axes, norm)
         patch_legend(figure, cells)
         return to_svg(figure, name, patches_alt(cells))
 
@@ -382,6 +377,16 @@ def _bolt_marks(axes, bolts: np.ndarray, heights: list[np.ndarray], gap: float) 
 
 #: Mark of a bolt: a broken line with a ring.
 _BOLT = {"marker": "o", "mfc": "#ffffff", "mec": "#14181d", "ls": (0, (4, 3))}
+
+
+def patch_bar(figure, axes, norm: Normalize) -> None:
+    """What colours of patches mean."""
+    bar = figure.colorbar(
+        ScalarMappable(norm, rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
+        format=lambda value, _: f"{100 * value:.3g} %",
+    )  # fmt: skip
+    bar.set_label("share of the misfit that a change in this patch alone would explain")
+    bar.outline.set_visible(False)
 
 
 def patch_legend(figure, cells: PatchMap, bolt: Mapping = _BOLT) -> None:
