@@ -33,11 +33,11 @@ from fenics_joints.bayes import (
     Settings,
     sample,
 )
-from fenics_joints.bayes.case_model import CaseModel, case_model
-from fenics_joints.build import build_structure
-from fenics_joints.case import Case, load_case
-from fenics_joints.case_bayes import bayes_data, specimens
-from fenics_joints.modal import solve_modes
+from fenics_joints.case.bayes import bayes_data, specimens
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import Case, load_case
+from fenics_joints.commands.bayes.model import CaseModel, case_model
+from fenics_joints.modal.modes import solve_modes
 
 DEMOS = Path(__file__).parents[1] / "demos"
 COMM = MPI.COMM_WORLD

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.build import build_structure
-from fenics_joints.case import load_case
-from fenics_joints.diagnosis.library import bonded_values
-from fenics_joints.modal import solve_modes
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.diagnosis.effects.library import bonded_values
+from fenics_joints.modal.modes import solve_modes
 
 CASE = Path(__file__).parent.parent / "demos" / "lap_plates"
 

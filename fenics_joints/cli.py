@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 import typer
 
 from fenics_joints import __version__
-from fenics_joints.database.commands import app as database_app
+from fenics_joints.commands.database import app as database_app
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from fenics_joints.case import Case
+    from fenics_joints.case.case import Case
 
 __all__ = ["Outcome", "app", "main"]
 
@@ -85,7 +85,7 @@ def modes(
     """
 
     def run(case, comm, progress):
-        from fenics_joints.mode_list import run_modes
+        from fenics_joints.commands.modes import run_modes
 
         method = "iterative" if iterative else "direct"
         return run_modes(case, comm, progress, n_modes=n, state=contacts, method=method)
@@ -112,7 +112,7 @@ def preload(
     """
 
     def run(case, comm, progress):
-        from fenics_joints.preload_run import run_preload
+        from fenics_joints.commands.preload.run import run_preload
 
         return run_preload(case, comm, progress, fields=vtx)
 
@@ -162,14 +162,14 @@ def update(
 
     def run(case, comm, progress):
         if bayes:
-            from fenics_joints.bayes_run import run_bayes
+            from fenics_joints.commands.bayes.run import run_bayes
 
             return run_bayes(case, comm, progress, keep=keep)
         if keep is not None:
             from fenics_joints.errors import InputError
 
             raise InputError(f"--keep {keep}: expected --bayes too; there are no chains without")
-        from fenics_joints.workflow import run_update
+        from fenics_joints.commands.outcome import run_update
 
         return run_update(case, comm, progress)
 
@@ -208,10 +208,10 @@ def diagnose(
 
     def run(case, comm, progress):
         if plan:
-            from fenics_joints.plan_pages import run_plan
+            from fenics_joints.commands.plan import run_plan
 
             return run_plan(case, comm, progress, keep=keep)
-        from fenics_joints.workflow import run_diagnose
+        from fenics_joints.commands.outcome import run_diagnose
 
         return run_diagnose(case, comm, progress, keep=keep)
 
@@ -239,7 +239,7 @@ def harmonic(
     """
 
     def run(case, comm, progress):
-        from fenics_joints.harmonic_run import run_harmonic
+        from fenics_joints.commands.harmonic.run import run_harmonic
 
         return run_harmonic(case, comm, progress, branches=branches)
 
@@ -277,7 +277,7 @@ def _command(
     run: Callable[..., Outcome], path: Path, json: Path | None, report: Path | None, debug: bool
 ) -> None:
     """Read the case, run, write the files, show the summary; exit with the right code."""
-    from fenics_joints.failures import guarded
+    from fenics_joints.parallel import guarded
 
     with guarded(debug):
         from mpi4py import MPI
@@ -300,7 +300,7 @@ def _command(
 
 def _prepare(comm, path: Path, json: Path | None, report: Path | None) -> Case:
     """Check the outputs and read the case, on rank 0 for all."""
-    from fenics_joints.case import load_case
+    from fenics_joints.case.case import load_case
     from fenics_joints.errors import InputError
     from fenics_joints.files import check_writable
     from fenics_joints.meshes.tagged import on_root

@@ -93,6 +93,6 @@ def attached_mass(u, v, m, area, ds):
     """A mass ``m`` (kg) spread evenly over the facets of ``ds``, whose total area is ``area`` (m2).
 
     The form for a sensor or a bolt head on a patch of facets. A mass at a point that need not be
-    a node is no UFL form: see `fenics_joints.structure.PointMass`.
+    a node is no UFL form: see `fenics_joints.structure.structure.PointMass`.
     """
     return (m / area) * ufl.inner(u, v) * ds

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 #: For what several tests share that is no fixture, and for the benchmarks.
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+sys.path[:0] = [str(Path(__file__).parent / "helpers"), str(Path(__file__).parents[1])]
 
 
 @pytest.hookimpl(tryfirst=True)

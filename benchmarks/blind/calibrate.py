@@ -1,4 +1,4 @@
-"""Weights of `fenics_joints.diagnosis.unlisted` from cases that were opened.
+"""Weights of `fenics_joints.diagnosis.evidence.unlisted` from cases that were opened.
 
 Cases and geometries that are for scoring only are left out, and those of two effects count as
 inside the library. Beside the weights stands what each geometry is given by the other's.
@@ -16,7 +16,7 @@ from scipy.special import expit
 
 from benchmarks.blind import seal
 from benchmarks.blind.seal import SealError
-from fenics_joints.diagnosis.unlisted import misfit_in_nats
+from fenics_joints.diagnosis.evidence.unlisted import misfit_in_nats
 from fenics_joints.diagnosis.verdict import UNKNOWN
 
 __all__ = ["Sample", "calibrate", "log_loss", "read_samples", "report"]

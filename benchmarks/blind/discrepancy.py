@@ -18,11 +18,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import world  # noqa: E402
 from world.cases import _write  # noqa: E402
 
-from fenics_joints.build import build_structure  # noqa: E402
-from fenics_joints.case import load_case  # noqa: E402
-from fenics_joints.diagnosis.library import bonded_values  # noqa: E402
-from fenics_joints.gap import pair_modes  # noqa: E402
-from fenics_joints.modal import solve_modes  # noqa: E402
+from fenics_joints.case.build import build_structure  # noqa: E402
+from fenics_joints.case.case import load_case  # noqa: E402
+from fenics_joints.diagnosis.effects.library import bonded_values  # noqa: E402
+from fenics_joints.measurements.gap import pair_modes  # noqa: E402
+from fenics_joints.modal.modes import solve_modes  # noqa: E402
 
 __all__ = ["compare"]
 

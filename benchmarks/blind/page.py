@@ -14,8 +14,9 @@ import fenics_joints
 from benchmarks.blind.rates import clopper_pearson
 from benchmarks.blind.score import APART
 from benchmarks.blind.targets import targets
-from fenics_joints import pictures, report
-from fenics_joints.pictures import CHOSEN, NOISE, NOMINAL, PLACEBO
+from fenics_joints.report import html as report
+from fenics_joints.report import style as pictures
+from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO
 
 __all__ = ["page"]
 

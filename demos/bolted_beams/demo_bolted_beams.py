@@ -25,18 +25,18 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.beams.damped import identify_damping, slip_table
-from fenics_joints.build import build_structure
-from fenics_joints.case import load_case
-from fenics_joints.combined_run import run_combined
-from fenics_joints.complex_modes import solve_complex_modes
-from fenics_joints.frf import solve_frf
-from fenics_joints.modal import solve_modes
-from fenics_joints.narrow import narrow
-from fenics_joints.points import Sensors
-from fenics_joints.random_fields import RandomField
-from fenics_joints.random_propagation import propagate_samples, propagate_sensitivities
-from fenics_joints.surrogate import Forward
-from fenics_joints.updating import update
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.commands.update.run import run_combined
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.random_fields.fields import RandomField
+from fenics_joints.random_fields.propagation import propagate_samples, propagate_sensitivities
+from fenics_joints.reduction.narrow import narrow
+from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.response.complex_modes import solve_complex_modes
+from fenics_joints.response.frf import solve_frf
+from fenics_joints.structure.points import Sensors
+from fenics_joints.updating.updating import update
 
 comm = MPI.COMM_WORLD
 here = Path(__file__).parent

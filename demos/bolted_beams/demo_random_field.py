@@ -22,12 +22,16 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.build import build_structure
-from fenics_joints.case import load_case
-from fenics_joints.narrow import narrow
-from fenics_joints.random_fields import RandomField, karhunen_loeve
-from fenics_joints.random_propagation import Moments, propagate_samples, propagate_sensitivities
-from fenics_joints.surrogate import Forward
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.random_fields.fields import RandomField, karhunen_loeve
+from fenics_joints.random_fields.propagation import (
+    Moments,
+    propagate_samples,
+    propagate_sensitivities,
+)
+from fenics_joints.reduction.narrow import narrow
+from fenics_joints.reduction.surrogate import Forward
 
 comm = MPI.COMM_WORLD
 EPS, N = 0.034, 400

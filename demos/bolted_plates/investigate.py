@@ -3,7 +3,7 @@ analysis as model.
 
 Each hypothesis frees one or more facts, with the priors below, written down before any fit (but
 "k over height", added after the first look). Parameters and evidence come from
-`fenics_joints.diagnosis.inference`: rows of the test are the forces, columns the thicknesses, data
+`diagnosis.evidence.inference`: rows of the test are the forces, columns the thicknesses, data
 ln R, or ln R and ln P. P is the mean within the printed radius, so that a wrong radius does not
 count twice.
 
@@ -46,8 +46,8 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from scipy.special import logsumexp
 
-from fenics_joints.diagnosis.effects import Effect, Prior
-from fenics_joints.diagnosis.inference import Evidence, Fit, Hypothesis, fit
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.evidence.inference import Evidence, Fit, Hypothesis, fit
 
 P_LIM = 1e6
 STEPS = np.array([0.62, 1.053, 0.911, 1.053, 1.053, 0.527, 1.34]) * 1e-3
@@ -121,7 +121,7 @@ FACTS = {
 
 @dataclass(frozen=True)
 class Model:
-    """What `fenics_joints.diagnosis.inference` asks of a model: the names of its parameters."""
+    """What `diagnosis.evidence.inference` asks of a model: the names of its parameters."""
 
     parameters: tuple[str, ...]
 

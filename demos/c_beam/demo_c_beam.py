@@ -25,10 +25,10 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.build import build_preload
-from fenics_joints.case import load_case
-from fenics_joints.cutoff_run import run_cutoff
-from fenics_joints.modal import solve_modes
+from fenics_joints.case.build import build_preload
+from fenics_joints.case.case import load_case
+from fenics_joints.commands.preload.cutoff import run_cutoff
+from fenics_joints.modal.modes import solve_modes
 from fenics_joints.preload.linear_joint import LinearJoint
 from fenics_joints.preload.torque import motosh_force
 

@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.build import build_mesh, build_structure
-from fenics_joints.case import load_case
+from fenics_joints.case.build import build_mesh, build_structure
+from fenics_joints.case.case import load_case
 from fenics_joints.meshes import check_mesh, measure_ring
-from fenics_joints.modal import solve_modes
+from fenics_joints.modal.modes import solve_modes
 
 comm = MPI.COMM_WORLD
 case = load_case(Path(__file__).parent)

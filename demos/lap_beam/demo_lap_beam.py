@@ -25,13 +25,13 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints import updating
-from fenics_joints.build import build_structure
-from fenics_joints.case import load_case
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.gap import pair_modes
-from fenics_joints.modal import solve_modes
-from fenics_joints.sensitivity import frequency_sensitivity, identifiability
+from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal.sensitivity import frequency_sensitivity, identifiability
+from fenics_joints.updating import updating
 
 comm = MPI.COMM_WORLD
 here = Path(__file__).parent

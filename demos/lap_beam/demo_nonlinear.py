@@ -42,8 +42,8 @@ from stage_two import (
     tell_errors,
 )  # fmt: skip
 
-from fenics_joints.identification import predict
-from fenics_joints.measured_curves import read_curves
+from fenics_joints.harmonic.identify import predict
+from fenics_joints.measurements.curves import read_curves
 
 test, curves = read_test(), read_curves(HERE / "frf.csv", "acceleration")
 for level in curves.levels:

@@ -14,18 +14,18 @@ import numpy as np
 from mpi4py import MPI
 from scipy.optimize import least_squares
 
-from fenics_joints.components import Parameter, PointMass, Support, joint, part
 from fenics_joints.harmonic import solve_harmonic
-from fenics_joints.identification import LawParameters, identify, predict
-from fenics_joints.interface_model import InterfaceModel
-from fenics_joints.interface_reduction import reduce_layers, with_modal_damping
+from fenics_joints.harmonic.identify import LawParameters, identify, predict
+from fenics_joints.harmonic.loops import read_loops
+from fenics_joints.interfaces.model import InterfaceModel
+from fenics_joints.interfaces.reduction import reduce_layers, with_modal_damping
 from fenics_joints.joint_laws import Iwan, IwanLayer, RichardAbbott
-from fenics_joints.measured_curves import read_curves
-from fenics_joints.measured_loops import read_loops
+from fenics_joints.measurements.curves import read_curves
 from fenics_joints.meshes.lap_beam import lap_beam
-from fenics_joints.modal import solve_modes
-from fenics_joints.sensitivity import frequency_sensitivity
-from fenics_joints.structure import Structure
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal.sensitivity import frequency_sensitivity
+from fenics_joints.structure.components import Parameter, PointMass, Support, joint, part
+from fenics_joints.structure.structure import Structure
 
 HERE = Path(__file__).parent
 COMM = MPI.COMM_WORLD

@@ -27,12 +27,13 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from fenics_joints import diagnosis_pictures, mesh_pictures, pictures
-from fenics_joints.case import load_case
+from fenics_joints.case.case import load_case
+from fenics_joints.commands.plan import matrix_picture
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.planned import plan
-from fenics_joints.explanation import explain
-from fenics_joints.plan_pages import matrix_picture
+from fenics_joints.diagnosis.plan.planned import plan
+from fenics_joints.report import diagnosis_pictures, mesh_pictures
+from fenics_joints.report import style as pictures
+from fenics_joints.report.explanation import explain
 
 comm = MPI.COMM_WORLD
 here = Path(globals().get("__file__", "demo_diagnosis.py")).resolve().parent

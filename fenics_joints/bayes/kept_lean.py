@@ -12,10 +12,10 @@ import numpy as np
 
 from fenics_joints.bayes.model import Frequencies, ReducedCheck
 from fenics_joints.errors import InputError
-from fenics_joints.interface_files import read_array_model, write_array_model
-from fenics_joints.lean import LeanForward
-from fenics_joints.points import Sensors
-from fenics_joints.surrogate import Forward
+from fenics_joints.interfaces.files import read_array_model, write_array_model
+from fenics_joints.reduction.lean import LeanForward
+from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.structure.points import Sensors
 
 __all__ = ["read_lean", "write_lean"]
 
@@ -29,8 +29,8 @@ def write_lean(
 
     Args:
         path: The file.
-        name: What it depends on, see `fenics_joints.fingerprint`.
-        frequencies: Of a `fenics_joints.lean.LeanForward`.
+        name: What it depends on, see `fenics_joints.case.fingerprint`.
+        frequencies: Of a `fenics_joints.reduction.lean.LeanForward`.
         check: Against the full model.
         bound: Estimated error.
 

@@ -10,10 +10,10 @@ from scipy import stats
 from scipy.special import log_expit
 
 from fenics_joints.bayes.densities import log_pdf
-from fenics_joints.components import Parameter
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import interval
-from fenics_joints.log_scale import LogScale
+from fenics_joints.structure.components import Parameter
+from fenics_joints.updating.log_scale import LogScale
 
 __all__ = ["KINDS", "Prior", "density", "default_density"]
 

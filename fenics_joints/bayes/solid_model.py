@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fenics_joints.bayes.greedy import GreedyModel
 from fenics_joints.bayes.model import Frequencies, ReducedCheck, check_reduced, narrow_frequencies
 from fenics_joints.bayes.priors import Prior
-from fenics_joints.free_terms import FreeTerms
-from fenics_joints.modal import Modes
+from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
-from fenics_joints.structure import Structure
+from fenics_joints.reduction.free_terms import FreeTerms
+from fenics_joints.reduction.greedy import GreedyModel
+from fenics_joints.structure.structure import Structure
 
 __all__ = ["SolidModel"]
 

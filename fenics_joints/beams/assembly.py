@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.affine import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.beams.components import Beam, Clamp, GenericJoint, LumpedMass
 from fenics_joints.beams.element import (
     joint_damping_matrix,
@@ -17,9 +16,10 @@ from fenics_joints.beams.element import (
 )
 from fenics_joints.beams.laws import AXIAL, BEAM, BEAM_MASSES, LAPPED, SECTION, SLAP, SLIP
 from fenics_joints.beams.layout import Layout, Stretch
-from fenics_joints.components import Spring
 from fenics_joints.errors import InputError
-from fenics_joints.laws import ELASTIC_SUPPORT
+from fenics_joints.reduction.affine import MassTerm, RegionTerm, SpringTerm
+from fenics_joints.structure.components import Spring
+from fenics_joints.structure.laws import ELASTIC_SUPPORT
 
 __all__ = ["Assembly"]
 

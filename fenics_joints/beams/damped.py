@@ -1,6 +1,6 @@
 """The damping of bolted beams from measured damping ratios, and why the modes' ratios differ.
 
-Damped modes are those of `fenics_joints.complex_modes` with `BeamStructure.joint_damping`: the
+Damped modes are those of `response.complex_modes` with `BeamStructure.joint_damping`: the
 eigenvalues of the state matrix of seed 002, eq. 9.
 """
 
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from fenics_joints.affine import number
 from fenics_joints.beams.structure import BeamStructure
-from fenics_joints.complex_modes import ComplexModes, solve_complex_modes
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.reduction.affine import number
+from fenics_joints.response.complex_modes import ComplexModes, solve_complex_modes
 
 __all__ = ["DampingFit", "SlipTable", "identify_damping", "slip_table"]
 

@@ -1,7 +1,7 @@
 """Scalars in which the matrices of beams and joint elements are linear, as laws of regions.
 
 A beam is one region with its stiffness and the first of its mass terms, and one region without
-stiffness for each further mass term: a region of `fenics_joints.affine` has a single scalar of
+stiffness for each further mass term: a region of `reduction.affine` has a single scalar of
 mass, and that of a Timoshenko beam depends on Poisson's ratio and on the height in nine.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from fenics_joints.beams.element import bending_number
 from fenics_joints.errors import InputError
-from fenics_joints.laws import Law
+from fenics_joints.structure.laws import Law
 
 __all__ = ["AXIAL", "BEAM", "BEAM_LAWS", "BEAM_MASSES", "LAPPED", "SECTION", "SLAP", "SLIP"]
 

@@ -177,10 +177,10 @@ def solve_bolted_plates(
     """
     from mpi4py import MPI
 
-    from fenics_joints.components import Support, part
     from fenics_joints.meshes import bolted_plates_section
     from fenics_joints.preload import PreloadModel, solve_preload
-    from fenics_joints.structure import Structure
+    from fenics_joints.structure.components import Support, part
+    from fenics_joints.structure.structure import Structure
 
     s = settings or BoltedPlates()
     if tagged is None:

@@ -10,29 +10,29 @@ import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-from fenics_joints.case import Case
-from fenics_joints.diagnosis.classes import classes, detectable
-from fenics_joints.diagnosis.effects import Effect
-from fenics_joints.diagnosis.inference import Fit
+from fenics_joints.case.case import Case
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.classes import classes, detectable
+from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.nested import Nested, nested_evidence
+from fenics_joints.diagnosis.evidence.prediction import Prediction
+from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_best
 from fenics_joints.diagnosis.kept_fits import KeptFits
-from fenics_joints.diagnosis.localise import zone_shares
-from fenics_joints.diagnosis.location import locate_gap
-from fenics_joints.diagnosis.nested import Nested, nested_evidence
-from fenics_joints.diagnosis.prediction import Prediction
-from fenics_joints.diagnosis.prepared import Prepared, prepare
+from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
-from fenics_joints.diagnosis.screen import linear_evidence, near_best
 from fenics_joints.diagnosis.search import Search, with_evidence
 from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import Shrinkage, blinded, cross_validate, folds
 from fenics_joints.diagnosis.spread import spread
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
+from fenics_joints.diagnosis.where.localise import zone_shares
+from fenics_joints.diagnosis.where.location import locate_gap
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.gap import Gap
-from fenics_joints.measurements import TestData
+from fenics_joints.measurements.data import TestData
+from fenics_joints.measurements.gap import Gap
 from fenics_joints.meshes.tagged import on_root
 from fenics_joints.progress import Progress
-from fenics_joints.surrogate import crossing_names
+from fenics_joints.reduction.surrogate import crossing_names
 
 __all__ = ["diagnose"]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence import Evidence
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.errors import InputError
 
 __all__ = ["KeptFits"]

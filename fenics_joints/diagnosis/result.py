@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_joints.gap import Gap
+from fenics_joints.measurements.gap import Gap
 
 if TYPE_CHECKING:
-    from fenics_joints.diagnosis.location import Location
-    from fenics_joints.diagnosis.nested import Nested
+    from fenics_joints.diagnosis.evidence.nested import Nested
     from fenics_joints.diagnosis.shrinkage import Shrinkage
+    from fenics_joints.diagnosis.where.location import Location
 
 __all__ = [
     "CellMap", "Diagnosis", "EffectResult", "HypothesisResult", "Separation", "Silent", "ZoneShare",

@@ -10,14 +10,14 @@ import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
-from fenics_joints.diagnosis.effects import Effect
-from fenics_joints.diagnosis.hypothesis import Hypothesis
-from fenics_joints.diagnosis.inference import Fit, fit
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import Fit, fit
+from fenics_joints.diagnosis.evidence.screen import near_best, quick_evidence, whitened
+from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.kept_fits import KeptFits
-from fenics_joints.diagnosis.prepared import Prepared
-from fenics_joints.diagnosis.screen import near_best, quick_evidence, whitened
+from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.spread import spread
-from fenics_joints.diagnosis.unlisted import look_alike
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.progress import Progress
 
@@ -298,7 +298,7 @@ class Search:
 
         Those that fail their own check count together for no more than an unknown cause: the best
         of wrong explanations is none. And what explains the test may be a look-alike
-        (`fenics_joints.diagnosis.unlisted`).
+        (`fenics_joints.diagnosis.evidence.unlisted`).
         """
         score = np.array([f.log_evidence for f in fits])
         score = score + self.log_prior([f.hypothesis for f in fits])

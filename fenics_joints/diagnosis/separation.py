@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.diagnosis.added import (
+from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.prediction import Prediction
+from fenics_joints.diagnosis.plan.added import (
     ADDED_MASS,
     DAMPING_NOISE,
     MORE_MODES,
     missed_modes,
     next_modes,
 )
-from fenics_joints.diagnosis.inference import Fit
-from fenics_joints.diagnosis.prediction import Prediction
 from fenics_joints.diagnosis.result import Separation
-from fenics_joints.gap import VISIBLE
-from fenics_joints.modal import Modes, solve_modes
-from fenics_joints.surrogate import Surrogate
+from fenics_joints.measurements.gap import VISIBLE
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.reduction.surrogate import Surrogate
 
 __all__ = ["best_measurement"]
 

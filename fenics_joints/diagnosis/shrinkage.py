@@ -14,10 +14,10 @@ import numpy as np
 from mpi4py import MPI
 from scipy.special import logsumexp
 
-from fenics_joints.diagnosis.evidence import FREQUENCY, Evidence
-from fenics_joints.diagnosis.hypothesis import Hypothesis
-from fenics_joints.diagnosis.inference import Fit, Forward, fit
-from fenics_joints.diagnosis.prediction import predict
+from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import Fit, Forward, fit
+from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.result import plain
 from fenics_joints.diagnosis.spread import spread
 

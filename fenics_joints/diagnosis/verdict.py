@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.inference import Fit
+from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.result import EffectResult
-from fenics_joints.gap import Gap
+from fenics_joints.measurements.gap import Gap
 
 __all__ = ["MISFIT", "NO_GAP", "UNKNOWN", "decide", "least_sure"]
 

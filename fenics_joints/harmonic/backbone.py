@@ -19,7 +19,7 @@ from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.continuation import Settings, follow
 from fenics_joints.harmonic.frf import fingerprint
 from fenics_joints.harmonic.result import Periodic, check_sensor
-from fenics_joints.interface_model import InterfaceModel
+from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.progress import Progress
 
 __all__ = ["Backbone", "solve_backbone", "solve_phase_resonance"]

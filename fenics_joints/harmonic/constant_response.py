@@ -26,7 +26,7 @@ from fenics_joints.harmonic.frf import (
     with_extremes,
 )
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
-from fenics_joints.interface_model import InterfaceModel
+from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.progress import Progress
 
 __all__ = ["ConstantResponse", "solve_constant_response"]

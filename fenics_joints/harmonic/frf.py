@@ -16,7 +16,7 @@ from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import Settings, correct, follow, locate
 from fenics_joints.harmonic.fourier import amplitude_gradient
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
-from fenics_joints.interface_model import InterfaceModel
+from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.progress import Progress
 
 __all__ = ["ForcedResponse", "solve_harmonic"]

@@ -15,7 +15,7 @@ from fenics_joints.files import write_text
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import amplitude, differentiated
 from fenics_joints.harmonic.sensitivity import ResponseGradient, response_gradient
-from fenics_joints.interface_model import InterfaceModel
+from fenics_joints.interfaces.model import InterfaceModel
 
 __all__ = ["HarmonicResult", "Loops", "Peak", "Periodic", "check_sensor"]
 

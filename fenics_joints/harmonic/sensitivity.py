@@ -15,7 +15,7 @@ import scipy.linalg
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import amplitude_gradient, differentiated
-from fenics_joints.interface_model import InterfaceModel
+from fenics_joints.interfaces.model import InterfaceModel
 
 __all__ = ["ResponseGradient", "response_gradient"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.interface_model import InterfaceModel
+from fenics_joints.interfaces.model import InterfaceModel
 
 __all__ = ["static_state"]
 

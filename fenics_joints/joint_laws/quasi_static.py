@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.joint_laws.field import JointField
-from fenics_joints.petsc_options import petsc_defaults
+from fenics_joints.modal.options import petsc_defaults
 
 __all__ = ["QuasiStatic", "QuasiStaticHistory", "solve_quasi_static"]
 

@@ -15,11 +15,11 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.points import Sensors
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.result import ContactState, PreloadResult
+from fenics_joints.structure.points import Sensors
 
 __all__ = [
     "LinearJoint",

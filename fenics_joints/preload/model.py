@@ -22,7 +22,7 @@ from fenics_joints.preload.components import (
 )
 from fenics_joints.preload.interface import Interface, pair_faces, read_face
 from fenics_joints.preload.jumps import Jumps, Section, Spider
-from fenics_joints.structure import Structure
+from fenics_joints.structure.structure import Structure
 
 __all__ = ["PreloadModel"]
 

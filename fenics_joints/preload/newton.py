@@ -21,7 +21,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.petsc_options import petsc_defaults
+from fenics_joints.modal.options import petsc_defaults
 
 __all__ = ["NewtonMatrix", "NewtonPreconditioner"]
 

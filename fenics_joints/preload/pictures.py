@@ -20,10 +20,10 @@ from matplotlib.patches import Circle, Patch
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
-from fenics_joints.pictures import CHOSEN, NOMINAL, PLACEBO, new_figure, style
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
 from fenics_joints.preload.patch import contour_area, largest_radius
 from fenics_joints.preload.result import ContactState
+from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, new_figure, style
 
 __all__ = ["pressure_map", "pressure_profile", "status_map"]
 

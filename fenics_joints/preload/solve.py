@@ -9,7 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.petsc_options import petsc_defaults
+from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.preload.conditions import Pairs, Penalty
 from fenics_joints.preload.hold import Hold, find_hold
 from fenics_joints.preload.interface import Interface

@@ -1,0 +1,384 @@
+"""The mesh and the structure that a case describes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.case.beams import refuse_beams
+from fenics_joints.case.case import Case, matching, unknown_groups
+from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh
+from fenics_joints.case.preload import BeamBoltSection, PretensionBoltSection
+from fenics_joints.case.sections import (
+    AXES,
+    Joint,
+    MassSection,
+    Part,
+    SpringSection,
+    SupportSection,
+)
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
+from fenics_joints.meshes.rings import check_normal
+from fenics_joints.preload import (
+    BeamBolt,
+    Contact,
+    PreloadModel,
+    PretensionSection,
+    WasherForce,
+)
+from fenics_joints.structure.components import (
+    ElasticSupport,
+    Parameter,
+    PointMass,
+    Region,
+    Spring,
+    Support,
+    joint,
+    part,
+    transition,
+)
+from fenics_joints.structure.structure import Structure
+from fenics_joints.units import parameter_unit
+
+if TYPE_CHECKING:
+    from fenics_joints.beams import BeamStructure
+
+__all__ = ["RIGID_SUPPORT", "build_mesh", "build_preload", "build_structure", "parameters"]
+
+#: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
+_JOINT_MODULUS = (1e2, 1e14)
+#: How far a known property may be from its nominal value, as a factor.
+_KNOWN = 3.0
+_THICKNESS = (0.5, 2.0)
+#: How far the thickness of a transition layer may be from its nominal value, as a factor.
+_LAYER = 30.0
+#: How far the stiffness of a lap of beams may be from its nominal value, as a factor; most damping.
+_LAP, _DAMPER = 1e3, 1e3
+#: Ratio of thicknesses that no choice of a mesh explains, but a wrong unit (1000) does.
+_FAR = 300.0
+_NU = (0.0, 0.49)
+#: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
+#: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
+RIGID_SUPPORT = 1e19
+_SUPPORT = (1e6, 1e21)
+#: How far a damping value may be from its nominal one, as a factor; a ratio is at most 1.
+_DAMPING = 1e3
+#: How much heavier or stiffer than the case says something attached may be.
+_ATTACHED = {"mass": 10.0, "stiffness": 1e3}
+
+
+def build_mesh(case: Case, comm: MPI.Intracomm) -> TaggedMesh:
+    """The mesh of a case. Collective.
+
+    Raises:
+        MeshError: If it cannot be built or read, or lacks a group that the case names.
+    """
+    try:
+        if isinstance(case.mesh, MeshFile):
+            tagged = case.mesh.read(case.folder, comm)
+        else:
+            tagged = case.mesh.build(comm)
+    except MeshError as error:
+        raise MeshError(f"{case.path}: mesh: {error}") from error
+    except InputError as error:
+        raise InputError(f"{case.path}: {error}") from error
+    missing = unknown_groups(case, tagged.cell_names, tagged.facet_names)
+    if missing:
+        raise MeshError("\n  ".join([f"{case.path}: names groups of the mesh:", *missing]))
+    return tagged
+
+
+def build_structure(
+    case: Case,
+    comm: MPI.Intracomm,
+    *,
+    law: str | None = None,
+    attached: bool = False,
+    tagged: TaggedMesh | None = None,
+    width: bool = False,
+    elastic_supports: bool = False,
+    damping: bool = False,
+) -> Structure | BeamStructure:
+    """The structure of a case, all its numbers as parameters. Collective.
+
+    The parameters are named NAME.KEY: E, nu, rho and thickness of a part; E, G, thickness, and rho
+    if given, of a joint; E, nu, h of a transition layer; k1, k2, c, and k_axial if given, of a lap
+    of beams; mass, stiffness. A thickness is relative to the mesh's, 1; h is in metres.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        law: Law of all joints, instead of the case's own.
+        attached: Whether to add what ``[attached]`` names, with parameters at zero: not there.
+            ``NAME.mass`` is the total of all points, ``NAME.stiffness`` that of each spring, and
+            ``NAME.travel`` the distance from the points in the case.
+        tagged: The case's mesh, if it exists already.
+        width: Whether the parts' widths, relative to the mesh's, are parameters NAME.width too.
+            They double the terms that a reduced model has of a part.
+        elastic_supports: Whether the ``[supports]`` that hold all directions are springs spread
+            over their facets, as good as rigid at their nominal NAME.k_n and NAME.k_t.
+        damping: Whether the values of ``[damping]`` are parameters too; see `Case.damped`.
+
+    Raises:
+        InputError: For a value that is out of range.
+        MeshError: As `build_mesh`.
+    """
+    if isinstance(case.mesh, OffsetBeamsMesh):
+        from fenics_joints.case.build_beams import build_beams
+
+        return build_beams(
+            case, attached=attached, width=width, elastic_supports=elastic_supports,
+            damping=damping,
+        )  # fmt: skip
+    tagged = build_mesh(case, comm) if tagged is None else tagged
+    pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
+    masses = [m for name, section in pointed.items() for m in _masses(name, section)]
+    springs = [s for name, section in pointed.items() for s in _springs(name, section)]
+    supports = [_support(name, s, elastic_supports) for name, s in case.supports.items()]
+    try:
+        return Structure(
+            tagged,
+            [*_parts(case, width), *_joints(case, tagged, law)],
+            parameters(
+                case, attached=attached, width=width, elastic_supports=elastic_supports,
+                damping=damping,
+            ),
+            masses=masses,
+            springs=springs,
+            supports=supports,
+            degree=case.mesh.degree,
+        )
+    except MeshError as error:
+        raise MeshError(f"{case.path}: {error}") from error
+    except InputError as error:
+        raise InputError(f"{case.path}: {error}") from error
+
+
+def build_preload(
+    case: Case, comm: MPI.Intracomm, *, tagged: TaggedMesh | None = None
+) -> PreloadModel:
+    """The bodies of a case with its contacts and its bolts at their nominal forces. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        tagged: The case's mesh, if it exists already.
+
+    Raises:
+        InputError: If the case has no contacts or no bolts, or a value is out of range.
+        MeshError: As `build_structure`; if faces do not match, or bodies share vertices.
+    """
+    refuse_beams(case, "contact under preload")
+    for table in ("contacts", "bolts"):
+        if not getattr(case, table):
+            raise InputError(f"{case.path}: {table} is missing, expected sections [{table}.NAME]")
+    structure = build_structure(case, comm, tagged=tagged)
+    contacts = [Contact(name, **section.model_dump()) for name, section in case.contacts.items()]
+    try:
+        return PreloadModel(structure, contacts, [_bolt(*item) for item in case.bolts.items()])
+    except MeshError as error:
+        raise MeshError(f"{case.path}: {error}") from error
+    except InputError as error:
+        raise InputError(f"{case.path}: {error}") from error
+
+
+def _bolt(name: str, section) -> BeamBolt | PretensionSection | WasherForce:
+    ends = name, section.lower, section.upper, section.preload()
+    if isinstance(section, BeamBoltSection):
+        return BeamBolt(
+            *ends, section.shank(), section.E, section.nu, section.rho, section.head_mass
+        )
+    if isinstance(section, PretensionBoltSection):
+        return PretensionSection(*ends, section.axis)
+    return WasherForce(*ends, section.axis)
+
+
+def parameters(
+    case: Case,
+    *,
+    attached: bool = False,
+    width: bool = False,
+    elastic_supports: bool = False,
+    damping: bool = False,
+) -> list[Parameter]:
+    """The parameters of a case's structure, with units and bounds, in order."""
+    bounds = _bounds(case)
+    values = case.nominal(attached, width)
+    if elastic_supports:
+        for name, section in case.supports.items():
+            if _holds_all(section):
+                for key in ("k_n", "k_t"):
+                    values[f"{name}.{key}"] = RIGID_SUPPORT
+                    bounds[f"{name}.{key}"] = _SUPPORT
+    if damping and case.damping is not None:
+        for name, value in case.damping.nominal().items():
+            values[name] = value
+            high = value * _DAMPING
+            bounds[name] = value / _DAMPING, high if _unit(name) else min(high, max(1.0, value))
+    return [
+        Parameter(name, value, _unit(name), *bounds[name], log=_is_log(name, value))
+        for name, value in values.items()
+    ]
+
+
+def _holds_all(section: SupportSection) -> bool:
+    return set(section.directions) == set(AXES)
+
+
+def _support(name: str, section: SupportSection, elastic: bool) -> Support | ElasticSupport:
+    if elastic and _holds_all(section):
+        return ElasticSupport(name, section.facets, f"{name}.k_n", f"{name}.k_t")
+    return Support(section.facets, tuple(AXES.index(d) for d in section.directions))
+
+
+def _unit(name: str) -> str:
+    return parameter_unit(name).replace("*", " ")
+
+
+def _is_log(name: str, value: float) -> bool:
+    return value > 0 and not name.endswith(".nu")
+
+
+def _bounds(case: Case) -> dict[str, tuple[float, float]]:
+    bounds = {}
+    for name, section in {**case.parts, **case.joints}.items():
+        given = section.bounds.model_dump(exclude_none=True)
+        values = section.nominal(width=True) if isinstance(section, Part) else section.nominal()
+        for key, value in values.items():
+            bounds[f"{name}.{key}"] = given.get(key) or _usual(section, key, value)
+    for name, section in {**case.masses, **case.springs}.items():
+        for key, value in section.nominal().items():
+            if key != "travel":
+                bounds[f"{name}.{key}"] = value / _ATTACHED[key], value * _ATTACHED[key]
+    for name, section in case.attached.items():
+        for key, value in section.nominal().items():
+            bounds[f"{name}.{key}"] = 0.0, value * _ATTACHED[key]
+    for name, section in {**case.masses, **case.attached}.items():
+        if isinstance(section, MassSection) and section.travel is not None:
+            bounds[f"{name}.travel"] = section.shift()
+    return bounds
+
+
+def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]:
+    """Bounds for a property whose section gives none."""
+    if key == "nu":
+        low, high = _NU
+    elif key in ("thickness", "width"):
+        low, high = _THICKNESS
+    elif isinstance(section, Joint) and key in ("E", "G"):
+        low, high = _JOINT_MODULUS
+    elif key in ("k1", "k2", "k_axial"):
+        low, high = value / _LAP, value * _LAP
+    elif key == "c":
+        low, high = 0.0, _DAMPER
+    elif key == "h":
+        low, high = value / _LAYER, value * _LAYER
+    else:
+        low, high = value / _KNOWN, value * _KNOWN
+    return min(low, value), max(high, value)
+
+
+def _parts(case: Case, width: bool) -> list[Region]:
+    return [
+        part(
+            name,
+            tuple(p.cells),
+            E=f"{name}.E",
+            nu=f"{name}.nu",
+            rho=f"{name}.rho",
+            stretch=f"{name}.thickness",
+            normal=p.normal,
+            width=f"{name}.width" if width else 1.0,
+            across=p.widens(),
+        )
+        for name, p in case.parts.items()
+    ]
+
+
+def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
+    for name, j in case.joints.items():
+        # Where the thickness is measured, the normal is checked by it.
+        if tagged.mesh.geometry.dim == 3 and (j.law != "transition" or j.meshed is not None):
+            try:
+                check_normal(tagged, _cells(j, tagged), j.normal)
+            except MeshError as error:
+                raise MeshError(f"joints.{name}: {error}") from error
+    return [
+        _transition(name, j, tagged)
+        if j.law == "transition"
+        else joint(
+            name,
+            tuple(j.cells),
+            E=f"{name}.E",
+            G=f"{name}.G",
+            law=law or j.law,
+            rho=0.0 if j.rho is None else f"{name}.rho",
+            stretch=f"{name}.thickness",
+            normal=j.normal,
+        )
+        for name, j in case.joints.items()
+    ]
+
+
+def _cells(section: Joint, tagged: TaggedMesh) -> tuple[str, ...]:
+    """Names of a joint's cells, patterns resolved."""
+    there = sorted(tagged.cell_names, key=tagged.cell_names.get)
+    return tuple(dict.fromkeys(c for pattern in section.cells for c in matching(pattern, there)))
+
+
+def _transition(name: str, section: Joint, tagged: TaggedMesh) -> Region:
+    cells = _cells(section, tagged)
+    meshed = section.meshed
+    if meshed is None:
+        try:
+            thickness = layer_thickness if tagged.mesh.geometry.dim == 3 else extent
+            meshed = thickness(tagged, cells, section.normal)
+        except MeshError as error:
+            raise MeshError(f"joints.{name}: {error}") from error
+        if not 1 / _FAR <= meshed / section.h <= _FAR:
+            raise MeshError(
+                f"joints.{name}: its layer is {1e3 * meshed:.6g} mm thick in the mesh, and h is "
+                f"{1e3 * section.h:.6g} mm; expected both in the same unit (see scale in [mesh])"
+            )
+    rho = 0.0 if section.rho is None else f"{name}.rho"
+    return transition(
+        name, cells, E=f"{name}.E", nu=f"{name}.nu", h=f"{name}.h", meshed=meshed, rho=rho,
+        normal=section.normal,
+    )  # fmt: skip
+
+
+def _masses(name: str, section) -> list[PointMass]:
+    if not isinstance(section, MassSection):
+        return []
+    moves = section.travel is not None
+    axis = np.eye(3)[AXES.index(section.along) if moves else 0]
+    return [
+        PointMass(
+            label,
+            f"{name}.mass",
+            point,
+            direction=tuple(axis.tolist()),
+            travel=f"{name}.travel" if moves else 0.0,
+            share=1 / len(section.points),
+        )
+        for label, point in zip(_labels(name, section.points), section.points, strict=True)
+    ]
+
+
+def _springs(name: str, section) -> list[Spring]:
+    if not isinstance(section, SpringSection):
+        return []
+    length = math.hypot(*section.direction)
+    direction = tuple(c / length for c in section.direction)
+    return [
+        Spring(label, f"{name}.stiffness", point, direction)
+        for label, point in zip(_labels(name, section.points), section.points, strict=True)
+    ]
+
+
+def _labels(name: str, points) -> list[str]:
+    return [name] if len(points) == 1 else [f"{name}[{i}]" for i in range(len(points))]

@@ -1,0 +1,319 @@
+"""Sections of a case file about nonlinear joints and their response to sinusoidal forces."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from fenics_joints.case.messages import did_you_mean, said
+from fenics_joints.case.sections import (
+    Count,
+    Direction,
+    Modulus,
+    Point,
+    Positive,
+    Section,
+    Share,
+    Size,
+    ascending,
+    listed,
+    quantity,
+)
+from fenics_joints.units import to_si
+
+if TYPE_CHECKING:
+    from fenics_joints.case.case import Case
+    from fenics_joints.joint_laws import Backbone, JointLaw
+
+__all__ = [
+    "CoulombSection", "HarmonicSection", "IdentifySection", "NonlinearSection", "Place",
+    "check_harmonic", "identifiable", "identification_start",
+]  # fmt: skip
+
+Force = quantity("N", 0, above=True)
+Frequency = quantity("Hz", 0, above=True)
+PerLength = quantity("Pa/m", 0, above=True)
+Shape = quantity("", -0.99, 0)
+
+
+class Hysteretic(Section):
+    """A backbone with Masing's rule, as parallel sliders.
+
+    ``stress`` is what yields: the shear of the interface (the seed's c55 and c66), or the
+    ``equivalent`` stress of tension and shear together, of a layer. ``thickness`` is that of the
+    layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
+    """
+
+    stress: Literal["shear", "equivalent"] = "shear"
+    sliders: Annotated[int, Field(ge=1, le=200, strict=True)] = 24
+    thickness: Size | None = None
+
+    def make(self, E: float | None, G: float | None, meshed: float) -> JointLaw:
+        """The law.
+
+        Args:
+            E: Normal modulus of the joint, Pa; None for a contact.
+            G: Its shear modulus, Pa; None for a contact.
+            meshed: Thickness of the layer as meshed, m; 1 for a contact, whose strain is its slip.
+        """
+        from fenics_joints.joint_laws import Iwan, IwanLayer
+
+        ratio = 1.0 if self.thickness is None else self.thickness / meshed
+        if self.stress == "shear":
+            backbone = self.backbone(None if G is None else G * ratio)
+            return Iwan(backbone, self.sliders, thickness=ratio)
+        backbone = self.backbone(E * ratio)
+        return IwanLayer(backbone, G * ratio, self.sliders, thickness=ratio)
+
+    def needs_modulus(self) -> bool:
+        """Whether moduli must come from the joint."""
+        return self.elastic() is None or self.stress == "equivalent"
+
+
+class RichardAbbottSection(Hysteretic):
+    """``[nonlinear.NAME]`` with ``law = "richard_abbott"`` (seed 003, eq. 4)."""
+
+    units: ClassVar = {"E_e": "Pa", "E_p": "Pa", "S_y": "Pa", "n": ""}
+
+    law: Literal["richard_abbott"]
+    E_e: Modulus | None = None
+    E_p: quantity("Pa", 0)
+    S_y: Modulus
+    n: Positive
+
+    def elastic(self) -> float | None:
+        """Modulus at rest, Pa, if given."""
+        return self.E_e
+
+    def backbone(self, modulus: float | None) -> Backbone:
+        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
+        from fenics_joints.joint_laws import RichardAbbott
+
+        return RichardAbbott(self.E_e or modulus, self.E_p, self.S_y, self.n)
+
+
+class SegalmanSection(Hysteretic):
+    """``[nonlinear.NAME]`` with ``law = "segalman"``: the four-parameter Iwan model."""
+
+    units: ClassVar = {"F_S": "Pa", "K_T": "Pa", "chi": "", "beta": ""}
+
+    law: Literal["segalman"]
+    F_S: Modulus
+    K_T: Modulus | None = None
+    chi: Shape
+    beta: quantity("", 0)
+
+    def elastic(self) -> float | None:
+        """Modulus at rest, Pa, if given."""
+        return self.K_T
+
+    def backbone(self, modulus: float | None) -> Backbone:
+        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
+        from fenics_joints.joint_laws import Segalman
+
+        return Segalman(self.F_S, self.K_T or modulus, self.chi, self.beta)
+
+
+class BilinearSection(Hysteretic):
+    """``[nonlinear.NAME]`` with ``law = "bilinear"``: one slider beside a spring."""
+
+    units: ClassVar = {"E_e": "Pa", "E_p": "Pa", "S_y": "Pa"}
+
+    law: Literal["bilinear"]
+    E_e: Modulus | None = None
+    E_p: quantity("Pa", 0)
+    S_y: Modulus
+
+    def elastic(self) -> float | None:
+        """Modulus at rest, Pa, if given."""
+        return self.E_e
+
+    def backbone(self, modulus: float | None) -> Backbone:
+        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
+        from fenics_joints.joint_laws import Bilinear
+
+        return Bilinear(self.E_e or modulus, self.S_y, self.E_p)
+
+
+class CoulombSection(Section):
+    """``[nonlinear.NAME]`` with ``law = "coulomb"``: elastic stick and friction on a contact.
+
+    The pressure is that of the bolts' preload, and changes with the opening.
+    """
+
+    units: ClassVar = {
+        "normal_stiffness": "Pa/m", "tangential_stiffness": "Pa/m", "friction": "",
+    }  # fmt: skip
+
+    law: Literal["coulomb"]
+    normal_stiffness: PerLength
+    tangential_stiffness: PerLength
+    friction: Positive
+
+    def needs_modulus(self) -> bool:
+        """Whether an elastic modulus must come from the joint: never."""
+        return False
+
+
+def _kind(data: Any) -> str | None:
+    kinds = {
+        "richard_abbott": "<RichardAbbottSection>",
+        "segalman": "<SegalmanSection>",
+        "bilinear": "<BilinearSection>",
+        "coulomb": "<CoulombSection>",
+    }
+    law = data.get("law") if isinstance(data, dict) else None
+    return kinds.get(law) if isinstance(law, str) else None
+
+
+NonlinearSection = Annotated[
+    Annotated[RichardAbbottSection, Tag("<RichardAbbottSection>")]
+    | Annotated[SegalmanSection, Tag("<SegalmanSection>")]
+    | Annotated[BilinearSection, Tag("<BilinearSection>")]
+    | Annotated[CoulombSection, Tag("<CoulombSection>")],
+    Discriminator(_kind),
+]
+
+
+class Place(Section):
+    """Where and how a force acts or a sensor measures."""
+
+    point: Point
+    direction: Direction
+
+
+class IdentifySection(Section):
+    """``[harmonic.identify]``: parameters of the laws from the curves of one level.
+
+    The objective is the seed's eq. 6, or with ``method = "gradient"`` its squares. Loops of force
+    against response, in a table of their own, enter beside the curve. ``start`` is the case's own
+    numbers by default.
+    """
+
+    level: Force
+    parameters: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
+    start: dict[str, float | str] = {}
+    method: Literal["direct", "gradient", "both"] = "both"
+    points: Annotated[int, Field(ge=3, strict=True)] = 9
+    loops: str | None = None
+    noise: Share = 0.01
+
+
+class HarmonicSection(Section):
+    """``[harmonic]``: what `fenics-joints harmonic` computes.
+
+    ``levels`` are amplitudes of the force; ``damping`` the ratios of the modes at rest, the last
+    one for all further modes; ``measured`` a table with the columns ``level``, ``frequency`` and
+    ``amplitude``, of the ``response`` at the sensor. ``interface_modes`` go into the reduced model
+    beside the ``modes``: none in layers, which show how they give way under static load instead,
+    and 60 in contacts, or all they have, unless the case says so.
+    """
+
+    force: Place
+    sensor: Place
+    levels: Annotated[list[Force], BeforeValidator(listed), Field(min_length=1)]
+    band: ascending(Frequency)
+    damping: Annotated[list[Share], BeforeValidator(listed), Field(min_length=1)]
+    response: Literal["displacement", "velocity", "acceleration"] = "acceleration"
+    measured: str | None = None
+    backbone: bool = True
+    harmonics: Annotated[int, Field(ge=1, le=51, strict=True)] = 5
+    samples: Annotated[int, Field(ge=8, strict=True)] = 128
+    modes: Count = 12
+    interface_modes: Annotated[int, Field(ge=0, strict=True)] = 24
+    identify: IdentifySection | None = None
+
+    @model_validator(mode="after")
+    def _enough_samples(self) -> HarmonicSection:
+        if self.samples < 4 * self.harmonics:
+            raise ValueError(
+                f"samples = {self.samples}: expected at least {4 * self.harmonics}, four for each "
+                "harmonic"
+            )
+        if self.identify is not None and self.identify.level not in self.levels:
+            raise ValueError(
+                f"identify.level = {self.identify.level:g} N: expected one of the levels"
+            )
+        return self
+
+
+# -- checks ----------------------------------------------------------------------------------------
+
+
+def check_harmonic(case: Case) -> list[str]:
+    """What is wrong with a case's nonlinear joints and their response, a line each."""
+    errors = []
+    for name, section in case.nonlinear.items():
+        errors += _check_nonlinear(case, name, section)
+    if case.harmonic is None:
+        return errors
+    if not case.nonlinear:
+        errors.append("harmonic: expected a nonlinear joint, in a section [nonlinear.NAME]")
+    identify = case.harmonic.identify
+    known = identifiable(case)
+    for i, name in enumerate(identify.parameters if identify else ()):
+        if name not in known:
+            key = f"harmonic.identify.parameters[{i}]"
+            errors.append(said(key, name, f"no such parameter{did_you_mean(name, list(known))}"))
+    for name in identify.start if identify else ():
+        if name not in identify.parameters:
+            hint = did_you_mean(name, identify.parameters)
+            key = f"harmonic.identify.start.{name}"
+            value = identify.start[name]
+            errors.append(said(key, value, f"is not in identify.parameters{hint}"))
+    errors += _check_start(case, known) if identify else []
+    if identify is not None and case.harmonic.measured is None:
+        errors.append("harmonic.identify: expected measured curves, harmonic.measured = 'FILE.csv'")
+    return errors
+
+
+def _check_nonlinear(case: Case, name: str, section) -> list[str]:
+    key = f"nonlinear.{name}"
+    if name in case.contacts:
+        if section.needs_modulus():
+            what = "stress = 'shear' and an elastic modulus"
+            return [f"{key}: expected {what}, since a contact has no moduli of its own"]
+        if not isinstance(section, CoulombSection) and section.thickness is None:
+            return [f"{key}.thickness: expected that of the layer whose strain is slip / thickness"]
+        return []
+    if name not in case.joints:
+        known = did_you_mean(name, [*case.joints, *case.contacts])
+        return [f"{key}: no joint or contact has that name{known}"]
+    if isinstance(section, CoulombSection):
+        return [said(f"{key}.law", "coulomb", "expected a contact of that name, not a layer")]
+    if case.joints[name].law == "transition":
+        return [f"{key}: joints.{name} has law = 'transition', expected a layer with E and G"]
+    return []
+
+
+def _check_start(case: Case, known) -> list[str]:
+    errors, identify = [], case.harmonic.identify
+    for name, value in identify.start.items():
+        if name in known:
+            try:
+                to_si(value, known[name][1])
+            except ValueError as error:
+                errors.append(said(f"harmonic.identify.start.{name}", value, str(error)))
+    if identify.loops is not None and not (case.folder / identify.loops).is_file():
+        expected = f"no such file, expected a table at {case.folder / identify.loops}"
+        errors.append(said("harmonic.identify.loops", identify.loops, expected))
+    return errors
+
+
+def identification_start(case: Case) -> dict[str, float]:
+    """Values, SI, that the identification of a case starts from, by parameter."""
+    known, identify = identifiable(case), case.harmonic.identify
+    given = {name: to_si(value, known[name][1]) for name, value in identify.start.items()}
+    return {name: given.get(name, known[name][0]) for name in identify.parameters}
+
+
+def identifiable(case: Case) -> dict[str, tuple[float, str]]:
+    """Value and unit of every number of the nonlinear laws, by NAME.KEY."""
+    found = {}
+    for name, section in case.nonlinear.items():
+        for key, unit in section.units.items():
+            value = getattr(section, key)
+            if value is not None:
+                found[f"{name}.{key}"] = (value, unit)
+    return found

@@ -1,0 +1,138 @@
+"""What is wrong with a case file, in words: pydantic's errors and our own, in one form."""
+
+from __future__ import annotations
+
+import difflib
+import types
+import typing
+from pathlib import Path
+from typing import Annotated, Any
+
+from fenics_joints.case.mesh import BUILDERS
+from fenics_joints.errors import InputError
+
+__all__ = ["case_error", "describe", "did_you_mean", "said"]
+
+
+def case_error(path: Path, errors: list[str]) -> InputError:
+    """One exception for all errors of a file."""
+    if len(errors) == 1:
+        return InputError(f"{path}: {errors[0]}")
+    return InputError("\n  ".join([f"{path}: {len(errors)} errors:", *errors]))
+
+
+def said(key: str, value: Any, expected: str) -> str:
+    """A line of the form ``key = value: expected ...``."""
+    shown = repr(value)
+    return f"{key} = {shown if len(shown) <= 80 else shown[:77] + '...'}: {expected}"
+
+
+def describe(error: dict[str, Any], root: type) -> str:
+    """One line for one of pydantic's errors."""
+    loc = error["loc"]
+    key = _dotted(loc)
+    kind, value, ctx = error["type"], error["input"], error.get("ctx", {})
+    if kind == "missing":
+        return f"{key} is missing: expected it in {_place(loc)}"
+    if kind == "extra_forbidden":
+        return said(key, value, f"unknown key{did_you_mean(str(loc[-1]), _fields(loc[:-1], root))}")
+    if kind == "union_tag_not_found":
+        return _no_kind(loc[0], key, value)
+    if kind == "value_error":
+        text = str(ctx["error"])
+        # Of a section as a whole the message itself names the values.
+        return f"{key}: {text}" if isinstance(value, dict) else said(key, value, text)
+    if kind == "literal_error":
+        hint = difflib.get_close_matches(str(value), ctx["expected"].replace("'", "").split(), 1)
+        mean = f"; did you mean {hint[0].rstrip(',')!r}?" if hint else ""
+        return said(key, value, f"expected {ctx['expected']}{mean}")
+    return said(key, value, f"expected {_plain(error['msg'])}")
+
+
+#: What the sections of a table can be.
+_KINDS = {
+    "attached": ["mass", "spring"],
+    "bolts": ["beam", "section", "washers"],
+    "nonlinear": ["richard_abbott", "segalman", "bilinear", "coulomb"],
+}
+
+
+def _no_kind(table: str, key: str, value: Any) -> str:
+    """A section whose key that says what it is, is missing or unknown."""
+    word, known = "kind", _KINDS.get(table, [])
+    if table == "mesh":
+        word, known = "builder", list(BUILDERS)
+    if table == "nonlinear":
+        word = "law"
+    given = value.get(word) if isinstance(value, dict) else None
+    names = ", ".join(repr(k) for k in known[:-1]) + f" or {known[-1]!r}"
+    if given is not None and not (table == "mesh" and "file" in value):
+        near = difflib.get_close_matches(str(given), known, 1)
+        mean = f"; did you mean {near[0]!r}?" if near else ""
+        return said(f"{key}.{word}", given, f"expected {names}{mean}")
+    if table == "mesh":
+        files = "file = 'NAME.msh' or 'NAME.step'"
+        return said(key, value, f"expected either builder = {names}, or {files}")
+    return said(key, value, f"expected {word} = {names}")
+
+
+def _plain(message: str) -> str:
+    for start in ("Input should be ", "Input should have ", "Value should have "):
+        message = message.removeprefix(start)
+    return message.removeprefix("a valid ").replace("a valid ", "")
+
+
+def _dotted(loc: tuple) -> str:
+    key = ""
+    for item in loc:
+        if isinstance(item, int):
+            key += f"[{item}]"
+        elif not item.startswith("<") and item != "[key]":
+            key += f".{item}" if key else item
+    return key or "the file"
+
+
+def _place(loc: tuple) -> str:
+    section = _dotted(loc[:-1])
+    return f"[{section}]" if len(loc) > 1 else "the file"
+
+
+def did_you_mean(name: str, known: list[str]) -> str:
+    """The end of a message about an unknown name: what is near it, and all there is."""
+    near = difflib.get_close_matches(name, known, 1, 0.5)
+    hint = f"; did you mean {near[0]!r}? Expected" if near else "; expected"
+    return f"{hint} one of: {', '.join(known)}" if known else ""
+
+
+def _fields(loc: tuple, root: type) -> list[str]:
+    """Keys of the section at a place in the file."""
+    kinds = [root]
+    for item in loc:
+        kinds = [option for kind in kinds for option in _inside(kind, item)]
+    found = []
+    for kind in kinds:
+        fields = kind.model_fields.items() if hasattr(kind, "model_fields") else ()
+        found += [field.alias or name for name, field in fields]
+    return found
+
+
+def _inside(kind: Any, item: str | int) -> list[Any]:
+    """What types the value under ``item`` of a value of type ``kind`` may have."""
+    if isinstance(item, str) and item.startswith("<"):
+        return [kind] if getattr(kind, "__name__", "") == item[1:-1] else []
+    if hasattr(kind, "model_fields"):
+        field = kind.model_fields.get(item)
+        return _options(field.annotation) if field else []
+    if typing.get_origin(kind) in (dict, list, tuple):
+        return _options(typing.get_args(kind)[-1])
+    return []
+
+
+def _options(kind: Any) -> list[Any]:
+    """A type without its annotations, or the members of a union."""
+    origin = typing.get_origin(kind)
+    if origin is Annotated:
+        return _options(typing.get_args(kind)[0])
+    if origin in (typing.Union, types.UnionType):
+        return [option for member in typing.get_args(kind) for option in _options(member)]
+    return [kind]

@@ -1,0 +1,198 @@
+"""From a case to what is sampled: the prior, and a model for it whose error is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.bayes.kept_lean import read_lean, write_lean
+from fenics_joints.bayes.model import Frequencies, ReducedCheck, check_reduced, narrow_frequencies
+from fenics_joints.bayes.priors import Prior, default_density, density
+from fenics_joints.bayes.solid_model import SolidModel
+from fenics_joints.beams import BeamStructure
+from fenics_joints.beams.tested import ExactBeams
+from fenics_joints.case.bayes import Bayes, bayes_data, prior_numbers
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import Case
+from fenics_joints.case.fingerprint import fingerprint
+from fenics_joints.errors import InputError
+from fenics_joints.meshes.tagged import on_root
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.affine import number
+from fenics_joints.structure.components import Parameter
+from fenics_joints.units import parameter_unit
+from fenics_joints.updating.log_scale import LogScale
+
+__all__ = ["CaseModel", "case_model", "case_prior"]
+
+#: Points of the prior that beams are checked at.
+_CHECKED = 50
+#: Relative distance from a law's limit.
+_INSIDE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class CaseModel:
+    """A case made ready for sampling.
+
+    Attributes:
+        prior: Of the parameters.
+        frequencies: ln f at many values.
+        check: Against the full model at points of the prior.
+        bound: Largest error of a frequency that is estimated in the prior, at more points; the
+            estimate, of the residuals, exceeds the error wherever both are known.
+        start: All parameters' values at the start.
+        n_dofs: Degrees of freedom of the full model.
+        n_basis: Of the model that is sampled.
+    """
+
+    prior: Prior
+    frequencies: Frequencies
+    check: ReducedCheck
+    bound: float
+    start: Mapping[str, float]
+    n_dofs: int
+    n_basis: int
+
+
+def case_prior(case: Case, parameters: list[Parameter], start, model) -> Prior:
+    """The priors of a case; lognormal about the start where it has none."""
+    section, densities = case.update.bayes or Bayes(), []
+    for p in parameters:
+        if p.name in section.priors:
+            found = density(p.name, section.priors[p.name].kind, prior_numbers(case, p.name))
+        else:
+            found = default_density(p, start[p.name], case.update.regularisation)
+        densities.append(found)
+    scale = LogScale([p.name for p in parameters], model)
+    return Prior(tuple(parameters), tuple(densities), scale)
+
+
+def case_model(
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress | None = None,
+    *,
+    keep: Path | None = None,
+) -> CaseModel:
+    """Build a case's model for sampling, and check it. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        keep: File of a solid case's reduced model: read if it is there and of the same case, else
+            written. Beams need none.
+
+    Raises:
+        InputError: If the case has no test, no parameters to update or no [update.bayes].
+        ConvergenceError: If the reduced model does not become as good as the case asks for.
+    """
+    _check_asked(case)
+    progress = progress or Progress(silent=True)
+    progress.step("building the model")
+    full, start = build_structure(case, comm), {**case.nominal(), **case.start()}
+    parameters = _within_laws([full.parameters[n] for n in case.update.parameters], start, full)
+    prior = case_prior(case, parameters, start, full)
+    data = bayes_data(case)
+    given = {"sensors": data.sensors, "n_test": len(data.mode_names),
+             "n_modes": case.diagnose.n_modes, "shapes": data.shapes}  # fmt: skip
+    tolerance = (case.update.bayes or Bayes()).tolerance
+    if isinstance(full, BeamStructure):
+        exact = ExactBeams(full, start, **given)
+        frequencies = narrow_frequencies(exact.forward, prior, start, tolerance=tolerance / 10)
+        check = check_reduced(frequencies, _many(exact.forward), prior, _CHECKED)
+        bound = max(frequencies.error, check.error)
+    else:
+        frequencies, check, bound = _solid(
+            case, full, start, given, prior, tolerance, progress, keep
+        )
+    check.require(tolerance)
+    return CaseModel(prior, frequencies, check, bound, start, full.n_dofs,
+                     frequencies.forward.model.n_dofs)  # fmt: skip
+
+
+def _within_laws(parameters: list[Parameter], start, model) -> list[Parameter]:
+    """The parameters, with bounds that keep each E below its G's limit where one of them is fixed.
+
+    Where both are free the coordinates do that.
+    """
+    found = {p.name: p for p in parameters}
+    for region in model.regions:
+        limit, E, G = region.law.ratio_limit, *(region.properties.get(k) for k in "EG")
+        if limit is None or (E in found) == (G in found):
+            continue
+        if E in found:
+            most = (1 - _INSIDE) * limit * number(G, start)
+            found[E] = replace(found[E], upper=min(found[E].upper, most))
+        else:
+            least = (1 + _INSIDE) * number(E, start) / limit
+            found[G] = replace(found[G], lower=max(found[G].lower, least))
+    return list(found.values())
+
+
+def _check_asked(case: Case) -> None:
+    """Refuse a case that does not say what is sampled, with what to write."""
+    if case.test is None:
+        raise InputError(f"{case.path}: test is missing: expected measured frequencies")
+    if case.update is not None and case.update.cutoff is not None:
+        raise InputError(
+            f"{case.path}: update.cutoff: the cut-off pressure is searched step by step, without a "
+            "density; --bayes expects update.parameters, moduli and the like. Leave --bayes out."
+        )
+    if case.update is None or not case.update.parameters:
+        raise InputError(f"{case.path}: update.parameters is missing: expected what is identified")
+    unseen = [name for name in case.update.parameters if name in case.damping_names()]
+    if unseen:
+        raise InputError(
+            f"{case.path}: update.parameters: {', '.join(unseen)}: the posterior is that of "
+            "undamped frequencies, which damping does not move. Expected stiffnesses and masses."
+        )
+    if case.update.bayes is None:
+        start = {**case.nominal(), **case.start()}
+        lines = [_prior_line(case, name, start[name]) for name in case.update.parameters]
+        raise InputError(
+            f"{case.path}: update.bayes is missing: --bayes needs what is known before the test. "
+            "For instance, with two thirds between the median over and times 1.6:\n"
+            + "\n".join(["[update.bayes.priors]", *lines])
+        )
+
+
+def _prior_line(case: Case, name: str, value: float) -> str:
+    unit = parameter_unit(name).replace("*", " ")
+    median = f'"{value:.4g} {unit}"' if unit else f"{value:.4g}"
+    return f'"{name}" = {{ kind = "lognormal", median = {median}, log_sd = 0.5 }}'
+
+
+def _many(forward):
+    """ln f of a forward at many values, nan where it lacks a mode."""
+    def log_f(points):
+        found = []
+        for values in points:
+            try:
+                found.append(forward(values)[0])
+            except InputError:
+                found.append(np.full(forward.n_test, np.nan))
+        return np.array(found)
+
+    return log_f
+
+
+def _solid(case: Case, full, start, given, prior: Prior, tolerance, progress, keep):
+    """A solid model's frequencies, check and estimated error, from their file if it is there."""
+    comm, name = full.comm, None
+    if keep is not None:
+        said = [start, prior.names, prior.exactly(), given["n_test"], tolerance]
+        shapes = None if given["shapes"] is None else given["shapes"].tolist()
+        name = fingerprint(case, full, given["sensors"], *said, shapes)
+        kept = read_lean(keep, name, given["sensors"])
+        if comm.allreduce(kept is not None, op=MPI.LAND):
+            return kept
+    found = SolidModel(full, start, prior, tolerance, progress, **given).ready()
+    if keep is not None and found[1].error <= tolerance:
+        on_root(comm, lambda: write_lean(keep, name, *found))
+    return found

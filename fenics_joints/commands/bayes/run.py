@@ -1,0 +1,277 @@
+"""``fenics-joints update --bayes``: the posterior of a case's parameters, and what it predicts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from threadpoolctl import threadpool_limits
+
+from fenics_joints.bayes.arviz_files import arviz
+from fenics_joints.bayes.chains import Chains
+from fenics_joints.bayes.conflict import check_prior
+from fenics_joints.bayes.distributions import FEWEST
+from fenics_joints.bayes.hierarchical import Hierarchy, Specimens, sample_hierarchy
+from fenics_joints.bayes.likelihood import FittedLikelihood, GaussianLikelihood
+from fenics_joints.bayes.posterior import Posterior
+from fenics_joints.bayes.predictive import FEWEST as FEWEST_CHECKED
+from fenics_joints.bayes.predictive import (
+    PredictiveCheck,
+    check_predictive,
+    outside,
+    replicate,
+)
+from fenics_joints.bayes.samplers import Settings, sample
+from fenics_joints.case.bayes import Bayes, bayes_data, specimens
+from fenics_joints.case.case import Case
+from fenics_joints.commands.bayes.held import Held, predict_held
+from fenics_joints.commands.bayes.model import CaseModel, case_model
+from fenics_joints.commands.bayes.page import BayesReport, Predicted
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.files import check_writable
+from fenics_joints.meshes.tagged import on_root
+from fenics_joints.progress import Progress
+
+__all__ = ["run_bayes"]
+
+#: New sets of specimens; draws for frequencies.
+_SETS, _PREDICTED = 400, 2000
+#: Draws for held modes, by the full model; more of them below so many degrees of freedom.
+_HELD, _HELD_SMALL, _SMALL = 40, 200, 2000
+#: Offset of a mode, in standard deviations of its prior, from which it is doubted.
+_OFFSET = 3.0
+
+
+def run_bayes(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
+) -> BayesReport:
+    """The ``update --bayes`` command. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator; the chains are shared out over its ranks.
+        progress: Told what is being done.
+        keep: File of the chains, see `fenics_joints.bayes.samplers.sample`; a solid case's reduced
+            model is kept beside it, with the ending ``.model.h5``.
+
+    Returns:
+        The report; of chains that did not converge too, which then has a `BayesReport.failure` and
+        predicts nothing.
+
+    Raises:
+        InputError: If the case, a prior or the data cannot be used; a distribution does not fit.
+        ConvergenceError: If the reduced model is not good enough.
+    """
+    arviz()  # missing, it is said before the work
+    if keep is not None:
+        on_root(comm, lambda: check_writable(keep, "--keep"))
+    with threadpool_limits(1):
+        beside = None if keep is None else Path(keep).with_suffix(".model.h5")
+        model = case_model(case, comm, progress, keep=beside)
+        return _Run(case, model, comm, progress, keep).report()
+
+
+class _Run:
+    def __init__(self, case: Case, model: CaseModel, comm, progress: Progress, keep):
+        self.case, self.model, self.comm, self.keep = case, model, comm, keep
+        self.section = case.update.bayes or Bayes()
+        self.data, self.progress = bayes_data(case), progress
+        at = case.update.at
+        self.row = self.data.row(at) if at is not None else len(self.data) - 1
+        self.table = None if self.section.specimens is None else specimens(case)
+        own = self.section.discrepancy
+        self.discrepancy = case.diagnose.discrepancy if own is None else own
+        samples, burn_in = self.section.length()
+        self.settings = Settings(
+            self.section.sampler, samples, burn_in, self.section.chains, self.section.seed
+        )
+
+    def report(self) -> BayesReport:
+        section, progress, last = self.section, self.progress, [0]
+        progress.step("sampling", 100)
+
+        def told(share: float) -> None:
+            now = int(100 * share)
+            progress.advance(now - last[0])
+            last[0] = now
+
+        run = {"comm": self.comm, "keep": self.keep, "told": told}
+        doubts = [*section.without_effect(), *self._prior_doubts()]
+        if section.kind == "hierarchical":
+            found = self._hierarchy(run)
+            chains, words = found.chains, self._hierarchy_words()
+            doubts += self._normal_doubts()
+        else:
+            likelihood = self._likelihood(section.kind)
+            words = likelihood.describe()
+            doubts += likelihood.doubts()
+            posterior = Posterior(self.model.prior, self.model.frequencies, likelihood)
+            found = chains = sample(posterior, self.settings, **run)
+        predicted = None
+        if chains.converged:
+            predicted, more = self._predicted(found)
+            doubts = [*doubts, *more]
+        log_f, sd = self._measured()
+        condition = (self.data.condition_name, float(self.data.conditions[self.row]),
+                     self.data.condition_unit)  # fmt: skip
+        return BayesReport(
+            self.case.title, condition, chains, self._units(), list(self.model.prior.describe()),
+            words, doubts, self.data.mode_names, np.exp(log_f), sd, predicted, self.model,
+            self.settings, self.keep,
+        )  # fmt: skip
+
+    def _likelihood(self, kind: str):
+        names = self.data.mode_names
+        if kind == "fitted":
+            return FittedLikelihood.from_specimens(
+                names, self.table, self.section.distributions, seed=self.settings.seed
+            )
+        if self.table is not None:
+            return GaussianLikelihood.from_specimens(
+                names, self.table, discrepancy=self.discrepancy,
+                n_parameters=self.model.prior.size,
+            )  # fmt: skip
+        return GaussianLikelihood.from_row(
+            names, self.data.frequencies_hz[self.row], self.data.log_sd()[self.row],
+            self.discrepancy,
+        )  # fmt: skip
+
+    def _hierarchy(self, run) -> Hierarchy:
+        section = self.section
+        data = Specimens(
+            self.data.mode_names, self.table, section.noise, section.noise_known, section.scatter,
+            self.discrepancy,
+        )  # fmt: skip
+        return sample_hierarchy(
+            data, self.model.prior, self.model.frequencies, self.settings, **run
+        )
+
+    def _prior_doubts(self) -> list[str]:
+        log_f, sd = self._measured()
+        return check_prior(
+            self.model.prior, self.model.frequencies, self.data.mode_names, log_f,
+            np.hypot(np.nan_to_num(sd, nan=1.0), self.discrepancy),
+        )  # fmt: skip
+
+    def _normal_doubts(self) -> list[str]:
+        """Modes whose frequencies are not those of specimens that scatter about one mean."""
+        enough = np.sum(np.isfinite(self.table), axis=0) >= FEWEST
+        fitted = FittedLikelihood.from_specimens(
+            [n for n, e in zip(self.data.mode_names, enough, strict=True) if e],
+            self.table[:, enough], ["normal"], seed=self.settings.seed, accept_misfit=True,
+        )  # fmt: skip
+        return [f"{line}: the specimens do not scatter about one mean" for line in fitted.doubts()]
+
+    def _hierarchy_words(self) -> list[str]:
+        return [
+            f"hierarchical: {len(self.table)} specimens scatter about a mean; discrepancy of the "
+            f"model {100 * self.discrepancy:g} %"
+        ]
+
+    def _units(self) -> dict[str, str]:
+        """Of the quantities: parameters in theirs, the rest are ratios."""
+        return {p.name: p.unit for p in self.model.prior.parameters}
+
+    def _measured(self) -> tuple[np.ndarray, np.ndarray]:
+        """ln f that the prediction is compared with, and its standard deviation."""
+        if self.table is not None:
+            logs = np.log(self.table)
+            return np.nanmean(logs, axis=0), np.nanstd(logs, axis=0, ddof=1)
+        return np.log(self.data.frequencies_hz[self.row]), self.data.log_sd()[self.row]
+
+    # -- predictions from chains that converged ---------------------------------------------------
+
+    def _predicted(self, found: Chains | Hierarchy) -> tuple[Predicted, list[str]]:
+        """Frequencies of new specimens, or of the structure where there are none; and doubts."""
+        names, frequencies = self.data.mode_names, self.model.frequencies
+        rng, doubts = np.random.default_rng(self.settings.seed), []
+        checked = self._checked(doubts)
+        check = rival = None
+        if isinstance(found, Hierarchy):
+            replicates = found.replicate(frequencies, _SETS)
+            log_f = replicates.reshape(-1, replicates.shape[2])
+            values, _, tau = found.new_specimens(self._count(), 1, seed=1)
+            values, log_sd = values[:, 0], np.hypot(tau, self.discrepancy)
+            if checked:
+                check = check_predictive(names, self.table, replicates)
+                rival = self._rival(doubts)
+            doubts += self._offset_doubts(found.chains)
+        else:
+            draws = found.draws()
+            log_f = frequencies(draws[rng.choice(len(draws), _PREDICTED)])
+            values, log_sd = draws[rng.choice(len(draws), self._count())], self.discrepancy
+            if self.section.kind == "fitted":
+                log_sd = 0.0
+                if checked:
+                    check = self._independent(found)
+        # Specimens that the model cannot be, beyond a law's limit, have no frequencies.
+        hz = np.exp(log_f[np.all(np.isfinite(log_f), axis=1)])
+        held = self._held(values, log_sd)
+        doubts += outside(names, np.exp(self._measured()[0]), hz, self._not_drawn())
+        if held is not None:
+            doubts += outside(
+                [f"{name}, held out" for name in held.mode_names], held.measured_hz,
+                held.predicted_hz, held.measured_sd,
+            )  # fmt: skip
+        return Predicted(hz, held, check, rival), doubts
+
+    def _checked(self, doubts: list[str]) -> bool:
+        """Whether scatter and correlation of the specimens can be checked; a doubt if too few."""
+        if self.table is None or self.table.shape[1] < 2 or self.section.kind == "gaussian":
+            return False
+        n = int(np.sum(np.all(np.isfinite(self.table), axis=1)))
+        if n < FEWEST_CHECKED:
+            doubts.append(
+                f"scatter and correlation are not checked: {n} specimens have all modes, expected "
+                f"at least {FEWEST_CHECKED}"
+            )
+        return n >= FEWEST_CHECKED
+
+    def _not_drawn(self) -> np.ndarray | float:
+        """What keeps a measured frequency from the draws beside their own scatter, relative."""
+        if self.section.kind != "gaussian":
+            return 0.0  # draws are of specimens, which scatter
+        sd = self._measured()[1]
+        if self.table is not None:
+            sd = sd / np.sqrt(np.sum(np.isfinite(self.table), axis=0))
+        return np.hypot(np.nan_to_num(sd), self.discrepancy)
+
+    def _offset_doubts(self, chains: Chains) -> list[str]:
+        """Modes that the model has only with more than the discrepancy that was allowed."""
+        rows = [row for row in chains.table() if row["name"].startswith("offset ")]
+        return [
+            f"{row['name']}: {100 * row['mean']:.2g} %, more than {_OFFSET:g} times the "
+            f"discrepancy of {100 * self.discrepancy:g} % that the model is allowed"
+            for row in rows if abs(row["mean"]) > _OFFSET * self.discrepancy
+        ]  # fmt: skip
+
+    def _independent(self, chains: Chains) -> PredictiveCheck:
+        replicates = replicate(chains, self.model.frequencies, len(self.table), _SETS)
+        return check_predictive(self.data.mode_names, self.table, replicates)
+
+    def _rival(self, doubts: list[str]) -> PredictiveCheck | None:
+        """What the paper's likelihood makes of the same specimens; a doubt where it cannot."""
+        self.progress.step("the paper's likelihood, for comparison")
+        try:
+            posterior = Posterior(
+                self.model.prior, self.model.frequencies, self._likelihood("fitted")
+            )
+            settings = replace(self.settings, sampler="metropolis", samples=5000, burn_in=1000)
+            return self._independent(sample(posterior, settings, self.comm))
+        except (InputError, ConvergenceError) as error:
+            doubts.append(f"not compared with the paper's likelihood: {error}")
+            return None
+
+    def _count(self) -> int:
+        return _HELD_SMALL if self.model.n_dofs < _SMALL else _HELD
+
+    def _held(self, values: np.ndarray, log_sd) -> Held | None:
+        n = len(self.data.mode_names)
+        if len(self.case.measurements().mode_names) == n:
+            return None
+        self.progress.step("modes that were held out", len(values))
+        points = self.model.frequencies.by_name(values)
+        points = [{**self.model.start, **point} for point in points]
+        return predict_held(self.case, self.row, n, points, log_sd, self.comm, self.progress)

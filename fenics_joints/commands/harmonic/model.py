@@ -1,0 +1,174 @@
+"""The reduced model with nonlinear joints that a case describes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.case.beams import refuse_beams
+from fenics_joints.case.build import build_preload, build_structure
+from fenics_joints.case.case import Case
+from fenics_joints.case.harmonic import CoulombSection
+from fenics_joints.errors import InputError
+from fenics_joints.interfaces.full import full_layers
+from fenics_joints.interfaces.loading import loading_shapes
+from fenics_joints.interfaces.reduction import (
+    ReducedInterfaceModel,
+    reduce_contacts,
+    reduce_layers,
+    with_modal_damping,
+)
+from fenics_joints.joint_laws import CoulombStick, JointLaw
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.preload import ContactState, PreloadSolver
+from fenics_joints.preload.linear_joint import LinearJoint
+from fenics_joints.progress import Progress
+from fenics_joints.structure.structure import Structure
+
+__all__ = ["FORCE", "SENSOR", "HarmonicModel", "harmonic_model"]
+
+FORCE, SENSOR = "force", "sensor"
+#: Static loads whose shapes go into the basis: as many, the least as a share of the largest.
+_LOADINGS, _LEAST = 12, 0.01
+#: Interface modes of contacts, unless the case says how many.
+_CONTACT_MODES = 60
+
+
+@dataclass(frozen=True)
+class HarmonicModel:
+    """What a harmonic analysis works on.
+
+    Attributes:
+        model: The reduced model, damped.
+        n_dofs: Degrees of freedom of the full one.
+        frequencies_hz: Its modes at rest, Hz.
+        mode: The mode that the band holds, by number, rigid-body modes counted.
+    """
+
+    model: ReducedInterfaceModel
+    n_dofs: int
+    frequencies_hz: np.ndarray
+    mode: int
+
+
+def joint_laws(case: Case, structure: Structure) -> dict[str, JointLaw]:
+    """Law of every nonlinear layer of a case, by the joint's name. Collective."""
+    numbers = {region.name: i for i, region in enumerate(structure.regions)}
+    laws = {}
+    for name, section in case.nonlinear.items():
+        if name in case.joints:
+            joint = case.joints[name]
+            laws[name] = section.make(joint.E, joint.G, structure.extent(numbers[name]))
+    return laws
+
+
+def harmonic_model(case: Case, comm: MPI.Intracomm, progress: Progress) -> HarmonicModel:
+    """Reduce the structure of a case about its nonlinear joints. Collective.
+
+    Raises:
+        InputError: If the case has no [harmonic] section, nonlinear layers and nonlinear contacts
+            at once, or a band without a mode near it.
+        JointsError: If the mesh or a solution fails.
+    """
+    if case.harmonic is None:
+        refuse_beams(case, "harmonic")
+        raise InputError(f"{case.path}: harmonic: expected a section [harmonic]")
+    contacts = [name for name in case.nonlinear if name in case.contacts]
+    if contacts and len(contacts) < len(case.nonlinear):
+        raise InputError(
+            f"{case.path}: nonlinear: expected layers or contacts, not both: "
+            f"{', '.join(case.nonlinear)}"
+        )
+    make = _with_contacts if contacts else _with_layers
+    model, full, modes = make(case, comm, progress)
+    damping = case.harmonic.damping
+    model = with_modal_damping(model, damping, damping[-1])
+    mode = _mode_in_band(case, modes)
+    return HarmonicModel(model, full, modes.frequencies_hz, mode)
+
+
+def _places(case: Case) -> dict:
+    h = case.harmonic
+    return {
+        "forces": {FORCE: (h.force.point, h.force.direction)},
+        "sensors": {SENSOR: (h.sensor.point, h.sensor.direction)},
+    }
+
+
+def _mode_in_band(case: Case, modes: Modes) -> int:
+    """The elastic mode in or near a band that is nearest to its middle."""
+    low, high = case.harmonic.band
+    hz = modes.frequencies_hz
+    inside = [i for i in range(modes.n_rigid, len(hz)) if 0.8 * low <= hz[i] <= 1.25 * high]
+    if not inside:
+        there = ", ".join(f"{f:.4g}" for f in hz[modes.n_rigid :])
+        raise InputError(
+            f"{case.path}: harmonic.band = [{low:g}, {high:g}] Hz: no mode is near it; expected "
+            f"one of {there} Hz inside"
+        )
+    return min(inside, key=lambda i: abs(hz[i] - 0.5 * (low + high)))
+
+
+def _with_layers(case: Case, comm, progress: Progress):
+    progress.step("building the model")
+    structure = build_structure(case, comm)
+    h, places, laws = case.harmonic, _places(case), joint_laws(case, structure)
+    modes = solve_modes(structure, n_modes=h.modes)
+    progress.step("how the joints give way under static load")
+    shapes = _loadings(case, structure, laws, places, modes)
+    progress.step(f"reducing {structure.n_dofs} degrees of freedom")
+    model = reduce_layers(
+        structure, laws, n_modes=h.modes, interface_modes=h.interface_modes or 0, extra=shapes,
+        **places,
+    )  # fmt: skip
+    return model, structure.n_dofs, modes
+
+
+def _loadings(case: Case, structure: Structure, laws, places, modes: Modes) -> list:
+    """Static shapes up to what a linear joint would do at resonance at the highest level."""
+    full = full_layers(structure, laws, **places)
+    i = _mode_in_band(case, modes)
+    shape, eigenvalue = modes.shapes[i], float(modes.eigenvalues[i])
+    load = full.M.createVecLeft()
+    full.M.mult(shape, load)
+    load.scale(eigenvalue)
+    zeta = case.harmonic.damping[min(i, len(case.harmonic.damping) - 1)]
+    push = abs(full.forces[FORCE].dot(shape)) * max(case.harmonic.levels)
+    largest = push / (2 * max(zeta, 1e-4) * eigenvalue)
+    return loading_shapes(full, load, largest * np.geomspace(_LEAST, 1.0, _LOADINGS))
+
+
+def _with_contacts(case: Case, comm, progress: Progress):
+    progress.step("building the model")
+    preload = build_preload(case, comm)
+    states = {}
+    if case.bolts:
+        progress.step(f"contact of {preload.jumps.n} degrees of freedom under preload")
+        result = PreloadSolver(preload).solve(monitor=lambda i, norm: progress.advance())
+        states = result.contacts
+    h, laws = case.harmonic, {}
+    for name, section in case.nonlinear.items():
+        if name not in case.contacts:
+            continue
+        if isinstance(section, CoulombSection):
+            pressure = _pressure(states[name], section) if name in states else 0.0
+            laws[name] = CoulombStick(
+                section.normal_stiffness, section.tangential_stiffness, section.friction, pressure
+            )
+        else:
+            laws[name] = section.make(None, None, 1.0)
+    joint = LinearJoint(preload)
+    progress.step(f"reducing {preload.jumps.n} degrees of freedom")
+    jumps = sum(len(c) * preload.structure.gdim for c in preload.jumps.contacts if c.name in laws)
+    kept = min(jumps, _CONTACT_MODES) if h.interface_modes is None else h.interface_modes
+    model = reduce_contacts(joint, laws, n_modes=h.modes, interface_modes=kept, **_places(case))
+    modes = solve_modes(model, n_modes=min(h.modes, model.n_dofs))
+    return model, preload.jumps.n, modes
+
+
+def _pressure(state: ContactState, section: CoulombSection) -> np.ndarray:
+    """Pressure of every pair, Pa, (P, 1); where one is open, what would close it, negative."""
+    gap = np.maximum(state.gap, 0.0)
+    return np.where(gap > 0, -section.normal_stiffness * gap, state.pressure)[:, None]

@@ -1,0 +1,230 @@
+"""Page and charts of nonlinear frequency responses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fenics_joints.case.harmonic import identifiable
+from fenics_joints.commands.harmonic.model import SENSOR
+from fenics_joints.formatting import hertz, number, percent, quantity
+from fenics_joints.measurements.curves import UNITS
+from fenics_joints.report.html import render, svg
+from fenics_joints.report.style import new_figure, style, to_svg
+
+if TYPE_CHECKING:
+    from fenics_joints.commands.harmonic.run import HarmonicReport
+
+__all__ = ["harmonic_html", "interface_map", "loops_chart", "over_amplitude", "responses_chart"]
+
+_SHADES = ("#8d949e", "#2b7bba", "#d9822b", "#7a5aa6", "#4d9a6a", "#c2571a")
+
+
+def harmonic_html(r: HarmonicReport) -> str:
+    """The page of the ``harmonic`` command. Collective; empty on all ranks but the first."""
+    # Loops are made of what all ranks hold.
+    loops = [response.loops(f_peak(response)) for response in r.responses]
+    if r.rank != 0:
+        return ""
+    pictures = [("Response at the levels of force", responses_chart(r))]
+    if r.backbone is not None:
+        pictures.append(("Frequency and damping over amplitude", over_amplitude(r)))
+    top = loops[-1]
+    for name, made in top.items():
+        pictures.append((f"Hysteresis in {name}", loops_chart(r, loops, name)))
+        points = next(p for p in r.built.model.interfaces if p.name == name)
+        if points.points is not None:
+            pictures.append((f"Where {name} slips", interface_map(r, points, made)))
+    return render(
+        "harmonic.html", r=r, title=r.case.title or r.case.path.parent.name, rows=_rows(r),
+        unit=_unit(r), pictures=[(words, svg(chart)) for words, chart in pictures],
+        points=sum(len(p) for p in r.built.model.interfaces),
+        identified=_identified(r), predictions=_predictions(r),
+        rest=hertz(r.built.frequencies_hz[r.built.mode]),
+    )  # fmt: skip
+
+
+def f_peak(response) -> int:
+    """Point of the highest response."""
+    return response.peak.index
+
+
+def _unit(r: HarmonicReport) -> str:
+    return UNITS[r.kind].replace("s2", "s²")
+
+
+def _rows(r: HarmonicReport) -> list[list[str]]:
+    rows = []
+    for f in r.facts:
+        row = [
+            quantity(f.level, "N"), f"{f.frequency_hz:.3f}", number(f.amplitude, 4),
+            quantity(f.displacement, "m"), percent(f.damping_ratio),
+            quantity(sum(f.joint_energy.values()), "J"),
+        ]  # fmt: skip
+        if r.curves is not None:
+            row += ["–"] * 2 if f.measured is None else [
+                f"{f.measured_hz:.3f} ({percent(f.frequency_hz / f.measured_hz - 1, sign=True)})",
+                f"{number(f.measured, 4)} ({percent(f.amplitude / f.measured - 1, sign=True)})",
+            ]  # fmt: skip
+        rows.append(row)
+    return rows
+
+
+def _identified(r: HarmonicReport) -> list[list[str]]:
+    """A row for each parameter and method."""
+    known, rows = identifiable(r.case), []
+    for found in r.identified:
+        for name, value in found.values.items():
+            unit = known[name][1]
+            spread = found.sd[name]
+            rows.append(
+                [
+                    name, found.method, quantity(found.start[name], unit, 4),
+                    quantity(value, unit, 4), percent(spread, 1) if spread < 1 else "open",
+                    f"{found.start_objective:.3f}", f"{found.objective:.4f}",
+                    str(found.evaluations), str(found.solutions),
+                ]
+            )  # fmt: skip
+    return rows
+
+
+def _predictions(r: HarmonicReport) -> list[list[str]]:
+    fitted = {found.level for found in r.identified}
+    return [
+        [
+            quantity(p.level, "N"), "fitted" if p.level in fitted else "predicted",
+            percent(p.frequency_error, sign=True), percent(p.amplitude_error, sign=True),
+            percent(p.mean_error),
+        ]
+        for p in r.predictions
+    ]  # fmt: skip
+
+
+def responses_chart(r: HarmonicReport) -> str:
+    """Amplitude over frequency, by level, with the backbone and what was measured."""
+    with style():
+        figure = new_figure(7.6, 4.4)
+        axes = figure.subplots()
+        for shade, response, f in zip(_cycle(), r.responses, r.facts, strict=False):
+            amplitude = response.amplitude(SENSOR, r.kind)
+            label = quantity(f.level, "N")
+            axes.plot(response.frequencies_hz, amplitude, color=shade, lw=1.6, label=label)
+            axes.plot(f.frequency_hz, f.amplitude, "o", color=shade, ms=4)
+            if f.measured is not None:
+                hz, measured = r.curves.at(f.level)
+                axes.plot(hz, measured, "x", color=shade, ms=5)
+        low, high = axes.get_xlim()
+        top = axes.get_ylim()[1]
+        if r.backbone is not None:
+            b = r.backbone
+            axes.plot(
+                b.frequencies_hz, b.amplitude(SENSOR, r.kind), color="#14181d", lw=1.0,
+                ls=(0, (4, 3)), label="backbone",
+            )  # fmt: skip
+        axes.set(
+            xlim=(low, high), ylim=(0, top), xlabel="frequency, Hz",
+            ylabel=f"{r.kind} at the sensor, {_unit(r)}",
+        )  # fmt: skip
+        axes.legend(loc="best", title="x: measured" if r.curves is not None else None)
+        peaks = "; ".join(f"{f.level:g} N: {f.frequency_hz:.3f} Hz" for f in r.facts)
+        return to_svg(figure, "responses", f"Response over frequency. Peaks at {peaks}.")
+
+
+def _cycle():
+    while True:
+        yield from _SHADES
+
+
+def over_amplitude(r: HarmonicReport) -> str:
+    """Frequency and damping of the mode over its amplitude, with the levels' peaks."""
+    b = r.backbone
+    x = b.amplitude(SENSOR)
+    with style():
+        figure = new_figure(7.6, 3.2)
+        left, right = figure.subplots(1, 2)
+        for axes, y in ((left, b.frequencies_hz), (right, 100 * b.damping_ratios)):
+            axes.semilogx(x, y, color="#2b7bba", lw=1.6)
+            axes.set_xlabel("displacement at the sensor, m")
+        for shade, f in zip(_cycle(), r.facts, strict=False):
+            left.plot(f.displacement, f.frequency_hz, "o", color=shade, ms=4.5)
+            right.plot(f.displacement, 100 * f.damping_ratio, "o", color=shade, ms=4.5)
+        left.set_ylabel("frequency, Hz")
+        right.set_ylabel("damping ratio, %")
+        left.ticklabel_format(axis="y", useOffset=False)
+        hz, zeta = b.frequencies_hz, b.damping_ratios
+        alt = (
+            f"Over displacements from {quantity(x[0], 'm')} to {quantity(x[-1], 'm')} the "
+            f"frequency goes from {hz[0]:.3f} to {hz[-1]:.3f} Hz, the damping from "
+            f"{percent(zeta[0])} to {percent(zeta[-1])}."
+        )
+        return to_svg(figure, "amplitude", alt)
+
+
+def loops_chart(r: HarmonicReport, loops: list[dict], name: str) -> str:
+    """Stress over strain at the point that dissipates most, at the peak of every level."""
+    points = next(p for p in r.built.model.interfaces if p.name == name)
+    at = int(np.argmax(loops[-1][name].dissipation))
+    made = loops[-1][name]
+    work = np.abs(np.ptp(made.strain[at], axis=0) * np.ptp(made.stress[at], axis=0))
+    component = int(np.argmax(work))
+    normal = points.normal and component == 0
+    with style():
+        figure = new_figure(7.6, 3.4)
+        axes = figure.subplots()
+        for shade, level, f in zip(_cycle(), loops, r.facts, strict=False):
+            strain, stress = (
+                np.append(a[at, :, component], a[at, 0, component]) for a in
+                (level[name].strain, level[name].stress)
+            )  # fmt: skip
+            axes.plot(strain, stress / 1e3, color=shade, lw=1.5, label=quantity(f.level, "N"))
+        layer = name in r.case.joints
+        words = ("normal strain", "shear strain") if layer else ("opening, m", "slip, m")
+        axes.set(
+            xlabel=words[0] if normal else words[1],
+            ylabel=f"{'normal' if normal else 'shear'} stress, kPa",
+        )
+        axes.legend(loc="best")
+        place = "" if points.points is None else _place(points.points[at])
+        return to_svg(figure, f"loops-{name}", f"Loops at the point of most dissipation{place}.")
+
+
+def _place(point: np.ndarray) -> str:
+    return f", at ({', '.join(f'{1e3 * c:.1f}' for c in point)}) mm"
+
+
+def interface_map(r: HarmonicReport, points, made) -> str:
+    """Slip and dissipation over an interface at the highest level's peak."""
+    spread = np.ptp(points.points, axis=0)
+    along, across = np.argsort(-spread)[:2]
+    plan = spread[across] > 1e-3 * spread[along]
+    per = "m²" if points.name in r.case.contacts else "m³"
+    with style():
+        figure = new_figure(7.6, 3.0)
+        pair = figure.subplots(1, 2)
+        shown = (
+            (pair[0], made.slip_amplitude, "slip, m" if per == "m²" else "shear strain"),
+            (pair[1], made.dissipation, f"energy per cycle, J/{per}"),
+        )
+        for axes, values, words in shown:
+            (_plan if plan else _line)(figure, axes, 1e3 * points.points, along, across, values)
+            axes.set_title(words)
+        worst = int(np.argmax(made.dissipation))
+        return to_svg(
+            figure, f"map-{points.name}",
+            f"Slip and dissipation over {points.name} at {r.facts[-1].level:g} N; most energy"
+            f"{_place(points.points[worst])}.",
+        )  # fmt: skip
+
+
+def _plan(figure: Figure, axes, x, along, across, values) -> None:
+    shown = axes.tripcolor(x[:, along], x[:, across], values, shading="gouraud", rasterized=True)
+    figure.colorbar(shown, ax=axes, location="bottom", shrink=0.8)
+    axes.set(xlabel=f"{'xyz'[along]}, mm", ylabel=f"{'xyz'[across]}, mm", aspect="equal")
+
+
+def _line(figure: Figure, axes, x, along, across, values) -> None:
+    order = np.argsort(x[:, along])
+    axes.plot(x[order, along], values[order], color=_SHADES[1], lw=1.4)
+    axes.set_xlabel(f"{'xyz'[along]}, mm")

@@ -1,0 +1,274 @@
+"""Nonlinear frequency responses of a case at the levels of force that it names."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mpi4py import MPI
+from threadpoolctl import threadpool_limits
+
+import fenics_joints
+from fenics_joints.case.case import Case
+from fenics_joints.case.harmonic import IdentifySection, identification_start
+from fenics_joints.commands.harmonic.model import FORCE, SENSOR, HarmonicModel, harmonic_model
+from fenics_joints.errors import InputError
+from fenics_joints.harmonic import Backbone, HarmonicResult, solve_backbone, solve_harmonic
+from fenics_joints.harmonic.identify import IdentificationResult, Prediction, identify, predict
+from fenics_joints.harmonic.kept import kept_model
+from fenics_joints.harmonic.loops import read_loops
+from fenics_joints.measurements.curves import UNITS, MeasuredCurves
+from fenics_joints.progress import Progress
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["HarmonicReport", "LevelFacts", "run_harmonic"]
+
+#: The backbone reaches down to this share of the smallest response at resonance, and up to this
+#: multiple of the largest.
+_BELOW, _ABOVE = 0.1, 1.2
+
+
+@dataclass(frozen=True)
+class LevelFacts:
+    """What is said of one level.
+
+    Attributes:
+        level: Amplitude of the force, N.
+        frequency_hz: Of the highest response, Hz.
+        amplitude: The highest response, in SI units of the case's kind.
+        displacement: The same as a displacement, m.
+        damping_ratio: Work of the force per cycle there over 4 pi times the kinetic energy.
+        joint_energy: Energy per cycle that each joint takes there, J, by name.
+        turning_points: How often the branch turns back in frequency.
+        closure: How far the loops there are from closed, relative.
+        measured_hz: Frequency of the highest measured response, Hz; None without.
+        measured: The highest measured response; None without.
+    """
+
+    level: float
+    frequency_hz: float
+    amplitude: float
+    displacement: float
+    damping_ratio: float
+    joint_energy: dict[str, float]
+    turning_points: int
+    closure: float
+    measured_hz: float | None = None
+    measured: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicReport:
+    """What the ``harmonic`` command found.
+
+    Attributes:
+        case: The case.
+        built: The reduced model.
+        responses: One for each level, in ascending order of the levels.
+        facts: Likewise.
+        backbone: Frequency and damping over amplitude, or None.
+        curves: What was measured, or None.
+        seconds: Time of the responses, s.
+        rank: Rank of this process: pictures are rank 0's.
+        identified: Parameters from the curve of one level, by each method; the responses are those
+            of the last.
+        predictions: What that model makes of every measured curve.
+    """
+
+    case: Case
+    built: HarmonicModel
+    responses: tuple[HarmonicResult, ...]
+    facts: tuple[LevelFacts, ...]
+    backbone: Backbone | None
+    curves: MeasuredCurves | None
+    seconds: float
+    rank: int
+    identified: tuple[IdentificationResult, ...] = ()
+    predictions: tuple[Prediction, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """``displacement``, ``velocity`` or ``acceleration``."""
+        return self.case.harmonic.response
+
+    def json(self) -> dict[str, object]:
+        """What ``--json`` writes.
+
+        Keys: ``version``, ``title``, ``dofs``, ``basis``, ``interface_points``,
+        ``frequencies_at_rest_hz``, ``response``, ``levels`` (each with the facts of `LevelFacts`
+        and its ``branch``), ``backbone``, ``identified`` and ``predictions``.
+        """
+        model = self.built.model
+        return {
+            "version": fenics_joints.__version__,
+            "title": self.case.title,
+            "dofs": self.built.n_dofs,
+            "basis": model.n_dofs,
+            "interface_points": {points.name: len(points) for points in model.interfaces},
+            "frequencies_at_rest_hz": self.built.frequencies_hz.tolist(),
+            "response": {"kind": self.kind, "unit": UNITS[self.kind]},
+            "levels": [
+                {**_plain(facts), "branch": response.to_dict()}
+                for facts, response in zip(self.facts, self.responses, strict=True)
+            ],
+            "backbone": None if self.backbone is None else self.backbone.to_dict(),
+            "identified": [found.to_dict() for found in self.identified],
+            "predictions": [made.to_dict() for made in self.predictions],
+        }
+
+    def html(self) -> str:
+        """What ``--report`` writes. Collective."""
+        from fenics_joints.commands.harmonic.page import harmonic_html
+
+        return harmonic_html(self)
+
+    def show(self, console: Console) -> None:
+        """Print the summary."""
+        from fenics_joints.commands.harmonic.summary import harmonic
+
+        harmonic(console, self)
+
+
+def _plain(facts: LevelFacts) -> dict:
+    return {
+        "level_n": facts.level,
+        "peak_hz": facts.frequency_hz,
+        "peak": facts.amplitude,
+        "peak_displacement_m": facts.displacement,
+        "damping_ratio": facts.damping_ratio,
+        "joint_energy_j": facts.joint_energy,
+        "turning_points": facts.turning_points,
+        "closure": facts.closure,
+        "measured_peak_hz": facts.measured_hz,
+        "measured_peak": facts.measured,
+    }
+
+
+def run_harmonic(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, branches: Path | None = None
+) -> HarmonicReport:
+    """Responses at all levels, and the backbone if the case wants it. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator; the joints' points are shared out over its ranks.
+        progress: Told what is being done, point by point.
+        branches: Folder in which every branch is kept as it grows, and gone on from if it is there;
+            with it the model whose basis they are in.
+
+    Raises:
+        JointsError: If the case, the mesh or a solution fails.
+    """
+    built = harmonic_model(case, comm, progress)
+    if branches is not None:
+        band = case.harmonic.band
+        built = replace(built, model=kept_model(built.model, _folder(branches), band, comm))
+    # The matrices are small: threads only get in each other's way.
+    with threadpool_limits(1):
+        return _solved(case, built, comm, progress, branches)
+
+
+def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> HarmonicReport:
+    h, curves = case.harmonic, case.curves()
+    started = time.perf_counter()
+    identified = _identify(case, built, comm, progress)
+    if identified:
+        built = replace(built, model=identified[-1].model)
+    common = {
+        "harmonics": h.harmonics, "samples": h.samples, "sensor": SENSOR, "comm": comm,
+        "progress": progress,
+    }  # fmt: skip
+    responses = tuple(
+        solve_harmonic(
+            built.model, FORCE, level, h.band, **common, **_kept(branches, f"{level:g}N")
+        )
+        for level in sorted(h.levels)
+    )
+    facts = tuple(_facts(r, h.response, curves) for r in responses)
+    backbone = None
+    if h.backbone:
+        reach = [f.displacement for f in facts]
+        backbone = solve_backbone(
+            built.model, (_BELOW * min(reach), _ABOVE * max(reach)),
+            near=float(built.frequencies_hz[built.mode]), **common, **_kept(branches, "backbone"),
+        )  # fmt: skip
+    predictions = ()
+    if curves is not None:
+        progress.step("responses at the measured frequencies", len(curves.levels))
+        points = h.identify.points if h.identify else IdentifySection.model_fields["points"].default
+        predictions = predict(built.model, curves, points=points, **_equations(case, comm))
+    seconds = time.perf_counter() - started
+    return HarmonicReport(
+        case, built, responses, facts, backbone, curves, seconds, comm.rank, identified, predictions
+    )
+
+
+def _equations(case: Case, comm) -> dict:
+    h = case.harmonic
+    return {
+        "force": FORCE, "sensor": SENSOR, "harmonics": h.harmonics, "samples": h.samples,
+        "comm": comm,
+    }  # fmt: skip
+
+
+def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[IdentificationResult, ...]:
+    """The laws' parameters by each method that the case asks for."""
+    wanted = case.harmonic.identify
+    if wanted is None:
+        return ()
+    loops = ()
+    if wanted.loops is not None:
+        loops = read_loops(case.folder / wanted.loops, case.harmonic.response)
+    found = []
+    for method in ("direct", "gradient") if wanted.method == "both" else (wanted.method,):
+        progress.step(f"identifying {', '.join(wanted.parameters)}, {method}")
+        found.append(
+            identify(
+                built.model, case.curves(), wanted.level, identification_start(case),
+                method=method, points=wanted.points, noise=wanted.noise, loops=loops,
+                **_equations(case, comm),
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _folder(folder: Path) -> Path:
+    if not folder.is_dir():
+        raise InputError(f"--branches {folder}: no such folder; expected one that exists")
+    return folder
+
+
+def _kept(folder: Path | None, name: str) -> dict:
+    """Where a branch is kept, as arguments of the solvers."""
+    if folder is None:
+        return {}
+    return {"checkpoint": folder / f"{name}.npz", "resume": True}
+
+
+def _facts(r: HarmonicResult, kind: str, curves: MeasuredCurves | None) -> LevelFacts:
+    peak, level = r.peak, float(r.force_amplitudes[0])
+    i = peak.index
+    turns = np.diff(np.sign(np.diff(r.frequencies_hz)))
+    measured_hz = measured = None
+    if curves is not None and level in curves.levels:
+        hz, amplitude = curves.at(level)
+        top = int(np.argmax(amplitude))
+        measured_hz, measured = float(hz[top]), float(amplitude[top])
+    return LevelFacts(
+        level, peak.frequency_hz, float(r.amplitude(SENSOR, kind)[i]), peak.amplitude,
+        _damping(r, i), {name: float(e[0]) for name, e in r.dissipation([i]).items()},
+        int(np.sum(turns != 0)), r.closure(i), measured_hz, measured,
+    )  # fmt: skip
+
+
+def _damping(r: HarmonicResult, i: int) -> float:
+    """Work per cycle over 4 pi times the kinetic energy of the first harmonic."""
+    cosine, sine = r.coefficients[i, :, 1], r.coefficients[i, :, 2]
+    M = r.model.M
+    kinetic = 0.5 * r.omegas[i] ** 2 * (cosine @ M @ cosine + sine @ M @ sine)
+    return float(r.force_work()[i] / (4 * np.pi * kinetic))

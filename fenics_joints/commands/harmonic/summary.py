@@ -1,0 +1,91 @@
+"""Summary of nonlinear frequency responses for the terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.text import Text
+
+from fenics_joints.case.harmonic import identifiable
+from fenics_joints.formatting import hertz, number, percent, quantity
+from fenics_joints.measurements.curves import UNITS
+from fenics_joints.report.terminal import new_table, say
+
+if TYPE_CHECKING:
+    from fenics_joints.commands.harmonic.run import HarmonicReport
+
+__all__ = ["harmonic"]
+
+
+def harmonic(console: Console, r: HarmonicReport) -> None:
+    """Print the peaks of all levels, beside the measured ones."""
+    title, model = r.case.title or r.case.path.parent.name, r.built.model
+    say(console, f"{title}: response to sinusoidal forces", "bold")
+    points = ", ".join(f"{p.name} {len(p)}" for p in model.interfaces)
+    say(
+        console,
+        f"mode at rest {hertz(r.built.frequencies_hz[r.built.mode])} Hz; {r.built.n_dofs} degrees "
+        "of freedom,",
+    )
+    say(console, f"{model.n_dofs} after reduction; points of joints: {points}")
+    console.print()
+    unit = UNITS[r.kind].replace("s2", "s²")
+    rows = new_table(
+        ">force", ">peak, Hz", f">{r.kind}, {unit}", ">damping", ">in joints, per cycle"
+    )
+    for f in r.facts:
+        rows.add_row(
+            quantity(f.level, "N"), f"{f.frequency_hz:.3f}", number(f.amplitude, 4),
+            percent(f.damping_ratio), quantity(sum(f.joint_energy.values()), "J"),
+        )  # fmt: skip
+    console.print(rows)
+    if r.identified:
+        _identified(console, r)
+    if r.predictions:
+        _predictions(console, r)
+    steps = sum(len(response) for response in r.responses)
+    say(console, f"{steps} points of the responses, {r.seconds:.0f} s in all")
+    if any(f.turning_points for f in r.facts):
+        say(console, "some responses turn back in frequency: a swept test would jump there")
+
+
+def _identified(console: Console, r: HarmonicReport) -> None:
+    """The parameters found, by each method."""
+    known = identifiable(r.case)
+    for found in r.identified:
+        console.print()
+        say(console, f"identified from the curve at {quantity(found.level, 'N')}, {found.method}: "
+            f"{found.evaluations} responses ({found.solutions} solutions)", "bold")  # fmt: skip
+        say(console, f"sum of errors {found.start_objective:.3f} at the start, "
+            f"{found.objective:.4f} at the end")  # fmt: skip
+        rows = new_table("parameter", ">start", ">found", ">s.d.")
+        for name, value in found.values.items():
+            unit, spread = known[name][1], found.sd[name]
+            rows.add_row(
+                Text(name), quantity(found.start[name], unit, 4), quantity(value, unit, 4),
+                percent(spread, 1) if spread < 1 else "open",
+            )  # fmt: skip
+        console.print(rows)
+        if left := found.undetermined:
+            say(console, f"not determined by these data: {', '.join(left)}")
+
+
+def _predictions(console: Console, r: HarmonicReport) -> None:
+    """How far the model is from every measured curve."""
+    console.print()
+    fitted = {found.level for found in r.identified}
+    unit = UNITS[r.kind].replace("s2", "s²")
+    rows = new_table(
+        ">measured at", "", ">peak, Hz", ">error", f">peak, {unit}", ">error", ">mean error"
+    )
+    for p in r.predictions:
+        (hz, amplitude), _ = p.peaks
+        word = "fitted" if p.level in fitted else "predicted"
+        rows.add_row(
+            quantity(p.level, "N"), word if fitted else "", f"{hz:.3f}",
+            percent(p.frequency_error, sign=True), number(amplitude, 4),
+            percent(p.amplitude_error, sign=True), percent(p.mean_error),
+        )  # fmt: skip
+    console.print(rows)
+    say(console, "mean error: of the amplitudes near the peak")

@@ -1,0 +1,185 @@
+"""A plan for people: its page, its picture and its summary on the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.patches import Rectangle
+from rich.text import Text
+
+from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.formatting import condition_value, percent, probability, quantity
+from fenics_joints.report.html import facts, render, svg
+from fenics_joints.report.reading import by_reason, confusion, plain
+from fenics_joints.report.style import CHOSEN, PLACEBO, new_figure, style, to_svg
+from fenics_joints.report.terminal import new_table, say
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+    from rich.console import Console
+
+    from fenics_joints.case.case import Case
+    from fenics_joints.diagnosis.plan.result import Plan, PlannedEffect
+    from fenics_joints.progress import Progress
+
+__all__ = ["PlanOutcome", "matrix_picture", "plan_html", "run_plan", "show_plan"]
+
+#: Rows of each table on the terminal.
+_EFFECTS, _ADDITIONS = 12, 4
+#: Effects up to which the picture has numbers in its cells.
+_NUMBERED = 26
+
+
+@dataclass(frozen=True, eq=False)
+class PlanOutcome:
+    """A plan for the command line."""
+
+    result: Plan
+
+    def json(self) -> dict[str, object]:
+        """See `Plan.to_json`."""
+        return self.result.to_json()
+
+    def html(self) -> str:
+        """The page."""
+        return plan_html(self.result)
+
+    def show(self, console: Console) -> None:
+        """The summary."""
+        show_plan(console, self.result)
+
+
+def run_plan(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
+) -> PlanOutcome:
+    """The ``diagnose --plan`` command. Collective."""
+    from fenics_joints.diagnosis.plan.planned import plan
+
+    return PlanOutcome(plan(case, comm, progress, keep=keep))
+
+
+# -- the page --------------------------------------------------------------------------------------
+
+
+def plan_html(p: Plan) -> str:
+    """The plan as a page of HTML without any reference to other files."""
+    how_many, which_not, next_ = p.sentences()
+    return render(
+        "plan.html",
+        p=p,
+        sentences=(how_many, which_not, next_),
+        matrix=svg(matrix_picture(p)),
+        sizes={e.key: size_words(e) for e in p.effects},
+        chances={e.key: _likeliest(p, i) for i, e in enumerate(p.effects)},
+        apart=APART,
+        facts=facts(p.model),
+    )
+
+
+def size_words(e: PlannedEffect) -> str:
+    """An effect's expected size, such as ``k_t = 1.00 TPa/m``."""
+    return ", ".join(f"{name} = {quantity(value, e.units[name])}" for name, value in e.size.items())
+
+
+def _likeliest(p: Plan, i: int) -> tuple[str, float, float]:
+    """What an effect would most easily be taken for, D from it, and the chance."""
+    row = p.distances[i].copy()
+    row[i] = np.inf
+    j = int(np.argmin(row))
+    name = p.effects[j].key if j < len(p.effects) else "no gap"
+    return name, float(row[j]), confusion(float(row[j]))
+
+
+def matrix_picture(p: Plan) -> str:
+    """The matrix of distances D, members of a class together, as ``<svg>``."""
+    n = len(p.effects)
+    names = [plain(e.key) for e in p.effects]
+    D = np.ma.masked_invalid(p.distances.copy())
+    D[np.arange(n), np.arange(n)] = np.ma.masked
+    colours = LinearSegmentedColormap.from_list(
+        "apart", [(0.0, PLACEBO), (0.5, "#e9e4da"), (1.0, CHOSEN)]
+    )
+    cell = 0.42 if n <= _NUMBERED else 0.24
+    with style():
+        figure = new_figure(cell * (n + 1) + 3.6, cell * n + 1.0)
+        axes = figure.add_subplot()
+        axes.imshow(D, cmap=colours, vmin=0, vmax=2 * APART, aspect="equal")
+        numbers = [str(i + 1) for i in range(n)]
+        axes.set_yticks(range(n), [f"{name}  {i}" for name, i in zip(names, numbers, strict=True)])
+        axes.set_xticks(range(n + 1), [*numbers, "no gap"])
+        axes.tick_params(length=0, top=True, bottom=False, labeltop=True, labelbottom=False)
+        axes.set_xlabel("taken for", labelpad=6)
+        axes.xaxis.set_label_position("top")
+        axes.spines[:].set_visible(False)
+        if n <= _NUMBERED:
+            _write_numbers(axes, D)
+        _frame_classes(axes, p)
+        return to_svg(figure, "matrix", _matrix_words(p))
+
+
+def _write_numbers(axes, D) -> None:
+    for i, j in zip(*np.nonzero(~np.ma.getmaskarray(D)), strict=True):
+        value = float(D[i, j])
+        # Dark on the pale middle, white on the strong ends.
+        ink = "#14181d" if 0.2 * APART < value < 1.6 * APART else "#ffffff"
+        text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
+        axes.text(j, i, text, ha="center", va="center", fontsize=7.5, color=ink)
+
+
+def _frame_classes(axes, p: Plan) -> None:
+    letters = [e.letter for e in p.effects]
+    for c in p.classes:
+        first, count = letters.index(c.letter), letters.count(c.letter)
+        corner = (first - 0.5, first - 0.5)
+        axes.add_patch(Rectangle(corner, count, count, fill=False, edgecolor="#1b2027", lw=1.6))
+
+
+def _matrix_words(p: Plan) -> str:
+    groups = "; ".join(", ".join(c.members) for c in p.classes) or "none"
+    return (
+        "Matrix of the distance of each effect, if it is at work, from what each other can make. "
+        f"Effects that cannot be told apart: {groups}."
+    )
+
+
+# -- the terminal ----------------------------------------------------------------------------------
+
+
+def show_plan(console: Console, p: Plan) -> None:
+    """Print the plan on one screen."""
+    say(console, f"{p.title}: what the planned test could tell", "bold")
+    for sentence in p.sentences():
+        console.print(sentence, markup=False, highlight=False)
+    console.print()
+    places = {e.key: f"{i + 1}" for i, e in enumerate(p.effects)}
+    table = new_table(">", "effect", "", ">D: no gap", ">nearest", ">is", ">taken for it")
+    for i, e in enumerate(p.effects[:_EFFECTS]):
+        name, d, chance = _likeliest(p, i)
+        table.add_row(
+            places[e.key], Text(plain(e.key), no_wrap=True, overflow="ellipsis"),
+            e.letter or ("" if e.seen else "unseen"), f"{e.distance:.1f}", f"{d:.1f}",
+            places.get(name, name), probability(chance), style=None if e.seen else "dim",
+        )  # fmt: skip
+    if len(p.effects) > _EFFECTS:
+        table.add_row("", f"and {len(p.effects) - _EFFECTS} more", style="dim")
+    console.print(table)
+    console.print()
+    if p.additions:
+        table = new_table("measured besides", ">apart", ">seen", ">mean gain of D")
+        for a in p.additions[:_ADDITIONS]:
+            table.add_row(Text(a.name), str(a.classes), str(a.seen), f"{a.mean:.2f}")
+        console.print(table)
+    for reason, names in by_reason(p.silent):
+        console.print(
+            f"silent on {', '.join(names)}: {reason}", style="dim", markup=False, highlight=False
+        )
+    values = ", ".join(condition_value(x, p.condition[1]) for x in p.conditions)
+    say(console, f"D above {APART} is less than 1 % confusion", "dim")
+    text = f"{', '.join(p.measured)} of {len(p.mode_names)} modes at {p.condition[0]} {values}"
+    say(console, text, "dim")
+    text = f"noise {percent(p.noise)}, discrepancy {percent(p.discrepancy)}"
+    say(console, text, "dim")

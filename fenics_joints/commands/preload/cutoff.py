@@ -1,0 +1,323 @@
+"""The cut-off pressure of a case's contacts, updated on its test: `[update.cutoff]` (seed 004)."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mpi4py import MPI
+from threadpoolctl import threadpool_limits
+
+import fenics_joints
+from fenics_joints.case.build import build_preload
+from fenics_joints.case.case import Case
+from fenics_joints.commands.preload.run import bolt_axes, contact_facts
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.preload import STICK, ContactState, PreloadModel, PreloadResult, PreloadSolver
+from fenics_joints.preload.linear_joint import LinearJoint, pair_conditions
+from fenics_joints.progress import Progress
+from fenics_joints.updating.cutoff import CutoffMinimum, CutoffModel, CutoffSweep, minimise, sweep
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["CutoffReport", "SchemeReport", "crossing", "run_cutoff"]
+
+#: Change of ln f left after calibrating a parameter on a mode.
+_CALIBRATED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class SchemeReport:
+    """One scheme of conditions over all cut-off pressures.
+
+    Attributes:
+        scheme: ``"two"`` or ``"three"`` conditions.
+        sweep: Frequencies at every cut-off.
+        best: Step of the least objective in the sweep.
+        objective_all: Objective at every step, (n_steps,).
+        minimum: The least objective found by full solutions alone.
+        crossings: Cut-off, Pa, at which each mode falls below its test frequency; None if never.
+        states: The contacts at the best cut-off, with each pair's condition as its status.
+        area: Area of the facets that are stuck there, m2.
+        sweep_solves: Full solutions of the sweep.
+        seconds: Time of the sweep.
+    """
+
+    scheme: str
+    sweep: CutoffSweep
+    best: int
+    objective_all: np.ndarray
+    minimum: CutoffMinimum
+    crossings: list[float | None]
+    states: list[ContactState]
+    area: float
+    sweep_solves: int
+    seconds: float
+
+    @property
+    def cutoff(self) -> float:
+        """Best cut-off pressure, Pa."""
+        return float(self.sweep.cutoffs[self.best])
+
+    @property
+    def objective(self) -> float:
+        """Sum of relative frequency errors there."""
+        return float(self.objective_all[self.best])
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """Elastic frequencies there, Hz, (n,)."""
+        return self.sweep.frequencies_hz[self.best]
+
+    def to_json(self) -> dict:
+        """See `CutoffReport.json`."""
+        return {
+            "scheme": self.scheme,
+            "cutoff_pa": self.cutoff,
+            "objective": self.objective,
+            "frequencies_hz": self.frequencies_hz.tolist(),
+            "crossings_pa": self.crossings,
+            "stuck_area_m2": self.area,
+            "reduced_error": self.sweep.error,
+            "full_solutions": self.sweep_solves,
+            "seconds": self.seconds,
+            "minimum": {
+                "cutoff_pa": self.minimum.cutoff,
+                "objective": self.minimum.objective,
+                "frequencies_hz": self.minimum.frequencies_hz.tolist(),
+                "full_solutions": len(self.minimum.visited),
+            },
+            "sweep": {
+                "cutoffs_pa": self.sweep.cutoffs.tolist(),
+                "frequencies_hz": self.sweep.frequencies_hz.tolist(),
+                "objective": self.objective_all.tolist(),
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class CutoffReport:
+    """What ``fenics-joints update`` found for a case with ``[update.cutoff]``.
+
+    Attributes:
+        case: The case.
+        result: The preload state.
+        condition: Name, value and unit of the test's condition.
+        mode_names: Names of the test's modes.
+        test_hz: Measured frequencies, Hz, (n,).
+        stuck_hz: Those of the fully stuck model, (n,).
+        calibration: Keys parameter, mode, start, value, unit; None without.
+        contacts: Facts of each contact, see `preload_run.contact_facts`.
+        schemes: One for each scheme.
+        seconds: Time of the whole run.
+    """
+
+    case: Case
+    result: PreloadResult
+    condition: tuple[str, float, str]
+    mode_names: tuple[str, ...]
+    test_hz: np.ndarray
+    stuck_hz: np.ndarray
+    calibration: dict | None
+    contacts: list[dict]
+    schemes: list[SchemeReport]
+    seconds: float
+
+    @property
+    def whole_area(self) -> float:
+        """Area of the contacts, m2."""
+        return sum(c["whole_area_m2"] for c in self.contacts)
+
+    def json(self) -> dict[str, object]:
+        """What ``--json`` writes.
+
+        Keys: ``version``, ``title``, ``dofs``, ``bolt_forces_n``, ``condition``, ``modes``,
+        ``frequencies_hz`` (``test``, ``stuck``), ``calibration``, ``contacts`` and ``schemes``,
+        each with ``scheme``, ``cutoff_pa``, ``objective``, ``frequencies_hz``, ``crossings_pa``,
+        ``stuck_area_m2``, ``reduced_error``, ``full_solutions``, ``seconds``, ``minimum``, and
+        ``sweep`` with all cut-offs.
+        """
+        name, value, unit = self.condition
+        return {
+            "version": fenics_joints.__version__,
+            "title": self.case.title,
+            "dofs": self.result.model.jumps.n,
+            "bolt_forces_n": dict(self.result.forces),
+            "condition": {"name": name, "value": value, "unit": unit},
+            "modes": list(self.mode_names),
+            "frequencies_hz": {"test": self.test_hz.tolist(), "stuck": self.stuck_hz.tolist()},
+            "calibration": self.calibration,
+            "contacts": self.contacts,
+            "schemes": [scheme.to_json() for scheme in self.schemes],
+            "seconds": self.seconds,
+        }
+
+    def html(self) -> str:
+        """What ``--report`` writes."""
+        from fenics_joints.commands.preload.page import cutoff_html
+
+        return cutoff_html(self)
+
+    def show(self, console: Console) -> None:
+        """Print the summary."""
+        from fenics_joints.commands.preload.summary import cutoff
+
+        cutoff(console, self)
+
+
+def crossing(cutoffs: np.ndarray, frequencies_hz: np.ndarray, test_hz: float) -> float | None:
+    """Cut-off, Pa, at which falling frequencies, (n,), first pass a test frequency; None if never.
+
+    Linear between the two cut-offs about it.
+    """
+    below = np.flatnonzero(frequencies_hz <= test_hz)
+    if not len(below) or below[0] == 0:
+        return None
+    k = int(below[0])
+    high, low = frequencies_hz[k - 1], frequencies_hz[k]
+    share = (high - test_hz) / (high - low)
+    return float(cutoffs[k - 1] + share * (cutoffs[k] - cutoffs[k - 1]))
+
+
+def run_cutoff(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> CutoffReport:
+    """Update the cut-off pressure of a case's contacts. Collective.
+
+    Raises:
+        InputError: If the case lacks a test, contacts or bolts, or a frequency is missing.
+        ConvergenceError: If a solution does not converge.
+    """
+    with threadpool_limits(1):
+        return _Run(case, comm, progress or Progress(silent=True)).report()
+
+
+class _Run:
+    def __init__(self, case: Case, comm: MPI.Intracomm, progress: Progress):
+        self.started = time.perf_counter()
+        self.case, self.progress = case, progress
+        self.section = case.update.cutoff
+        data = case.measurements()
+        at = case.update.at
+        row = data.row(at) if at is not None else len(data) - 1
+        self.condition = (data.condition_name, float(data.conditions[row]), data.condition_unit)
+        self.mode_names = tuple(data.mode_names)
+        self.test_hz = data.frequencies_hz[row]
+        if not np.all(np.isfinite(self.test_hz)):
+            raise InputError(
+                f"{case.path}: test.frequencies: a mode is missing at {self.condition[1]:g}; "
+                "expected all modes for the sum of their errors"
+            )
+        progress.step("building the model")
+        self.model: PreloadModel = build_preload(case, comm)
+        self.joint = LinearJoint(self.model)
+
+    def report(self) -> CutoffReport:
+        given, calibration = self._calibrated()
+        stuck = self._stuck(given)
+        self.progress.step(f"contact of {self.model.jumps.n} degrees of freedom")
+        result = PreloadSolver(self.model, given).solve(
+            monitor=lambda i, norm: self.progress.advance()
+        )
+        names = ("two", "three") if self.section.scheme == "both" else (self.section.scheme,)
+        schemes = [self._scheme(name, result, given) for name in names]
+        axes = bolt_axes(result)
+        return CutoffReport(
+            self.case, result, self.condition, self.mode_names, self.test_hz, stuck, calibration,
+            [contact_facts(state, axes) for state in result.contacts.values()], schemes,
+            time.perf_counter() - self.started,
+        )  # fmt: skip
+
+    @property
+    def _n(self) -> int:
+        return len(self.mode_names)
+
+    def _solve(self, given, solver=None) -> Modes:
+        return solve_modes(self.joint, given, n_modes=6 + self._n + 2, solver=solver)
+
+    def _stuck(self, given) -> np.ndarray:
+        modes = self._solve(given)
+        return modes.frequencies_hz[modes.n_rigid : modes.n_rigid + self._n]
+
+    def _calibrated(self) -> tuple[dict[str, float], dict | None]:
+        """Newton's method in logarithms for one parameter, so that the stuck model has one mode."""
+        wanted = self.section.calibrate
+        if wanted is None:
+            return {}, None
+        self.progress.step(f"calibrating {wanted.parameter} on {wanted.mode}")
+        parameter = self.joint.parameters[wanted.parameter]
+        column = list(self.joint.parameters).index(wanted.parameter)
+        mode, value, solver = self.mode_names.index(wanted.mode), parameter.value, None
+        for _ in range(12):
+            modes = self._solve({wanted.parameter: value}, solver)
+            solver, index = modes.solver, modes.n_rigid + mode
+            miss = math.log(self.test_hz[mode] / modes.frequencies_hz[index])
+            slope = modes.gradients([index])[0, column] * value / (2 * modes.eigenvalues[index])
+            self.progress.advance()
+            if abs(miss) < _CALIBRATED:
+                break
+            if not abs(slope) > 1e-6:
+                raise InputError(
+                    f"{self.case.path}: update.cutoff.calibrate: {wanted.mode} does not depend on "
+                    f"{wanted.parameter}; expected another mode or parameter"
+                )
+            value *= math.exp(max(-0.5, min(0.5, miss / slope)))
+        else:
+            raise ConvergenceError(
+                f"calibrating {wanted.parameter} on {wanted.mode} did not converge; "
+                "calibrate another parameter"
+            )
+        if not parameter.lower <= value <= parameter.upper:
+            raise InputError(
+                f"{self.case.path}: update.cutoff.calibrate: {wanted.mode} needs "
+                f"{wanted.parameter} = {value:g} {parameter.unit}, expected a value within its "
+                f"bounds [{parameter.lower:g}, {parameter.upper:g}]"
+            )
+        facts = {
+            "parameter": wanted.parameter, "mode": wanted.mode, "start": parameter.value,
+            "value": value, "unit": parameter.unit,
+        }  # fmt: skip
+        return {wanted.parameter: value}, facts
+
+    def _scheme(self, name: str, result: PreloadResult, given) -> SchemeReport:
+        start, contacts = time.perf_counter(), self.section.contacts
+        model = CutoffModel(
+            result, scheme=name, n_elastic=self._n, given=given, contacts=contacts
+        )
+        self.progress.step(f"{name} conditions: {len(model)} cut-off pressures", len(model))
+        found = sweep(model, progress=self._swept())
+        solves, seconds = model.solves, time.perf_counter() - start
+        self.progress.step(f"{name} conditions: the minimum by full solutions")
+        minimum = minimise(
+            model, self.test_hz, max_solves=self.section.max_solves,
+            progress=lambda n, cutoff, value: self.progress.advance(
+                note=f"{cutoff / 1e6:.3g} MPa: {100 * value:.2f} %"
+            ),
+        )  # fmt: skip
+        best = found.best(self.test_hz)
+        facets = model.facets(best)
+        return SchemeReport(
+            name, found, best, found.objective(self.test_hz), minimum,
+            [
+                crossing(found.cutoffs, found.frequencies_hz[:, j], self.test_hz[j])
+                for j in range(self._n)
+            ],
+            [
+                replace(s, status=pair_conditions(s.interface, facets[s.name]))
+                for s in model.states
+            ],
+            float(sum(s.facet_area[facets[s.name] == STICK].sum() for s in model.states)),
+            solves, seconds,
+        )  # fmt: skip
+
+    def _swept(self):
+        done = [0]
+
+        def tell(n: int, total: int, error: float) -> None:
+            self.progress.advance(n - done[0], note=f"error {100 * error:.4f} %")
+            done[0] = n
+
+        return tell

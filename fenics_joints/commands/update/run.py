@@ -1,0 +1,339 @@
+"""``fenics-joints update`` on any mix of frequencies, shapes, damping ratios and functions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from mpi4py import MPI
+from threadpoolctl import threadpool_limits
+
+from fenics_joints.beams import BeamStructure
+from fenics_joints.beams.tested import ExactCombinedModel
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import Case
+from fenics_joints.case.model_damping import model_damping
+from fenics_joints.commands.update.damping import DampingTable, HeldRatio
+from fenics_joints.commands.update.data import CombinedData, combined_data
+from fenics_joints.commands.update.report import CombinedReport, Functions, HeldMode, ModeTable
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.formatting import percent, quantity
+from fenics_joints.measurements.gap import Pairing, mac
+from fenics_joints.measurements.target import Target
+from fenics_joints.modal.modes import Modes
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.combined import CombinedModel, ModelError, paired, sample_values
+from fenics_joints.response.frf import solve_frf
+from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+from fenics_joints.updating.checks import bound_notes, error_limits, too_far
+from fenics_joints.updating.fit import update_combined
+from fenics_joints.updating.result import CombinedUpdate
+from fenics_joints.updating.weighted import noise_tolerances, update_weighted
+
+__all__ = ["run_combined"]
+
+#: Modes beyond the rigid-body ones and those of the test.
+_SPARE = 4
+#: How often the reduced model is bettered at what was found.
+_ROUNDS = 4
+#: chi^2 per degree of freedom above which a model has not the test's resonances: lines are then
+#: compared at the same place relative to them.
+_MISFIT = 9.0
+
+
+def run_combined(
+    case: Case, comm: MPI.Intracomm, progress: Progress | None = None
+) -> CombinedReport:
+    """Update a case's model at one condition. Collective.
+
+    Raises:
+        InputError: If the case does not ask for it.
+        ConvergenceError: If the fit does not converge.
+    """
+    if not case.combined():
+        raise InputError(f"{case.path}: update: expected data of several kinds, or a method")
+    # Matrices of this size are too small for a second BLAS thread to be worth waking.
+    with threadpool_limits(1):
+        return _Run(case, comm, progress or Progress(silent=True)).report()
+
+
+class _Run:
+    def __init__(self, case: Case, comm, progress: Progress):
+        self.case, self.progress, self.section = case, progress, case.update
+        self.data: CombinedData = combined_data(case)
+        progress.step("building the model")
+        damped = bool({"damping", "frfs"} & set(self.data.kinds))
+        self.full: Structure | BeamStructure = build_structure(case, comm, damping=damped)
+        self.damping = model_damping(case, self.full) if damped else Damping()
+        self.parameters = [self.full.parameters[n] for n in self.section.parameters]
+        self.start = {**case.nominal(damping=damped), **case.start()}
+        self._check_start()
+        self.notes: list[str] = []
+        n_modes = 6 + len(self.data.target) + _SPARE
+        if "n_modes" in case.diagnose.model_fields_set:
+            n_modes = max(case.diagnose.n_modes, n_modes)
+        target = self.data.target
+        if isinstance(self.full, BeamStructure):
+            self.model = ExactCombinedModel(self.full, target, self.damping, n_modes)
+        else:
+            self.model = CombinedModel(self.full, target, self.damping, n_modes)
+
+    def _check_start(self) -> None:
+        for p in self.parameters:
+            value = self.start[p.name]
+            if not p.lower <= value <= p.upper:
+                given = f"update.start.{p.name}" if p.name in self.section.start else p.name
+                raise InputError(
+                    f"{self.case.path}: {given} = {quantity(value, p.unit)}: expected a start from "
+                    f"{quantity(p.lower, p.unit)} to {quantity(p.upper, p.unit)}, its bounds"
+                )
+
+    # -- the loop ------------------------------------------------------------------------------
+
+    def report(self) -> CombinedReport:
+        """Fit, check, better the reduced model, fit again; then hold out, and compare."""
+        if isinstance(self.model, CombinedModel):
+            self._sample()
+        found, modes, error = self._checked()
+        self.notes += bound_notes(self.parameters, found)
+        first = self.model.modes(self.start)
+        self.model.ratios(self.start, first)  # before the solver has solved anything else
+        held = self._held(first)
+        self.progress.step("comparing test and model, before and after")
+        values = self._values(found)
+        functions = self._functions(values)
+        return CombinedReport(
+            title=self.case.title or self.case.path.parent.name,
+            condition=self.data.condition,
+            kinds=self.data.kinds,
+            parameters=self._table(found),
+            update=found,
+            modes=self._modes(first, modes, values),
+            functions=functions,
+            held=held + self._held_always(first, modes, found),
+            model=self._facts(error, functions),
+            notes=self.notes,
+            pull=None if found.method == "weighted" else self.section.regularisation,
+            published=self._published(),
+        )
+
+    def _sample(self) -> None:
+        # Damping hardly changes what a basis needs.
+        own = {} if self.case.damping is None else self.case.damping.nominal()
+        moved = [p for p in self.parameters if p.name not in own]
+        samples = sample_values(self.full, moved, self.start)
+        self.progress.step("reduced model: sampling the parameters", len(samples))
+        for values in samples:
+            self.model.add(values)
+            self.progress.advance()
+        self.model.build()
+
+    def _checked(self) -> tuple[CombinedUpdate, Modes, ModelError]:
+        """The fit, where the reduced model holds; else with a better one."""
+        limits = error_limits(self.data.target)
+        for round_ in range(_ROUNDS):
+            again = " again, on a better reduced model" if round_ else ""
+            self.progress.step(f"fitting {len(self.parameters)} parameters{again}")
+            found = self._fit(self.data.target)
+            values = self._values(found)
+            modes = self.model.modes(values)
+            error = self.model.error(values, modes)
+            off = too_far(error, limits)
+            if not off or round_ == _ROUNDS - 1:
+                break
+            self.model.better(values)
+        if found.method == "log" and found.history[-1].moved:
+            self.notes.append(
+                "no values were found that bring the model within the noise of the test, so "
+                "functions were compared at the same place between the resonances, not at the same "
+                "frequency"
+            )
+        if off:
+            self.notes.append(
+                f"the reduced model is still off at what was found: {', '.join(off)}; the "
+                "parameters may be off by more than their standard deviations"
+            )
+        return found, modes, error
+
+    def _fit(self, target: Target) -> CombinedUpdate:
+        model, common = self.model.arrays, {"damping": self.damping}
+        if self.section.method == "weighted":
+            return update_weighted(
+                model, self.parameters, target, self.start, step_limit=self.section.step_limit,
+                **common, **noise_tolerances(target),
+            )  # fmt: skip
+        common["regularisation"] = self.section.regularisation
+        found = update_combined(model, self.parameters, target, self.start, **common)
+        both = {"frequencies", "frfs"} <= set(target.kinds)
+        misfit = found.chi2 / max(found.degrees_of_freedom, 1)
+        if not both or misfit <= _MISFIT:
+            return found
+        return update_combined(
+            model, self.parameters, target, self.start, moves="always", **common
+        )  # fmt: skip
+
+    def _values(self, found: CombinedUpdate) -> dict[str, float]:
+        return {**self.start, **found.mapping()}
+
+    # -- held out ------------------------------------------------------------------------------
+
+    def _held(self, first: Modes) -> list[HeldMode]:
+        """Every mode in turn, if the case asks for it: fitted anew to all else, from the start."""
+        if not self.data.each:
+            return []
+        target = self.data.target
+        fitted = target.frequencies_hz if "frequencies" in target.kinds else target.damping_ratios
+        measured = np.flatnonzero(np.isfinite(fitted) & np.isfinite(self._measured_hz()))
+        self.progress.step("holding out each mode in turn", len(measured))
+        rows = []
+        for j in measured:
+            try:
+                other = self._fit(self.data.without(int(j)))
+            except ConvergenceError as error:
+                self.notes.append(f"{self.data.mode_names[j]} was not held out: {error}")
+                self.progress.advance()
+                continue
+            values = self._values(other)
+            # The full model's frequency, so that the reduced one's error is none of the test's.
+            modes = self.model.modes(values)
+            rows.append(self._held_row(int(j), first, modes, other, True))
+            self.progress.advance()
+        return rows
+
+    def _held_always(self, first: Modes, modes: Modes, found: CombinedUpdate) -> list[HeldMode]:
+        return [
+            self._held_row(j, first, modes, found, len(self.data.held_modes) == 1)
+            for j in self.data.held_modes
+        ]
+
+    def _held_row(self, j, first: Modes, modes: Modes, found: CombinedUpdate, alone) -> HeldMode:
+        slopes = found.prediction.frequency_slopes[j]
+        sd = float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))
+        before, after = (m.frequencies_hz[self._pair(m).index[j]] for m in (first, modes))
+        row = self._measured_hz()[j]
+        return HeldMode(
+            self.data.mode_names[j], float(row), float(before), float(after), sd,
+            found.mapping(), alone, self._held_ratio(j, first, modes, found),
+        )  # fmt: skip
+
+    def _held_ratio(self, j, first: Modes, modes: Modes, found: CombinedUpdate) -> HeldRatio | None:
+        before = self.model.ratios(self.start, first)
+        if before is None:
+            return None
+        after, sd = self.model.ratios(self._values(found), modes)[j], np.nan
+        if found.prediction.damping_ratios is not None:
+            slopes = found.prediction.damping_slopes[j] / found.prediction.damping_ratios[j]
+            sd = np.sqrt(max(slopes @ found.covariance @ slopes, 0.0))
+        return HeldRatio(*(float(v) for v in (self._measured_ratios()[j], before[j], after, sd)))
+
+    # -- before and after ----------------------------------------------------------------------
+
+    def _pair(self, modes: Modes) -> Pairing:
+        return paired(modes, self.data.target)
+
+    def _measured_hz(self) -> np.ndarray:
+        """Measured frequencies, also those held out."""
+        return self.case.measurements().frequencies_hz[self._row()]
+
+    def _measured_ratios(self) -> np.ndarray:
+        """Measured damping ratios, also those held out."""
+        return self.case.measurements().damping[self._row()]
+
+    def _row(self) -> int:
+        data, at = self.case.measurements(), self.section.at
+        return len(data) - 1 if at is None else data.row(at)
+
+    def _modes(self, first: Modes, modes: Modes, values) -> ModeTable | None:
+        target = self.data.target
+        if not len(target):
+            return None
+        before, after = self._pair(first), self._pair(modes)
+        shapes = target.shapes
+        macs = (None, None) if shapes is None else tuple(
+            mac(shapes, p.shapes) for p in (before, after)
+        )  # fmt: skip
+        return ModeTable(
+            self.data.mode_names, self._measured_hz(), first.frequencies_hz[before.index],
+            modes.frequencies_hz[after.index], np.isfinite(target.frequencies_hz), *macs,
+            self._ratios(first, modes, values),
+        )  # fmt: skip
+
+    def _ratios(self, first: Modes, modes: Modes, values) -> DampingTable | None:
+        before = self.model.ratios(self.start, first)
+        if before is None:
+            return None
+        return DampingTable(
+            self._measured_ratios(), before, self.model.ratios(values, modes),
+            np.isfinite(self.data.target.damping_ratios),
+        )  # fmt: skip
+
+    def _functions(self, values: Mapping[str, float]) -> Functions | None:
+        """The full model's functions at all measured lines, at the start and updated."""
+        frfs = self.data.frfs
+        if frfs is None:
+            return None
+        there = frfs.frequencies_hz > 0
+        found, errors = [], []
+        for given in (self.start, values):
+            frf = solve_frf(
+                self.full, given, frequencies_hz=frfs.frequencies_hz[there],
+                excitation=Sensors(frfs.reference_points, frfs.reference_directions),
+                sensors=frfs.sensors(), damping=self.damping, kind=frfs.kind, method="modal",
+                check=2,
+            )  # fmt: skip
+            found.append(frf.values)
+            errors.append(0.0 if frf.error is None else float(np.max(frf.error)))
+        lines = np.zeros(len(there), dtype=bool)
+        lines[self.data.lines] = True
+        return Functions(
+            frfs.frequencies_hz[there], frfs.values[there], *found, lines[there],
+            self.data.held[there], frfs.kind, frfs.unit,
+            (frfs.response_names, frfs.reference_names), max(errors),
+        )  # fmt: skip
+
+    def _table(self, found: CombinedUpdate) -> list[dict]:
+        return [
+            {"name": p.name, "value": float(v), "unit": p.unit, "sd": float(sd),
+             "start": self.start[p.name]}
+            for p, v, sd in zip(self.parameters, found.values, found.relative_sd, strict=True)
+        ]  # fmt: skip
+
+    def _published(self) -> dict | None:
+        published = self.section.published
+        if published is None:
+            return None
+        given = self.case.published()
+        modes = self.model.modes({**self.start, **given})
+        model = modes.frequencies_hz[self._pair(modes).index]
+        theirs = np.array(published.frequencies or [np.nan] * len(model))
+        return {
+            "source": published.source,
+            "parameters": given,
+            "frequencies_hz": [None if np.isnan(f) else float(f) for f in theirs],
+            "model_hz": model.tolist(),
+            "errors_percent": [None if np.isnan(e) else float(e)
+                               for e in 100 * (model / theirs - 1)],
+        }  # fmt: skip
+
+    def _facts(self, error: ModelError, functions: Functions | None) -> dict:
+        facts = {"dofs": self.full.n_dofs}
+        if self.model.samples:
+            facts |= {
+                "basis": self.model.arrays.n_dofs, "samples": self.model.samples,
+                "frequency_error": error.frequencies,
+            }  # fmt: skip
+            if error.damping is not None:
+                facts["damping_error"] = percent(error.damping, 4)
+        if functions is not None:
+            frfs = self.data.target.frfs
+            facts |= {
+                "lines_fitted": int(functions.lines.sum()),
+                "lines_measured": len(functions.frequencies_hz),
+                "functions": int(np.isfinite(functions.measured[0]).sum()),
+                "function_error": percent(error.frfs, 4),
+                "function_noise": percent(float(np.median(frfs.relative_sd[frfs.used])), 2),
+                "solution_error": percent(functions.solution, 2),
+            }
+        return facts

@@ -1,0 +1,189 @@
+"""Effects that show only in how frequencies and damping change with the level of a test.
+
+The level is what the joint's motion is proportional to, in each mode with a factor of its own: an
+amplitude, or a force as long as the damping does not change much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.result import Silent
+from fenics_joints.measurements.data import TestData
+
+__all__ = [
+    "NAMES", "amplitude_effects", "gapping", "growing_damping", "iwan_loss_factor", "micro_slip",
+    "relative_drop",
+]  # fmt: skip
+
+MICRO_SLIP = "micro-slip in the joint"
+SOFTENING = "gapping without slip"
+GROWING = "damping that grows without softening"
+NAMES = (MICRO_SLIP, SOFTENING, GROWING)
+
+_FAMILY = "softening with the level"
+#: Drop of the stiffness at the highest level: a tenth, within a factor of 4 either way.
+_DROP = (0.1, np.log(4.0), (1e-5, 20.0))
+#: Segalman's chi of bolted joints: dissipation grows with the force to the power chi + 3, which was
+#: measured as 2.2 to 2.9 (Segalman 2005; Smallwood, Gregory and Coleman 2000).
+_CHI = (-0.4, 0.25, (-0.98, 0.0))
+#: Exponent of an elastic drop: 1 where a gap opens, 2 for large deflections; less where rough faces
+#: part.
+_POWER = (1.0, 0.6, (0.1, 4.0))
+#: A real interface dissipates more or less than the power law's, and a force level tells its motion
+#: only roughly: some 30 %.
+_LOSS = (1.0, 0.3, (0.2, 5.0))
+#: Loss factor of all of the structure at the highest level, within a factor of 4 either way; of
+#: air, it grows with the velocity, and of material, with a power of the stress up to about 1.
+_GROWN = (0.004, np.log(4.0), (1e-7, 1.0))
+_GROWTH = (1.0, 0.5, (0.05, 3.0))
+#: What is left of a stiffness at least.
+_LEFT = 0.05
+
+
+def relative_drop(x: float) -> float:
+    """The drop x of a stiffness, kept smoothly below all of it: within 2 % of x up to x = 0.5."""
+    most = 1 - _LEFT
+    y = x / most
+    return most * y / (1 + y**4) ** 0.25
+
+
+def iwan_loss_factor(drop: float, chi: float) -> float:
+    """Loss factor of an Iwan joint whose secant stiffness has fallen by a share ``drop``.
+
+    Sliders of unit stiffness with strengths distributed as R phi^chi (Segalman, J. Appl. Mech. 72,
+    2005) give at the amplitude u, below macro-slip and with K the stiffness at rest, the backbone
+    K u - R u^(chi + 2) / ((chi + 1) (chi + 2)), hence drop = R u^(chi + 1) / (K (chi + 1)
+    (chi + 2)), and dissipate in a cycle D = 4 R u^(chi + 3) / ((chi + 2) (chi + 3)). The loss
+    factor is D / (2 pi K (1 - drop) u^2 / 2).
+
+    Args:
+        drop: Relative drop of the secant stiffness, 0 to below 1.
+        chi: Exponent of the distribution, -1 < chi <= 0.
+    """
+    return drop / (1 - drop) * 4 * (chi + 1) / (np.pi * (chi + 3))
+
+
+def micro_slip(zones: Sequence[str], reference: float, keys: Sequence[str] = ("G",)) -> Effect:
+    """Micro-slip: the tangential stiffness falls by a power of the level, and damping grows.
+
+    G (1 - s), s = drop (level / reference)^(1 + chi); the loss factor is `iwan_loss_factor` of it
+    times ``loss``.
+
+    Args:
+        zones: Joint zones it acts in; each has parameters ``ZONE.KEY``.
+        reference: Level at which ``drop`` holds.
+        keys: Those that slip.
+    """
+
+    def drop(theta, level) -> float:
+        return relative_drop(theta["drop"] * (level / reference) ** (1 + theta["chi"]))
+
+    def apply(values, theta, level):
+        for zone in zones:
+            for key in keys:
+                values[f"{zone}.{key}"] *= 1 - drop(theta, level)
+
+    def loss(theta, level, hz):
+        eta = theta["loss"] * iwan_loss_factor(drop(theta, level), theta["chi"])
+        return dict.fromkeys((f"{zone}.{key}" for zone in zones for key in keys), eta)
+
+    priors = (_log("drop", _DROP), _normal("chi", _CHI), _log("loss", _LOSS))
+    words = "Parts of the interface slip before all of it does: it softens and damps with the level"
+    return Effect(
+        MICRO_SLIP, "joint", priors, apply, f"{words}.", True, _FAMILY, by_level=True, loss=loss
+    )
+
+
+def gapping(
+    zones: Sequence[str], reference: float, keys: Sequence[str] = ("E", "G")
+) -> Effect:
+    """Gapping, or any other elastic softening of the joint: no damping comes with it.
+
+    E and G fall by s = drop (level / reference)^power.
+
+    Args:
+        zones: Joint zones it acts in; each has parameters ``ZONE.KEY``.
+        reference: Level at which ``drop`` holds.
+        keys: Those that fall.
+    """
+
+    def apply(values, theta, level):
+        left = 1 - relative_drop(theta["drop"] * (level / reference) ** theta["power"])
+        for zone in zones:
+            for key in keys:
+                values[f"{zone}.{key}"] *= left
+
+    priors = (_log("drop", _DROP), _normal("power", _POWER))
+    words = "The joint softens with the level elastically: gaps open, or its geometry changes."
+    return Effect(SOFTENING, "joint", priors, apply, words, True, _FAMILY, by_level=True)
+
+
+def growing_damping(reference: float) -> Effect:
+    """Damping of all of the structure that grows with the level, at unchanged stiffness.
+
+    Args:
+        reference: Level at which its loss factor ``eta`` holds.
+    """
+
+    def apply(values, theta, level):
+        pass
+
+    def loss(theta, level, hz):
+        return {"": theta["eta"] * (level / reference) ** theta["power"]}
+
+    priors = (_log("eta", _GROWN), _normal("power", _GROWTH))
+    words = "Damping grows with the level and the stiffness stays: air, material, the suspension."
+    return Effect(GROWING, "", priors, apply, words, True, by_level=True, loss=loss)
+
+
+def _log(name: str, given) -> Prior:
+    median, spread, span = given
+    return Prior(name, median, spread, "", True, span)
+
+
+def _normal(name: str, given) -> Prior:
+    median, spread, span = given
+    return Prior(name, median, spread, "", False, span)
+
+
+def amplitude_effects(
+    data: TestData,
+    zones: Sequence[str],
+    slipping: Sequence[str] = ("G",),
+    opening: Sequence[str] = ("E", "G"),
+) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+    """The effects that this test can speak of, and those it cannot, each with the reason.
+
+    Args:
+        data: The test.
+        zones: The joint's zones.
+        slipping: Parameters of a zone that fall when it slips.
+        opening: Those that fall when it opens.
+    """
+    if not data.by_level or len(data) < 2:
+        what = "level" if data.by_level else f"{data.condition_name} and not by level"
+        is_one = f"the test has one {what}" if data.by_level else f"the test is by {what}"
+        reason = f"{is_one}; it needs the same modes at two or more levels of force or amplitude"
+        return (), tuple(Silent(name, reason) for name in NAMES)
+    reference, effects, silent = float(data.conditions[-1]), [], []
+    if zones:
+        effects = [micro_slip(zones, reference, slipping), gapping(zones, reference, opening)]
+    else:
+        silent = [Silent(name, "the model has no joint") for name in (MICRO_SLIP, SOFTENING)]
+    if has_damping(data):
+        effects.append(growing_damping(reference))
+    else:
+        reason = "the test has no damping ratio of any mode at two or more levels"
+        silent.append(Silent(GROWING, reason))
+    return tuple(effects), tuple(silent)
+
+
+def has_damping(data: TestData) -> bool:
+    """Whether the damping of some mode was measured at two or more levels."""
+    if not data.by_level or data.damping is None:
+        return False
+    return bool(np.any(np.sum(data.damping > 0, axis=0) > 1))

@@ -1,0 +1,75 @@
+"""Effects that show in damping at rest; what the material and the suspension dissipate is free in
+every hypothesis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.amplitude import has_damping
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.measurements.data import TestData
+
+__all__ = ["HYSTERETIC", "VISCOUS", "has_ratios", "hysteretic_damping", "viscous_damping"]
+
+HYSTERETIC = "joint hysteretic damping"
+VISCOUS = "joint viscous damping"
+_FAMILY = "joint damping"
+#: Loss factor of a joint's interface at small motion: 0.02, within a factor of 4 either way. With a
+#: tenth of the strain energy in the joint that is a damping ratio of 0.1 %, and bolted structures
+#: of metal have 0.05 to 0.5 %, most of it from their joints.
+_LOSS = (0.02, np.log(4.0), (1e-5, 2.0))
+#: Parameters of a layer.
+MODULI = ("E", "G")
+
+
+def has_ratios(data: TestData) -> bool:
+    """Whether a test's damping ratios count: it says how good they are, or has several levels."""
+    stated = data.damping is not None and data.damping_noise is not None
+    return has_damping(data) or bool(
+        stated and not data.by_level and np.any(np.nan_to_num(data.damping) > 0)
+    )
+
+
+def hysteretic_damping(zones: Sequence[str], keys: Sequence[str] = MODULI) -> Effect:
+    """A loss factor of the joint, the same at all frequencies.
+
+    Args:
+        zones: Joint zones; each has parameters ``ZONE.KEY``.
+        keys: Those that dissipate.
+    """
+
+    def loss(theta, condition, hz):
+        return dict.fromkeys(_moduli(zones, keys), theta["eta"])
+
+    words = "The joint dissipates a share of what it stores in a cycle, at any frequency."
+    return _damping(HYSTERETIC, "eta", loss, words)
+
+
+def viscous_damping(
+    zones: Sequence[str], hz_ref: float, keys: Sequence[str] = MODULI
+) -> Effect:
+    """A loss factor of the joint proportional to the frequency, as of a film of oil.
+
+    Args:
+        zones: Joint zones; each has parameters ``ZONE.KEY``.
+        hz_ref: Frequency, Hz, at which ``eta_ref`` holds.
+        keys: Those that dissipate.
+    """
+
+    def loss(theta, condition, hz):
+        return dict.fromkeys(_moduli(zones, keys), theta["eta_ref"] * hz / hz_ref)
+
+    words = "The joint dissipates in proportion to the frequency, as a film of oil does."
+    return _damping(VISCOUS, "eta_ref", loss, words)
+
+
+def _moduli(zones: Sequence[str], keys: Sequence[str]) -> list[str]:
+    return [f"{zone}.{key}" for zone in zones for key in keys]
+
+
+def _damping(name: str, parameter: str, loss, words: str) -> Effect:
+    median, spread, span = _LOSS
+    prior = Prior(parameter, median, spread, "", True, span)
+    return Effect(name, "joint", (prior,), None, words, family=_FAMILY, loss=loss)

@@ -1,0 +1,152 @@
+"""Effects that a nominal model may lack, each with its parameters, prior and way into the model.
+
+The library (`diagnosis.effects.library`) holds those of any bolted structure. One of your own
+is a function that changes the model's parameter values, and what is known of its parameters before
+the test::
+
+    from fenics_joints.diagnosis import Effect, Prior
+
+    def delaminate(values, theta, condition):
+        values["lid.E"] *= 1 - theta["lost"]
+
+    delaminated = Effect(
+        "delaminated lid", "lid",
+        (Prior("lost", median=0.1, spread=0.7, span=(0.0, 0.9)),),
+        delaminate, describe="Layers of the lid have come apart.",
+    )
+
+It goes in with ``diagnose(case, comm, extra=[delaminated])``. The parameters of a model are listed
+by `fenics_joints.case.build.parameters`, and a prior is log-normal unless it says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.diagnosis.evidence.sensing import Sensing
+
+__all__ = ["Effect", "Prior", "in_series", "relative_error"]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter before the test.
+
+    Attributes:
+        name: Name, unique in its effect.
+        median: Median, in ``unit``.
+        spread: One standard deviation: of the logarithm if ``log``, else in ``unit``.
+        unit: SI unit.
+        log: Log-normal (positive quantities) or normal.
+        span: Hard limits (low, high) in ``unit``.
+        scan: Number of values at which the evidence is integrated over this parameter, for one
+            that acts in steps; 0 for one that acts smoothly.
+    """
+
+    name: str
+    median: float
+    spread: float
+    unit: str = ""
+    log: bool = True
+    span: tuple[float, float] = (-np.inf, np.inf)
+    scan: int = 0
+
+    def value(self, z: float) -> float:
+        """The parameter at ``z`` standard deviations from the median."""
+        return self.median * np.exp(self.spread * z) if self.log else self.median + self.spread * z
+
+    def standard(self, value: float) -> float:
+        """Inverse of `value`; the limits may be infinite or, for ``log``, zero."""
+        if not self.log:
+            return (value - self.median) / self.spread
+        if value <= 0:
+            return -np.inf
+        return np.log(value / self.median) / self.spread
+
+    def limits(self, widest: float = 5.0) -> tuple[float, float]:
+        """Limits of z."""
+        low, high = (self.standard(v) for v in self.span)
+        return max(low, -widest), min(high, widest)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect that a model may lack.
+
+    Attributes:
+        name: What it is, in an engineer's words.
+        region: Where it acts.
+        priors: Its parameters.
+        apply: ``(values, theta, condition) -> None``: puts the effect with parameters ``theta``
+            into the model's parameter values, in place. Effects can be put in one after another.
+            None for one that leaves the model as it is.
+        describe: One sentence for the report.
+        depends_on_condition: Whether it changes with the condition, a torque or a level.
+        family: Effects of one family stand for each other and are never put in together.
+        by_level: Whether its condition is the level of excitation or response, which is another in
+            each mode; it is put in after all other effects.
+        loss: ``(theta, condition, hz) -> {parameter: loss factor}``: what it dissipates at a
+            frequency in the part of the structure whose stiffness is proportional to that parameter
+            of the model, ``""`` being all of it; None if it dissipates nothing.
+        weight: Prior odds relative to other effects: one of n places has 1/n.
+        drifts: Whether it changes from one condition to the next by their order, which no
+            tightening scatters.
+        sensing: ``(sensing, theta) -> None``: for a cause in the test, what it changes of how the
+            test reads the structure, in place.
+    """
+
+    name: str
+    region: str
+    priors: tuple[Prior, ...]
+    apply: Callable[[dict[str, float], Mapping[str, float], float], None] | None
+    describe: str = ""
+    depends_on_condition: bool = False
+    family: str = ""
+    by_level: bool = False
+    loss: Callable[[Mapping[str, float], float, float], dict[str, float]] | None = None
+    weight: float = 1.0
+    sensing: Callable[[Sensing, Mapping[str, float]], None] | None = None
+    drifts: bool = False
+
+    @property
+    def key(self) -> str:
+        """Unique name."""
+        return f"{self.name} ({self.region})" if self.region else self.name
+
+
+def in_series(values: dict[str, float], key: str, stiffness: float) -> None:
+    """Put a spring in series with a stiffness of the model, in the same unit, in place."""
+    values[key] = 1 / (1 / values[key] + 1 / stiffness)
+
+
+def relative_error(
+    name: str,
+    region: str,
+    parameters: Sequence[str],
+    spread: float,
+    describe: str,
+    *,
+    span: tuple[float, float] = (0.3, 3.0),
+    weight: float = 1.0,
+) -> Effect:
+    """Parameters off by a common factor, log-normal about 1.
+
+    Args:
+        name: Name of the effect.
+        region: Where, for people.
+        parameters: The model's parameters that share the factor.
+        spread: Standard deviation of the factor's logarithm.
+        describe: Sentence for the report.
+        span: Limits of the factor.
+        weight: Prior odds relative to other effects.
+    """
+
+    def apply(values, theta, condition):
+        for key in parameters:
+            values[key] *= theta["factor"]
+
+    prior = Prior("factor", 1.0, spread, "", True, span)
+    return Effect(name, region, (prior,), apply, describe, weight=weight)

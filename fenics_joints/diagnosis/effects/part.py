@@ -1,0 +1,77 @@
+"""Effects in the parts: what their material and dimensions are off by, and their temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior, relative_error
+
+__all__ = ["CAUSES", "part_error", "temperature"]
+
+#: Spread of a part's property as a cause, far beyond its tolerance: a wrong material or gauge.
+CAUSES = {"E": 0.15, "rho": 0.10, "thickness": 0.10, "width": 0.10}
+_WORDS = {"E": "modulus", "rho": "density", "thickness": "thickness", "width": "width"}
+#: Relative change of Young's modulus with the temperature, 1/K. Handbooks of metals have some
+#: -3e-4 for steels (Ledbetter and Reed, J. Phys. Chem. Ref. Data 2, 1973) and -5e-4 for aluminium
+#: alloys; the difference is far below what is known of the temperature itself.
+_BY_KELVIN = -4e-4
+#: Temperature of a test against that of the material's data, and its drift in a test, K: as a
+#: cause, hence a cold hall, the sun or a chamber rather than a laboratory.
+_OFFSET, _DRIFT = (30.0, (-100.0, 300.0)), (10.0, (-100.0, 100.0))
+
+
+def part_error(key: str, parts: Sequence[str], weight: float = 1.0, whole: bool = False) -> Effect:
+    """A property of one part, or of several together, that is not what the model says.
+
+    Args:
+        key: ``E``, ``rho``, ``thickness`` or ``width``.
+        parts: Names of the parts.
+        weight: Prior odds: one over the number of parts for one of them.
+        whole: Whether these are all parts.
+    """
+    word, several = _WORDS[key], len(parts) > 1
+    name = f"{word} error"
+    if several:
+        name += " of all parts" if whole else " of several parts"
+    region = "all parts" if several and whole else ", ".join(parts)
+    words = f"The {word} of {region} is not what the model says."
+    if several:
+        words = f"The {word} of {region} is off by one and the same factor."
+    targets = [f"{part}.{key}" for part in parts]
+    return relative_error(name, region, targets, CAUSES[key], words, weight=weight)
+
+
+def temperature(parts: Sequence[str], conditions: Sequence[float], drifts: bool) -> Effect:
+    """A test at another temperature than the material's data, and one that drifts.
+
+    E of every part times 1 + alpha dT, with dT = offset + drift x, and x from 0 at the first
+    condition to 1 at the last, by their order. What it does to preloads is not in it.
+
+    Args:
+        parts: Names of the parts.
+        conditions: The test's conditions, ascending.
+        drifts: Whether the temperature may drift from the first condition to the last.
+    """
+    drifts = drifts and len(conditions) > 1
+    place = np.linspace(0.0, 1.0, len(conditions))
+
+    def apply(values, theta, condition):
+        warmer = theta["offset"]
+        if drifts:
+            warmer = warmer + theta["drift"] * np.interp(condition, conditions, place)
+        for part in parts:
+            values[f"{part}.E"] *= 1 + _BY_KELVIN * warmer
+
+    sd, span = _OFFSET
+    priors = [Prior("offset", 0.0, sd, "K", False, span)]
+    if drifts:
+        sd, span = _DRIFT
+        priors.append(Prior("drift", 0.0, sd, "K", False, span))
+    words = "The test was warmer or colder than the material's data, or its temperature drifted."
+    # Not by the condition as far as a hypothesis asks: tightening does not scatter a temperature.
+    return Effect(
+        "temperature", "all parts", tuple(priors), apply, words, family="temperature",
+        drifts=drifts,
+    )  # fmt: skip

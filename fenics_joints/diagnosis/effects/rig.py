@@ -1,0 +1,180 @@
+"""Effects around the structure: what is attached to it and holds it, and how the test reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series, relative_error
+
+__all__ = [
+    "MISPLACED", "MISSCALED", "MISSED", "SWAPPED", "attached", "mass_error", "misplaced_sensor",
+    "misscaled_sensor", "missed_mode", "placed", "spring_error", "support_compliance",
+    "swapped_modes",
+]  # fmt: skip
+
+MISSCALED, MISPLACED = "sensor mis-scaled", "sensor misplaced"
+SWAPPED, MISSED = "mode mis-pairing", "mode missed by the test"
+#: Stiffness of a clamped face per area, Pa/m: that of an interface (1e11 to 1e13), less what the
+#: ground gives way; hence a factor of 30 either way. "Clamped" ends have been seen to be off by
+#: more than 10 % in frequency (Ritto et al.).
+_SUPPORT = (1e12, np.log(30.0), (1e6, 1e17))
+#: Spread of a known mass or spring as a cause: a part forgotten on a scale, or a suspension whose
+#: data sheet holds for another load.
+MASS, SPRING = 0.3, 1.0
+#: Gain of a sensor whose setting or mounting is wrong, about 1: calibrations hold to 1 to 3 %, so
+#: this is a blunder's.
+_GAIN = (0.3, (0.05, 20.0))
+#: Place of a sensor, relative to the length of the line of sensors: measured with a tape.
+_SHIFT = 0.02
+
+
+# -- attached to it --------------------------------------------------------------------------------
+
+
+def placed(name: str, key: str, shift: tuple[float, float]) -> Effect:
+    """A known mass whose place is uncertain: its travel, normal about zero.
+
+    Args:
+        name: Name of the effect.
+        key: Name of the mass.
+        shift: Range of the travel, m: four standard deviations.
+    """
+    prior = Prior("travel", 0.0, (shift[1] - shift[0]) / 4, "m", False, shift)
+
+    def apply(values, theta, condition):
+        values[f"{key}.travel"] = theta["travel"]
+
+    return Effect(name, key, (prior,), apply)
+
+
+def attached(name: str, region: str, key: str, priors: Sequence[Prior], describe: str) -> Effect:
+    """A mass or a spring that the nominal model leaves out.
+
+    Args:
+        name: Name of the effect.
+        region: Where, for people.
+        key: Name of the attachment; its parameters are ``KEY.<prior's name>``.
+        priors: Its parameters; ``mass``, ``travel`` or ``stiffness``.
+        describe: Sentence for the report.
+    """
+
+    def apply(values, theta, condition):
+        for prior in priors:
+            values[f"{key}.{prior.name}"] = theta[prior.name]
+
+    return Effect(name, region, tuple(priors), apply, describe)
+
+
+def mass_error(name: str, weight: float) -> Effect:
+    """A known mass that is not what the model says."""
+    label = name.replace("_", " ")
+    words = f"The mass of {label} is not what the model says."
+    return relative_error("mass error", label, [f"{name}.mass"], MASS, words, weight=weight)
+
+
+def spring_error(name: str, weight: float) -> Effect:
+    """A known spring, such as a suspension, that is not what the model says."""
+    label = name.replace("_", " ")
+    words = f"The stiffness of {label} is not what the model says."
+    return relative_error(
+        "spring error", label, [f"{name}.stiffness"], SPRING, words,
+        span=(1e-2, 1e2), weight=weight,
+    )  # fmt: skip
+
+
+def support_compliance(supports: Sequence[str], weight: float = 1.0) -> Effect:
+    """Supports that give way: stiffness per area in series with the nominal, next to rigid one.
+
+    Args:
+        supports: Names of the supports; each has parameters ``NAME.k_n`` and ``NAME.k_t``.
+        weight: Prior odds: one over the number of supports for one of them.
+    """
+
+    def apply(values, theta, condition):
+        for support in supports:
+            for key in ("k_n", "k_t"):
+                in_series(values, f"{support}.{key}", theta[key])
+
+    median, spread, span = _SUPPORT
+    priors = tuple(Prior(key, median, spread, "Pa/m", True, span) for key in ("k_n", "k_t"))
+    labels = [support.replace("_", " ") for support in supports]
+    name = "compliance of all supports" if len(labels) > 1 else f"{labels[0]} compliance"
+    region = ", ".join(supports)
+    words = "What is held as if rigid gives way: the clamp, or the ground under it."
+    return Effect(name, region, priors, apply, words, family="boundary", weight=weight)
+
+
+# -- in the test -----------------------------------------------------------------------------------
+
+
+def misscaled_sensor(i: int, weight: float) -> Effect:
+    """Sensor i (from 0) reads too much or too little, by a constant factor."""
+
+    def read(sensing, theta):
+        sensing.gains[i] *= theta["gain"]
+
+    spread, span = _GAIN
+    prior = Prior("gain", 1.0, spread, "", True, span)
+    words = f"Sensor {i + 1} reads all modes by one factor too large or too small."
+    return Effect(
+        MISSCALED, f"sensor {i + 1}", (prior,), None, words,
+        family=MISSCALED, weight=weight, sensing=read,
+    )  # fmt: skip
+
+
+def misplaced_sensor(i: int, length: float, weight: float) -> Effect:
+    """Sensor i (from 0) sits elsewhere along the line of sensors than the case says.
+
+    Args:
+        i: Which sensor.
+        length: Length of the line, m.
+        weight: Prior odds: one over the number of sensors.
+    """
+
+    def read(sensing, theta):
+        sensing.shifts[i] += theta["shift"]
+
+    sd = _SHIFT * length
+    prior = Prior("shift", 0.0, sd, "m", False, (-5 * sd, 5 * sd))
+    words = f"Sensor {i + 1} sits elsewhere along the line of sensors than the case says."
+    return Effect(
+        MISPLACED, f"sensor {i + 1}", (prior,), None, words,
+        family=MISPLACED, weight=weight, sensing=read,
+    )  # fmt: skip
+
+
+def missed_mode(j: int, names: Sequence[str]) -> Effect:
+    """The test did not find the model's mode j (from 0): it and those above are the next ones.
+
+    Args:
+        j: The first that is another one.
+        names: Names of all modes of the test.
+    """
+
+    def read(sensing, theta):
+        sensing.order[sensing.order >= j] += 1
+
+    words = f"The test's {names[j]} is the model's next one, and so on: it did not find that mode."
+    return Effect(
+        MISSED, names[j], (), None, words, family=SWAPPED, weight=1 / len(names), sensing=read
+    )
+
+
+def swapped_modes(j: int, names: Sequence[str]) -> Effect:
+    """The test calls mode j (from 0) the next one, and that one mode j.
+
+    Args:
+        j: The first of the two.
+        names: Names of all modes of the test.
+    """
+
+    def read(sensing, theta):
+        sensing.order[[j, j + 1]] = sensing.order[[j + 1, j]]
+
+    words = f"The test's {names[j]} is the model's {names[j + 1]}, and the other way round."
+    return Effect(
+        SWAPPED, f"{names[j]}, {names[j + 1]}", (), None, words,
+        family=SWAPPED, weight=1 / (len(names) - 1), sensing=read,
+    )  # fmt: skip

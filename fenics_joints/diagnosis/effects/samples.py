@@ -1,0 +1,125 @@
+"""Places in the space of parameters at which a reduced model is made."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+
+import numpy as np
+from scipy.stats import qmc
+
+from fenics_joints.case.case import Case
+from fenics_joints.case.sections import AttachedMass
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.part import CAUSES
+from fenics_joints.diagnosis.effects.rig import MASS, SPRING
+from fenics_joints.diagnosis.model.nominal import bonded_values
+
+__all__ = ["sample_ranges", "sample_values"]
+
+#: How far from the median of its prior, in standard deviations, a parameter is put.
+_WIDE = 1.5
+#: Stiffness of supports, Pa/m: of soft mounts, and from which on they are as good as rigid.
+_SUPPORT = (1e9, 1e16)
+#: Least stiffness of a joint's layer, Pa/m.
+_JOINT = 3e8
+
+
+def sample_ranges(
+    case: Case, thickness: Mapping[str, float]
+) -> dict[str, tuple[float, float, bool]]:
+    """Ranges (low, high, log) over which a reduced model must hold, by parameter.
+
+    Args:
+        case: The case.
+        thickness: Layer thickness, m, of the joints whose moduli are to be among them.
+    """
+    values, ranges = bonded_values(case), {}
+    for name, h in thickness.items():
+        for key in ("E", "G"):
+            ranges[f"{name}.{key}"] = (_JOINT * h, values[f"{name}.{key}"], True)
+    for name in case.parts:
+        for key, spread in CAUSES.items():
+            # Two standard deviations: a basis from nearer samples is too stiff for a plate of
+            # another thickness, and the hypothesis would lose for that.
+            ranges[f"{name}.{key}"] = _about(values[f"{name}.{key}"], spread)
+    for name, section in case.masses.items():
+        ranges[f"{name}.mass"] = _about(section.mass, MASS)
+        if section.shift() is not None:
+            ranges[f"{name}.travel"] = (*section.shift(), False)
+    for name, section in case.springs.items():
+        ranges[f"{name}.stiffness"] = _about(section.stiffness, SPRING)
+    for name in case.supports:
+        for key in ("k_n", "k_t"):
+            if f"{name}.{key}" in values:
+                ranges[f"{name}.{key}"] = (*_SUPPORT, True)
+    for name, section in case.attached.items():
+        key = "mass" if isinstance(section, AttachedMass) else "stiffness"
+        ranges[f"{name}.{key}"] = (0.0, 1.5 * section.nominal()[key], False)
+        if isinstance(section, AttachedMass) and section.shift() is not None:
+            ranges[f"{name}.travel"] = (*section.shift(), False)
+    return ranges
+
+
+def _about(value: float, spread: float) -> tuple[float, float, bool]:
+    return value * np.exp(-2 * spread), value * np.exp(2 * spread), True
+
+
+def sample_values(
+    effects: Sequence[Effect],
+    baseline: Mapping[str, float],
+    conditions: Sequence[float],
+    count: int,
+    seed: int,
+    known: Container[str] = (),
+) -> list[dict[str, float]]:
+    """Parameter values with effects in them, at places of their priors from a Sobol sequence.
+
+    The effects take turns, first each alone, then each with one of another family. What changes
+    nothing in the model is left out.
+
+    Args:
+        effects: The effects.
+        baseline: Values of the nominal model.
+        conditions: The test's conditions, which take turns too.
+        count: Number of samples.
+        seed: Of the sequence.
+        known: Parameters that are sampled otherwise; effects that change no others are left out.
+    """
+    acting = [e for e in effects if _changed(e, baseline, known)]
+    if not acting or count < 1:
+        return []
+    turns = [_turn(acting, i) for i in range(count)]
+    most = max(sum(len(e.priors) for e in turn) for turn in turns)
+    exponent = int(np.ceil(np.log2(max(count, 2))))
+    places = _WIDE * (2 * qmc.Sobol(most, seed=seed).random_base2(exponent) - 1)
+    found = []
+    for i, turn in enumerate(turns):
+        values, z = dict(baseline), iter(places[i])
+        for effect in sorted(turn, key=lambda e: e.by_level):
+            theta = {p.name: p.value(float(np.clip(next(z), *p.limits()))) for p in effect.priors}
+            effect.apply(values, theta, float(conditions[i % len(conditions)]))
+        found.append(values)
+    return found
+
+
+def _changed(effect: Effect, baseline: Mapping[str, float], known: Container[str]) -> bool:
+    """Whether an effect one standard deviation from its medians changes a parameter not known."""
+    if effect.apply is None or not effect.priors:
+        return False
+    for z in (1.0, -1.0):
+        values = dict(baseline)
+        theta = {p.name: p.value(float(np.clip(z, *p.limits()))) for p in effect.priors}
+        effect.apply(values, theta, 1.0)
+        if any(values[key] != baseline[key] and key not in known for key in values):
+            return True
+    return False
+
+
+def _turn(effects: Sequence[Effect], i: int) -> tuple[Effect, ...]:
+    """The effect whose turn it is, in later rounds with another."""
+    n = len(effects)
+    first, rounds = effects[i % n], i // n
+    if rounds == 0:
+        return (first,)
+    others = [e for e in effects if (e.family or e.key) != (first.family or first.key)]
+    return (first, others[(i + rounds) % len(others)]) if others else (first,)

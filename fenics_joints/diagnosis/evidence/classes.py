@@ -1,0 +1,163 @@
+"""Effects that a test cannot tell apart, and effects that it cannot see.
+
+Two hypotheses are apart by D = |W (y_i - y_j)| / 2, half the whitened distance from the prediction
+of one to the nearest that the other can make: with Gaussian noise the data of one are then taken
+for the other's with probability Phi(-D). For one parameter each, wide priors and a prediction d
+standard deviations from the nominal one it is d sin(alpha) / 2, alpha the angle of the signatures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.inference import Evidence, Fit, Forward, Hypothesis
+from fenics_joints.diagnosis.evidence.prediction import predict
+
+__all__ = ["APART", "classes", "detectable", "distance", "labels"]
+
+#: 1 % confusion.
+APART = 2.33
+#: ln of the Bayes factor up to which the data leave two hypotheses undecided.
+UNDECIDED = np.log(100.0)
+
+
+def distance(a: Fit, b: Fit, evidence: Evidence) -> float:
+    """D between two fitted hypotheses, the larger of both ways round.
+
+    The nearest prediction is found by one linear refit within the prior. The larger way counts: a
+    hypothesis that could mimic another, but not at the values it has, is told apart.
+    """
+    lower = np.linalg.cholesky(evidence.covariance())
+    return max(_one_way(a, b, evidence, lower), _one_way(b, a, evidence, lower)) / 2
+
+
+def _one_way(a: Fit, b: Fit, evidence: Evidence, lower) -> float:
+    """Whitened distance from a's prediction to the nearest that b can make."""
+    used = evidence.fitted
+    residual = np.linalg.solve(lower, (a.predicted - b.predicted)[used])
+    slope = np.linalg.solve(lower, b.jacobian[used])
+    if slope.shape[1] == 0:
+        return float(np.linalg.norm(residual))
+    # |residual - slope d|^2 + |z + d|^2 - |z|^2: what b loses of its prior counts as well.
+    hessian = slope.T @ slope + np.eye(slope.shape[1])
+    d = np.linalg.solve(hessian, slope.T @ residual - b.z)
+    left = residual - slope @ d
+    cost = left @ left + max((b.z + d) @ (b.z + d) - b.z @ b.z, 0.0)
+    return float(np.sqrt(cost))
+
+
+def detectable(
+    effect: Effect,
+    forward: Forward,
+    evidence: Evidence,
+    baseline: dict[str, float],
+    nuisances: Sequence[Effect],
+) -> bool:
+    """Whether the test could see the effect at its expected size on a model without it.
+
+    The expected size is the prior's median or one standard deviation above it, whichever shows
+    more; its change of the frequencies, and of damping where that is used, is to be twice `APART`
+    standard deviations long.
+
+    Args:
+        effect: The effect.
+        forward: Predicts frequencies.
+        evidence: The test.
+        baseline: Parameter values of the model that the effect is put into.
+        nuisances: What is free in any case.
+    """
+    modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
+    damped = evidence.log_damping is not None
+    bare = Hypothesis((), tuple(nuisances), modes=modes, damped=damped)
+    with_it = replace(bare, effects=(effect,))
+    own, first = len(effect.priors), sum(len(e.priors) for e in nuisances)
+    still = np.zeros(len(bare.priors))
+    used = evidence.fitted
+    lower = np.linalg.cholesky(evidence.covariance())
+    longest, (without, _) = 0.0, predict(bare, forward, evidence, still, baseline)
+    for size in (0.0, 1.0):
+        z = np.zeros(len(with_it.priors))
+        z[first : first + own] = size
+        there, _ = predict(with_it, forward, evidence, z, baseline)
+        seen = np.linalg.solve(lower, (there - without)[used])
+        longest = max(longest, float(np.linalg.norm(seen)))
+    return longest >= 2 * APART
+
+
+def classes(
+    fits: Sequence[Fit], probability: Sequence[float], evidence: Evidence
+) -> dict[str, str]:
+    """Class of every effect: effects that can stand for each other in some hypothesis.
+
+    Two effects are of one class when hypotheses that differ by nothing but them are not apart
+    (D < `APART`), be it alone or beside what the leading hypothesis holds, and when this test does
+    not decide between them either (a Bayes factor below 100). Each must be called for: more
+    probable than what it is put beside (nothing, or the rest of the leader) is without it.
+
+    Args:
+        fits: Fitted hypotheses.
+        probability: Their posterior probabilities.
+        evidence: The test.
+
+    Returns:
+        Name of the class by the effect's key: its members' names, joined by " or "; with their
+        regions where effects at several places share a name.
+    """
+    keys = list(dict.fromkeys(e.key for f in fits for e in f.hypothesis.effects))
+    names = labels([e for f in fits for e in f.hypothesis.effects])
+    leader = fits[int(np.argmax(probability))]
+    lead = {e.key for e in leader.hypothesis.effects}
+    parent = {key: key for key in keys}
+
+    def root(key: str) -> str:
+        while parent[key] != key:
+            key = parent[key]
+        return key
+
+    weighed = list(zip(fits, probability, strict=True))
+    alone = {
+        frozenset(e.key for e in f.hypothesis.effects): p
+        for f, p in weighed
+        if not f.hypothesis.unknown
+    }
+    for i, (a, p_a) in enumerate(weighed):
+        for b, p_b in weighed[:i]:
+            swap = _swap(a, b)
+            if swap is None or root(swap[0]) == root(swap[1]):
+                continue
+            rest = {e.key for e in a.hypothesis.effects} - {swap[0]}
+            if rest - lead or (not rest and swap[0] in lead and len(lead) > 1):
+                continue
+            if min(p_a, p_b) <= alone.get(frozenset(rest), 0.0):
+                continue  # one of them is idle: equal effects that explain nothing are no class
+            if abs(a.log_evidence - b.log_evidence) > UNDECIDED:
+                continue
+            if distance(a, b, evidence) < APART:
+                parent[root(swap[0])] = root(swap[1])
+    members: dict[str, list[str]] = {}
+    for key in keys:
+        members.setdefault(root(key), []).append(names[key])
+    # In alphabetical order: by probability, round-off would have a say in the name.
+    return {key: " or ".join(sorted(set(members[root(key)]))) for key in keys}
+
+
+def labels(effects: Sequence[Effect]) -> dict[str, str]:
+    """What to call each effect, by its key: its name, or the key if places share the name."""
+    regions: dict[str, set[str]] = {}
+    for effect in effects:
+        regions.setdefault(effect.name, set()).add(effect.region)
+    return {e.key: e.name if len(regions[e.name]) == 1 else e.key for e in effects}
+
+
+def _swap(a: Fit, b: Fit) -> tuple[str, str] | None:
+    """The two effects by which two hypotheses differ, if they differ by one each."""
+    first = {e.key for e in a.hypothesis.effects}
+    second = {e.key for e in b.hypothesis.effects}
+    only_a, only_b = first - second, second - first
+    if len(only_a) == 1 and len(only_b) == 1:
+        return only_a.pop(), only_b.pop()
+    return None

@@ -1,0 +1,250 @@
+"""The test as the inference sees it: one vector of data, and how well a model should meet it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.amplitude import has_damping
+from fenics_joints.measurements.data import TestData
+
+__all__ = ["DAMPING", "FREQUENCY", "SHAPE", "Entries", "Evidence", "evidence_of"]
+
+#: Kinds of entries.
+FREQUENCY, DAMPING, SHAPE = 0, 1, 2
+#: Standard deviation of ln f of a test that states neither noise nor resolution.
+_UNSTATED = 1e-3
+#: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
+#: of the condition (5 % per factor e), and a bend of it (2 %); how much more to its damping; and
+#: what it does to a shape, relative to its root mean square.
+_UNKNOWN = (0.10, 0.05, 0.02)
+_UNKNOWN_DAMPING = 10.0
+_UNKNOWN_SHAPE = 0.2
+#: Change of the logarithm of the condition over which a model's error forgets itself.
+_MEMORY = 0.7
+#: Distance between sensors, as a share of the largest, over which its error in a shape does.
+_REACH = 0.3
+#: Share of the variance of a model's error in a shape that is each sensor's own.
+_LOCAL = 0.5
+#: It reaches a tenth as far: sensors at one place share it.
+_NARROW = 100
+#: Share of the discrepancy that changes from level to level.
+_BETWEEN_LEVELS = 0.02
+#: Scatter of ln damping that no model explains: a joint dissipates otherwise after each tightening.
+_DAMPING_SCATTER = 0.3
+
+
+@dataclass(frozen=True)
+class Entries:
+    """What each entry of the data is; arrays of shape (N,).
+
+    Attributes:
+        kind: `FREQUENCY`, `DAMPING` or `SHAPE`.
+        row: Its condition.
+        mode: Its mode.
+        sensor: Its sensor; -1 for frequencies and damping.
+    """
+
+    kind: np.ndarray
+    row: np.ndarray
+    mode: np.ndarray
+    sensor: np.ndarray
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The test as the inference sees it.
+
+    The data stand in one vector: ln of the frequencies, (n, m) row by row; behind it ln of the
+    damping ratios likewise, if used; behind it the shapes, (n_s, m) row by row, if measured.
+
+    Attributes:
+        conditions: Torque or level of each row, shape (n,).
+        log_f: ln of the measured frequencies, shape (n, m); nan where missing.
+        log_sd: Their standard deviations from noise and resolution, shape (n, m).
+        discrepancy: Standard deviation, of ln f, of the error that every model of this structure
+            has. Part of its variance is the same at all conditions and part changes slowly with
+            the condition, so that more of them do not average it out.
+        used: Which entries are fitted, shape (n, m); the others are held out.
+        changing: The share of the discrepancy's variance that changes with the condition: half for
+            torques; next to nothing for levels, between which nobody touched the structure.
+        log_damping: ln of the measured damping ratios, shape (n, m), nan where missing; None if
+            they are not used.
+        damping_sd: Their standard deviation from noise.
+        damping_scatter: That of what no model explains.
+        shapes: Measured shapes, shape (n_s, m), each of root mean square 1 over the sensors that
+            measured it; nan where not; None if there are none.
+        shape_row: The condition that they were measured at.
+        shape_sd: Standard deviation of their components from noise.
+        shape_error: That of any model's shapes: half its variance local, as at a joint that bends
+            otherwise than its layer does, half correlated between near sensors.
+        near: That correlation, shape (n_s, n_s).
+        along: Cosines between the sensors' directions, shape (n_s, n_s): errors across each other
+            are unrelated; None if all measure the same way.
+    """
+
+    conditions: np.ndarray
+    log_f: np.ndarray
+    log_sd: np.ndarray
+    discrepancy: float
+    used: np.ndarray = field(default=None)
+    changing: float = 0.5
+    log_damping: np.ndarray | None = None
+    damping_sd: float = 0.1
+    damping_scatter: float = 0.0
+    shapes: np.ndarray | None = None
+    shape_row: int = 0
+    shape_sd: float = 0.05
+    shape_error: float = 0.05
+    near: np.ndarray | None = None
+    along: np.ndarray | None = None
+
+    def __post_init__(self):
+        if self.used is None:
+            object.__setattr__(self, "used", np.isfinite(self.log_f))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of conditions and modes, (n, m)."""
+        return self.log_f.shape
+
+    @cached_property
+    def entries(self) -> Entries:
+        """What each entry of `data` is."""
+        n, m = self.shape
+        row, mode = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
+        kinds, rows, modes = [np.full(n * m, FREQUENCY)], [row], [mode]
+        sensors = [np.full(n * m, -1)]
+        if self.log_damping is not None:
+            kinds.append(np.full(n * m, DAMPING))
+            rows.append(row), modes.append(mode), sensors.append(sensors[0])
+        if self.shapes is not None:
+            count = self.shapes.size
+            kinds.append(np.full(count, SHAPE))
+            rows.append(np.full(count, self.shape_row))
+            modes.append(np.tile(np.arange(m), len(self.shapes)))
+            sensors.append(np.repeat(np.arange(len(self.shapes)), m))
+        return Entries(*(np.concatenate(a) for a in (kinds, rows, modes, sensors)))
+
+    @cached_property
+    def data(self) -> np.ndarray:
+        """Everything measured, shape (N,); nan where missing."""
+        parts = [self.log_f, self.log_damping, self.shapes]
+        return np.concatenate([part.ravel() for part in parts if part is not None])
+
+    @cached_property
+    def fitted(self) -> np.ndarray:
+        """Which of `data` are fitted; what is held out is so with its damping and its shape."""
+        e = self.entries
+        return self.used[e.row, e.mode] & np.isfinite(self.data)
+
+    def without(self, held_out: np.ndarray) -> Evidence:
+        """The same test with some entries held out, mask of shape (n, m)."""
+        return replace(self, used=self.used & ~held_out)
+
+    def covariance(self, unknown: bool = False) -> np.ndarray:
+        """Covariance of the fitted entries, shape (k, k)."""
+        used = self.fitted
+        return self.full_covariance(unknown)[np.ix_(used, used)]
+
+    def full_covariance(self, unknown: bool = False) -> np.ndarray:
+        """Covariance of all entries, measured or not, held out or not, shape (N, N)."""
+        e = self.entries
+        same_mode = e.mode[:, None] == e.mode[None, :]
+        slow = _slow(self.conditions, self.changing)[np.ix_(e.row, e.row)] * same_mode
+        scale = np.select(
+            [e.kind == FREQUENCY, e.kind == DAMPING], [self.discrepancy, self.damping_scatter]
+        )
+        total = slow * _blocks(e.kind, scale)
+        if unknown:
+            wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * same_mode
+            factor = np.select([e.kind == FREQUENCY, e.kind == DAMPING], [1.0, _UNKNOWN_DAMPING])
+            total = total + wide * _blocks(e.kind, factor)
+        if self.shapes is not None:
+            is_shape = e.kind == SHAPE
+            near = self.near if self.near is not None else np.eye(len(self.shapes))
+            error = self.shape_error**2 + (_UNKNOWN_SHAPE**2 if unknown else 0.0)
+            local = _LOCAL * near**_NARROW + (1 - _LOCAL) * near
+            if self.along is not None:
+                local = local * self.along
+            pairs = local[np.ix_(e.sensor, e.sensor)] * same_mode * error
+            total = total + pairs * np.outer(is_shape, is_shape)
+        return total + np.diag(self._noise() ** 2)
+
+    def _noise(self) -> np.ndarray:
+        """Standard deviation of each entry from the instrument alone, (N,)."""
+        e = self.entries
+        sd = self.log_sd[e.row, e.mode]
+        return np.select([e.kind == FREQUENCY, e.kind == DAMPING], [sd, self.damping_sd],
+                         self.shape_sd)  # fmt: skip
+
+
+def _blocks(kind: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Products of scales, nought between entries of different kinds."""
+    return np.outer(scale, scale) * (kind[:, None] == kind[None, :])
+
+
+def _log(conditions: np.ndarray) -> np.ndarray:
+    """Centred logarithm of the conditions; zero when they are not all positive."""
+    if len(conditions) < 2 or np.any(conditions <= 0):
+        return np.zeros(len(conditions))
+    return np.log(conditions) - np.mean(np.log(conditions))
+
+
+def _slow(conditions: np.ndarray, changing: float) -> np.ndarray:
+    """Correlation of a model's error between conditions, (n, n)."""
+    x = _log(conditions)
+    return (1 - changing) + changing * np.exp(-0.5 * ((x[:, None] - x[None, :]) / _MEMORY) ** 2)
+
+
+def _wide(conditions: np.ndarray) -> np.ndarray:
+    shift, trend, bend = _UNKNOWN
+    x = _log(conditions)
+    return shift**2 + trend**2 * np.outer(x, x) + bend**2 * np.outer(x**2, x**2)
+
+
+def evidence_of(data: TestData, discrepancy: float, shape_error: float = 0.05) -> Evidence:
+    """A test as the inference sees it.
+
+    Damping is used if it was measured at several levels, or if the test says how good it is.
+
+    Args:
+        data: The test.
+        discrepancy: See `Evidence`.
+        shape_error: Likewise.
+    """
+    log_f = np.log(data.frequencies_hz)
+    kwargs = {}
+    if data.by_level:
+        kwargs["changing"] = _BETWEEN_LEVELS
+    stated = data.damping is not None and data.damping_noise is not None
+    if has_damping(data) or (stated and not data.by_level and np.any(data.damping > 0)):
+        ratios = data.damping
+        kwargs["log_damping"] = np.log(
+            ratios, where=ratios > 0, out=np.full(ratios.shape, np.nan)
+        )
+        kwargs["damping_sd"] = data.damping_sd
+        kwargs["damping_scatter"] = 0.0 if data.by_level else _DAMPING_SCATTER
+    if data.shapes is not None:
+        kwargs |= {
+            "shapes": _scaled(data.shapes), "shape_row": data.shape_row,
+            "shape_sd": data.shape_noise, "shape_error": shape_error,
+            "near": _near(data.sensors.points),
+            "along": data.sensors.directions @ data.sensors.directions.T,
+        }  # fmt: skip
+    sd = data.log_sd()
+    return Evidence(data.conditions, log_f, np.where(sd > 0, sd, _UNSTATED), discrepancy, **kwargs)
+
+
+def _scaled(shapes: np.ndarray) -> np.ndarray:
+    """Shapes of root mean square 1 over the sensors that measured them."""
+    return shapes / np.sqrt(np.nanmean(shapes**2, axis=0))
+
+
+def _near(points: np.ndarray) -> np.ndarray:
+    """Correlation of a model's error between sensors, by their distance, (n_s, n_s)."""
+    distance = np.linalg.norm(points[:, None] - points[None, :], axis=2)
+    reach = _REACH * max(float(distance.max()), 1e-12)
+    return np.exp(-0.5 * (distance / reach) ** 2)

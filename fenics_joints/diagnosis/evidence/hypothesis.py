@@ -1,0 +1,256 @@
+"""A hypothesis on what the nominal model lacks: its parameters, and what they make of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.evidence.sensing import Sensing
+
+__all__ = ["Hypothesis"]
+
+
+def _nothing(values, theta, condition) -> None:
+    pass
+
+
+#: Stand for the scatter of the preload, for what a mode moves the joint at the same level, and for
+#: the damping of what has no joint, in tables of parameters.
+_TIGHTENING = Effect("preload scatter", "bolts", (), _nothing)
+_AMPLITUDE = Effect("motion of the joint at equal level", "", (), _nothing)
+_DAMPING = Effect("damping at rest", "", (), _nothing)
+#: The same force or response at a sensor moves the joint about five times more or less in one mode
+#: than in another.
+_MOTION = (np.log(5.0), (0.02, 50.0))
+#: Damping of bolted metal structures, away from slip: 0.3 %, within a factor of 4 either way.
+_AT_REST = (0.003, np.log(4.0), (1e-6, 0.5))
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """The nominal model plus effects, with what is uncertain in any case.
+
+    Attributes:
+        effects: The effects; none for "no gap".
+        nuisances: Effects within tolerance, free in every hypothesis.
+        name: Name for people; by default the effects'.
+        unknown: Whether this is the hypothesis that something else is at work: no effect of the
+            library, and a wide discrepancy instead.
+        scatter: Standard deviation of ln(preload / torque) from one tightening to the next, for
+            effects that depend on the torque; about 0.2 with a torque wrench (VDI 2230).
+        conditions: The torques of the test, each with a tightening of its own.
+        modes: Names of the test's modes, each with an amplitude of its own at the same level, for
+            effects that depend on the level.
+        damped: Whether it predicts damping too.
+    """
+
+    effects: tuple[Effect, ...]
+    nuisances: tuple[Effect, ...] = ()
+    name: str = ""
+    unknown: bool = False
+    scatter: float = 0.0
+    conditions: tuple[float, ...] = ()
+    modes: tuple[str, ...] = ()
+    damped: bool = False
+
+    @property
+    def label(self) -> str:
+        return self.name or " + ".join(effect.name for effect in self.effects)
+
+    @property
+    def label_of_keys(self) -> str:
+        """A name that tells effects of one name at different places apart."""
+        return self.name or " + ".join(effect.key for effect in self.effects)
+
+    @cached_property
+    def tightenings(self) -> tuple[Prior, ...]:
+        """A factor on each torque, where the effects depend on it."""
+        if self.scatter <= 0 or not any(e.depends_on_condition for e in self.effects):
+            return ()
+        return tuple(
+            Prior(f"preload at {c:g}", 1.0, self.scatter, "", True, (0.2, 5.0))
+            for c in self.conditions
+        )
+
+    @cached_property
+    def amplitudes(self) -> tuple[Prior, ...]:
+        """A factor on the level in every mode but the first, where the effects depend on it."""
+        if not any(e.by_level for e in self.effects):
+            return ()
+        spread, span = _MOTION
+        return tuple(
+            Prior(f"{name} over {self.modes[0]}", 1.0, spread, "", True, span)
+            for name in self.modes[1:]
+        )
+
+    @cached_property
+    def dampings(self) -> tuple[Prior, ...]:
+        """Damping ratio of every mode at rest, if damping is predicted."""
+        median, spread, span = _AT_REST
+        names = self.modes if self.damped else ()
+        return tuple(Prior(name, median, spread, "", True, span) for name in names)
+
+    @cached_property
+    def priors(self) -> list[tuple[Effect, Prior]]:
+        """Every free parameter with its effect: nuisances, effects, and the `shared` ones."""
+        return self._own + [pair for group in self.shared.values() for pair in group]
+
+    @cached_property
+    def _own(self) -> list[tuple[Effect, Prior]]:
+        return [(e, p) for e in (*self.nuisances, *self.effects) for p in e.priors]
+
+    @cached_property
+    def own_columns(self) -> list[int]:
+        """Where the effects' parameters stand in z; the others are free in any case."""
+        keys = {e.key for e in self.effects}
+        return [j for j, (e, _) in enumerate(self.priors) if e.key in keys]
+
+    @cached_property
+    def shared(self) -> dict[str, list[tuple[Effect, Prior]]]:
+        """Parameters that belong to no effect: tightenings, amplitudes, dampings."""
+        return {
+            "tightenings": [(_TIGHTENING, p) for p in self.tightenings],
+            "amplitudes": [(_AMPLITUDE, p) for p in self.amplitudes],
+            "dampings": [(_DAMPING, p) for p in self.dampings],
+        }
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Where each group of `shared` parameters stands in z."""
+        at, found = len(self._own), {}
+        for name, group in self.shared.items():
+            found[name] = slice(at, at + len(group))
+            at += len(group)
+        return found
+
+    def values(
+        self,
+        z: np.ndarray,
+        condition: float,
+        baseline: dict[str, float],
+        row: int | None = None,
+        mode: int | None = None,
+    ) -> dict:
+        """The model's parameter values at ``z`` and a condition.
+
+        Args:
+            z: Parameters in prior standard deviations, in the order of `priors`.
+            condition: The torque or level.
+            baseline: Parameter values of the nominal model.
+            row: Which of ``conditions`` it is; None for a tightening that was not measured.
+            mode: The mode that is looked at; None for the first.
+        """
+        values = dict(baseline)
+        felt = self._condition(z, condition, row, mode)
+        acting = list(self._acting(z))
+        for effect, theta in sorted(acting, key=lambda pair: pair[0].by_level):
+            if effect.apply is not None:
+                effect.apply(values, theta, condition if effect.drifts else felt)
+        return values
+
+    @cached_property
+    def senses(self) -> bool:
+        """Whether an effect changes how the test reads the structure."""
+        return any(effect.sensing is not None for effect in (*self.nuisances, *self.effects))
+
+    def sensing(self, z: np.ndarray, n_modes: int, n_sensors: int = 0) -> Sensing:
+        """How the test reads the structure at ``z``."""
+        found = Sensing.true(n_modes, n_sensors)
+        for effect, theta in self._acting(z) if self.senses else ():
+            if effect.sensing is not None:
+                effect.sensing(found, theta)
+        return found
+
+    def acts(self, j: int, row: int | None, mode: int | None) -> bool:
+        """Whether parameter ``j`` of z acts on the model at a row and as a mode sees it."""
+        tightened, moved, damped = (self.places[name] for name in self.shared)
+        if tightened.start <= j < tightened.stop:
+            return row is not None and j == tightened.start + row
+        if moved.start <= j < moved.stop:
+            return bool(mode) and j == moved.start + mode - 1
+        return not damped.start <= j < damped.stop
+
+    @cached_property
+    def steady(self) -> list[bool]:
+        """Whether each parameter's effect is the same at all conditions."""
+
+        def changes(e: Effect) -> bool:
+            return e.depends_on_condition or e.by_level or e.drifts
+
+        # Beside one that changes with the condition, which may have a hand in the same values at
+        # some conditions only, no other effect is steady.
+        moving = any(changes(e) for e in self.effects)
+        own = [not (changes(e) or (moving and e in self.effects)) for e, _ in self._own]
+        return own + [False] * (len(self.priors) - len(own))
+
+    def loses(self, j: int) -> bool:
+        """Whether what is dissipated may depend on parameter ``j`` of z."""
+        if j < len(self._own):
+            return self._own[j][0].loss is not None
+        return j < self.places["dampings"].start
+
+    def losses(
+        self, z: np.ndarray, condition: float, hz: float, mode: int | None = None
+    ) -> dict[str, float]:
+        """Loss factors by parameter of the model, at ``z``, a condition and a frequency, Hz; see
+        `Effect.loss`."""
+        condition, total = self._condition(z, condition, None, mode), {}
+        for effect, theta in self._acting(z):
+            if effect.loss is not None:
+                for key, eta in effect.loss(theta, condition, hz).items():
+                    total[key] = total.get(key, 0.0) + eta
+        return total
+
+    def still(
+        self, z: np.ndarray, condition: float, baseline: dict[str, float]
+    ) -> dict[str, float]:
+        """The model's parameter values at ``z`` and a condition, without effects of the level."""
+        values = dict(baseline)
+        for effect, theta in self._acting(z):
+            if not effect.by_level and effect.apply is not None:
+                effect.apply(values, theta, condition)
+        return values
+
+    def _acting(self, z: np.ndarray) -> Iterator[tuple[Effect, Mapping[str, float]]]:
+        """Every effect with its parameters."""
+        at = 0
+        for effect in (*self.nuisances, *self.effects):
+            theta = {}
+            for prior in effect.priors:
+                theta[prior.name] = prior.value(z[at])
+                at += 1
+            yield effect, theta
+
+    def _condition(self, z, condition, row, mode) -> float:
+        """The condition that the joint feels."""
+        if self.tightenings and row is not None:
+            at = self.places["tightenings"].start + row
+            condition = condition * self.tightenings[row].value(z[at])
+        if self.amplitudes and mode:
+            at = self.places["amplitudes"].start + mode - 1
+            condition = condition * self.amplitudes[mode - 1].value(z[at])
+        return condition
+
+    def table(self, z: np.ndarray, covariance: np.ndarray) -> list[dict]:
+        """The fitted parameters for people, with one-sigma intervals."""
+        rows = []
+        for i, (effect, prior) in enumerate(self.priors):
+            sd = float(np.sqrt(covariance[i, i]))
+            low, high = prior.value(z[i] - sd), prior.value(z[i] + sd)
+            rows.append(
+                {
+                    "effect": effect.key,
+                    "name": prior.name,
+                    "value": float(prior.value(z[i])),
+                    "low": float(low),
+                    "high": float(high),
+                    "unit": prior.unit,
+                    "nuisance": effect in self.nuisances or i >= len(self._own),
+                    "prior_sigmas": float(z[i]),
+                }
+            )
+        return rows

@@ -1,0 +1,248 @@
+"""Fits a hypothesis to the test and weighs it: non-linear least squares, then Laplace evidence.
+
+Every parameter is worked on as z, its distance from its prior median in prior standard deviations,
+so that the prior is standard normal in all of them. The data are those of
+`fenics_joints.diagnosis.evidence.evidence`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import trapezoid
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.errors import InputError
+from fenics_joints.reduction.surrogate import Forward
+
+__all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "evidence_of", "fit"]
+
+#: Standard deviations of the prior beyond which a scanned parameter is not looked for.
+_FARTHEST = 4.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A hypothesis at its most probable parameters.
+
+    Attributes:
+        hypothesis: The hypothesis.
+        z: Parameters in prior standard deviations, shape (d,).
+        covariance: Posterior covariance of z (Laplace), shape (d, d).
+        predicted: Everything predicted, held out or not, as `Evidence.data`, shape (N,).
+        shape: Numbers of conditions and modes, (n, m).
+        jacobian: Derivative of `predicted` by z, shape (N, d).
+        log_evidence: ln of the marginal likelihood of the fitted entries.
+        misfit: Squared whitened residual of the fitted entries.
+        n_data: Number of fitted entries.
+        at_bound: Names of parameters at a limit of their prior.
+    """
+
+    hypothesis: Hypothesis
+    z: np.ndarray
+    covariance: np.ndarray
+    predicted: np.ndarray
+    shape: tuple[int, int]
+    jacobian: np.ndarray
+    log_evidence: float
+    misfit: float
+    n_data: int
+    at_bound: tuple[str, ...] = ()
+
+    @property
+    def log_f(self) -> np.ndarray:
+        """Predicted ln f, shape (n, m)."""
+        n, m = self.shape
+        return self.predicted[: n * m].reshape(n, m)
+
+    @property
+    def log_damping(self) -> np.ndarray | None:
+        """Predicted ln of the damping ratios, shape (n, m); None if they are not predicted."""
+        n, m = self.shape
+        if not self.hypothesis.damped:
+            return None
+        return self.predicted[n * m : 2 * n * m].reshape(n, m)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a misfit as large as this, if the hypothesis were right.
+
+        In the linear-Gaussian case misfit + |z|^2 is the data's distance from the prediction in
+        the metric of noise and prior together, and distributed as chi-square with n_data degrees.
+        """
+        return float(chi2.sf(self.misfit + self.z @ self.z, self.n_data))
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """Predicted frequencies, Hz, shape (n, m)."""
+        return np.exp(self.log_f)
+
+
+def fit(
+    hypothesis: Hypothesis,
+    forward: Forward,
+    evidence: Evidence,
+    baseline: dict[str, float],
+    *,
+    starts: Sequence[np.ndarray] | None = None,
+    tolerance: float = 1e-5,
+    progress: Callable[[], None] | None = None,
+) -> Fit:
+    """Most probable parameters of a hypothesis and its Laplace evidence.
+
+    The evidence is ln Z = ln N(r; 0, Sigma) - |z|^2 / 2 - ln det(J^T Sigma^-1 J + I) / 2 at the
+    maximum, with the Gauss-Newton Hessian. Over a parameter that acts in steps (`Prior.scan`) it is
+    integrated on a grid instead, the others linear about their medians.
+
+    Args:
+        hypothesis: What is fitted.
+        forward: Predicts frequencies.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+        starts: Points z to start from; the best end counts. The prior's median by default.
+        tolerance: Relative change of the sum of squares, and of z, at which the search ends.
+        progress: Called when done.
+    """
+    covariance = evidence.covariance(hypothesis.unknown)
+    lower = np.linalg.cholesky(covariance)
+    problem = _Problem(hypothesis, forward, evidence, baseline, lower)
+    bounds = np.array([prior.limits() for _, prior in hypothesis.priors]).reshape(-1, 2)
+    scanned = next((j for j, (_, p) in enumerate(hypothesis.priors) if p.scan), None)
+    scan = None if scanned is None else problem.scan(scanned, bounds[scanned])
+    if scan is not None:
+        starts = [scan.start, *(starts or ())]
+    best = None
+    for start in starts or (np.zeros(len(bounds)),):
+        if len(bounds) == 0:
+            best = (0.0, start)
+            break
+        inside = np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6)
+        result = least_squares(
+            problem.residual, inside, problem.slope, bounds=tuple(bounds.T), method="trf",
+            x_scale=1.0, ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=30,
+        )  # fmt: skip
+        if best is None or result.cost < best[0]:
+            best = (result.cost, result.x)
+    if progress:
+        progress()
+    found = problem.finish(best[1], bounds)
+    return found if scan is None else scan.improved(found)
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """The posterior over one parameter, on a grid.
+
+    Attributes:
+        index: Which parameter.
+        start: The most probable point met, shape (d,).
+        log_evidence: ln of the integral over the grid.
+        variance: Posterior variance of the parameter.
+    """
+
+    index: int
+    start: np.ndarray
+    log_evidence: float
+    variance: float
+
+    def improved(self, found: Fit) -> Fit:
+        """A fit with the evidence and the variance from the grid."""
+        scale = np.ones(len(found.z))
+        scale[self.index] = np.sqrt(self.variance / found.covariance[self.index, self.index])
+        return replace(
+            found,
+            log_evidence=self.log_evidence,
+            covariance=found.covariance * np.outer(scale, scale),
+        )
+
+
+class _Problem:
+    """Residuals and slopes of one fit; remembers the last point, since both are asked for."""
+
+    def __init__(self, hypothesis, forward, evidence, baseline, lower):
+        self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
+        self.baseline, self.lower = baseline, lower
+        self._last: tuple | None = None
+
+    def predict(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._last is None or not np.array_equal(self._last[0], z):
+            found = predict(self.hypothesis, self.forward, self.evidence, z, self.baseline)
+            self._last = (z.copy(), *found)
+        return self._last[1:]
+
+    def _whiten(self, a):
+        return solve_triangular(self.lower, a, lower=True, check_finite=False)
+
+    def residual(self, z):
+        predicted, _ = self.predict(z)
+        used = self.evidence.fitted
+        return np.concatenate([self._whiten(predicted[used] - self.evidence.data[used]), z])
+
+    def slope(self, z):
+        _, jacobian = self.predict(z)
+        whitened = self._whiten(jacobian[self.evidence.fitted])
+        return np.concatenate([whitened, np.eye(len(z))])
+
+    def scan(self, index: int, limits) -> _Scan:
+        """The evidence's integrand over one parameter, the others optimal in a linear model."""
+        count = self.hypothesis.priors[index][1].scan
+        grid = np.linspace(max(limits[0], -_FARTHEST), min(limits[1], _FARTHEST), count)
+        others = np.arange(len(self.hypothesis.priors)) != index
+        log_density, points = [], []
+        for value in grid:
+            z = np.zeros(len(others))
+            z[index] = value
+            residual, slope = self.residual(z)[: -len(z)], self.slope(z)[: -len(z), others]
+            hessian = slope.T @ slope + np.eye(slope.shape[1])
+            z[others] = -np.linalg.solve(hessian, slope.T @ residual)
+            residual = residual + slope @ z[others]
+            log_density.append(
+                -0.5 * (residual @ residual + z @ z) - 0.5 * np.linalg.slogdet(hessian)[1]
+            )
+            points.append(z)
+        log_density = np.array(log_density)
+        top = log_density.max()
+        weight = np.exp(log_density - top)
+        total = trapezoid(weight, grid)
+        mean = trapezoid(weight * grid, grid) / total
+        constant = np.sum(np.log(np.diag(self.lower))) + 0.5 * len(residual) * np.log(2 * np.pi)
+        return _Scan(
+            index,
+            points[int(np.argmax(log_density))],
+            float(top + np.log(total) - 0.5 * np.log(2 * np.pi) - constant),
+            float(trapezoid(weight * (grid - mean) ** 2, grid) / total),
+        )
+
+    def finish(self, z, bounds) -> Fit:
+        predicted, jacobian = self.predict(z)
+        residual = self.residual(z)
+        slope = self.slope(z)
+        n = len(residual) - len(z)
+        misfit = float(residual[:n] @ residual[:n])
+        hessian = slope.T @ slope
+        log_det = 2 * np.sum(np.log(np.diag(self.lower)))
+        log_evidence = (
+            -0.5 * misfit - 0.5 * (log_det + n * np.log(2 * np.pi)) - 0.5 * z @ z
+            - 0.5 * np.linalg.slogdet(hessian)[1]
+        )  # fmt: skip
+        close = np.minimum(z - bounds[:, 0], bounds[:, 1] - z) < 1e-3 if len(z) else []
+        at_bound = tuple(
+            f"{effect.name}: {prior.name}"
+            for (effect, prior), near in zip(self.hypothesis.priors, close, strict=True)
+            if near
+        )
+        if not np.isfinite(log_evidence):
+            label = self.hypothesis.label
+            raise InputError(f"{label}: the evidence is not finite; check the data.")
+        covariance = np.linalg.inv(hessian) if len(z) else np.zeros((0, 0))
+        return Fit(
+            self.hypothesis, z, covariance, predicted, self.evidence.log_f.shape, jacobian,
+            float(log_evidence), misfit, n, at_bound,
+        )  # fmt: skip

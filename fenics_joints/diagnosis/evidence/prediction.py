@@ -1,0 +1,330 @@
+"""What a hypothesis predicts of a test: frequencies, damping, shapes, and their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.evidence.evidence import Evidence
+    from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+    from fenics_joints.diagnosis.evidence.sensing import Sensing
+    from fenics_joints.reduction.surrogate import Forward
+
+__all__ = ["Prediction", "predict"]
+
+_DIFFERENCE = 1e-5
+
+
+def predict(
+    hypothesis: Hypothesis,
+    forward: Forward,
+    evidence: Evidence,
+    z: np.ndarray,
+    baseline: dict[str, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Everything in `Evidence.data` as a hypothesis predicts it, held out or not.
+
+    Args:
+        hypothesis: The hypothesis.
+        forward: Predicts frequencies and shapes.
+        evidence: The test.
+        z: Parameters in prior standard deviations, shape (d,).
+        baseline: Parameter values of the nominal model.
+
+    Returns:
+        The prediction, shape (N,), and its derivative by z, shape (N, d).
+    """
+    m = evidence.log_f.shape[1]
+    rows, slopes, shapes, steady = [], [], [], {}
+    for row, condition in enumerate(evidence.conditions):
+        prediction = Prediction(hypothesis, forward, z, condition, baseline, row, steady)
+        rows.append(prediction.data)
+        slopes.append(prediction.slopes())
+        if evidence.shapes is not None and row == evidence.shape_row:
+            shapes = [prediction.shapes(evidence.shapes)]
+    # Frequencies of all conditions first, then damping of all: as `Evidence.data`.
+    rows, slopes = np.array(rows), np.array(slopes)
+    kinds = [slice(k, k + m) for k in range(0, rows.shape[1], m)]
+    values = [rows[:, kind].ravel() for kind in kinds] + [s[0].ravel() for s in shapes]
+    by_z = [slopes[:, kind].reshape(len(rows) * m, len(z)) for kind in kinds]
+    by_z += [s[1].reshape(s[0].size, len(z)) for s in shapes]
+    return np.concatenate(values), np.concatenate(by_z)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """The model as one mode sees it; ``mode`` is None where all modes see the same.
+
+    Attributes:
+        values: The model's parameter values.
+        log_f: ln of all frequencies, (m,).
+        by_values: Their derivatives by the values, (m, n_parameters).
+    """
+
+    mode: int | None
+    values: dict[str, float]
+    log_f: np.ndarray
+    by_values: np.ndarray
+
+
+class Prediction:
+    """Frequencies and damping at one condition.
+
+    The damping ratio of a mode is that at rest plus half the loss factor of each lossy stiffness
+    times its share of the mode's strain energy, and that share is d ln lambda / d ln stiffness
+    = 2 d ln f / d ln stiffness (the modal strain energy method; Ungar and Kerwin, J. Acoust. Soc.
+    Am. 34, 1962).
+
+    Args:
+        hypothesis: The hypothesis.
+        forward: Predicts frequencies.
+        z: Parameters in prior standard deviations, shape (d,).
+        condition: The torque or level.
+        baseline: Parameter values of the nominal model.
+        row: Which of the hypothesis' conditions it is; None for one that was not measured.
+        steady: Derivatives of the model's values that are the same at all conditions: filled by the
+            first of them, used by the others.
+
+    Attributes:
+        log_f: ln of the frequencies in the order of the test's columns, shape (m,).
+    """
+
+    def __init__(
+        self,
+        hypothesis: Hypothesis,
+        forward: Forward,
+        z: np.ndarray,
+        condition: float,
+        baseline: dict[str, float],
+        row: int | None = None,
+        steady: dict | None = None,
+    ):
+        self._steady, self._chains = steady, {}
+        self._hypothesis, self._forward, self._z = hypothesis, forward, z
+        self._condition, self._baseline, self._row = condition, baseline, row
+        self._beyond, self._order = False, None
+        looks = [self._look(None)]
+        self._m = len(looks[0].log_f)
+        sensing = self._sensing(z)
+        if sensing is not None:
+            self._order = sensing.order
+            # With a mode that the test missed, the model has one more.
+            self._beyond = int(np.max(sensing.order)) >= self._m
+            looks = [self._look(None)] if self._beyond else looks
+        log_f = looks[0].log_f
+        if hypothesis.amplitudes:
+            looks += [self._look(i) for i in range(1, len(log_f))]
+            log_f = np.array([look.log_f[i] for i, look in enumerate(looks)])
+        self._looks, self._log_f = looks, log_f
+        self.log_f = self._ordered(log_f)
+
+    def _ordered(self, by_mode: np.ndarray) -> np.ndarray:
+        """Rows for the model's modes as rows for the test's columns."""
+        return by_mode if self._order is None else by_mode[self._order]
+
+    def _look(self, mode: int | None) -> _Look:
+        values = self._values(self._z, mode)
+        forward = self._forward.further if self._beyond else self._forward
+        return _Look(mode, values, *forward(values))
+
+    def _values(self, z, mode) -> dict[str, float]:
+        return self._hypothesis.values(z, self._condition, self._baseline, self._row, mode)
+
+    def _seen(self, i: int) -> _Look:
+        """The model as mode i sees it."""
+        return self._looks[i] if len(self._looks) > 1 else self._looks[0]
+
+    @property
+    def data(self) -> np.ndarray:
+        """ln f, and behind it ln damping if the hypothesis predicts it; (m,) or (2 m,)."""
+        if not self._hypothesis.damped:
+            return self.log_f
+        return np.concatenate(
+            [self.log_f, self._ordered(np.log(self._at_rest() + self._lost()))]
+        )
+
+    def slopes(self) -> np.ndarray:
+        """Derivative of `data` by z, shape (data.size, d)."""
+        chains = [self._chain(look.mode) for look in self._looks]
+        if len(chains) == 1:
+            by_z = self._looks[0].by_values @ chains[0]
+        else:
+            pairs = enumerate(zip(self._looks, chains, strict=True))
+            by_z = np.array([look.by_values[i] @ chain for i, (look, chain) in pairs])
+        by_z = self._ordered(by_z)
+        if not self._hypothesis.damped:
+            return by_z
+        return np.concatenate([by_z, self._ordered(self._damping_slopes(chains))])
+
+    def _chain(self, mode: int | None) -> np.ndarray:
+        """Derivative of the model's values by z, shape (n_parameters, d): central differences of
+        formulas, no model solution."""
+        if mode not in self._chains:
+            self._chains[mode] = self._differences(mode)
+        return self._chains[mode]
+
+    def _differences(self, mode: int | None) -> np.ndarray:
+        names = list(self._forward.model.parameters)
+        pick = itemgetter(*names) if len(names) > 1 else lambda values: (values[names[0]],)
+        chain = np.zeros((len(names), len(self._z)))
+        known = self._steady if self._steady is not None and mode is None else {}
+        for j in range(len(self._z)):
+            if not self._hypothesis.acts(j, self._row, mode):
+                continue  # another tightening's scatter, another mode's amplitude
+            if j in known:
+                chain[:, j] = known[j]
+                continue
+            step = np.zeros(len(self._z))
+            step[j] = _DIFFERENCE
+            up, down = self._values(self._z + step, mode), self._values(self._z - step, mode)
+            chain[:, j] = np.subtract(pick(up), pick(down)) / (2 * _DIFFERENCE)
+        if known is self._steady and not known:
+            known.update(self._same_anywhere(chain))
+        return chain
+
+    def _same_anywhere(self, chain: np.ndarray) -> dict[int, np.ndarray]:
+        """Columns that no condition changes: of effects that do not depend on it, in values that no
+        effect that does has a hand in."""
+        changing = np.array([not same for same in self._hypothesis.steady], dtype=bool)
+        touched = np.any(chain[:, changing] != 0, axis=1)
+        return {
+            j: chain[:, j]
+            for j in np.flatnonzero(~changing)
+            if not np.any(touched & (chain[:, j] != 0))
+        }
+
+    # -- shapes --------------------------------------------------------------------------------
+
+    def shapes(self, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes at the sensors, each scaled to the measured one, and their derivatives by z.
+
+        A shape's own scale is not known: it is chosen to leave the least residual, and with it
+        the derivative loses its part along the shape.
+
+        Args:
+            measured: Shape (n_s, m), nan where a sensor was missing.
+
+        Returns:
+            Shapes, (n_s, m), and derivatives, (n_s, m, d).
+        """
+        at, along, by_at, by_along = self._forward.shapes(self._looks[0].values)
+        chain = self._chain(self._looks[0].mode)
+        read = self._read(self._z, at, along)
+        slope = np.einsum("ijp,pk->ijk", by_at, chain)
+        sensing = self._sensing(self._z)
+        if sensing is not None:
+            slope = slope + sensing.shifts[:, None, None] * np.einsum(
+                "ijp,pk->ijk", by_along, chain
+            )
+            slope = sensing.gains[:, None, None] * slope + self._sensing_slopes(at, along)
+        return _scaled_to(measured, read, slope)
+
+    def _sensing(self, z) -> Sensing | None:
+        """How the test reads the structure; None if as it is."""
+        if not self._hypothesis.senses:
+            return None
+        sensors = self._forward.sensors
+        count = 0 if sensors is None else len(sensors)
+        return self._hypothesis.sensing(z, self._m, count)
+
+    def _read(self, z, at, along) -> np.ndarray:
+        """What the sensors say, (n_s, m)."""
+        sensing = self._sensing(z)
+        if sensing is None:
+            return at
+        return sensing.gains[:, None] * (at + sensing.shifts[:, None] * along)
+
+    def _sensing_slopes(self, at, along) -> np.ndarray:
+        """Derivative of what the sensors say by z, the structure unmoved, (n_s, m, d)."""
+        slope = np.zeros((*at.shape, len(self._z)))
+        for j, (effect, _) in enumerate(self._hypothesis.priors):
+            if effect.sensing is not None:
+                step = np.zeros(len(self._z))
+                step[j] = _DIFFERENCE
+                up, down = (self._read(self._z + s, at, along) for s in (step, -step))
+                slope[:, :, j] = (up - down) / (2 * _DIFFERENCE)
+        return slope
+
+    # -- damping -------------------------------------------------------------------------------
+
+    def _at_rest(self) -> np.ndarray:
+        """Damping ratio of every mode without what the effects dissipate, (m,)."""
+        place = self._hypothesis.places["dampings"]
+        priors = self._hypothesis.dampings
+        return np.array([p.value(z) for p, z in zip(priors, self._z[place], strict=True)])
+
+    def _losses(self, z, i: int, mode) -> dict[str, float]:
+        hz = float(np.exp(self._log_f[i]))
+        return self._hypothesis.losses(z, self._condition, hz, mode)
+
+    def _lost(self) -> np.ndarray:
+        """Damping ratio of every mode from the effects, (m,)."""
+        total = np.zeros(len(self._log_f))
+        for i in range(len(total)):
+            look = self._seen(i)
+            for key, eta in self._losses(self._z, i, look.mode).items():
+                total[i] += 0.5 * eta * self._share(look, i, key)
+        return total
+
+    def _share(self, look: _Look, i: int, key: str) -> float:
+        """Share of mode i's strain energy that is in the stiffness ``key``; all for ``""``."""
+        if not key:
+            return 1.0
+        column = list(self._forward.model.parameters).index(key)
+        return max(2 * look.by_values[i, column] * look.values[key], 0.0)
+
+    def _damping_slopes(self, chains) -> np.ndarray:
+        """Derivative of ln damping by z, shape (m, d).
+
+        That of a share g by the stiffness itself is taken as for two springs in series,
+        dg / d ln stiffness = -g (1 - g), the joint and the rest: only the search's way and the
+        width of the posterior rest on it.
+        """
+        at_rest, lost = self._at_rest(), self._lost()
+        slopes = np.zeros((len(lost), len(self._z)))
+        names = list(self._forward.model.parameters)
+        for i in range(len(lost)):
+            look = self._seen(i)
+            chain = chains[i if len(chains) > 1 else 0]
+            losses = self._losses(self._z, i, look.mode)
+            if losses:
+                slopes[i] = self._loss_slopes(look, i)
+            shares = {key: self._share(look, i, key) for key in losses if key}
+            rest = 1 - sum(shares.values())
+            for key, g in shares.items():
+                log_stiffness = chain[names.index(key)] / look.values[key]
+                slopes[i] -= 0.5 * losses[key] * g * rest * log_stiffness
+        place = self._hypothesis.places["dampings"]
+        for i, prior in enumerate(self._hypothesis.dampings):
+            slopes[i, place.start + i] += prior.spread * at_rest[i]
+        return slopes / (at_rest + lost)[:, None]
+
+    def _loss_slopes(self, look: _Look, i: int) -> np.ndarray:
+        """Derivative of mode i's lost part by z at fixed shares, (d,)."""
+        slope = np.zeros(len(self._z))
+        for j in range(len(self._z)):
+            if not self._hypothesis.acts(j, self._row, look.mode) or not self._hypothesis.loses(j):
+                continue
+            step = np.zeros(len(self._z))
+            step[j] = _DIFFERENCE
+            up, down = (self._losses(self._z + s, i, look.mode) for s in (step, -step))
+            by_z = {key: (up[key] - down[key]) / (2 * _DIFFERENCE) for key in up}
+            slope[j] = sum(0.5 * eta * self._share(look, i, key) for key, eta in by_z.items())
+        return slope
+
+
+def _scaled_to(measured, read, slope) -> tuple[np.ndarray, np.ndarray]:
+    """Columns scaled to the measured ones, and derivatives without their part along them."""
+    there = np.isfinite(measured)
+    y = np.where(there, measured, 0.0)
+    x = np.where(there, read, 0.0)
+    square = np.maximum(np.sum(x**2, axis=0), 1e-300)
+    scale = np.sum(x * y, axis=0) / square
+    dx = np.where(there[:, :, None], slope, 0.0)
+    by_x, by_y = np.einsum("im,imk->mk", x, dx), np.einsum("im,imk->mk", y, dx)
+    by_scale = (by_y - 2 * scale[:, None] * by_x) / square[:, None]
+    return read * scale, scale[None, :, None] * slope + read[:, :, None] * by_scale[None]

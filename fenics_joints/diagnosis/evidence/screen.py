@@ -1,0 +1,86 @@
+"""A quick look at every pair of effects, to fit in full only those that could matter."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import Fit, Forward
+from fenics_joints.diagnosis.evidence.prediction import predict
+
+__all__ = ["linear_evidence", "near_best", "quick_evidence", "whitened"]
+
+
+def quick_evidence(
+    hypothesis: Hypothesis,
+    start: np.ndarray,
+    forward: Forward,
+    evidence: Evidence,
+    baseline: dict[str, float],
+    lower: np.ndarray,
+) -> tuple[float, np.ndarray]:
+    """ln of the evidence if the hypothesis were linear about a point, and the most probable z.
+
+    Args:
+        hypothesis: The hypothesis.
+        start: Point z to linearise about, (d,).
+        forward: Predicts.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+        lower: Cholesky factor of the evidence's covariance.
+    """
+    used = evidence.fitted
+    predicted, jacobian = predict(hypothesis, forward, evidence, start, baseline)
+
+    def whiten(a):
+        return solve_triangular(lower, a, lower=True, check_finite=False)
+
+    residual = whiten(predicted[used] - evidence.data[used])
+    slope = whiten(jacobian[used])
+    hessian = slope.T @ slope + np.eye(len(start))
+    z = start - np.linalg.solve(hessian, slope.T @ residual + start)
+    low, high = np.array([p.limits() for _, p in hypothesis.priors]).reshape(-1, 2).T
+    z = np.clip(z, low, high)
+    left = residual + slope @ (z - start)
+    constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(left) * np.log(2 * np.pi)
+    value = -0.5 * (left @ left + z @ z) - 0.5 * np.linalg.slogdet(hessian)[1] - constant
+    return float(value), z
+
+
+def whitened(found: Fit, evidence: Evidence, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residual, (k,), and slopes, (k, d), of a fit in standard deviations of the fitted entries.
+
+    Args:
+        found: The fit, to whatever entries.
+        evidence: The entries.
+        lower: Cholesky factor of their covariance.
+    """
+    used = evidence.fitted
+    both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
+    white = solve_triangular(lower, both, lower=True, check_finite=False)
+    return white[:, 0], white[:, 1:]
+
+
+def linear_evidence(found: Fit, evidence: Evidence) -> float:
+    """ln of the evidence of other entries of a test, a hypothesis linear about its fit.
+
+    Args:
+        found: The fit, to whatever entries.
+        evidence: The entries.
+    """
+    lower = np.linalg.cholesky(evidence.covariance(found.hypothesis.unknown))
+    residual, slope = whitened(found, evidence, lower)
+    hessian, pull = slope.T @ slope + np.eye(len(found.z)), slope.T @ residual + found.z
+    constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(residual) * np.log(2 * np.pi)
+    square = residual @ residual + found.z @ found.z - pull @ np.linalg.solve(hessian, pull)
+    return float(-0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - constant)
+
+
+def near_best(values: np.ndarray, margin: float, most: int) -> np.ndarray:
+    """Indices of the values within a margin of the largest, at most so many, best first."""
+    order = np.argsort(-values, kind="stable")
+    return order[values[order] > values[order[0]] - margin][:most] if len(order) else order
+
+

@@ -1,0 +1,40 @@
+"""How probable it is that what explains a test is a cause outside the library that looks the same.
+
+The evidence of an unknown cause that may do anything (`Evidence.covariance`) says when nothing in
+the library fits. But a crack can look like a softer part, a cable like an added mass: then a
+listed effect fits, and no evidence tells. How often that happens is a matter of experience. It is
+taken from simulated tests whose cause is known, as a logistic function of how well the best
+explanation fits: 117 cases, 21 of them of causes outside the library. Where a test comes from
+elsewhere, so may the rate. ``python -m benchmarks.blind calibrate`` makes such numbers from a check
+that was opened; these are from two versions of the diagnosis (benchmarks/blind/README.md).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import expit
+
+__all__ = ["WEIGHTS", "look_alike", "misfit_in_nats"]
+
+#: Intercept, and weight of `misfit_in_nats`.
+WEIGHTS = (-2.08, 0.36)
+#: Misfit beyond which more says no more.
+_MOST = 10.0
+
+
+def misfit_in_nats(p_value: float) -> float:
+    """-ln of the probability of a misfit as large as that of the best explanation, 0 to 10.
+
+    Args:
+        p_value: See `fenics_joints.diagnosis.evidence.inference.Fit.p_value`.
+    """
+    return float(min(-np.log(max(p_value, 1e-300)), _MOST))
+
+
+def look_alike(p_value: float) -> float:
+    """Probability that the cause is outside the library although the best of it explains the test.
+
+    Args:
+        p_value: Of the most probable hypothesis but for the unknown.
+    """
+    return float(expit(WEIGHTS[0] + WEIGHTS[1] * misfit_in_nats(p_value)))

@@ -1,0 +1,215 @@
+"""What a diagnosis works on: the model of a case, its effects, its test and a reduced model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from scipy.stats import qmc
+
+from fenics_joints.beams.exact import ExactModel
+from fenics_joints.case.case import Case
+from fenics_joints.case.fingerprint import fingerprint
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.library import (
+    by_preload,
+    sample_ranges,
+    sample_values,
+)
+from fenics_joints.diagnosis.effects.user import for_zones
+from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.model.subject import Subject, subject_of, zones_of_joints
+from fenics_joints.diagnosis.result import Silent
+from fenics_joints.diagnosis.zones.contacts import ContactZones
+from fenics_joints.measurements.data import TestData
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.surrogate import Forward, Surrogate
+
+__all__ = ["Prepared", "prepare"]
+
+
+@dataclass
+class Prepared:
+    """A case ready to be diagnosed.
+
+    Attributes:
+        case: The case, its joints or its contact in zones.
+        comm: Communicator.
+        data: The test.
+        subject: The nominal model, with all that effects need as parameters.
+        effects: The effects that the case can hold.
+        silent: Those that its test cannot speak of.
+        nuisances: What is uncertain in any case.
+        scatter: Standard deviation of ln(preload / torque).
+        evidence: The test as the inference sees it.
+        surrogate: The reduced model; None until `reduce`.
+        n_samples: Number of samples it was made from.
+    """
+
+    case: Case
+    comm: MPI.Intracomm
+    data: TestData
+    subject: Subject
+    effects: tuple[Effect, ...]
+    silent: tuple[Silent, ...]
+    nuisances: tuple[Effect, ...]
+    scatter: float
+    evidence: Evidence
+    surrogate: Surrogate | ExactModel | None = None
+    n_samples: int = 0
+
+    @property
+    def full(self):
+        """The full model."""
+        return self.subject.full
+
+    @property
+    def zones(self):
+        """How the joints were split; None without joints."""
+        return self.subject.zones
+
+    @property
+    def baseline(self) -> dict[str, float]:
+        """Parameter values of the nominal model."""
+        return self.subject.baseline
+
+    @property
+    def forward(self) -> Forward:
+        """Frequencies and shapes from the reduced model."""
+        return self.surrogate.forward
+
+    @property
+    def condition(self) -> tuple[str, str]:
+        """Name and unit of the conditions."""
+        return self.data.condition_name, self.data.condition_unit
+
+    def hypothesis(self, effects: Sequence[Effect], **kwargs) -> Hypothesis:
+        """These effects, with what is uncertain in any case."""
+        return Hypothesis(
+            tuple(effects), self.nuisances, scatter=self.scatter,
+            conditions=tuple(float(c) for c in self.evidence.conditions),
+            modes=tuple(self.data.mode_names), damped=self.evidence.log_damping is not None,
+            **kwargs,
+        )  # fmt: skip
+
+    def region_names(self) -> dict[str, str]:
+        """What each zone of a joint or contact is called where zones are shown as one."""
+        return self.subject.shown
+
+    def reduce(self, progress: Progress, keep: Path | None = None) -> None:
+        """Make the reduced model, or read it from a folder if it is kept there. Collective.
+
+        Args:
+            progress: Told after each sample.
+            keep: Folder of the reduced models, named by a hash of all that makes them.
+        """
+        if self.subject.exact:
+            self.surrogate = ExactModel(
+                self.full, self.baseline, sensors=self.data.sensors,
+                n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
+                shapes=self.data.shapes,
+            )  # fmt: skip
+            return
+        samples = self._samples(self.case.diagnose.samples)
+        self.n_samples = len(samples)
+        file, n_test = None, len(self.data.mode_names)
+        if keep is not None:
+            name = fingerprint(self.case, self.full, self.data.sensors, samples, n_test)
+            file = Path(keep) / f"model-{name}.h5"
+        progress.step("reduced model: sampling the parameters", len(samples))
+        self.surrogate = Surrogate(
+            self.full, samples, self.baseline, sensors=self.data.sensors,
+            n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
+            shapes=self.data.shapes, travel=self._travel(), keep=file, progress=progress,
+        )  # fmt: skip
+
+    def _travel(self) -> dict:
+        pointed = {**self.case.masses, **self.case.attached}
+        moving = {
+            name: section.shift()
+            for name, section in pointed.items()
+            if getattr(section, "travel", None) is not None
+        }
+        return {
+            mass.name: moving[owner]
+            for mass in self.full.masses
+            if (owner := str(mass.travel).removesuffix(".travel")) in moving
+        }
+
+    def _samples(self, count: int) -> list[dict[str, float]]:
+        """The baseline, some parameters at the ends of their ranges, a Sobol sequence of those that
+        are no joint's, and every effect at places of its prior."""
+        ranges = sample_ranges(self.case, {})
+        samples = [self.baseline]
+        for name in ranges:
+            if name.endswith(".thickness"):
+                # A section turns by its thickness times the slope of the plate: modes of one
+                # thickness cannot bend another without shear, and it would seem far too stiff.
+                samples += [{**self.baseline, name: end} for end in ranges[name][:2]]
+            if name.endswith(".travel"):
+                # A mass at an edge bends it locally: a basis from inner places would miss that.
+                mass = name.replace(".travel", ".mass")
+                for end in (0.0, 1.0):
+                    samples.append(self._sample(ranges, {name: end, mass: 1.0}))
+        unit = qmc.Sobol(len(ranges), seed=1).random_base2(int(np.ceil(np.log2(count))))[:count]
+        places = [dict(zip(ranges, row, strict=True)) for row in unit]
+        samples += [self._sample(ranges, place) for place in places]
+        conditions = self.evidence.conditions
+        samples += sample_values(self.effects, self.baseline, conditions, count, 2, ranges)
+        return samples if not isinstance(self.zones, ContactZones) else self._cutoffs(samples)
+
+    def _cutoffs(self, samples: list[dict[str, float]]) -> list[dict[str, float]]:
+        """The same and the cut-off between every two zones of a contact once."""
+        lost = next((e for e in self.effects if [p.name for p in e.priors] == ["cutoff"]), None)
+        found = list(samples)
+        for level in self.zones.low[1:] if lost is not None else ():
+            values = dict(self.baseline)
+            lost.apply(values, {"cutoff": float(level)}, self.data.conditions[0])
+            found.append(values)
+        return found
+
+    def _sample(self, ranges: dict, place: dict[str, float]) -> dict[str, float]:
+        """Values at a place in the unit cube of the ranges; in their middle where not given."""
+        values = dict(self.baseline)
+        for name, (low, high, log) in ranges.items():
+            u = place.get(name, 0.5)
+            values[name] = float(low ** (1 - u) * high**u if log else low + u * (high - low))
+        return values
+
+
+def prepare(
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress,
+    *,
+    extra: Sequence[Effect] = (),
+    data: TestData | None = None,
+) -> Prepared:
+    """The full model of a case in zones, with effects and evidence; `Prepared.reduce` comes next.
+
+    Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        extra: Effects of the user's own, beside the library's.
+        data: The test, if not the case's.
+
+    Raises:
+        InputError: If the case has no test, or names effects that do not exist.
+    """
+    data = case.measurements() if data is None else data
+    subject = subject_of(case.diagnosed(), comm, progress)
+    case, zones = subject.case, subject.zones
+    effects, silent = subject.effects(data)
+    extra = [for_zones(effect, zones_of_joints(zones)) for effect in extra]
+    return Prepared(
+        case, comm, data, subject, (*effects, *extra), silent, subject.nuisances(),
+        case.diagnose.preload_scatter if by_preload(data) else 0.0,
+        evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
+    )  # fmt: skip

@@ -1,0 +1,345 @@
+"""Measurements that could be added to a test, and what each would tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.prediction import Prediction, predict
+from fenics_joints.diagnosis.plan.plan import Measurement, Signature, Study, groups
+
+__all__ = [
+    "ADDED_MASS", "DAMPING_NOISE", "MORE_MODES", "Addition", "Altered", "Candidate", "Joined",
+    "Loaded", "measurement", "missed_modes", "next_modes", "rank", "shifted", "widened",
+]  # fmt: skip
+
+#: Added mass, as a share of the structure's.
+ADDED_MASS = 0.05
+#: Relative standard deviation of a damping ratio in a usual test.
+DAMPING_NOISE = 0.1
+#: Further modes of each kind that a longer test would see.
+MORE_MODES = 3
+
+
+def next_modes(n: int) -> str:
+    """The next modes that the test's sensors would see, in words."""
+    return "the next mode of the same kind" if n == 1 else f"the next {n} modes of the same kind"
+
+
+def missed_modes(n: int, kinds: str) -> str:
+    """The lowest modes that the test's sensors do not see, in words.
+
+    Args:
+        n: How many.
+        kinds: What motions they may be.
+    """
+    which = "lowest mode" if n == 1 else f"{n} lowest modes"
+    return (
+        f"the {which} that these sensors miss ({kinds}): "
+        "put sensors off the line and in the other directions"
+    )
+
+
+# -- models as another test sees them --------------------------------------------------------------
+
+
+class Joined:
+    """The modes of two forwards of one structure beside each other; shapes of the first's only.
+
+    Args:
+        first: Forward of the test's modes.
+        second: Forward of further modes.
+    """
+
+    def __init__(self, first, second):
+        self._first, self._second = first, second
+        self.model, self.sensors = first.model, first.sensors
+
+    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """See `Forward.__call__`."""
+        pairs = zip(self._first(values), self._second(values), strict=True)
+        return tuple(np.concatenate(pair) for pair in pairs)
+
+    def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
+        """See `Forward.shapes`; zero for the further modes."""
+        more = len(self._second(values)[0])
+        found = self._first.shapes(values)
+        return tuple(np.pad(a, [(0, 0), (0, more)] + [(0, 0)] * (a.ndim - 2)) for a in found)
+
+
+class Altered:
+    """A structure with some parameters changed on purpose by a known factor.
+
+    Args:
+        forward: The forward of the structure as it is.
+        factors: Factor on each changed parameter; 0 takes it away.
+    """
+
+    def __init__(self, forward, factors: Mapping[str, float]):
+        self._forward, self._factors = forward, factors
+        self.model, self.sensors = forward.model, forward.sensors
+        self._columns = np.array([factors.get(name, 1.0) for name in self.model.parameters])
+
+    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """See `Forward.__call__`."""
+        changed = {name: value * self._factors.get(name, 1.0) for name, value in values.items()}
+        log_f, slopes = self._forward(changed)
+        return log_f, slopes * self._columns
+
+
+class Loaded:
+    """A reduced model with a known mass put on; takes the calls that a `Forward` makes.
+
+    Args:
+        model: The reduced model.
+        rows: Displacement of its basis at the mass, shape (gdim, n_dofs).
+        mass: Mass, kg.
+    """
+
+    def __init__(self, model, rows: np.ndarray, mass: float):
+        self._model, self._extra, self._mass = model, mass * rows.T @ rows, mass
+        self.parameters, self.n_dofs, self.scale_hz = (
+            model.parameters, model.n_dofs, model.scale_hz,
+        )  # fmt: skip
+        self.stiffness, self.observe = model.stiffness, model.observe
+        self.pencil_gradients = model.pencil_gradients
+
+    def mass(self, given: Mapping[str, float] | None = None) -> np.ndarray:
+        """M(p) with the mass on, shape (n_dofs, n_dofs)."""
+        return self._model.mass(given) + self._extra
+
+    def total_mass(self, given: Mapping[str, float] | None = None) -> float:
+        """Mass, kg, all together."""
+        return self._model.total_mass(given) + self._mass
+
+
+# -- tests -----------------------------------------------------------------------------------------
+
+
+def measurement(
+    nuisances: Sequence[Effect],
+    scatter: float,
+    modes: Sequence[str],
+    evidence: Evidence,
+    forward,
+) -> Measurement:
+    """A test by what it would measure.
+
+    Args:
+        nuisances: What is free in any case.
+        scatter: See `Hypothesis.scatter`.
+        modes: Names of the modes.
+        evidence: Its layout, noise and discrepancy; its values do not count, unless they are nan.
+        forward: Predicts frequencies and shapes.
+    """
+    bare = Hypothesis(
+        (), tuple(nuisances), scatter=scatter, modes=tuple(modes),
+        conditions=tuple(float(c) for c in evidence.conditions),
+        damped=evidence.log_damping is not None,
+    )  # fmt: skip
+    used = evidence.fitted
+
+    def predicted(hypothesis, z, baseline):
+        values, slopes = predict(hypothesis, forward, evidence, z, baseline)
+        return values[used], slopes[used]
+
+    return Measurement(bare, predicted, evidence.covariance())
+
+
+def shifted(test: Measurement, evidence: Evidence, forward, other, row: int) -> Measurement:
+    """A test and, at one of its conditions, the shifts of its frequencies by a known change.
+
+    The discrepancy cancels in a shift of the same mode, between measurements without a new
+    tightening; the noise counts twice.
+
+    Args:
+        test: The test.
+        evidence: The test's, for the noise.
+        forward: Frequencies of the structure as it is.
+        other: Those of the changed one.
+        row: Which condition.
+    """
+    there = np.flatnonzero(evidence.used[row])
+    noise = evidence.log_sd[row, there]
+    condition = float(evidence.conditions[row])
+
+    def predicted(hypothesis, z, baseline):
+        values, slopes = test.predict(hypothesis, z, baseline)
+        kept = np.ones(len(z), dtype=bool)
+        kept[hypothesis.places["dampings"]] = False
+        undamped = replace(hypothesis, damped=False)
+        before, after = (
+            Prediction(undamped, f, z[kept], condition, baseline, row) for f in (forward, other)
+        )
+        more = np.zeros((len(there), len(z)))
+        more[:, kept] = (after.slopes() - before.slopes())[there]
+        shifts = (after.log_f - before.log_f)[there]
+        return np.append(values, shifts), np.vstack([slopes, more])
+
+    n = len(test.covariance)
+    covariance = np.diag(np.append(np.zeros(n), 2 * noise**2))
+    covariance[:n, :n] = test.covariance
+    return Measurement(test.bare, predicted, covariance)
+
+
+def widened(evidence: Evidence, more: int = 0, conditions: Sequence[float] = ()) -> Evidence:
+    """A test's layout with further modes and conditions; values are placeholders.
+
+    Args:
+        evidence: The test.
+        more: Number of further modes, of which frequencies alone are measured.
+        conditions: Further conditions, behind the others.
+    """
+    rows = len(conditions)
+
+    def wider(a, value, columns=more):
+        return np.pad(a, [(0, rows), (0, columns)], constant_values=value)
+
+    noise = float(np.nanmedian(evidence.log_sd))
+    sd = wider(evidence.log_sd, noise)
+    if rows:
+        sd[-rows:, : len(evidence.log_sd[0])] = np.nanmedian(evidence.log_sd, axis=0)
+    changes = {
+        "conditions": np.append(evidence.conditions, conditions),
+        "log_f": wider(evidence.log_f, 0.0),
+        "log_sd": sd,
+        "used": wider(evidence.used, True),
+    }
+    if evidence.log_damping is not None:
+        damping = wider(evidence.log_damping, np.nan)
+        damping[len(evidence.conditions) :, : evidence.log_f.shape[1]] = 0.0
+        changes["log_damping"] = damping
+    if evidence.shapes is not None and more:
+        changes["shapes"] = np.pad(evidence.shapes, [(0, 0), (0, more)], constant_values=np.nan)
+    return replace(evidence, **changes)
+
+
+# -- what they are worth ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A test with one more measurement.
+
+    Attributes:
+        name: The measurement, in words.
+        measurement: The test with it.
+        effects: Effects that are others in this test, by their key: with a law over the torque
+            where the planned test has one torque only.
+    """
+
+    name: str
+    measurement: Measurement
+    effects: Mapping[str, Effect] | None = None
+
+
+@dataclass(frozen=True)
+class Addition:
+    """What a measurement would add.
+
+    Attributes:
+        name: The measurement, in words.
+        classes: How many causes or classes of causes the test would then tell apart.
+        seen: How many effects it would see.
+        mean: Mean gain of D over the pairs that the planned test leaves together.
+        largest: The largest.
+        pair: The pair of that: the effect at work, and the one it is taken for (or "no gap").
+        distances: D of every pair with it, (n, n + 1), the last column "no gap".
+    """
+
+    name: str
+    classes: int
+    seen: int
+    mean: float
+    largest: float
+    pair: tuple[str, str]
+    distances: np.ndarray
+
+
+def rank(
+    study: Study,
+    candidates: Sequence[Candidate],
+    progress: Callable[[], None] | None = None,
+) -> list[Addition]:
+    """What each candidate adds to a planned test, the most telling first.
+
+    For every pair of effects that the test leaves together the nearest prediction of the one to
+    the other is sought again, with all the freedom it had: so what one more measurement shows is
+    what cannot be explained by other parameters.
+
+    Args:
+        study: The planned test.
+        candidates: Tests with one more measurement.
+        progress: Called after each.
+    """
+    found = []
+    for candidate in candidates:
+        found.append(_worth(study, candidate))
+        if progress:
+            progress()
+    return sorted(found, key=lambda a: (-a.classes, -a.seen, -a.mean))
+
+
+def table(study: Study) -> np.ndarray:
+    """D of every pair, and from "no gap" in the last column, (n, n + 1)."""
+    return np.column_stack([study.distances, [s.d / 2 for s in study.expected]])
+
+
+def _worth(study: Study, candidate: Candidate) -> Addition:
+    before = table(study)
+    changed = candidate.effects or {}
+    effects = [changed.get(e.key, e) for e in study.effects]
+    beneath = {e.key: study.baseline(e) for e in study.effects}
+    richer = Study(candidate.measurement, effects, {}, beneath=beneath)
+    after = before.copy()
+    # All from an effect that is not seen is near: first whether it is seen now.
+    n = len(effects)
+    for i in np.flatnonzero(before[:, n] < APART):
+        after[i, n] = max(after[i, n], _again(study, richer, i, n))
+    seen = after[:, n] >= APART
+    together = [
+        (i, j) for i in np.flatnonzero(seen) for j in np.flatnonzero(seen)
+        if i != j and before[i, j] < APART
+    ]  # fmt: skip
+    for i, j in together:
+        after[i, j] = max(after[i, j], _again(study, richer, i, j))
+    open_ = [*together, *((i, n) for i in np.flatnonzero(before[:, n] < APART))]
+    gains = np.array([after[i, j] - before[i, j] for i, j in open_] or [0.0])
+    best = open_[int(np.argmax(gains))] if open_ else (0, n)
+    names = [*(e.key for e in study.effects), "no gap"]
+    return Addition(
+        candidate.name, len(groups(after[:, :n], seen)), int(seen.sum()), float(gains.mean()),
+        float(gains.max()), (names[best[0]], names[best[1]]), after,
+    )  # fmt: skip
+
+
+def _again(study: Study, richer: Study, i: int, j: int) -> float:
+    """D of a pair in the richer test; ``j`` beyond the effects is "no gap"."""
+    old = study.expected[i]
+    truth = _carried(richer, i, old)
+    if j == len(richer.effects):
+        return truth.d / 2
+    near = study.near[i, j]
+    start = _by_name(study.effects[j], near, richer.effects[j])
+    return richer.distance(truth, richer.effects[j], start)
+
+
+def _carried(richer: Study, i: int, old: Signature) -> Signature:
+    """The signature of the same size in the richer test; remembered."""
+    known = richer.__dict__.setdefault("_carried", {})
+    if i not in known:
+        effect = richer.effects[i]
+        known[i] = richer.signature(effect, _by_name(old.effect, old.own, effect))
+    return known[i]
+
+
+def _by_name(old: Effect, own: np.ndarray, new: Effect) -> np.ndarray:
+    """Parameters for an effect that may have more of them, in prior standard deviations."""
+    values = {prior.name: z for prior, z in zip(old.priors, own, strict=True)}
+    return np.array([values.get(prior.name, 0.0) for prior in new.priors])

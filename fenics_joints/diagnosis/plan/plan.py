@@ -1,0 +1,417 @@
+"""Before any data: which effects a planned test can tell apart.
+
+An effect of its expected size makes a prediction; another hypothesis comes as near to it as its
+parameters and the nuisances let it, within their priors. Half the whitened distance that is left,
+D, is how far the two are apart: with Gaussian noise the data of the one are taken for the other's
+with probability Phi(-D) (see `diagnosis.evidence.classes`). Predictions are exact, not
+linearised: a joint's compliance is strongly nonlinear in its stiffness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.spread import spread
+from fenics_joints.errors import InputError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+__all__ = [
+    "Combination", "Measurement", "Signature", "Study", "combination", "groups", "own_at",
+]  # fmt: skip
+
+#: Sizes of an effect, in prior standard deviations: those it is judged at, and those that a search
+#: for the nearest prediction starts from.
+SIZES = (-1.0, 0.0, 1.0)
+_STARTS = (-2.0, -1.0, 0.0, 1.0, 2.0)
+#: Of the starts the search goes on from this many, for so many steps at most.
+_BEST, _STEPS = 2, 12
+#: Relative fall of the cost below which the search ends; and where D is this far above `APART`.
+_DONE, _DONE_FAR, _FAR = 3e-3, 0.3, 3.0
+
+Predict = Callable[[Hypothesis, np.ndarray, Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What a test measures, and how well; no data.
+
+    Attributes:
+        bare: The hypothesis without effects: nuisances, scatter, conditions, modes.
+        predict: ``(hypothesis, z, baseline) -> (values (N,), derivatives by z (N, d))``.
+        covariance: Of what is measured about what is predicted, noise and discrepancy, (N, N).
+    """
+
+    bare: Hypothesis
+    predict: Predict
+    covariance: np.ndarray
+
+    @cached_property
+    def lower(self) -> np.ndarray:
+        """Cholesky factor of the covariance, (N, N)."""
+        return np.linalg.cholesky(self.covariance)
+
+    def hypothesis(self, *effects: Effect) -> Hypothesis:
+        """The hypothesis of these effects for this test."""
+        return replace(self.bare, effects=effects)
+
+
+@dataclass(frozen=True, eq=False)
+class Signature:
+    """What an effect of one size does to the test.
+
+    Attributes:
+        effect: The effect.
+        own: Its parameters, in prior standard deviations, (k,).
+        predicted: What the test would measure, without noise, (N,).
+        d: Length of the change, whitened, that the nuisances cannot make: standard deviations.
+    """
+
+    effect: Effect
+    own: np.ndarray
+    predicted: np.ndarray
+    d: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Its parameters, SI."""
+        pairs = zip(self.effect.priors, self.own, strict=True)
+        return {prior.name: float(prior.value(z)) for prior, z in pairs}
+
+
+def own_at(effect: Effect, size: float) -> np.ndarray:
+    """The effect's parameters at a size, in prior standard deviations and within limits, (k,).
+
+    What has a log-normal prior is a size; exponents and places, which have normal ones, stay at
+    their means, unless the effect has nothing else.
+    """
+    sizes = [prior.log for prior in effect.priors]
+    if not any(sizes):
+        sizes = [True] * len(sizes)
+    z = np.where(sizes, size, 0.0)
+    limits = np.array([prior.limits() for prior in effect.priors]).reshape(-1, 2)
+    return np.clip(z, limits[:, 0], limits[:, 1])
+
+
+class Study:
+    """Signatures of effects in a test and the distances between them.
+
+    Args:
+        measurement: The test.
+        effects: The effects.
+        baseline: Parameter values of the nominal model.
+        beneath: Baselines of effects that are looked for in another model, by their key: slip, say,
+            in a joint that is not as one. Whatever is compared with such an effect is put in there.
+        progress: Called after the sizes of each effect, and after each row of the distances.
+        comm: Communicator that the rows of the distances are spread over; None for one process.
+    """
+
+    def __init__(
+        self,
+        measurement: Measurement,
+        effects: Sequence[Effect],
+        baseline: Mapping[str, float],
+        *,
+        beneath: Mapping[str, Mapping[str, float]] | None = None,
+        progress: Callable[[], None] | None = None,
+        comm: MPI.Intracomm | None = None,
+    ):
+        self._comm = comm
+        self.measurement, self.effects = measurement, tuple(effects)
+        self._baseline, self._beneath = baseline, beneath or {}
+        self._progress = progress or (lambda: None)
+        #: Own parameters of the column's effect where it comes nearest to the row's; filled by
+        #: `distances`.
+        self.near: dict[tuple[int, int], np.ndarray] = {}
+        self._known: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+
+    def baseline(self, effect: Effect) -> Mapping[str, float]:
+        """The model that an effect is put into."""
+        return self._beneath.get(effect.key, self._baseline)
+
+    # -- signatures --------------------------------------------------------------------------
+
+    @cached_property
+    def sizes(self) -> list[list[Signature]]:
+        """Signatures of every effect at `SIZES`, those left out that the model cannot have."""
+        return [self._sizes(effect) for effect in self.effects]
+
+    def _sizes(self, effect: Effect) -> list[Signature]:
+        found, problem = [], None
+        for size in SIZES:
+            try:
+                found.append(self.signature(effect, own_at(effect, size)))
+            except InputError as error:
+                problem = error  # such as too few modes that the test could see
+        if not found:
+            raise problem
+        self._progress()
+        return found
+
+    @cached_property
+    def expected(self) -> list[Signature]:
+        """Of each effect's signatures the middle one by length: its expected size."""
+        return [sorted(some, key=lambda s: s.d)[len(some) // 2] for some in self.sizes]
+
+    def signature(self, effect: Effect, own: np.ndarray) -> Signature:
+        """What an effect with these parameters does, exactly."""
+        predicted, _ = self._at(effect, self.baseline(effect), own)
+        found = Signature(effect, own, predicted, np.nan)
+        return replace(found, d=2 * self.distance(found, None))
+
+    def whitened(self, signature: Signature) -> np.ndarray:
+        """Its change of the prediction in the metric of noise and nuisances together, (N,)."""
+        base = self.baseline(signature.effect)
+        bare = self.measurement.hypothesis()
+        nominal, slopes = self._prediction(bare, np.zeros(len(bare.priors)), base)
+        lower = np.linalg.cholesky(self.measurement.covariance + slopes @ slopes.T)
+        return solve_triangular(lower, signature.predicted - nominal, lower=True)
+
+    # -- distances ---------------------------------------------------------------------------
+
+    @cached_property
+    def distances(self) -> np.ndarray:
+        """D of the row's effect, if it is at work, from what the column's can make; (n, n)."""
+        n = len(self.effects)
+        rows = spread(self._comm, range(n), self._row) if self._comm else map(self._row, range(n))
+        D = np.zeros((n, n))
+        for i, row in enumerate(rows):
+            for j, (square, own) in row.items():
+                D[i, j], self.near[i, j] = np.sqrt(square) / 2, own
+        return D
+
+    def _row(self, i: int) -> dict[int, tuple[float, np.ndarray]]:
+        """`nearest` of every other effect to the expected size of one."""
+        truth = self.expected[i]
+        # What is not seen is in no class: the linear answer will do.
+        steps = _STEPS if truth.d >= 2 * APART else 1
+        rivals = [(j, e) for j, e in enumerate(self.effects) if j != i]
+        found = {j: self.nearest(truth, rival, steps=steps) for j, rival in rivals}
+        self._progress()
+        return found
+
+    def distance(
+        self, truth: Signature, rival: Effect | None, start: np.ndarray | None = None
+    ) -> float:
+        """D: half the distance from a signature to the nearest that a rival can make.
+
+        Args:
+            truth: The signature.
+            rival: The rival; None for "no gap".
+            start: See `nearest`.
+        """
+        return float(np.sqrt(self.nearest(truth, rival, start)[0])) / 2
+
+    def nearest(
+        self,
+        truth: Signature,
+        rival: Effect | None,
+        start: np.ndarray | None = None,
+        steps: int = _STEPS,
+    ) -> tuple[float, np.ndarray]:
+        """Squared distance to the nearest prediction of a rival, and its own parameters there.
+
+        Minimises |r|^2 + |z|^2, r the whitened difference and z the parameters of the rival, by
+        Gauss-Newton steps. Nuisances, which the truth has at their medians, cost their |z|^2; the
+        rival's own parameters what they need beyond those of the truth.
+
+        Args:
+            truth: The signature.
+            rival: The rival; None for "no gap".
+            start: Own parameters to start from; by default some all over their prior.
+            steps: Gauss-Newton steps at most.
+        """
+        base = self.baseline(truth.effect)
+        hypothesis = self.measurement.hypothesis(*([] if rival is None else [rival]))
+        search = _Search(self, hypothesis, base, truth.predicted)
+        at = [np.zeros(0)] if rival is None else [own_at(rival, s) for s in _STARTS]
+        at = at if start is None else [start]
+        places = [place for own in at if (place := search.begin(own)) is not None]
+        if not places:
+            raise InputError(f"{hypothesis.label}: the model has too few modes at all its sizes.")
+        places.sort(key=lambda p: p.cost)
+        often = places[: _BEST if steps > 1 else 1]
+        best = min((search.run(place, steps) for place in often), key=lambda p: p.cost)
+        own = best.z[search.own]
+        needed = own @ own - truth.own @ truth.own
+        return best.misfit + best.others + max(float(needed), 0.0), own
+
+    def _at(self, effect, baseline, own) -> tuple[np.ndarray, np.ndarray]:
+        hypothesis = self.measurement.hypothesis(effect)
+        z = np.zeros(len(hypothesis.priors))
+        z[own_slice(hypothesis)] = own
+        return self._prediction(hypothesis, z, baseline)
+
+    def _prediction(self, hypothesis, z, baseline) -> tuple[np.ndarray, np.ndarray]:
+        """Remembered for what many comparisons start from: z of one effect, nuisances at rest."""
+        rest = np.delete(z, own_slice(hypothesis))
+        if rest.any():
+            return self.measurement.predict(hypothesis, z, baseline)
+        key = (hypothesis.effects, tuple(z), id(baseline))
+        if key not in self._known:
+            self._known[key] = self.measurement.predict(hypothesis, z, baseline)
+        return self._known[key]
+
+
+def own_slice(hypothesis: Hypothesis) -> slice:
+    """Where the effects' parameters stand in z: behind the nuisances."""
+    first = sum(len(e.priors) for e in hypothesis.nuisances)
+    return slice(first, first + sum(len(e.priors) for e in hypothesis.effects))
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A point of a search: whitened residual and slopes, and what they cost.
+
+    ``exact`` is the point that it was extrapolated from; None if it is exact itself.
+    """
+
+    z: np.ndarray
+    residual: np.ndarray
+    slopes: np.ndarray
+    others: float
+    exact: _Place | None = None
+
+    @property
+    def misfit(self) -> float:
+        return float(self.residual @ self.residual)
+
+    @property
+    def cost(self) -> float:
+        return self.misfit + float(self.z @ self.z)
+
+
+class _Search:
+    """The nearest that a hypothesis can make to a prediction."""
+
+    def __init__(self, study: Study, hypothesis: Hypothesis, baseline, target: np.ndarray):
+        self._study, self._hypothesis = study, hypothesis
+        self._baseline, self._target = baseline, target
+        self.own = own_slice(hypothesis)
+        limits = [prior.limits() for _, prior in hypothesis.priors]
+        self._limits = np.array(limits).reshape(-1, 2)
+
+    def _place(self, z: np.ndarray) -> _Place | None:
+        """None where the model has no answer, as too few modes that the test could see."""
+        try:
+            predicted, jacobian = self._study._prediction(self._hypothesis, z, self._baseline)
+        except InputError:
+            return None
+        lower = self._study.measurement.lower
+        residual = solve_triangular(lower, predicted - self._target, lower=True)
+        slopes = solve_triangular(lower, jacobian, lower=True)
+        rest = np.delete(z, self.own)
+        return _Place(z, residual, slopes, float(rest @ rest))
+
+    def begin(self, own: np.ndarray) -> _Place | None:
+        """The point of these own parameters, its nuisances refitted linearly to rank it."""
+        z = np.zeros(len(self._limits))
+        z[self.own] = own
+        place = self._place(z)
+        if place is None:
+            return None
+        free = np.delete(np.arange(len(z)), np.arange(len(z))[self.own])
+        S = place.slopes[:, free]
+        step = np.linalg.solve(S.T @ S + np.eye(len(free)), -S.T @ place.residual)
+        moved = z.copy()
+        moved[free] = step
+        return _Place(moved, place.residual + S @ step, place.slopes, float(step @ step), place)
+
+    def run(self, place: _Place, steps: int) -> _Place:
+        """Gauss-Newton steps within the limits, halved where the cost would not fall."""
+        exact = self._place(np.clip(place.z, *self._limits.T))
+        place = place.exact if exact is None or exact.cost > place.exact.cost else exact
+        for _ in range(steps):
+            better = self._step(place)
+            if better is None:
+                break
+            gained, place = place.cost - better.cost, better
+            far = better.cost > (2 * _FAR * APART) ** 2
+            if gained < (_DONE_FAR if far else _DONE) * better.cost + 1e-6:
+                break
+        return place
+
+    def _step(self, place: _Place) -> _Place | None:
+        z, S = place.z, place.slopes
+        low, high = self._limits.T
+        downhill = -(S.T @ place.residual + z)
+        free = ~((z <= low) & (downhill < 0)) & ~((z >= high) & (downhill > 0))
+        if not free.any():
+            return None
+        hessian = S[:, free].T @ S[:, free] + np.eye(int(free.sum()))
+        way = np.zeros(len(z))
+        way[free] = np.linalg.solve(hessian, downhill[free])
+        for factor in (1.0, 0.5, 0.25, 0.1, 0.03):
+            there = self._place(np.clip(z + factor * way, low, high))
+            if there is not None and there.cost < place.cost:
+                return there
+        return None
+
+
+# -- classes ---------------------------------------------------------------------------------------
+
+
+def groups(distances: np.ndarray, seen: Sequence[bool]) -> list[list[int]]:
+    """Effects in classes: those that may be taken for each other, one way round or the other.
+
+    Args:
+        distances: D of the row's effect from what the column's can make, (n, n).
+        seen: Which effects the test can see at all; the others are in no class.
+
+    Returns:
+        Indices of the members, by class, in their order.
+    """
+    both = np.minimum(distances, distances.T)
+    left, found = [i for i, there in enumerate(seen) if there], []
+    while left:
+        group, edge = [], [left.pop(0)]
+        while edge:
+            i = edge.pop()
+            group.append(i)
+            near = [j for j in left if both[i, j] < APART]
+            left = [j for j in left if j not in near]
+            edge += near
+        found.append(sorted(group))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """The changes of effects that cancel best.
+
+    Attributes:
+        index: Collinearity index of the signatures, 1/sqrt of the least eigenvalue of their
+            correlation: above about 20 they cannot be told apart whatever their sizes (Brun,
+            Reichert and Kuensch, Water Resour. Res. 37, 2001).
+        factors: Factor on each signature of the combination, the largest of magnitude 1, (k,).
+        left: Length of what they leave, standard deviations.
+    """
+
+    index: float
+    factors: np.ndarray
+    left: float
+
+
+def combination(signatures: Sequence[np.ndarray]) -> Combination:
+    """How nearly whitened signatures (N,) depend on each other, and the combination that cancels.
+
+    Args:
+        signatures: One for each effect, none of zeros.
+    """
+    S = np.array(signatures).T
+    length = np.linalg.norm(S, axis=0)
+    eigenvalues, vectors = np.linalg.eigh((S / length).T @ (S / length))
+    least = max(float(eigenvalues[0]), 1e-12)
+    factors = vectors[:, 0] / length
+    factors = factors / factors[np.argmax(np.abs(factors))]
+    return Combination(least**-0.5, factors, float(np.linalg.norm(S @ factors)))

@@ -1,0 +1,213 @@
+"""The plan of a case: before any data, which causes its test could tell apart."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from threadpoolctl import threadpool_limits
+
+from fenics_joints.case.case import Case
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.rig import MISSED
+from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.diagnosis.evidence.evidence import evidence_of
+from fenics_joints.diagnosis.model.prepared import Prepared, prepare
+from fenics_joints.diagnosis.plan.added import measurement, rank, table
+from fenics_joints.diagnosis.plan.candidates import Candidates
+from fenics_joints.diagnosis.plan.plan import Signature, Study, combination, groups
+from fenics_joints.diagnosis.plan.result import Plan, PlannedClass, PlannedEffect
+from fenics_joints.diagnosis.result import Silent
+from fenics_joints.formatting import number, quantity
+from fenics_joints.measurements.data import TestData
+from fenics_joints.progress import Progress
+from fenics_joints.report.reading import plain
+
+__all__ = ["plan"]
+
+_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+#: Share of the largest below which a change is left out of a combination's words.
+_COUNTS = 0.1
+#: Parameters of an effect that are named in words.
+_NAMED = 4
+
+
+def plan(
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress | None = None,
+    *,
+    extra: Sequence[Effect] = (),
+    keep: Path | None = None,
+) -> Plan:
+    """Which causes the planned test of a case could tell apart, and what to measure besides.
+
+    Args:
+        case: The case, with ``[test.planned]``, or a test whose layout is taken.
+        comm: Communicator; the call is collective and gives the same answer on all ranks.
+        progress: Told what is being done.
+        extra: Effects of the user's own, beside the library's.
+        keep: Folder in which the reduced model is kept; it is there already if a diagnosis kept it.
+
+    Raises:
+        InputError: If the case has no test, or its model too few modes.
+        ConvergenceError: If modes do not converge.
+    """
+    started, progress = time.perf_counter(), progress or Progress(silent=True)
+    layout = case.planned()
+    with threadpool_limits(1):
+        model = prepare(case, comm, progress, extra=extra, data=layout)
+        _without_missed_modes(model)
+        model.reduce(progress, keep)
+        model.data = _nominal(model, case)
+        evidence = evidence_of(model.data, model.case.diagnose.discrepancy)
+        test = measurement(
+            model.nuisances, model.scatter, model.data.mode_names, evidence, model.forward
+        )
+        progress.step("signatures and distances", 2 * len(model.effects))
+        study = Study(
+            test, model.effects, model.baseline,
+            beneath=_beneath(model), progress=progress.advance, comm=comm,
+        )  # fmt: skip
+        order, classes = _ordered(study)
+        additions = []
+        if classes or any(s.d / 2 < APART for s in study.expected):
+            progress.step("looking for measurements that would help")
+            offered = Candidates(model, evidence, test, study).all()
+            progress.step("what they would tell apart", len(offered))
+            additions = rank(study, offered, progress.advance)
+    letters = {i: c.letter for c, members in classes for i in members}
+    facts = {
+        **model.surrogate.facts(model.n_samples),
+        "seconds": time.perf_counter() - started,
+    }
+    picked = np.ix_(order, [*order, len(order)])
+    return Plan(
+        title=case.title,
+        condition=(layout.condition_name, layout.condition_unit),
+        conditions=layout.conditions,
+        mode_names=layout.mode_names,
+        frequencies_hz=np.exp(model.forward(model.baseline)[0]),
+        measured=_measured(evidence),
+        noise=float(np.sqrt(np.mean(evidence.log_sd[evidence.used] ** 2))),
+        discrepancy=evidence.discrepancy,
+        effects=[_effect(study, i, letters.get(i, "")) for i in order],
+        distances=table(study)[picked],
+        classes=[c for c, _ in classes],
+        additions=[replace(a, distances=a.distances[picked]) for a in additions],
+        silent=model.silent,
+        model=facts,
+    )
+
+
+def _without_missed_modes(model: Prepared) -> None:
+    """A plan takes the modes to be those that the model has."""
+    missed = [e for e in model.effects if e.name == MISSED]
+    if missed:
+        model.effects = tuple(e for e in model.effects if e.name != MISSED)
+        reason = "a plan takes the test to find the modes that the model has"
+        model.silent = (*model.silent, Silent(MISSED, reason))
+
+
+def _nominal(model: Prepared, case: Case) -> TestData:
+    """The test's layout with the nominal model's predictions for values."""
+    data = model.data
+    hz = np.exp(model.forward(model.baseline)[0])
+    there = np.isfinite(data.frequencies_hz)
+    planned = case.test.planned
+    shapes = data.shapes
+    if planned is not None and planned.shapes:
+        shapes = model.surrogate.pairing.shapes
+    return replace(data, frequencies_hz=np.where(there, hz, np.nan), shapes=shapes)
+
+
+def _measured(evidence) -> tuple[str, ...]:
+    kinds = (
+        ("frequencies", True),
+        ("damping", evidence.log_damping is not None),
+        ("shapes", evidence.shapes is not None),
+    )
+    return tuple(name for name, there in kinds if there)
+
+
+def _beneath(model: Prepared) -> dict[str, dict[str, float]]:
+    """Baselines of the effects of the level: a joint that gives way as is expected of one.
+
+    Nothing slips in a joint that is as one with its bodies.
+    """
+    joint = next(
+        (e for e in model.effects if e.family == "joint compliance" and not e.by_level), None
+    )
+    if joint is None:
+        return {}
+    values = dict(model.baseline)
+    joint.apply(values, {p.name: p.median for p in joint.priors}, float(model.data.conditions[0]))
+    return {e.key: values for e in model.effects if e.by_level}
+
+
+def _ordered(study: Study) -> tuple[list[int], list[tuple[PlannedClass, list[int]]]]:
+    """The effects, members of a class together and the unseen last; and the classes."""
+    D = table(study)
+    found = sorted(groups(D[:, :-1], D[:, -1] >= APART), key=lambda g: (-len(g), g))
+    classes = []
+    for number_, members in enumerate(g for g in found if len(g) > 1):
+        some = [study.expected[i] for i in members]
+        keys, telling = tuple(s.effect.key for s in some), _of_families(some)
+        pair = combination([study.whitened(s) for s in telling])
+        words = _in_words(telling, pair.factors)
+        classes.append(
+            (PlannedClass(_letter(number_), keys, pair.index, words, pair.left), members)
+        )
+    order = [i for g in found for i in g]
+    order += [i for i in range(len(study.effects)) if i not in order]
+    return order, classes
+
+
+def _of_families(signatures: Sequence[Signature]) -> list[Signature]:
+    """The longest of each family, if there are several: that two laws of one joint cancel when
+    they say the same goes without saying."""
+    best: dict[str, Signature] = {}
+    for s in sorted(signatures, key=lambda s: -s.d):
+        best.setdefault(s.effect.family or s.effect.key, s)
+    return list(best.values()) if len(best) > 1 else list(signatures)
+
+
+def _letter(i: int) -> str:
+    """A to Z, then A2 to Z2, ..."""
+    again = i // len(_LETTERS)
+    return _LETTERS[i % len(_LETTERS)] + (str(again + 1) if again else "")
+
+
+def _in_words(signatures: Sequence[Signature], factors: np.ndarray) -> str:
+    """A combination of changes that cancel, without what hardly counts."""
+    order = [i for i in np.argsort(-np.abs(factors), kind="stable") if abs(factors[i]) >= _COUNTS]
+    first = signatures[order[0]]
+    words = f"{plain(first.effect.key)} ({size_in_words(first)})"
+    for i in order[1:]:
+        sign = "+" if factors[i] > 0 else "\N{MINUS SIGN}"
+        times = f"{number(abs(factors[i]), 2)} \N{MULTIPLICATION SIGN} "
+        name = plain(signatures[i].effect.key)
+        words += f" {sign} {times}{name} ({size_in_words(signatures[i])})"
+    return words
+
+
+def size_in_words(signature: Signature) -> str:
+    """The parameters of a signature, such as ``k_t = 1.00 TPa/m``."""
+    pairs = zip(signature.effect.priors, signature.values.values(), strict=True)
+    words = [f"{prior.name} = {quantity(value, prior.unit)}" for prior, value in pairs]
+    more = [f"and {len(words) - _NAMED} more"] if len(words) > _NAMED + 1 else []
+    return ", ".join([*words[: _NAMED if more else None], *more])
+
+
+def _effect(study: Study, i: int, letter: str) -> PlannedEffect:
+    effect, expected = study.effects[i], study.expected[i]
+    distances = [s.d / 2 for s in study.sizes[i]]
+    return PlannedEffect(
+        effect.name, effect.region, effect.key, effect.describe, expected.values,
+        {prior.name: prior.unit for prior in effect.priors}, expected.d / 2,
+        min(distances), max(distances), letter,
+    )  # fmt: skip

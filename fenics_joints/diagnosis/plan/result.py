@@ -1,0 +1,265 @@
+"""What a plan says: which causes a test could tell apart, which not, and what to measure next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+import fenics_joints
+from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.diagnosis.plan.added import Addition
+from fenics_joints.diagnosis.result import Silent
+from fenics_joints.report.reading import confusion
+
+__all__ = ["Plan", "PlannedClass", "PlannedEffect"]
+
+#: Names that a sentence holds at most.
+_LISTED = 6
+#: Gain of D that no measurement is worth being made for.
+_LITTLE = 0.1
+
+
+@dataclass(frozen=True)
+class PlannedEffect:
+    """An effect as the planned test would see it.
+
+    Attributes:
+        name: The effect.
+        region: Where it acts.
+        key: Its unique name.
+        describe: What it means.
+        size: Its expected size: value of each parameter, SI, by name.
+        units: Units of these.
+        distance: D from "no gap" at that size.
+        least: The same at the size, of the prior's median and one standard deviation either way,
+            that shows least.
+        most: At the one that shows most.
+        letter: Class of effects that the test would not tell apart; empty for one on its own.
+    """
+
+    name: str
+    region: str
+    key: str
+    describe: str
+    size: dict[str, float]
+    units: dict[str, str]
+    distance: float
+    least: float
+    most: float
+    letter: str = ""
+
+    @property
+    def seen(self) -> bool:
+        """Whether the test would see it at its expected size."""
+        return self.distance >= APART
+
+
+@dataclass(frozen=True)
+class PlannedClass:
+    """Effects that the planned test would not tell apart.
+
+    Attributes:
+        letter: A, B, ...
+        members: Keys of the effects.
+        collinearity: Collinearity index of their signatures; above 20 no size would help.
+        combination: The changes that cancel best, in words.
+        left: What they leave of the prediction's change, standard deviations.
+    """
+
+    letter: str
+    members: tuple[str, ...]
+    collinearity: float
+    combination: str
+    left: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The answer before any data.
+
+    Attributes:
+        title: The case's title.
+        condition: Name and unit of the conditions.
+        conditions: Their values, (n,).
+        mode_names: Names of the modes.
+        frequencies_hz: Those of the nominal model, (m,).
+        measured: What the test measures: frequencies, damping, shapes.
+        noise: Root mean square of the standard deviation of ln f from noise and resolution.
+        discrepancy: That of the error of any model.
+        effects: The effects, members of a class together, those not seen last.
+        distances: D of the row's effect from what the column's can make, (n, n + 1); the last
+            column is "no gap".
+        classes: Classes of several effects.
+        additions: What further measurements would add, the most telling first.
+        silent: Effects that such a test says nothing about.
+        model: Facts on the model.
+    """
+
+    title: str
+    condition: tuple[str, str]
+    conditions: np.ndarray
+    mode_names: tuple[str, ...]
+    frequencies_hz: np.ndarray
+    measured: tuple[str, ...]
+    noise: float
+    discrepancy: float
+    effects: list[PlannedEffect]
+    distances: np.ndarray
+    classes: list[PlannedClass]
+    additions: list[Addition]
+    silent: tuple[Silent, ...]
+    model: dict
+
+    @property
+    def unseen(self) -> list[PlannedEffect]:
+        """Effects too small for the test at their expected size."""
+        return [e for e in self.effects if not e.seen]
+
+    @property
+    def alone(self) -> list[PlannedEffect]:
+        """Effects that the test would tell from every other."""
+        return [e for e in self.effects if e.seen and not e.letter]
+
+    @property
+    def n_apart(self) -> int:
+        """How many causes or classes of causes the test would tell apart."""
+        return len(self.alone) + len(self.classes)
+
+    def sentences(self) -> tuple[str, str, str]:
+        """How many causes it can tell apart; which it cannot; what to measure next."""
+        return self._how_many(), self._which_not(), self._what_next()
+
+    def _how_many(self) -> str:
+        n, seen = len(self.effects), sum(e.seen for e in self.effects)
+        if not seen:
+            return f"This test would see none of the {n} causes that the model can have."
+        which = f"all {n}" if seen == n else f"{seen} of {n}"
+        see = f"This test would see {which} causes that the model can have"
+        if seen == 1:
+            return f"{see}."
+        if self.n_apart == 1:
+            return f"{see}, and could tell none of them from all the others."
+        if not self.classes:
+            return f"{see}, and tell them all apart."
+        single = f"{_count(len(self.alone), 'single cause')} and " if self.alone else ""
+        groups = _count(len(self.classes), "group")
+        return f"{see}, and tell {self.n_apart} apart: {single}{groups} of causes."
+
+    def _which_not(self) -> str:
+        said = []
+        if self.classes:
+            groups = "; ".join(self._listed(c.members) for c in self.classes)
+            said.append(f"It could not tell apart {groups}")
+        if self.unseen:
+            few = self._listed([e.key for e in self.unseen])
+            said.append(f"{'it' if said else 'It'} would not see {few} at the expected size")
+        if not said:
+            return "There are no two that it could not tell apart, and none that it would not see."
+        return f"{', and '.join(said)}."
+
+    def _listed(self, keys: Sequence[str]) -> str:
+        """Effects in words, those that differ by their region alone under one name."""
+        by_name: dict[str, list[str]] = {}
+        for e in self.effects:
+            if e.key in keys:
+                by_name.setdefault(e.name, []).append(e.region)
+        often = [e.name for e in self.effects]
+        words = [
+            f"{name} ({', '.join(regions)})" if often.count(name) > 1 else name
+            for name, regions in by_name.items()
+        ]
+        if len(words) > _LISTED:
+            words = [*words[: _LISTED - 1], f"{len(words) - _LISTED + 1} others"]
+        return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
+
+    def _what_next(self) -> str:
+        if not (self.classes or self.unseen):
+            return "Nothing more need be measured for that."
+        best = self.additions[0] if self.additions else None
+        if best is None or best.largest < _LITTLE:
+            return "None of the further measurements that were looked at would help."
+        seen = sum(e.seen for e in self.effects)
+        if best.classes > self.n_apart:
+            more = f" and see {best.seen}" if best.seen > seen else ""
+            return f"Measure next {best.name}. Then it would tell {best.classes} apart{more}."
+        if best.seen > seen:
+            return f"Measure next {best.name}. Then it would see {best.seen - seen} more."
+        return (
+            f"No one further measurement would split them. Most would come from {best.name}: D of "
+            f"the undecided pairs would grow by {best.mean:.2f} on average."
+        )
+
+    def to_json(self) -> dict:
+        """The documented keys of ``diagnose --plan --json``."""
+        keys = [e.key for e in self.effects]
+        return {
+            "version": fenics_joints.__version__,
+            "title": self.title,
+            "summary": " ".join(self.sentences()),
+            "apart": self.n_apart,
+            "conditions": {
+                "name": self.condition[0],
+                "unit": self.condition[1],
+                "values": self.conditions.tolist(),
+            },
+            "modes": list(self.mode_names),
+            "frequencies_hz": self.frequencies_hz.tolist(),
+            "measured": list(self.measured),
+            "noise": self.noise,
+            "discrepancy": self.discrepancy,
+            "effects": [
+                {
+                    "key": e.key,
+                    "name": e.name,
+                    "region": e.region,
+                    "class": e.letter or None,
+                    "seen": e.seen,
+                    "size": e.size,
+                    "distance": e.distance,
+                    "distance_least": e.least,
+                    "distance_most": e.most,
+                }
+                for e in self.effects
+            ],
+            "distance": {
+                key: dict(zip([*keys, "no gap"], map(float, row), strict=True))
+                for key, row in zip(keys, self.distances, strict=True)
+            },
+            "confusion": {
+                key: {
+                    other: confusion(float(d))
+                    for other, d in zip([*keys, "no gap"], row, strict=True)
+                    if other != key
+                }
+                for key, row in zip(keys, self.distances, strict=True)
+            },
+            "classes": [
+                {
+                    "class": c.letter,
+                    "members": list(c.members),
+                    "collinearity": c.collinearity,
+                    "combination": c.combination,
+                    "left": c.left,
+                }
+                for c in self.classes
+            ],
+            "additions": [
+                {
+                    "measurement": a.name,
+                    "apart": a.classes,
+                    "seen": a.seen,
+                    "mean_gain": a.mean,
+                    "largest_gain": a.largest,
+                    "pair": list(a.pair),
+                }
+                for a in self.additions
+            ],
+            "silent": [{"effect": s.effect, "reason": s.reason} for s in self.silent],
+            "model": self.model,
+        }
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n or 'no'} {what}{'' if n == 1 else 's'}"

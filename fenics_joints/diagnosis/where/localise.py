@@ -1,0 +1,176 @@
+"""Where the gap lies: by region, and cell by cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fenics_joints._compat import geometry_dofmap
+from fenics_joints.diagnosis.evidence.inference import Evidence, Fit, Forward
+from fenics_joints.diagnosis.evidence.sensing import in_order
+from fenics_joints.diagnosis.result import CellMap, ZoneShare
+from fenics_joints.measurements.gap import Pairing
+from fenics_joints.modal.modes import Modes
+from fenics_joints.structure.structure import Structure
+
+__all__ = ["cell_map", "mean_residual", "merge_regions", "zone_shares"]
+
+_STEPS = 12
+#: What a test that calls modes by wrong names explains of a gap.
+_TEST = "names of the modes"
+
+
+def zone_shares(
+    fit: Fit,
+    forward: Forward,
+    evidence: Evidence,
+    baseline: dict[str, float],
+    merged: Mapping[str, str] | None = None,
+) -> list[ZoneShare]:
+    """Share of the measured gap that each region's parameters explain in a fitted hypothesis.
+
+    The change of ln f from the baseline to the fit is split exactly among the parameters by
+    integrating the sensitivities along the path between them (in logarithms where both ends are
+    positive), and projected on the measured gap; what is left is "unexplained". ``merged`` names
+    regions that count as one.
+    """
+    names = list(forward.model.parameters)
+    changes = np.zeros((len(names), *evidence.log_f.shape))
+    hypothesis, order = fit.hypothesis, None
+    if hypothesis.senses:
+        order = hypothesis.sensing(fit.z, forward.n_test, len(forward.sensors or ())).order
+
+    def ordered(values):
+        return in_order(forward, order, values)
+
+    for row, condition in enumerate(evidence.conditions):
+        end = hypothesis.values(fit.z, condition, baseline, row)
+        changes[:, row, :] = _along_path(ordered, forward.n_test, names, baseline, end)
+    start = np.array([forward(baseline)[0]] * len(evidence.conditions))
+    gap = np.where(evidence.used, evidence.log_f - start, 0.0)
+    size = np.sum(gap**2)
+    by_region: dict[str, float] = {}
+    if order is not None and np.any(order != np.arange(len(order))):
+        by_region[_TEST] = float(np.sum((ordered(baseline)[0] - start) * gap) / size)
+    for name, change in zip(names, changes, strict=True):
+        region = name.rpartition(".")[0]
+        region = (merged or {}).get(region, region)
+        by_region[region] = by_region.get(region, 0.0) + float(np.sum(change * gap) / size)
+    ordered = sorted(by_region.items(), key=lambda item: -abs(item[1]))
+    shares = [ZoneShare(region, share) for region, share in ordered]
+    return [*shares, ZoneShare("unexplained", 1.0 - sum(by_region.values()))]
+
+
+def _along_path(forward, n_test: int, names, start, end) -> np.ndarray:
+    """Contribution of every parameter to the change of ln f, shape (n_parameters, m)."""
+    total = np.zeros((len(names), n_test))
+    moved = [n for n in names if end[n] != start[n]]
+    for step in range(_STEPS):
+        values = [_between(start, end, n, step / _STEPS) for n in names]
+        middle = [_between(start, end, n, (step + 0.5) / _STEPS) for n in names]
+        after = [_between(start, end, n, (step + 1) / _STEPS) for n in names]
+        _, slope = forward(dict(zip(names, middle, strict=True)))
+        for i, name in enumerate(names):
+            if name in moved:
+                total[i] += slope[:, i] * (after[i] - values[i])
+    exact = forward(end)[0] - forward(start)[0]
+    # The midpoint rule's error goes to the parameters in proportion to what they moved.
+    weight = np.abs(total) / np.maximum(np.sum(np.abs(total), axis=0), 1e-300)
+    return total + weight * (exact - np.sum(total, axis=0))
+
+
+def _between(start, end, name, t: float) -> float:
+    a, b = start[name], end[name]
+    if a > 0 and b > 0:
+        return float(a ** (1 - t) * b**t)
+    return float((1 - t) * a + t * b)
+
+
+def cell_map(
+    structure: Structure,
+    modes: Modes,
+    pairing: Pairing,
+    evidence: Evidence,
+    nuisance: np.ndarray,
+) -> CellMap | None:
+    """Where stiffness would have to change, from the adjoint sensitivities of the baseline.
+
+    Args:
+        structure: The full model.
+        modes: Its modes as the baseline.
+        pairing: Which of them the test saw.
+        evidence: The test; its mean residual over the conditions is used.
+        nuisance: Derivatives of ln f by the nuisances, shape (m, k): what they can explain is
+            taken out of the residual first.
+
+    Returns:
+        The map on rank 0, None elsewhere. Collective.
+    """
+    residual = mean_residual(modes, pairing, evidence, nuisance)
+    total = np.zeros(structure.mesh.topology.index_map(structure.mesh.topology.dim).size_local)
+    for weight, index in zip(residual, pairing.index, strict=True):
+        lam = modes.eigenvalues[index]
+        gradient = structure.cell_gradient(modes.shape(index), lam, modes.given)
+        total -= weight * _log_stiffness(structure, gradient) / (2 * lam)
+    return _gather(structure, total / structure.cell_volumes())
+
+
+def mean_residual(
+    modes: Modes, pairing: Pairing, evidence: Evidence, nuisance: np.ndarray
+) -> np.ndarray:
+    """Mean over the conditions of measured minus nominal ln f, less what nuisances look like, (m,).
+
+    Args:
+        modes: Modes as the baseline.
+        pairing: Which of them the test saw.
+        evidence: The test.
+        nuisance: Derivatives of ln f by the nuisances, shape (m, k).
+    """
+    model_log_f = np.log(modes.frequencies_hz[pairing.index])
+    count = evidence.used.sum(axis=0)
+    total = np.where(evidence.used, evidence.log_f, 0.0).sum(axis=0)
+    residual = np.where(count > 0, total / np.maximum(count, 1) - model_log_f, 0.0)
+    if nuisance.shape[1] < len(residual):
+        # Whitened, the nuisances could mimic all of a small residual; here only their shape counts.
+        unit = np.linalg.norm(residual)
+        basis, _ = np.linalg.qr(nuisance[:, :1])
+        residual = residual - basis @ (basis.T @ residual)
+        residual = residual * (unit / max(np.linalg.norm(residual), 1e-300))
+    return residual
+
+
+def merge_regions(cells: CellMap, merged: Mapping[str, str]) -> CellMap:
+    """The same map with regions that ``merged`` gives one name as one."""
+    names = [merged.get(name, name) for name in cells.regions]
+    whole = tuple(dict.fromkeys(names))
+    index = np.array([whole.index(name) for name in names])
+    return replace(cells, region=index[cells.region], regions=whole)
+
+
+def _log_stiffness(structure: Structure, gradient: np.ndarray) -> np.ndarray:
+    """Derivative by the logarithm of a cell's whole stiffness: all its moduli together."""
+    q = structure.field.by_cell(structure.field.q.x.array)
+    out = np.zeros(len(gradient))
+    for region, cells in structure.field.regions:
+        cells = cells[cells < len(gradient)]
+        for slot, key in enumerate(region.law.properties):
+            if key in ("E", "G"):
+                out[cells] += gradient[cells, slot] * q[cells, slot]
+    return out
+
+
+def _gather(structure: Structure, density: np.ndarray) -> CellMap | None:
+    comm = structure.comm
+    region = np.zeros(len(density), dtype=int)
+    for number, (_, cells) in enumerate(structure.field.regions):
+        region[cells[cells < len(density)]] = number
+    corners = structure.mesh.geometry.x[geometry_dofmap(structure.mesh)[: len(density)]]
+    parts: Sequence | None = comm.gather((corners, region, density), root=0)
+    if comm.rank != 0:
+        return None
+    corners, region, density = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    largest = np.max(np.abs(density))
+    names = tuple(r.name for r in structure.regions)
+    return CellMap(corners, region, names, density / largest if largest > 0 else density)

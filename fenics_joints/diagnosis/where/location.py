@@ -1,0 +1,129 @@
+"""Everything that a diagnosis says of where the gap lies, before it asks for the cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.library import by_preload
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.model.prepared import Prepared
+from fenics_joints.diagnosis.where.constitutive import ConstitutiveError
+from fenics_joints.diagnosis.where.patches import PatchMap
+from fenics_joints.diagnosis.where.where import Attribution, ZoneTest, attribution, zone_tests
+from fenics_joints.diagnosis.where.zone_sensitivity import given_way, zone_sensitivities
+from fenics_joints.modal.modes import solve_modes
+
+__all__ = ["AXES", "Location", "locate_gap"]
+
+#: Axes along which the misfit is attributed; by condition only where there are several.
+AXES = ("mode", "band", "condition", "kind")
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where the nominal model fails, tested against noise and tolerances.
+
+    Attributes:
+        regions: A test for each part, mass, spring, support and whole joint.
+        zones: A test for each zone of the joints beside the same parts; empty where no joint has
+            several zones.
+        attribution: What each mode, band, condition and kind of data adds to the misfit.
+        patches: Tests of patches of the mesh and the cells to draw them on; None if not asked for.
+        constitutive: Error in the constitutive relation; None without measured shapes.
+        misfit: Squared whitened residual of the nominal model.
+        n_data: Number of fitted data: its expected value.
+    """
+
+    regions: tuple[ZoneTest, ...]
+    zones: tuple[ZoneTest, ...]
+    attribution: tuple[Attribution, ...]
+    patches: PatchMap | None
+    constitutive: ConstitutiveError | None
+    misfit: float
+    n_data: int
+
+    def to_json(self) -> dict:
+        """Plain numbers, texts and lists."""
+        return {
+            "misfit": self.misfit,
+            "n_data": self.n_data,
+            "regions": [test.to_json() for test in self.regions],
+            "zones": [test.to_json() for test in self.zones],
+            "attribution": [part.to_json() for part in self.attribution],
+            "patches": None if self.patches is None else self.patches.to_json(),
+            "constitutive": None if self.constitutive is None else self.constitutive.to_json(),
+        }
+
+
+def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
+    """Test where the nominal model of a case fails. Collective; after `Prepared.reduce`.
+
+    Args:
+        model: The case with its reduced model.
+        n_patches: Patches of each region of the mesh; 0 for none of them, and no error in the
+            constitutive relation.
+    """
+    evidence, baseline, forward = model.evidence, model.baseline, model.forward
+    none = model.hypothesis(())
+    predicted, nuisance = predict(none, forward, evidence, np.zeros(len(none.priors)), baseline)
+    residual = evidence.data - predicted
+    torque = by_preload(model.data)
+
+    def tests(groups: dict[str, list[str]]) -> tuple[ZoneTest, ...]:
+        sensitivities = zone_sensitivities(
+            forward, evidence, baseline, groups, interfaces=model.subject.interfaces,
+            by_torque=torque,
+        )  # fmt: skip
+        return tuple(zone_tests(residual, sensitivities, nuisance, evidence))
+
+    whole, split = _groups(model)
+    names = list(model.data.mode_names)
+    several = len(evidence.conditions) > 1
+    parts = [
+        part for by in AXES if by != "condition" or several
+        for part in attribution(residual, evidence, by, nuisance=nuisance, names=names)
+    ]  # fmt: skip
+    by_mode = [part for part in parts if part.by == "mode"]
+    nominal, pairing = model.surrogate.nominal, model.surrogate.pairing
+    mapped = model.subject.patches(
+        nominal, pairing, evidence, residual, nuisance, n_patches,
+        soft=_yielding(model), by_torque=torque,
+    ) if n_patches else None  # fmt: skip
+    return Location(
+        tests(whole), tests(split) if len(split) > len(whole) else (), tuple(parts), mapped,
+        _constitutive(model, n_patches), sum(part.chi2 for part in by_mode),
+        sum(part.expected for part in by_mode),
+    )  # fmt: skip
+
+
+def _yielding(model: Prepared):
+    """The full model's modes with all joints giving way, paired with the test's; None without."""
+    interfaces = model.subject.interfaces
+    if not interfaces:
+        return None
+    surrogate, values = model.surrogate, given_way(model.baseline, interfaces)
+    modes = solve_modes(
+        model.full, values, n_modes=surrogate.n_modes, solver=surrogate.nominal.solver
+    )
+    return modes, surrogate.forward.paired(modes)
+
+
+def _groups(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+    """The model's components by name, joints whole; and the same by zones."""
+    shown = model.region_names()
+    components = dict.fromkeys(name.rpartition(".")[0] for name in model.baseline)
+    whole: dict[str, list[str]] = {}
+    for name in components:
+        whole.setdefault(shown.get(name, name), []).append(name)
+    return whole, {name: [name] for name in components}
+
+
+def _constitutive(model: Prepared, n_patches: int) -> ConstitutiveError | None:
+    data, row = model.data, model.evidence.shape_row
+    if data.shapes is None or data.sensors is None or not n_patches:
+        return None
+    if not np.isfinite(data.frequencies_hz[row]).any():
+        return None
+    return model.subject.constitutive(data, row, n_patches)

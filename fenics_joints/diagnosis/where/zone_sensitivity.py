@@ -1,0 +1,183 @@
+"""What a change of the expected size in each zone of a model would do to everything measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series, relative_error
+from fenics_joints.diagnosis.effects.joint import compliance
+from fenics_joints.diagnosis.effects.rig import support_compliance
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.reduction.surrogate import Forward
+
+__all__ = [
+    "EXPECTED", "EXPONENT", "given_way", "layer_interfaces", "trend", "zone_sensitivities",
+]  # fmt: skip
+
+#: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too,
+#: a lap along its beams.
+EXPECTED = {"E": 0.15, "rho": 0.10, "mass": 0.3, "stiffness": 1.0, "axial": 1.0}
+#: Expected exponent of an interface's stiffness in the torque (seed 001, eqs. 22 and 23).
+EXPONENT = 0.5
+#: Gauss points along the way from bonded to giving way.
+_NODES = 8
+
+
+def zone_sensitivities(
+    forward: Forward,
+    evidence: Evidence,
+    baseline: dict[str, float],
+    regions: Sequence[str] | Mapping[str, Sequence[str]],
+    *,
+    interfaces: Mapping[str, Mapping[str, float]],
+    by_torque: bool = False,
+) -> dict[str, np.ndarray]:
+    """Change of the data by a change of the expected size of each parameter of each zone.
+
+    A part has a column for its stiffness (E) and one for its mass (density), a mass or a spring
+    one: all derivatives, by one hypothesis that holds them. A support has one for giving way, from
+    as good as rigid to its prior's median stiffness.
+
+    A joint has a column for its normal and one for its tangential compliance. The nominal joint is
+    bonded, so that its derivative by ln E is next to nothing; that by the compliance 1/k is
+    parallel to it, dE = -E^2/h d(1/k), but as infinitesimal as it. A test rests on the columns'
+    span alone and keeps its level with any that is fixed before the data; its power is for
+    signatures near the span, and that of a joint turns as it gives way. A zone alone that gives way
+    finitely shows little, though: its bonded neighbours carry its load, as they would not in a
+    joint that gives way. So the change is that of all joints together, from bonded to interfaces of
+    the prior's median stiffness, split exactly among the zones by integrating the derivatives by
+    their compliances along the way. With ``by_torque`` each has a second column, that part growing
+    with the logarithm of the torque, so that a joint which stiffens is not asked to explain the
+    mean alone.
+
+    Args:
+        forward: Predicts frequencies and shapes.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+        regions: Names of the model's regions, masses and springs; or, by a zone's name, those that
+            are one zone.
+        interfaces: For each joint the stiffness of an interface of the expected stiffness, by the
+            parameter that it is in series with (`layer_interfaces`); what is not in it is no joint.
+        by_torque: Whether the conditions are torques, by which joints may stiffen.
+
+    Returns:
+        Arrays (N, k) by zone; a zone without parameters is left out.
+    """
+    if not isinstance(regions, Mapping):
+        regions = {name: (name,) for name in regions}
+    columns: dict[str, list[np.ndarray]] = {}
+    relative = _relative(regions, baseline, interfaces)
+    nominal, slopes = _predict(tuple(e for _, e in relative), forward, evidence, baseline)
+    for (zone, _), column in zip(relative, slopes.T, strict=False):
+        columns.setdefault(zone, []).append(column)
+    for zone, members in regions.items():
+        for effect in _supports(members, baseline):
+            soft, _ = _predict((effect,), forward, evidence, baseline)
+            columns.setdefault(zone, []).append(soft - nominal)
+    for zone, change in _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
+        columns.setdefault(zone, []).append(change)
+        if by_torque and len(evidence.conditions) > 1:
+            columns[zone].append(EXPONENT * trend(evidence) * change)
+    return {zone: np.array(columns[zone]).T for zone in regions if zone in columns}
+
+
+def layer_interfaces(thickness: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Interfaces of the prior's median stiffness, as moduli of thin layers.
+
+    Args:
+        thickness: Layer thickness, m, of each joint.
+
+    Returns:
+        By joint E and G, Pa, that put in series with the layer's are the interface.
+    """
+    effect = compliance(
+        "", "", (), thickness, normal=True, tangential=True, reference=None, describe=""
+    )
+    normal, tangential = (prior.median for prior in effect.priors)
+    return {joint: {"E": normal * h, "G": tangential * h} for joint, h in thickness.items()}
+
+
+def given_way(
+    baseline: Mapping[str, float], interfaces: Mapping[str, Mapping[str, float]]
+) -> dict[str, float]:
+    """Parameter values with every joint giving way as its interface says."""
+    values = dict(baseline)
+    for joint, stiffness in interfaces.items():
+        for key, k in stiffness.items():
+            in_series(values, f"{joint}.{key}", k)
+    return values
+
+
+def trend(evidence: Evidence) -> np.ndarray:
+    """Centred logarithm of each datum's condition, (N,)."""
+    x = np.log(evidence.conditions)
+    return (x - x.mean())[evidence.entries.row]
+
+
+def _predict(effects: Sequence[Effect], forward, evidence: Evidence, baseline, z: float = 0.0):
+    """Prediction and derivatives, every parameter of the effects ``z`` from its median."""
+    modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
+    damped = evidence.log_damping is not None
+    hypothesis = Hypothesis(tuple(effects), modes=modes, damped=damped)
+    place = np.zeros(len(hypothesis.priors))
+    place[: sum(len(effect.priors) for effect in effects)] = z
+    return predict(hypothesis, forward, evidence, place, baseline)
+
+
+def _relative(regions, baseline, interfaces) -> list[tuple[str, Effect]]:
+    """(zone, effect) for each parameter of a zone that changes by a factor."""
+    found = []
+    for zone, members in regions.items():
+        for key, spread in EXPECTED.items():
+            names = [
+                f"{member}.{key}" for member in members
+                if member not in interfaces and baseline.get(f"{member}.{key}", 0.0) > 0
+            ]  # fmt: skip
+            if names:
+                found.append((zone, relative_error(f"{key} of {zone}", zone, names, spread, "")))
+    return found
+
+
+def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
+    """(zone, its part of what all joints giving way do), across their planes and along them."""
+    zones = {
+        zone: joints for zone, members in regions.items()
+        if (joints := [name for name in members if name in interfaces])
+    }  # fmt: skip
+    if not zones:
+        return
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    for key in next(iter(interfaces.values())):
+        effects = [_giving_way(zone, joints, interfaces, key) for zone, joints in zones.items()]
+        parts = np.zeros((len(nominal), len(effects)))
+        for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
+            # Most happens early: a little compliance is much beside that of a bonded layer.
+            _, slopes = _predict(effects, forward, evidence, baseline, node**3)
+            parts += weight * 3 * node**2 * slopes[:, : len(effects)]
+        end, _ = _predict(effects, forward, evidence, baseline, 1.0)
+        # What the quadrature misses goes to the zones in proportion to their parts.
+        share = np.abs(parts) / np.maximum(np.abs(parts).sum(axis=1, keepdims=True), 1e-300)
+        parts += share * (end - nominal - parts.sum(axis=1))[:, None]
+        yield from zip(zones, parts.T, strict=True)
+
+
+def _giving_way(zone: str, joints: Sequence[str], interfaces, key: str) -> Effect:
+    """Joints with a share of the expected interface's compliance in series."""
+
+    def apply(values, theta, condition):
+        for joint in joints:
+            name = f"{joint}.{key}"
+            values[name] = 1 / (1 / values[name] + theta["share"] / interfaces[joint][key])
+
+    prior = Prior("share", 0.0, 1.0, "", False, (0.0, 1.0))
+    return Effect(f"{key} of {zone} giving way", zone, (prior,), apply)
+
+
+def _supports(members: Sequence[str], baseline) -> list[Effect]:
+    """The elastic supports of a zone giving way, both ways at once."""
+    held = [name for name in members if f"{name}.k_n" in baseline]
+    return [support_compliance(held)] if held else []

@@ -1,0 +1,174 @@
+"""A bolted contact as a thin layer in zones of equal pressure, for the parametric reduced models.
+
+The preload is solved on the case's own mesh of separate bodies. Its twin has the same plan, but the
+bodies share vertices with a thin layer between them, as stiff as they are: the fully stuck model.
+The cells of the layer are split into zones by the pressure of the facet at the same place; a zone
+can then lose its stiffness. The bolts' beams are left out (what is stuck is far stiffer), their
+mass is put on the faces under the washers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import dolfinx.mesh
+import numpy as np
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+
+from fenics_joints._compat import geometry_dofmap
+from fenics_joints.case.build import build_mesh, build_preload
+from fenics_joints.case.case import Case
+from fenics_joints.case.sections import Joint, MassSection
+from fenics_joints.errors import InputError
+from fenics_joints.forms import lame_parameters
+from fenics_joints.meshes import TaggedMesh
+from fenics_joints.preload import PreloadModel, solve_preload
+
+__all__ = ["ContactZones", "contact_zones"]
+
+#: Thickness of the layer, relative to the shortest edge of the interface: thin enough that one as
+#: stiff as the bodies is as good as none.
+_THIN = 0.1
+#: Pressure, relative to the largest, below which a facet is open.
+_OPEN = 1e-9
+
+
+@dataclass(frozen=True)
+class ContactZones:
+    """A case with its contact as zones of a layer.
+
+    Attributes:
+        case: The case with a joint for each zone, and neither contacts nor bolts.
+        tagged: Its mesh.
+        contact: Name of the contact.
+        names: Names of the zones, by ascending pressure; the first is open if any part is.
+        low: Least pressure in each zone, Pa, (n,).
+        high: Largest pressure in each zone, Pa, (n,), the next one's least.
+        area: Area of each zone, m2, (n,).
+        thickness: Thickness of the layer, m.
+    """
+
+    case: Case
+    tagged: TaggedMesh
+    contact: str
+    names: tuple[str, ...]
+    low: np.ndarray
+    high: np.ndarray
+    area: np.ndarray
+    thickness: float
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """Middle of each zone's range, Pa, (n,)."""
+        return 0.5 * (self.low + self.high)
+
+
+def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = 12) -> ContactZones:
+    """Solve a case's preload and make the zones. Collective.
+
+    Args:
+        case: A case with one contact that can open, whose mesh builder can make a layer.
+        comm: Communicator.
+        n_zones: Zones of equal area where the contact is pressed; one more where it is open.
+
+    Raises:
+        InputError: If the case has another number of contacts, or another mesh.
+    """
+    names = [name for name, section in case.contacts.items() if not section.bonded]
+    if len(names) != 1:
+        raise InputError(
+            f"{case.path}: contacts: {len(names)} of them can open; a diagnosis expects one"
+        )
+    twin = getattr(case.mesh, "with_layer", None)
+    if twin is None:
+        raise InputError(
+            f"{case.path}: mesh: a diagnosis of a contact needs a builder that can put a layer "
+            "between the bodies, such as 'c_beams'"
+        )
+    model = build_preload(case, comm)
+    state = solve_preload(model)[names[0]]
+    interface = state.interface
+    middles = interface.points[interface.facets].mean(axis=1)
+    thickness = _THIN * float(np.sqrt(state.facet_area.min()))
+    low, high, area, zone = _zones(state.facet_pressure, state.facet_area, n_zones)
+    labels = tuple(f"{names[0]}_{k + 1}" for k in range(len(low)))
+    made = case.model_copy(
+        update={
+            "mesh": twin(thickness), "contacts": {}, "bolts": {},
+            "masses": case.masses | _bolt_masses(case, model),
+        }
+    )  # fmt: skip
+    tagged = _split(build_mesh(made, comm), middles, zone, labels)
+    made = made.model_copy(update={"joints": _joints(case, labels)})
+    return ContactZones(made, tagged, names[0], labels, low, high, area, thickness)
+
+
+def _zones(pressure: np.ndarray, area: np.ndarray, n: int):
+    """Least and largest pressure and area of each zone, and the zone of each facet."""
+    pressed = pressure > _OPEN * pressure.max()
+    order = np.argsort(pressure[pressed], kind="stable")
+    share = np.cumsum(area[pressed][order]) - 0.5 * area[pressed][order]
+    bins = np.minimum((n * share / area[pressed].sum()).astype(int), n - 1)
+    zone = np.zeros(len(pressure), dtype=int)
+    inside = np.empty(len(order), dtype=int)
+    # Facets that are equal by symmetry stay together.
+    level = np.round(pressure[pressed][order] / pressure.max(), 6)
+    first = np.concatenate([[0], np.flatnonzero(np.diff(level) > 0) + 1])
+    inside[order] = bins[first][np.searchsorted(first, np.arange(len(order)), side="right") - 1]
+    zone[pressed] = 1 + np.unique(inside, return_inverse=True)[1]
+    if pressed.all():
+        zone -= 1
+    count = zone.max() + 1
+    sums = np.bincount(zone, area, minlength=count)
+    least = np.array([pressure[zone == k].min() for k in range(count)])
+    least[0] = 0.0
+    # An open zone has no pressure: it is lost at any cut-off.
+    high = np.append(least[1:], pressure.max() * (1 + 1e-9))
+    if not pressed.all():
+        high[0], least[1] = 0.0, 0.0
+    return least, high, sums, zone
+
+
+def _split(tagged: TaggedMesh, middles: np.ndarray, zone: np.ndarray, labels) -> TaggedMesh:
+    """The mesh with the layer's cells tagged by zone."""
+    mesh, tags = tagged.mesh, tagged.cell_tags
+    layer = tags.find(tagged.cell_tag("joint"))
+    corners = mesh.geometry.x[geometry_dofmap(mesh)[layer]]
+    values, first = tags.values.copy(), max(tagged.cell_names.values()) + 1
+    if len(layer):
+        _, nearest = cKDTree(middles).query(corners.mean(axis=1))
+        values[np.searchsorted(tags.indices, layer)] = first + zone[nearest]
+    new = dolfinx.mesh.meshtags(mesh, tags.dim, tags.indices, values)
+    names = {name: tag for name, tag in tagged.cell_names.items() if name != "joint"}
+    names |= {label: first + k for k, label in enumerate(labels)}
+    return replace(tagged, cell_tags=new, cell_names=names)
+
+
+def _joints(case: Case, labels) -> dict[str, Joint]:
+    """A joint for each zone, as stiff as the stiffest part."""
+    stiffest = max((p.nominal() for p in case.parts.values()), key=lambda q: q["E"])
+    lmbda, mu = lame_parameters(stiffest["E"], stiffest["nu"])
+    return {
+        label: Joint(cells=[label], law="uncoupled", E=lmbda + 2 * mu, G=mu) for label in labels
+    }
+
+
+def _bolt_masses(case: Case, model: PreloadModel) -> dict[str, MassSection]:
+    """The mass of each bolt that is a beam, on four places of the faces under its washers."""
+    found = {}
+    for i, bolt in enumerate(model.beams):
+        lower, upper = (model.jumps.spiders[2 * i + k].centre for k in (0, 1))
+        axis = model.beam_axis(bolt)
+        length = float(np.linalg.norm(upper - lower))
+        mass = bolt.rho * np.pi / 4 * bolt.diameter**2 * length + 2 * bolt.head_mass
+        if not mass > 0:
+            continue
+        across = np.linalg.svd(axis[None])[2][1:]
+        points = []
+        for side, centre in (("lower", lower), ("upper", upper)):
+            radius = np.linalg.norm(model.face(getattr(bolt, side)).points - centre, axis=1).mean()
+            for way in (*across, *-across):
+                points.append((centre + radius * way).tolist())
+        found[f"{bolt.name}_mass"] = MassSection(points=points, mass=mass)
+    return found

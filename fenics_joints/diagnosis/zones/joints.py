@@ -1,0 +1,257 @@
+"""Thin layers of a case in zones around their bolts, so that a diagnosis can say where.
+
+Every cell of a joint belongs to its nearest bolt, and to a ring of distances from that bolt's axis.
+The rings of a joint share its area equally; their radii are the same at all of its bolts, so that
+ring 2 means the same everywhere. Bolts share the cells that are half-way between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import dolfinx.mesh
+import numpy as np
+import ufl
+from dolfinx import fem
+from scipy.spatial import cKDTree
+
+from fenics_joints._compat import geometry_dofmap
+from fenics_joints.case.case import Case
+from fenics_joints.case.sections import Joint
+from fenics_joints.errors import InputError
+from fenics_joints.meshes import TaggedMesh
+
+__all__ = ["JointZones", "joint_zones"]
+
+#: Points of a builder that are axes of bolts.
+_BOLT_POINTS = ("bolts", "bolt")
+#: Distances closer than this, relative to the largest, are equal by symmetry.
+_SAME = 1e-6
+#: Cells that a ring has at a bolt on average, at least.
+_CELLS = 2
+
+
+@dataclass(frozen=True)
+class JointZones:
+    """A case with its joints in zones.
+
+    Attributes:
+        case: The case with a joint section for each zone.
+        tagged: Its mesh, the cells tagged by zone.
+        names: Names of the zones: ``JOINT_b2_r1`` is at bolt 2, ring 1 the innermost;
+            ``JOINT_r1`` where there is one bolt; ``JOINT`` where there is none.
+        joint: Name of the original joint of each zone.
+        bolt: Label of the bolt of each zone, such as ``"b2"``; ``""`` for a joint without.
+        ring: Number of the ring of each zone, 1 the innermost; 0 for a joint without bolts.
+        distance: Least and largest distance of the middles of the zone's cells from the bolt's
+            axis, m, (n, 2); nan for a joint without bolts.
+        area: Area of each zone, m2, (n,).
+        axis: A point on the axis of each zone's bolt, m, (n, 3); nan for a joint without bolts.
+    """
+
+    case: Case
+    tagged: TaggedMesh
+    names: tuple[str, ...]
+    joint: tuple[str, ...]
+    bolt: tuple[str, ...]
+    ring: tuple[int, ...]
+    distance: np.ndarray
+    area: np.ndarray
+    axis: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """Cells of a joint: local ones, and the middles and areas of all ranks' owned ones."""
+
+    section: Joint
+    cells: np.ndarray
+    local: np.ndarray
+    middles: np.ndarray
+    areas: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def inside(self, point: np.ndarray, along: bool) -> bool:
+        """Whether a point is in the joint's box in its plane, and if asked along its normal."""
+        normal = np.abs(_unit(self.section.normal))
+        room = self.high - self.low
+        off = np.maximum(self.low - point, point - self.high)
+        # Along the normal a layer is thin, and a bolt's point may lie on a face beside it.
+        thin = float(normal @ room)
+        good = (off <= 1e-6 * room.max()) | (normal > 0.5)
+        return bool(good.all() and (not along or np.all((off <= thin) | (normal <= 0.5))))
+
+    def distances(self, middles: np.ndarray, bolts: np.ndarray) -> np.ndarray:
+        """Distance of middles, (n, 3), from the bolts' axes, m, (n, n_bolts)."""
+        off = middles[:, None] - bolts
+        off = off - (off @ _unit(self.section.normal))[..., None] * _unit(self.section.normal)
+        return np.linalg.norm(off, axis=2)
+
+
+def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> JointZones:
+    """Split the joints of a case by nearest bolt and by distance to it. Collective.
+
+    Bolts are those of ``[joints.NAME] bolts``, else the mesh builder's that pass through the joint;
+    a joint without any stays one zone.
+
+    Args:
+        case: The case; its joints are layers one cell thick.
+        tagged: Its mesh.
+        rings: Rings of the joint with the largest area per bolt; others have fewer, so that all
+            zones are about as large, and none has more than its cells allow.
+
+    Raises:
+        InputError: If ``rings`` is below 1, a bolt is outside its joint, or a zone's name is taken.
+    """
+    if rings < 1:
+        raise InputError(f"rings = {rings}: expected a whole number of at least 1")
+    volumes = _cell_volumes(tagged)
+    layers = {name: _layer(tagged, joint, volumes) for name, joint in case.joints.items()}
+    bolts = {name: _bolts(case, tagged, name, layer) for name, layer in layers.items()}
+    per_bolt = {n: layers[n].areas.sum() / len(b) for n, b in bolts.items() if len(b)}
+    largest = max(per_bolt.values(), default=0.0)
+    values = tagged.cell_tags.values.copy()
+    sections, found = {}, []
+    names, first = dict(tagged.cell_names), max(tagged.cell_names.values())
+    for name, layer in layers.items():
+        if not len(bolts[name]):
+            sections[name] = layer.section
+            nowhere = (np.nan, np.nan), layer.areas.sum(), [np.nan] * 3
+            found.append((name, name, "", 0, *nowhere))
+            continue
+        count = min(
+            max(1, round(rings * per_bolt[name] / largest)),
+            max(1, len(layer.areas) // (_CELLS * len(bolts[name]))),
+        )
+        split = _split(name, layer, bolts[name], count)
+        for cells in layer.section.cells:
+            del names[cells]
+        for zone, local, *rest in split:
+            first += 1
+            names[zone] = first
+            values[np.searchsorted(tagged.cell_tags.indices, local)] = names[zone]
+            sections[zone] = layer.section.model_copy(update={"cells": [zone], "bolts": None})
+            found.append((zone, name, *rest))
+    _check_names(case, [row[0] for row in found])
+    tags = tagged.cell_tags
+    new = dolfinx.mesh.meshtags(tagged.mesh, tags.dim, tags.indices, values)
+    columns = zip(*found, strict=True) if found else [()] * 7
+    zones, joint, bolt, ring, distance, area, axis = columns
+    return JointZones(
+        case.model_copy(update={"joints": sections}),
+        replace(tagged, cell_tags=new, cell_names=names),
+        zones, joint, bolt, ring, np.array(distance).reshape(-1, 2), np.array(area, dtype=float),
+        np.array(axis, dtype=float).reshape(-1, 3),
+    )  # fmt: skip
+
+
+def _unit(normal) -> np.ndarray:
+    return np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+
+
+def _cell_volumes(tagged: TaggedMesh) -> np.ndarray:
+    """Volumes of the cells that this rank owns, m3."""
+    mesh = tagged.mesh
+    space = fem.functionspace(mesh, ("DG", 0))
+    vector = fem.assemble_vector(fem.form(ufl.TestFunction(space) * ufl.dx))
+    owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    return vector.array[space.dofmap.list[:owned, 0]]
+
+
+def _layer(tagged: TaggedMesh, section: Joint, volumes: np.ndarray) -> _Layer:
+    mesh, comm = tagged.mesh, tagged.mesh.comm
+    tags = [tagged.cell_tag(name) for name in section.cells]
+    cells = np.sort(np.concatenate([tagged.cell_tags.find(t) for t in tags]))
+    corners = mesh.geometry.x[geometry_dofmap(mesh)[cells]]
+    middles = corners.mean(axis=1)
+    thickness = np.ptp(corners @ _unit(section.normal), axis=1)
+    own = cells < len(volumes)
+    areas = volumes[cells[own]] / thickness[own]
+    every = np.concatenate(comm.allgather(middles[own]))
+    flat = corners.reshape(-1, 3)
+    box = [flat.min(axis=0), flat.max(axis=0)] if len(cells) else []
+    boxes = np.array([b for b in comm.allgather(box) if len(b)])
+    return _Layer(
+        section, cells, middles, every, np.concatenate(comm.allgather(areas)),
+        boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0),
+    )  # fmt: skip
+
+
+def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _Layer) -> np.ndarray:
+    """Points on the axes of a joint's bolts, m, (n, 3)."""
+    if layer.section.bolts is None:
+        there = [tagged.points[key] for key in _BOLT_POINTS if key in tagged.points]
+        points = np.vstack(there) if there else np.empty((0, 3))
+        return points[[layer.inside(point, along=True) for point in points]]
+    points = np.array(layer.section.bolts)
+    for i, point in enumerate(points):
+        if not layer.inside(point, along=False):
+            raise InputError(
+                f"{case.path}: joints.{name}.bolts[{i}] = {point.tolist()} m is outside the joint: "
+                f"expected a point within {layer.low.tolist()} and {layer.high.tolist()}"
+            )
+    return points
+
+
+def _split(name: str, layer: _Layer, bolts: np.ndarray, count: int) -> list[tuple]:
+    """Rows (zone, local cells, bolt, ring, distances, area, axis) of the zones of a joint."""
+    nearest, distance = _nearest(layer, bolts)
+    edges = _radii(distance, layer.areas, count)
+    ring = np.searchsorted(edges, distance)
+    # This rank's cells, ghosts included, among those of all.
+    place = cKDTree(layer.middles).query(layer.local)[1] if len(layer.cells) else np.array([], int)
+    rows = []
+    for b in range(len(bolts)):
+        for r in range(len(edges) + 1):
+            mask = (nearest == b) & (ring == r)
+            if not mask.any():
+                continue
+            zone = f"{name}_r{r + 1}" if len(bolts) == 1 else f"{name}_b{b + 1}_r{r + 1}"
+            local = layer.cells[mask[place]]
+            span = distance[mask].min(), distance[mask].max()
+            area = layer.areas[mask].sum()
+            rows.append((zone, local, f"b{b + 1}", r + 1, span, area, bolts[b]))
+    return rows
+
+
+def _nearest(layer: _Layer, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest bolt of all cells and its distance, m; of equally near bolts that with least area."""
+    distances = layer.distances(layer.middles, bolts)
+    least = distances.min(axis=1)
+    size = np.linalg.norm(layer.high - layer.low)
+    near = distances <= least[:, None] + _SAME * size
+    nearest, tied = near.argmax(axis=1), near.sum(axis=1) > 1
+    area = np.bincount(nearest[~tied], layer.areas[~tied], minlength=len(bolts))
+    # By place, since their order depends on the number of ranks; the offset keeps off grid lines.
+    cell = np.floor((layer.middles - layer.low) / (_SAME * size) + 0.318)
+    for i in np.lexsort(cell.T):
+        if tied[i]:
+            share = np.where(near[i], np.round(area / layer.areas.sum(), 9), np.inf)
+            nearest[i] = share.argmin()
+            area[nearest[i]] += layer.areas[i]
+    return nearest, least
+
+
+def _radii(distance: np.ndarray, area: np.ndarray, count: int) -> np.ndarray:
+    """Radii between the rings, m: equal shares of the area, equal distances staying together."""
+    order = np.argsort(distance, kind="stable")
+    d, a = distance[order], area[order]
+    level = np.concatenate([[0], np.cumsum(np.diff(d) > _SAME * d[-1])])
+    weight = np.bincount(level, a)
+    share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
+    bins = np.minimum((count * share).astype(int), count - 1)
+    last = np.flatnonzero(np.diff(bins) > 0)
+    ends = np.searchsorted(level, last, side="right")
+    return 0.5 * (d[ends - 1] + d[ends])
+
+
+def _check_names(case: Case, zones: list[str]) -> None:
+    tables = ("parts", "contacts", "bolts", "masses", "springs", "attached", "supports")
+    taken = {name for table in tables for name in getattr(case, table)}
+    for zone in zones:
+        if zone in taken or zones.count(zone) > 1:
+            raise InputError(
+                f"{case.path}: the name {zone!r} is needed for a zone of a joint; expected no "
+                "other section of that name"
+            )

@@ -1,0 +1,218 @@
+"""Bases that keep an interface: modes, attachment modes and constraint modes.
+
+Free-interface: modes of the structure with its interface elastic, and what static stress at the
+interface adds to them (MacNeal 1971; Rubin 1975). Fixed-interface: modes with the interface held,
+and constraint modes (Hurty 1965; Craig and Bampton 1968). A large interface is reduced to its own
+modes (Castanier, Tan and Pierre, AIAA J. 39, 2001). Arrays here are this rank's rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_joints.errors import InputError
+from fenics_joints.modal.eigensolver import EigenSolver, product
+
+__all__ = ["Basis", "fixed_interface", "free_interface"]
+
+#: Columns that are solved for at once: memory against the factor's traffic.
+_CHUNK = 64
+#: Share of its stiffness that the interface keeps in modes of sliding; the next one where points
+#: that integrate too little leave the structure no longer positive definite.
+_SLIDING = (0.01, 0.1, 1.0)
+#: Directions of a basis with less than this share of the largest energy are dependent.
+_DEPENDENT = 1e-9
+
+
+class Basis:
+    """Columns that reduce (K, M), and what they were made with.
+
+    Args:
+        K: Stiffness with the interface elastic.
+        M: Mass.
+        shift: s of the shifted stiffness K + s M that static solutions use, (rad/s)^2.
+        modes: M-orthonormal modes, (n_local, k).
+        more: Further columns, (n_local, m).
+
+    Attributes:
+        columns: The basis, (n_local, n): of the columns' span that in which K and M are diagonal,
+            modes first. Up to the highest of the k modes it has unit mass; beyond, where mass
+            says little, unit stiffness times that mode's eigenvalue.
+    """
+
+    def __init__(self, K: PETSc.Mat, M: PETSc.Mat, shift: float, modes, more):
+        self._comm = K.comm.tompi4py()
+        more = more / _length(np.sqrt(self._energy(K, M, shift, more)))
+        for _ in range(2):
+            more = more - modes @ self._dot(modes, product(M, more))
+        norms = _length(np.sqrt(self._energy(K, M, shift, more)))
+        # A column that the modes hold already is round-off alone.
+        more = (more / norms)[:, norms > np.sqrt(_DEPENDENT)]
+        gram = self._gram(K, M, shift, more)
+        values, vectors = np.linalg.eigh(gram) if len(gram) else (np.ones(0), gram)
+        keep = values > _DEPENDENT * values.max(initial=0.0)
+        more = more @ (vectors[:, keep] / np.sqrt(values[keep]))
+        self.columns = self._diagonal(K, M, shift, np.hstack([modes, more]), modes.shape[1])
+
+    def _dot(self, left, right) -> np.ndarray:
+        return self._comm.allreduce(left.T @ right, op=MPI.SUM)
+
+    def _gram(self, K, M, shift, X) -> np.ndarray:
+        gram = self._dot(X, product(K, X) + shift * product(M, X))
+        return 0.5 * (gram + gram.T)
+
+    def _energy(self, K, M, shift, X) -> np.ndarray:
+        return self._comm.allreduce(np.sum(X * (product(K, X) + shift * product(M, X)), axis=0))
+
+    def _diagonal(self, K, M, shift, X, n_modes: int) -> np.ndarray:
+        stiff, heavy = self._gram(K, M, shift, X), self._dot(X, product(M, X))
+        theta, Y = scipy.linalg.eigh(0.5 * (heavy + heavy.T), stiff)
+        theta, Y = theta[::-1], Y[:, ::-1]
+        return X @ (Y / np.sqrt(np.maximum(theta, theta[n_modes - 1])))
+
+
+def _length(norms: np.ndarray) -> np.ndarray:
+    return np.where(norms > 0, norms, 1.0)
+
+
+def solve(solver: EigenSolver, loads: np.ndarray) -> np.ndarray:
+    """Static response (K - shift M)^-1 to columns of loads, some at a time. Collective."""
+    starts = range(0, loads.shape[1], _CHUNK)
+    return np.hstack([solver.inverse(loads[:, i : i + _CHUNK]) for i in starts] or [loads])
+
+
+def free_interface(
+    K,
+    M,
+    solver: EigenSolver,
+    modes,
+    loads,
+    stresses,
+    strain: Callable,
+    tangent,
+    choose: Callable,
+    extra: np.ndarray | None = None,
+) -> Basis:
+    """Modes of the elastic interface with residual attachment modes. Collective.
+
+    Args:
+        K: Stiffness with the interface elastic.
+        M: Mass.
+        solver: The modes' solver.
+        modes: M-orthonormal modes, (n_local, k).
+        loads: Loads of which the static response is kept, (n_local, m).
+        stresses: Loads of unit stress at the interface, weighted by the root of the points'
+            areas, (n_local, q).
+        strain: ``columns -> (q, m)``, the work conjugate of ``stresses``, equal on all ranks.
+        tangent: The interface's stiffness that is in K, stress by strain, (q, q).
+        choose: ``energies -> n``, how many interface modes to keep; energies descend. None for
+            no interface modes.
+        extra: Further columns, (n_local, k).
+
+    All attachment modes together hold the exact static response to any stress at the interface,
+    whatever stiffness was used to find them (Woodbury). Of their span are kept, half and half, the
+    lowest modes of the interface when it slides, and a proper orthogonal decomposition of the rest:
+    stress patterns of unit norm in the order of the energy that their response stores.
+    """
+    comm = K.comm.tompi4py()
+    more = [solve(solver, loads)] + ([] if extra is None else [extra])
+    if choose is None:
+        return Basis(K, M, -solver.shift, modes, np.hstack(more))
+    response = solve(solver, stresses)
+    for _ in range(2):
+        against = comm.allreduce(modes.T @ product(M, response))
+        response = response - modes @ against
+    flexibility = strain(response)
+    energies, patterns = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
+    energies, patterns = energies[::-1], patterns[:, ::-1]
+    n, real = choose(energies), energies > _DEPENDENT * energies[0]
+    root = np.sqrt(energies[real])
+    span = response @ (patterns[:, real] / root)
+    sliding = _sliding(K, M, -solver.shift, modes, span, strain, tangent)
+    kept = sliding[:, : (n + 1) // 2]
+    rest = root[:, None] * np.eye(len(root))
+    rest = rest - kept @ (kept.T @ rest)
+    kept = np.hstack([kept, np.linalg.svd(rest)[0]])
+    more.append(span @ kept[:, :n])
+    return Basis(K, M, -solver.shift, modes, np.hstack(more))
+
+
+def _sliding(K, M, shift: float, modes, span, strain: Callable, tangent) -> np.ndarray:
+    """What modes of the sliding interface have of a span, as orthonormal coordinates in it.
+
+    The span is orthonormal in K + shift M and orthogonal to the modes. Of the lowest modes of
+    sliding, as many as there are modes, those come first that have most of their energy there,
+    the low ones before the high.
+    """
+    comm, k = K.comm.tompi4py(), modes.shape[1]
+    both = np.hstack([modes, span])
+    stiff = np.eye(both.shape[1])
+    stiff[:k, :k] = comm.allreduce(modes.T @ (product(K, modes) + shift * product(M, modes)))
+    heavy = comm.allreduce(both.T @ product(M, both))
+    rows = strain(both)
+    own = rows.T @ tangent @ rows
+    for share in _SLIDING:
+        soft = stiff - (1 - share) * own
+        if np.linalg.eigvalsh(soft)[0] > 0:
+            break
+    inverse, vectors = scipy.linalg.eigh(0.5 * (heavy + heavy.T), 0.5 * (soft + soft.T))
+    # Of unit energy over frequency: the lowest weigh most.
+    weighted = (vectors * np.sqrt(np.maximum(inverse, 0.0)))[k:, ::-1][:, :k]
+    return np.linalg.svd(weighted, full_matrices=False)[0]
+
+
+def fixed_interface(
+    K, M, solver: EigenSolver, modes, loads, interface: np.ndarray, choose: Callable
+) -> Basis:
+    """Modes of the held interface with constraint modes. Collective.
+
+    Args:
+        K: Stiffness with the interface elastic; constraint modes do not depend on how stiff it is,
+            but which of them matter does.
+        M: Mass.
+        solver: The solver of the modes with the interface held.
+        modes: Those modes, (n_local, k).
+        loads: Loads of which the static response is kept, (n_local, m).
+        interface: Local row of each interface coordinate, (q,), -1 on all ranks but its own.
+        choose: ``(stiffness, mass) -> (q, n)``, what to keep of the constraint modes.
+    """
+    comm = K.comm.tompi4py()
+    shift, rows = -solver.shift, np.flatnonzero(interface >= 0)
+    unit = np.zeros((modes.shape[0], len(interface)))
+    unit[interface[rows], rows] = 1.0
+    held = loads.copy()
+    held[interface[rows]] = 0.0
+    pull = -(product(K, unit) + shift * product(M, unit))
+    pull[interface[rows]] = 0.0
+    constraint = unit + solve(solver, pull)
+    stiff = comm.allreduce(constraint.T @ (product(K, constraint)))
+    heavy = comm.allreduce(constraint.T @ product(M, constraint))
+    combine = choose(0.5 * (stiff + stiff.T) + shift * heavy, 0.5 * (heavy + heavy.T))
+    more = np.hstack([constraint @ combine, solve(solver, held)])
+    return Basis(K, M, shift, modes, more)
+
+
+def energy_share(n: int | None, tolerance: float | None, default: int, size: int) -> Callable:
+    """How many interface modes to keep: a number, or all above a share of the largest energy.
+
+    Raises:
+        InputError: If the number or the share is out of range.
+    """
+    if n is not None and not 1 <= n <= size:
+        raise InputError(
+            f"interface_modes = {n}: expected 1 to {size}, the interface's components."
+        )
+    if tolerance is not None and not 0.0 <= tolerance < 1.0:
+        raise InputError(f"tolerance = {tolerance}: expected a number from 0 to 1.")
+
+    def choose(energies: np.ndarray) -> int:
+        if n is None and tolerance is not None:
+            return int(np.sum(energies > tolerance * energies[0]))
+        return min(default, size) if n is None else n
+
+    return choose

@@ -1,0 +1,318 @@
+"""Reduced models of bodies whose zero-thickness contacts are nonlinear."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import scipy.linalg
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_joints.errors import InputError
+from fenics_joints.interfaces.assembly import (
+    Placed,
+    as_columns,
+    as_vectors,
+    assemble,
+    check_uniform,
+)
+from fenics_joints.interfaces.basis import energy_share, fixed_interface, free_interface
+from fenics_joints.interfaces.model import InterfacePoints
+from fenics_joints.interfaces.reduced import ReducedInterfaceModel
+from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.modal.eigensolver import EigenSolver, product
+from fenics_joints.preload.conditions import OPEN, SLIP
+from fenics_joints.preload.interface import Interface
+from fenics_joints.preload.linear_joint import LinearJoint
+from fenics_joints.preload.model import PreloadModel
+from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.reduced import ReducedStructure
+from fenics_joints.structure.loads import Places, place_loads
+
+__all__ = ["reduce_contacts"]
+
+#: The shift of static solutions and modes, as `modal.modes` takes it: its frequency as a
+#: share of the dilation frequency.
+_SHIFT_SHARE = 0.002
+_METHODS = ("craig-bampton", "free-interface")
+
+
+def reduce_contacts(
+    joint: LinearJoint | PreloadModel,
+    laws: Mapping[str, JointLaw],
+    *,
+    method: str = "craig-bampton",
+    n_modes: int = 20,
+    interface_modes: int | None = None,
+    tolerance: float | None = None,
+    forces: Places | None = None,
+    sensors: Places | None = None,
+    given: Mapping[str, float] | None = None,
+) -> ReducedInterfaceModel:
+    """Reduced model of bodies whose zero-thickness contacts follow nonlinear laws. Collective.
+
+    The strains are the jumps of pairs, m: opening (of a coupled law) and slips; the weights are the
+    pairs' areas. With a law that is not `coupled` the interface is the pairs that are not OPEN in
+    ``joint``: they stay closed, and slip against the law. With a coupled law all pairs are, and
+    what ``joint`` says of the contact does not matter. Other contacts stay as in ``joint``.
+
+    Args:
+        joint: Bodies and contacts, about a preload state or all closed.
+        laws: Law of each contact that becomes nonlinear, by name.
+        method: ``"craig-bampton"``: modes with all pairs stuck, and constraint modes, or as many
+            characteristic constraint modes as `interface_modes`, with the laws' tangents at rest;
+            ``"free-interface"``: modes with those tangents, and interface modes.
+        n_modes: Modes, rigid-body modes included.
+        interface_modes: Number of interface modes; by default all constraint modes, or of a free
+            interface as many as modes.
+        tolerance: Instead of a number, of a free interface: the least energy of an interface mode
+            under unit stress, relative to the largest.
+        forces: Position, m, and direction of each force, by name. Bolts and loads of the model are
+            forces too, by their names, per newton or factor.
+        sensors: Position and direction of each sensor.
+        given: Parameters that differ from their nominal value; the basis is best there.
+
+    Raises:
+        InputError: For an unknown contact, one with springs or without closed pairs, an unknown
+            method, or a number out of range.
+    """
+    joint = LinearJoint(joint) if isinstance(joint, PreloadModel) else joint
+    if method not in _METHODS:
+        raise InputError(f"method = {method!r}: expected {' or '.join(map(repr, _METHODS))}.")
+    check_uniform(joint.structure)
+    pairs = _Pairs(joint, laws)
+    choose = (
+        _characteristic(interface_modes, pairs.size)
+        if method == "craig-bampton"
+        else energy_share(interface_modes, tolerance, n_modes, pairs.size)
+    )
+    free = joint.change(_released(joint, laws), joint.springs)
+    K, M = free.stiffness(given), free.mass(given)
+    _hold(joint, (K, M), pairs.bubbles())
+    forces, sensors = _forces(joint, forces), _jump_places(joint, "sensors", sensors)
+    loads = np.hstack([forces[1], sensors[1]])
+    _zero_held(joint, np.concatenate([free.held(), pairs.bubbles()]), loads)
+    shift = -((2 * np.pi * _SHIFT_SHARE * joint.dilation_frequency(given)) ** 2)
+    solver = EigenSolver(n_modes, shift=shift)
+    elastic = pairs.with_tangents(K)
+    find = _fixed if method == "craig-bampton" else _free
+    columns = find(pairs, (K, elastic, M), solver, loads, choose)
+    elastic.destroy(), solver.destroy()
+    source = ReducedStructure(joint.structure, joint.displacements(as_vectors(K, columns)))
+    pencil = _with_contacts(joint, source, (K, M), columns, given)
+    K.destroy(), M.destroy()
+    return assemble(columns, source, pairs.points(columns), pencil, {}, given, forces, sensors)
+
+
+def _fixed(pairs: _Pairs, matrices, solver: EigenSolver, loads, choose: Callable) -> np.ndarray:
+    """Craig and Bampton's basis: modes with the pairs stuck, and constraint modes."""
+    K, elastic, M = matrices
+    held = [A.copy() for A in (K, M)]
+    _hold(pairs.joint, held, pairs.numbers)
+    modes = as_columns(solver.solve(*held).shapes)
+    columns = fixed_interface(elastic, M, solver, modes, loads, pairs.local, choose).columns
+    for A in held:
+        A.destroy()
+    return columns
+
+
+def _free(pairs: _Pairs, matrices, solver: EigenSolver, loads, choose: Callable) -> np.ndarray:
+    """Modes with the laws' tangents between the pairs, and interface modes."""
+    _, elastic, M = matrices
+    modes = as_columns(solver.solve(elastic, M).shapes)
+    return free_interface(
+        elastic, M, solver, modes, loads, pairs.unit(len(modes)) * pairs.root,
+        lambda columns: pairs.root[:, None] * pairs.rows(columns), pairs.tangents(), choose,
+    ).columns  # fmt: skip
+
+
+class _Pairs:
+    """The pairs that are the interfaces, and single entries of x as the strains of them.
+
+    Attributes:
+        numbers: Global numbers in x of all interfaces' components, (q,).
+        local: Local row of each, or -1 where another rank owns it.
+        root: Root of the area of each component's pair, m, (q,).
+    """
+
+    def __init__(self, joint: LinearJoint, laws: Mapping[str, JointLaw]):
+        self.joint, self.laws = joint, laws
+        self._jumps = joint.jumps
+        self._kept = _kept_pairs(joint, laws)
+        self._areas = {n: c.areas[kept] for n, (c, kept) in self._kept.items()}
+        self._entries = {n: self._components(n) for n in laws}
+        self.numbers = np.concatenate([e.ravel() for e in self._entries.values()])
+        self._mine = self._jumps.owned(self.numbers)
+        self.local = np.where(self._mine, self._jumps.local(self.numbers), -1)
+        areas = [np.repeat(self._areas[n], e.shape[1]) for n, e in self._entries.items()]
+        self.root = np.sqrt(np.concatenate(areas))
+
+    @property
+    def size(self) -> int:
+        """Number of components, q."""
+        return len(self.numbers)
+
+    def _components(self, name: str) -> np.ndarray:
+        """Global numbers in x of a contact's strains, (P, d)."""
+        c, kept = self._kept[name]
+        slips = self._jumps.slips(c)
+        if self.laws[name].coupled:
+            slips = np.column_stack([self._jumps.opening(c), slips])
+        return slips[kept]
+
+    def bubbles(self) -> np.ndarray:
+        """Bubbles between pairs of an interface: its jump is piecewise linear."""
+        found = [np.empty(0, dtype=np.int64)]
+        for c, kept in self._kept.values():
+            if len(c.edges):
+                inside = np.isin(c.edges, kept).all(axis=1)
+                found.append(self._jumps.bubbles(c)[inside].ravel())
+        return np.concatenate(found)
+
+    def rows(self, columns: np.ndarray) -> np.ndarray:
+        """Components of columns, (q, m), equal on all ranks. Collective."""
+        found = np.zeros((self.size, columns.shape[1]))
+        found[self._mine] = columns[self.local[self._mine]]
+        self._jumps.comm.Allreduce(MPI.IN_PLACE, found)
+        return found
+
+    def unit(self, n_local: int) -> np.ndarray:
+        """A column for each component, with a one there, (n_local, q)."""
+        columns = np.zeros((n_local, self.size))
+        columns[self.local[self._mine], np.flatnonzero(self._mine)] = 1.0
+        return columns
+
+    def points(self, columns: np.ndarray) -> list[InterfacePoints]:
+        """The interfaces in a basis. Collective."""
+        rows, at, found = self.rows(columns), 0, []
+        for name, numbers in self._entries.items():
+            c, kept = self._kept[name]
+            part = rows[at : at + numbers.size].reshape(*numbers.shape, -1)
+            at += numbers.size
+            found.append(self._interface(name, part, c.points[kept]))
+        return found
+
+    def _interface(self, name: str, rows, points=None) -> InterfacePoints:
+        law = self.laws[name]
+        return InterfacePoints(name, law, rows, self._areas[name], law.coupled, points)
+
+    def tangents(self) -> np.ndarray:
+        """Stress by strain at rest of all interfaces' components, (q, q)."""
+        blocks = []
+        for name, numbers in self._entries.items():
+            blocks.extend(self._interface(name, np.zeros((*numbers.shape, 1))).tangent())
+        return scipy.linalg.block_diag(*blocks)
+
+    def with_tangents(self, K: PETSc.Mat) -> PETSc.Mat:
+        """K with the laws' tangents at rest as springs between the pairs."""
+        stiff = K.copy()
+        stiff.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        blocks, numbers = self.tangents(), self.numbers.astype(PETSc.IntType)
+        for i, j in np.argwhere(blocks):
+            if self._mine[i]:
+                value = self.root[i] * blocks[i, j] * self.root[j]
+                stiff.setValue(numbers[i], numbers[j], value, PETSc.InsertMode.ADD_VALUES)
+        stiff.assemble()
+        return stiff
+
+
+def _kept_pairs(joint: LinearJoint, laws) -> dict[str, tuple[Interface, np.ndarray]]:
+    """Contact and rows of the pairs that are the interface, by name."""
+    contacts = {c.name: c for c in joint.jumps.contacts}
+    if not laws:
+        raise InputError(f"laws: expected a law for one of the contacts {', '.join(contacts)}.")
+    found = {}
+    for name, law in laws.items():
+        if name not in contacts:
+            raise InputError(
+                f"laws: there is no contact {name!r}; expected: {', '.join(contacts) or 'none'}."
+            )
+        if name in joint.springs:
+            raise InputError(f"laws: {name} has springs already; expected one or the other.")
+        closed = joint.conditions[name] > OPEN
+        kept = np.flatnonzero(closed | law.coupled)
+        if not len(kept):
+            raise InputError(
+                f"{name}: all its pairs are open; expected closed ones, or a coupled law."
+            )
+        found[name] = (contacts[name], kept)
+    return found
+
+
+def _released(joint: LinearJoint, laws) -> dict[str, np.ndarray]:
+    """Conditions without the interfaces' stress: closed pairs slide, or all are open."""
+    conditions = {n: c for n, c in joint.conditions.items() if n not in joint.springs}
+    for name, law in laws.items():
+        conditions[name] = np.where(law.coupled, OPEN, np.minimum(conditions[name], SLIP))
+    return conditions
+
+
+def _hold(joint: LinearJoint, pencil, numbers: np.ndarray) -> None:
+    mine = numbers[joint.jumps.owned(numbers)].astype(PETSc.IntType)
+    for A, diagonal in zip(pencil, (1.0, 0.0), strict=True):
+        A.zeroRowsColumns(mine, diag=diagonal)
+
+
+def _zero_held(joint: LinearJoint, numbers: np.ndarray, loads: np.ndarray) -> None:
+    """Take loads off entries that are held, in place."""
+    mine = np.union1d(numbers[joint.jumps.owned(numbers)], joint.model.supported)
+    loads[joint.jumps.local(mine)] = 0.0
+
+
+def _characteristic(n: int | None, size: int) -> Callable:
+    """All constraint modes, or the n lowest eigenmodes of the elastic interface."""
+    if n is not None and not 1 <= n <= size:
+        raise InputError(
+            f"interface_modes = {n}: expected 1 to {size}, the interface's components."
+        )
+
+    def choose(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+        if n is None:
+            return np.eye(size)
+        vectors = scipy.linalg.eigh(mass, stiffness, subset_by_index=[size - n, size - 1])[1]
+        return vectors[:, ::-1]
+
+    return choose
+
+
+def _forces(joint: LinearJoint, given: Places | None) -> Placed:
+    """Forces at points, bolts and loads, with their loads in x."""
+    found, loads = _jump_places(joint, "forces", given)
+    own = list(joint.model.forces)
+    for name in own:
+        if name in found:
+            raise InputError(f"forces: {name!r} is a bolt or load; expected another name.")
+    bolts = [joint.model.unit_load(name).array_r for name in own]
+    return {**found, **dict.fromkeys(own)}, np.column_stack([loads, *bolts])
+
+
+def _jump_places(joint: LinearJoint, what: str, given: Places | None) -> Placed:
+    """As `place_loads`, the loads in x."""
+    found, loads = place_loads(joint.structure, what, given)
+    if not found:
+        return found, np.zeros((joint.jumps.n_local, 0))
+    transposed = joint.jumps.T.transpose(PETSc.Mat())
+    loads = product(transposed, loads)
+    transposed.destroy()
+    return found, loads
+
+
+def _with_contacts(
+    joint: LinearJoint, source: ReducedStructure, matrices, columns: np.ndarray, given
+) -> AffinePencil:
+    """The structure's pencil, with all that is not its own, as bolts and springs, fixed."""
+    structure = joint.structure
+    whole = [_projected(A, columns) for A in matrices]
+    own = source.affine.matrices(structure.values(given))
+    return replace(
+        source.affine,
+        fixed=tuple(a - b for a, b in zip(whole, own, strict=True)),
+        fixed_mass=joint.total_mass(given) - structure.total_mass(given),
+    )
+
+
+def _projected(A: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
+    matrix = A.comm.tompi4py().allreduce(columns.T @ product(A, columns))
+    return 0.5 * (matrix + matrix.T)

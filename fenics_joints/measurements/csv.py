@@ -1,0 +1,154 @@
+"""Measured functions, or the nodes at which they were measured, from CSV (or TOML) tables.
+
+A table of nodes has the columns ``node``, ``x [mm]``, ``y [mm]`` and ``z [mm]``, in any unit of
+length. A table of functions has a column ``frequency [Hz]`` and for each function two columns, real
+and imaginary part or magnitude and phase, and perhaps a third::
+
+    frequency [Hz], 12:+z/5:-x re [m/s2/N], 12:+z/5:-x im [m/s2/N], 12:+z/5:-x coherence
+    frequency [Hz], 12:+z/5:-x abs [g/N],   12:+z/5:-x phase [deg]
+
+Node 12 is that of the response and node 5 that of the force. The direction may be left out where
+the user says it, and the unit too.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.data import Table, read_table
+from fenics_joints.measurements.records import (
+    CoherenceRecord,
+    Contents,
+    Dof,
+    FRFRecord,
+    Node,
+    node_label,
+)
+from fenics_joints.response.units import a_kind, frf_unit, length_factor
+
+if TYPE_CHECKING:
+    from fenics_joints.measurements.files import Said
+
+__all__ = ["read_csv"]
+
+_DOF = r"([^\s:/]+)(?::([+-]?)([xyz]))?"
+_HEAD = re.compile(rf"({_DOF}/{_DOF})\s+(re|im|abs|phase|coherence)")
+_EXAMPLE = "'12:+z/5:-x re [m/s2/N]', with re, im, abs, phase or coherence"
+
+
+def read_csv(path: Path, said: Said) -> Contents:
+    """What a table of functions or nodes holds.
+
+    Raises:
+        InputError: Names the file, the column and what was expected.
+    """
+    table = read_table(path)
+    if "node" in table.names:
+        return _nodes(table, said)
+    f = table.column("frequency", "Hz")
+    parts: dict[str, dict[str, str]] = {}
+    dofs = {}
+    for name in table.names:
+        if name == "frequency":
+            continue
+        match = _HEAD.fullmatch(name)
+        if not match:
+            raise InputError(f"{path}: column {name!r}: expected a head such as {_EXAMPLE}")
+        parts.setdefault(match[1], {})[match[8]] = name
+        dofs[match[1]] = (_dof(*match.groups()[1:4]), _dof(*match.groups()[4:7]))
+    contents = Contents()
+    for function, columns in parts.items():
+        response, reference = dofs[function]
+        where = f"{path}: {function}"
+        if set(columns) != {"coherence"}:
+            values, kind = _values(table, where, columns, said)
+            contents.functions.append(FRFRecord(response, reference, f, values, kind, where))
+        if "coherence" in columns:
+            gamma = table.column(columns["coherence"], "")
+            contents.coherences.append(CoherenceRecord(response, reference, f, gamma, where))
+    return contents
+
+
+def _dof(node: str, sign: str, axis: str) -> Dof:
+    if not axis:
+        return Dof(node, None)
+    direction = [0.0, 0.0, 0.0]
+    direction["xyz".index(axis)] = -1.0 if sign == "-" else 1.0
+    return Dof(node, tuple(direction))
+
+
+def _values(table: Table, where: str, columns: dict[str, str], said: Said):
+    have = set(columns) - {"coherence"}
+    if have == {"re", "im"}:
+        (kind, re_factor), (other, im_factor) = (
+            _unit(table, columns[part], said) for part in ("re", "im")
+        )
+        if kind != other:
+            raise InputError(
+                f"{where}: re is {a_kind(kind)}, im {a_kind(other)}; expected one unit for both"
+            )
+        re_, im = (table.column(columns[part]) for part in ("re", "im"))
+        return re_factor * re_ + 1j * im_factor * im, kind
+    if have == {"abs", "phase"}:
+        kind, factor = _unit(table, columns["abs"], said)
+        unit = table.units[table.names.index(columns["phase"])]
+        if unit not in ("deg", "°", "rad"):
+            raise InputError(f"{where} phase: unit {unit!r}, expected [deg] or [rad]")
+        phase = table.column(columns["phase"])
+        phase = phase if unit == "rad" else np.deg2rad(phase)
+        size = table.column(columns["abs"])
+        if (size < 0).any():
+            raise InputError(
+                f"{where} abs: {size.min():g}, expected magnitudes of 0 or more, not decibels"
+            )
+        return factor * size * np.exp(1j * phase), kind
+    raise InputError(
+        f"{where}: has the columns {', '.join(sorted(have))}; expected re and im, or abs and phase"
+    )
+
+
+def _unit(table: Table, column: str, said: Said) -> tuple[str, float]:
+    text = said.units or table.units[table.names.index(column)]
+    if not text:
+        raise InputError(
+            f"{table.path}: column {column!r}: the unit is not known; expected it in brackets in "
+            "the head, such as [m/s2/N], or units"
+        )
+    try:
+        kind, factor = frf_unit(text)
+    except InputError as error:
+        raise InputError(f"{table.path}: column {column!r}: {error}") from error
+    if said.kind not in (None, kind):
+        raise InputError(
+            f"{table.path}: column {column!r}: {text!r} is the unit of {a_kind(kind)}, expected "
+            f"that of kind = {said.kind!r}"
+        )
+    return kind, factor
+
+
+def _nodes(table: Table, said: Said) -> Contents:
+    labels, contents = table.column("node"), Contents()
+    columns = []
+    for axis in ("x", "y", "z"):
+        values = table.column(axis)
+        unit = table.units[table.names.index(axis)] or said.length_unit
+        if not unit:
+            raise InputError(
+                f"{table.path}: column {axis!r}: the unit is not known; expected a head such as "
+                f"'{axis} [mm]', or length_unit"
+            )
+        try:
+            columns.append(values * length_factor(unit))
+        except InputError as error:
+            raise InputError(f"{table.path}: column {axis!r}: {error}") from error
+    points = np.column_stack(columns)
+    if not (np.isfinite(points).all() and np.isfinite(labels).all()):
+        raise InputError(f"{table.path}: expected a number in every cell of a table of nodes")
+    for label, point in zip(labels, points, strict=True):
+        contents.add_node(node_label(label), Node(point, np.eye(3), str(table.path)))
+    return contents

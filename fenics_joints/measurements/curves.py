@@ -1,0 +1,94 @@
+"""Measured responses near a resonance, at several levels of a sinusoidal force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.data import read_table
+
+__all__ = ["UNITS", "MeasuredCurves", "read_curves", "si_columns"]
+
+#: SI unit of each kind of response.
+UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
+
+
+@dataclass(frozen=True)
+class MeasuredCurves:
+    """Amplitudes at one sensor, by level of the force.
+
+    Attributes:
+        levels: Amplitudes of the force, N, ascending.
+        frequencies_hz: For each level, Hz, ascending, (n,).
+        amplitudes: For each level, of the first harmonic, in SI units, (n,).
+        response: ``displacement``, ``velocity`` or ``acceleration``.
+    """
+
+    levels: tuple[float, ...]
+    frequencies_hz: tuple[np.ndarray, ...]
+    amplitudes: tuple[np.ndarray, ...]
+    response: str
+
+    def at(self, level: float) -> tuple[np.ndarray, np.ndarray]:
+        """(frequencies, amplitudes) of one level.
+
+        Raises:
+            InputError: If there is none of that level.
+        """
+        if level not in self.levels:
+            there = ", ".join(f"{known:g} N" for known in self.levels)
+            raise InputError(f"no curve was measured at {level:g} N; expected one of: {there}.")
+        i = self.levels.index(level)
+        return self.frequencies_hz[i], self.amplitudes[i]
+
+
+def read_curves(path: str | Path, response: str) -> MeasuredCurves:
+    """Read curves from a table with the columns ``level``, ``frequency`` and ``amplitude``.
+
+    Units stand in the columns' heads, such as ``level [N]``.
+
+    Args:
+        path: CSV or TOML, as `read_table` reads them.
+        response: ``displacement``, ``velocity`` or ``acceleration``.
+
+    Raises:
+        InputError: Names the file, the column, and what was expected.
+    """
+    columns = si_columns(path, {"level": "N", "frequency": "Hz", "amplitude": UNITS[response]})
+    for name, values in columns.items():
+        if not np.all(values > 0):
+            raise InputError(f"{path}: column {name!r}: expected numbers above zero in every row")
+    levels = tuple(float(level) for level in np.unique(columns["level"]))
+    frequencies, amplitudes = [], []
+    for level in levels:
+        rows = np.flatnonzero(columns["level"] == level)
+        rows = rows[np.argsort(columns["frequency"][rows], kind="stable")]
+        if len(np.unique(columns["frequency"][rows])) < len(rows) or len(rows) < 3:
+            raise InputError(
+                f"{path}: level {level:g} N: expected three or more different frequencies"
+            )
+        frequencies.append(columns["frequency"][rows])
+        amplitudes.append(columns["amplitude"][rows])
+    return MeasuredCurves(levels, tuple(frequencies), tuple(amplitudes), response)
+
+
+def si_columns(path: str | Path, units: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """Columns of a table by name, in SI units.
+
+    Args:
+        path: CSV or TOML, as `read_table` reads them.
+        units: Name of each column and its SI unit.
+
+    Raises:
+        InputError: If a column is missing, has another unit, or a cell without a number.
+    """
+    table, columns = read_table(path), {}
+    for name, unit in units.items():
+        columns[name] = table.column(name, unit)
+        if not np.all(np.isfinite(columns[name])):
+            raise InputError(f"{path}: column {name!r}: expected a number in every row")
+    return columns

@@ -1,0 +1,436 @@
+"""What a vibration test measured: frequencies and damping by mode and by test condition."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import math
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.units import factor_to_si
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+if TYPE_CHECKING:
+    from fenics_joints.structure.points import Sensors
+
+__all__ = ["Table", "TestData", "read_table", "read_test_data"]
+
+#: Units of a level of excitation or response, and words of a condition that is a preload whatever
+#: its unit. Pint's g is a gram.
+_LEVELS, _GRAVITY = ("N", "m", "m/s", "m/s2"), ("g", "gn", "g_n")
+_PRELOADS = re.compile(r"torque|preload|tension|clamp", re.IGNORECASE)
+_DAMPING_NOISE = 0.1
+_HEAD = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\])?\s*")
+_COMMA = re.compile(r"^([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)$")
+#: How many wrong cells a message names.
+_NAMED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class TestData:
+    """Measured modes under several conditions, such as the bolts' torques.
+
+    Attributes:
+        conditions: Value of the condition of each row, in its own unit, shape (n,); increasing.
+        frequencies_hz: Natural frequencies, Hz, shape (n, m); nan where not measured.
+        mode_names: Names of the modes, m of them.
+        condition_name: What the condition is, such as ``torque``.
+        condition_unit: Its unit, as written in the data.
+        damping: Damping ratios (not per cent), shape (n, m), nan where not measured; or None.
+        resolution_hz: Spacing of the analyser's lines, Hz, shape (m,); 0 where it does not matter.
+        noise: Relative standard deviation of a frequency, shape (m,).
+        sensors: Where and in which direction the test measured, or None if unknown.
+        shapes: Measured mode shapes at the sensors, in any scale, shape (n_sensors, m), nan where
+            a sensor was missing; or None.
+        damping_noise: Relative standard deviation of a damping ratio; None if the test does not
+            say it.
+        shape_noise: Standard deviation of a shape's component, relative to its root mean square.
+        shapes_at: The condition that the shapes were measured at; the last by default.
+    """
+
+    #: Not a test, whatever pytest thinks of the name.
+    __test__ = False
+
+    conditions: np.ndarray
+    frequencies_hz: np.ndarray
+    mode_names: tuple[str, ...]
+    condition_name: str = "condition"
+    condition_unit: str = ""
+    damping: np.ndarray | None = None
+    resolution_hz: np.ndarray | float = 0.0
+    noise: np.ndarray | float = 0.0
+    sensors: Sensors | None = None
+    shapes: np.ndarray | None = None
+    damping_noise: float | None = None
+    shape_noise: float = 0.05
+    shapes_at: float | None = None
+
+    def __post_init__(self):
+        conditions = np.atleast_1d(np.asarray(self.conditions, dtype=float))
+        shape = (len(conditions), len(self.mode_names))
+        arrays = {"conditions": conditions, "mode_names": tuple(self.mode_names)}
+        for key in ("frequencies_hz", "damping"):
+            value = getattr(self, key)
+            if value is None:
+                continue
+            arrays[key] = np.atleast_2d(np.asarray(value, dtype=float))
+            if arrays[key].shape != shape:
+                raise InputError(
+                    f"{key} has shape {arrays[key].shape}: expected {shape}, one row for each "
+                    "condition and one column for each mode."
+                )
+        for key in ("resolution_hz", "noise"):
+            value = np.asarray(getattr(self, key), dtype=float)
+            if value.ndim and value.shape != shape[1:]:
+                raise InputError(
+                    f"{key} has {value.size} values: expected one for all modes or {shape[1]}, "
+                    "one for each."
+                )
+            arrays[key] = np.broadcast_to(value, shape[1:]).copy()
+        if self.shapes is not None:
+            arrays["shapes"] = self._checked_shapes()
+        for key, value in arrays.items():
+            object.__setattr__(self, key, value)
+
+    def _checked_shapes(self) -> np.ndarray:
+        shapes = np.atleast_2d(np.asarray(self.shapes, dtype=float))
+        if self.sensors is None:
+            raise InputError("shapes: expected sensors too, to say where they were measured.")
+        expected = (len(self.sensors), len(self.mode_names))
+        if shapes.shape != expected:
+            raise InputError(
+                f"shapes have shape {shapes.shape}: expected {expected}, one row for each sensor "
+                "and one column for each mode."
+            )
+        if np.any(np.isinf(shapes)) or not np.all(np.nansum(shapes**2, axis=0) > 0):
+            raise InputError(
+                "shapes: expected finite values, empty cells for sensors that were missing, and no "
+                "mode of zeros."
+            )
+        if self.shapes_at is not None:
+            self.row(self.shapes_at)
+        return shapes
+
+    @property
+    def shape_row(self) -> int:
+        """Row of the condition that the shapes were measured at."""
+        return len(self) - 1 if self.shapes_at is None else self.row(self.shapes_at)
+
+    @property
+    def damping_sd(self) -> float:
+        """Relative standard deviation of a damping ratio: 10 % if the test does not say it."""
+        return _DAMPING_NOISE if self.damping_noise is None else self.damping_noise
+
+    def __len__(self) -> int:
+        return len(self.conditions)
+
+    @property
+    def by_level(self) -> bool:
+        """Whether the condition is a level of force or amplitude, and not a torque or preload.
+
+        The unit decides: that of a force, a length, a velocity or an acceleration (also g) is a
+        level's, unless the name speaks of a torque, preload, tension or clamping.
+        """
+        unit = self.condition_unit
+        if not unit or _PRELOADS.search(self.condition_name):
+            return False
+        return unit in _GRAVITY or any(_measures(unit, level) for level in _LEVELS)
+
+    def log_sd(self) -> np.ndarray:
+        """Standard deviation of ln f, shape (n, m).
+
+        The noise, and the rounding to the analyser's lines: an error that is even over a line
+        spacing d has the standard deviation d / sqrt(12).
+        """
+        rounding = self.resolution_hz / math.sqrt(12) / self.frequencies_hz
+        return np.sqrt(self.noise**2 + rounding**2)
+
+    def row(self, condition: float) -> int:
+        """Row of a condition; raises InputError, naming what there is, if it was not measured."""
+        found = np.flatnonzero(np.isclose(self.conditions, condition, rtol=1e-9, atol=0))
+        if not len(found):
+            there = ", ".join(f"{c:g}" for c in self.conditions)
+            raise InputError(
+                f"{self.condition_name} = {condition:g} was not measured: expected one of {there} "
+                f"{self.condition_unit}".rstrip()
+            )
+        return int(found[0])
+
+    def select(self, conditions: Iterable[float]) -> TestData:
+        """The rows of these conditions, in the order given; raises InputError for one not there."""
+        return self._rows([self.row(c) for c in conditions])
+
+    def without(self, conditions: Iterable[float]) -> TestData:
+        """All rows but those of these conditions; raises InputError for one not there."""
+        out = {self.row(c) for c in conditions}
+        return self._rows([i for i in range(len(self)) if i not in out])
+
+    def first_modes(self, n: int) -> TestData:
+        """The first n modes alone."""
+        cut = {
+            key: None if getattr(self, key) is None else getattr(self, key)[..., :n]
+            for key in ("frequencies_hz", "damping", "resolution_hz", "noise", "shapes")
+        }
+        return replace(self, mode_names=self.mode_names[:n], **cut)
+
+    def _rows(self, rows: Sequence[int]) -> TestData:
+        rows = np.asarray(rows, dtype=int)
+        damping = None if self.damping is None else self.damping[rows]
+        kept = self.shapes is not None and self.shape_row in rows
+        return replace(
+            self,
+            shapes=self.shapes if kept else None,
+            shapes_at=float(self.conditions[self.shape_row]) if kept else None,
+            conditions=self.conditions[rows],
+            frequencies_hz=self.frequencies_hz[rows].reshape(len(rows), len(self.mode_names)),
+            damping=damping,
+        )
+
+
+def _measures(unit: str, kind: str) -> bool:
+    try:
+        factor_to_si(unit, kind)
+    except InputError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of numbers from a file.
+
+    Attributes:
+        path: The file.
+        names: Names of the columns, without their units.
+        units: Units in brackets in the columns' heads; empty where there is none.
+        values: Shape (n_rows, n_columns); nan where a cell is empty.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+
+    def column(self, name: str, unit: str | None = None) -> np.ndarray:
+        """A column, in SI ``unit``, or as written when that is None.
+
+        Raises:
+            InputError: If there is no such column, or its unit measures something else.
+        """
+        if name not in self.names:
+            near = difflib.get_close_matches(name, self.names, 1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(
+                f"{self.path}: has no column {name!r}{hint} Expected one of: "
+                f"{', '.join(self.names)}"
+            )
+        i = self.names.index(name)
+        if unit is None:
+            return self.values[:, i]
+        try:
+            if unit and not self.units[i]:
+                raise InputError(f"expected its unit in brackets, such as '{name} [{unit}]'")
+            return self.values[:, i] * factor_to_si(self.units[i], unit)
+        except InputError as error:
+            raise InputError(f"{self.path}: head of column {name!r}: {error}") from error
+
+
+def read_table(path: str | Path) -> Table:
+    """Read columns of numbers from CSV, or from TOML with an array for each column.
+
+    A column's head is its name and its unit in brackets, such as ``torque [N·m]``. An empty CSV
+    cell, or ``nan`` in TOML, is a value that was not measured. Lines that begin with # are skipped.
+    Between the cells of CSV stand commas, or semicolons or tabs and then perhaps decimal commas.
+
+    Raises:
+        InputError: Names the file, the row (the line, for CSV), the column and what was expected.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected measured data in CSV or TOML")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}), expected text in UTF-8") from error
+    heads, rows = _toml_rows(path, text) if path.suffix == ".toml" else _csv_rows(path, text)
+    split = [_HEAD.fullmatch(head).groups() for head in heads]
+    names = tuple(name for name, _ in split)
+    bad = [name for name in names if not name or names.count(name) > 1]
+    if bad:
+        raise InputError(f"{path}: column name {bad[0]!r}, expected a name for each, used once")
+    values = _numbers(path, heads, rows)
+    return Table(path, names, tuple((unit or "").strip() for _, unit in split), values)
+
+
+def _csv_rows(path: Path, text: str):
+    """Heads, and (line number, cells) of each row."""
+    lines = text.splitlines()
+    kept = [(i, s) for i, s in enumerate(lines, 1) if s.strip() and not s.lstrip().startswith("#")]
+    if len(kept) < 2:
+        raise InputError(f"{path}: has {len(kept)} rows, expected a head and rows of numbers")
+    comma = next((sign for sign in ",;\t" if sign in kept[0][1]), ",")
+    cells = [
+        [cell.strip() for cell in next(csv.reader([line], delimiter=comma, skipinitialspace=True))]
+        for _, line in kept
+    ]
+    heads = cells[0]
+    for (line, _), row in zip(kept[1:], cells[1:], strict=True):
+        if len(row) != len(heads):
+            raise InputError(
+                f"{path}: row {line} has {len(row)} cells, expected {len(heads)} as in the head"
+            )
+    rows = cells[1:] if comma == "," else _with_points(cells[1:])
+    return heads, [(line, row) for (line, _), row in zip(kept[1:], rows, strict=True)]
+
+
+def _with_points(rows: list[list[str]]) -> list[list[str]]:
+    """Cells of a table without decimal points, with decimal commas made into such points."""
+    if any("." in cell for row in rows for cell in row):
+        return rows
+    return [[_COMMA.sub(r"\1.\2", cell) for cell in row] for row in rows]
+
+
+def _toml_rows(path: Path, text: str):
+    try:
+        columns = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not TOML ({error})") from error
+    for head, column in columns.items():
+        if not isinstance(column, list) or not column:
+            raise InputError(f"{path}: {head!r} = {column!r}, expected an array of numbers")
+    lengths = {head: len(column) for head, column in columns.items()}
+    if len(set(lengths.values())) != 1:
+        raise InputError(f"{path}: the arrays have lengths {lengths}, expected one and the same")
+    return list(columns), list(enumerate(zip(*columns.values(), strict=True), 1))
+
+
+def _numbers(path: Path, heads, rows) -> np.ndarray:
+    values, errors = np.full((len(rows), len(heads)), np.nan), []
+    for i, (row, cells) in enumerate(rows):
+        for j, cell in enumerate(cells):
+            if cell == "":
+                continue
+            try:
+                values[i, j] = float(cell)
+                good = not math.isinf(values[i, j]) and not isinstance(cell, bool)
+            except (TypeError, ValueError):
+                good = False
+            if not good:
+                errors.append(f"row {row}, column {heads[j]!r} = {cell!r}")
+    if errors:
+        more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
+        raise InputError(
+            f"{path}: {'; '.join(errors[:_NAMED])}{more}: expected a number, or nothing where none "
+            "was measured"
+        )
+    return values
+
+
+def read_test_data(
+    frequencies: str | Path,
+    *,
+    condition: str | None = None,
+    modes: Sequence[str] | None = None,
+    damping: str | Path | None = None,
+    resolution_hz: Sequence[float] | float = 0.0,
+    noise: Sequence[float] | float = 0.0,
+    sensors: Sensors | None = None,
+) -> TestData:
+    """Read a test from its tables; rows are put in the order of the condition.
+
+    Args:
+        frequencies: Table with a column for each mode, and one for the condition.
+        condition: Name of the condition's column; None if there is none, then rows are numbered.
+        modes: Names of the modes' columns, in the order of the model's modes; all by default.
+        damping: Table of damping ratios with the same columns; rows and cells may be missing.
+        resolution_hz: Spacing of the analyser's lines, Hz, for all or each mode.
+        noise: Relative standard deviation of the frequencies, for all or each mode.
+        sensors: Where the test measured.
+
+    Raises:
+        InputError: For what is wrong in the files; names file, row and column.
+    """
+    table = read_table(frequencies)
+    conditions, unit = _conditions(table, condition)
+    measured = [name for name in table.names if name != condition]
+    modes = list(measured if modes is None else modes)
+    f = np.column_stack([table.column(name, "Hz") for name in modes])
+    left = [name for name in measured if name not in modes]
+    if left:
+        raise InputError(
+            f"{table.path}: has columns {', '.join(map(repr, left))}, which are no modes; "
+            f"expected {len(modes)} columns of frequencies: {', '.join(modes)}"
+        )
+    _check_values(table, modes, f > 0, "a frequency above 0 Hz")
+    ratios = None if damping is None else _damping(damping, condition, unit, conditions, modes)
+    order = np.argsort(conditions)
+    return TestData(
+        conditions[order], f[order], tuple(modes), condition or "row", unit,
+        None if ratios is None else ratios[order], resolution_hz, noise, sensors,
+    )  # fmt: skip
+
+
+def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
+    if name is None:
+        return np.arange(1.0, len(table.values) + 1), ""
+    conditions = table.column(name)
+    unit = table.units[table.names.index(name)]
+    if np.isnan(conditions).any():
+        row = int(np.argmax(np.isnan(conditions))) + 1
+        raise InputError(f"{table.path}: {name} of data row {row} is empty, expected a number")
+    values, count = np.unique(conditions, return_counts=True)
+    if np.any(count > 1):
+        twice = ", ".join(f"{v:g}" for v in values[count > 1])
+        raise InputError(f"{table.path}: {name} = {twice} is repeated, expected each value once")
+    return conditions, unit
+
+
+def _check_values(table: Table, modes, good: np.ndarray, expected: str) -> None:
+    columns = np.column_stack([table.column(name) for name in modes])
+    bad = np.argwhere(~good & ~np.isnan(columns))
+    if len(bad):
+        i, j = bad[0]
+        raise InputError(
+            f"{table.path}: data row {i + 1}, column {modes[j]!r} = {columns[i, j]:g}, "
+            f"expected {expected}"
+        )
+
+
+def _damping(path, condition, unit, conditions, modes) -> np.ndarray:
+    table = read_table(path)
+    own, own_unit = _conditions(table, condition)
+    if own_unit != unit:
+        raise InputError(
+            f"{table.path}: {condition} is in {own_unit!r}, expected {unit!r} as in the frequencies"
+        )
+    present = [name for name in table.names if name != condition]
+    for name in present:
+        if name not in modes:
+            raise InputError(
+                f"{table.path}: column {name!r} is no mode, expected {', '.join(modes)}"
+            )
+    ratios = np.full((len(conditions), len(modes)), np.nan)
+    rows = [int(np.argmin(np.abs(conditions - c))) for c in own]
+    for c, row in zip(own, rows, strict=True):
+        if not np.isclose(c, conditions[row], rtol=1e-9, atol=0):
+            raise InputError(
+                f"{table.path}: {condition} = {c:g} has damping but no frequencies, expected one "
+                f"of {', '.join(f'{v:g}' for v in conditions)}"
+            )
+    for name in present:
+        ratios[rows, modes.index(name)] = table.column(name, "")
+    read = np.column_stack([table.column(name, "") for name in present])
+    _check_values(table, present, (read >= 0) & (read < 1), "a damping ratio from 0 to below 1")
+    return ratios

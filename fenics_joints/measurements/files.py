@@ -1,0 +1,118 @@
+"""Measured frequency response functions from files: UFF, MATLAB and CSV, several at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.frfs import MeasuredFRFs
+from fenics_joints.measurements.records import Contents, merge
+from fenics_joints.response.units import a_kind, checked_kind, frf_unit, length_factor
+
+__all__ = ["Said", "read_frfs"]
+
+#: How names of files of each format end.
+_UFF = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a user says about files that do not say it themselves.
+
+    Attributes:
+        kind: ``receptance``, ``mobility`` or ``accelerance``; or None.
+        units: Unit of the functions, such as ``g/N``; it goes before what a file says. Or None.
+        length_unit: Unit of the nodes' coordinates; or None.
+        keys: Names of MATLAB variables, by those of `fenics_joints.measurements.mat.KEYS`.
+    """
+
+    kind: str | None = None
+    units: str | None = None
+    length_unit: str | None = None
+    keys: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self):
+        if self.kind is not None:
+            checked_kind(self.kind)
+        if self.length_unit is not None:
+            try:
+                length_factor(self.length_unit)
+            except InputError as error:
+                raise InputError(f"length_unit = {self.length_unit!r}: {error}") from error
+        if self.units is None:
+            return
+        kind, _ = frf_unit(self.units)
+        if self.kind not in (None, kind):
+            raise InputError(
+                f"units = {self.units!r}: are those of {a_kind(kind)}, expected those of kind = "
+                f"{self.kind!r}"
+            )
+
+
+def read_frfs(
+    paths: str | Path | Sequence[str | Path],
+    *,
+    kind: str | None = None,
+    units: str | None = None,
+    length_unit: str | None = None,
+    points: Mapping[str, Sequence[float]] | None = None,
+    directions: Mapping[str, Sequence[float]] | None = None,
+    keys: Mapping[str, str] | None = None,
+) -> MeasuredFRFs:
+    """Read one matrix of functions from files in any order.
+
+    - UFF (``.uff``, ``.unv``, ...; ASCII or binary; needs pyuff): functions and coherence of
+      datasets 58, nodes of 15 and 2411, axes of 18 and 2420, units of 164;
+      see `fenics_joints.measurements.uff`.
+    - MATLAB (``.mat``, to version 7): see `fenics_joints.measurements.mat`.
+    - CSV: a table of functions or a table of nodes, see `fenics_joints.measurements.csv`.
+
+    Args:
+        paths: The files; nodes may stand in other files than functions.
+        kind: ``receptance``, ``mobility`` or ``accelerance``, where a file does not say.
+        units: Unit of the functions, such as ``g/N``; it goes before what the files say.
+        length_unit: Unit of the nodes' coordinates, where a file does not say.
+        points: Coordinates of nodes, m; they go before those of the files.
+        directions: Directions of nodes, where a file does not say (direction code 0).
+        keys: Names of MATLAB variables that are not the usual ones.
+
+    Raises:
+        InputError: For what is wrong in a file; names the file, the place in it and what was
+            expected.
+    """
+    paths = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
+    if not paths:
+        raise InputError("paths: expected one file or more")
+    said = Said(kind, units, length_unit, keys or {})
+    contents, seen = Contents(), set()
+    for path in paths:
+        if not path.is_file():
+            raise InputError(f"{path}: no such file, expected measured functions")
+        if path.resolve() in seen:
+            raise InputError(f"{path}: is named twice, expected each file once")
+        seen.add(path.resolve())
+        contents.add(_reader(path)(path, said))
+    return merge(
+        contents, points=points, directions=directions, sources=[str(path) for path in paths]
+    )
+
+
+def _reader(path: Path):
+    ending = path.suffix.lower()
+    if ending in _UFF:
+        from fenics_joints.measurements.uff import read_uff
+
+        return read_uff
+    if ending == ".mat":
+        from fenics_joints.measurements.mat import read_mat
+
+        return read_mat
+    if ending in (".csv", ".toml"):
+        from fenics_joints.measurements.csv import read_csv
+
+        return read_csv
+    raise InputError(
+        f"{path}: the ending {ending!r} is not known; expected one of {', '.join(_UFF)}, .mat, .csv"
+    )

@@ -1,0 +1,344 @@
+"""Measured frequency response functions: a matrix over frequency, in SI units.
+
+They come from files by `fenics_joints.measurements.files.read_frfs`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.response.units import KINDS, MOTION, checked_kind
+
+if TYPE_CHECKING:
+    from fenics_joints.structure.points import Sensors
+
+__all__ = ["Coherence", "MeasuredFRFs", "Reciprocity"]
+
+#: How far two points may be apart, relative to the extent of all, to be one.
+_SAME_POINT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Reciprocity:
+    """How far measured functions are from Maxwell's reciprocity, H_ij = H_ji.
+
+    Attributes:
+        pairs: Names of the degrees of freedom i and j of each pair, m of them.
+        relative: Root mean square over frequency of H_ij - H_ji, relative to that of their mean,
+            shape (m,).
+        by_line: |H_ij - H_ji| / |H_ij + H_ji| * 2 at each frequency, shape (n, m).
+    """
+
+    pairs: tuple[tuple[str, str], ...]
+    relative: np.ndarray
+    by_line: np.ndarray
+
+    def __str__(self) -> str:
+        if not self.pairs:
+            return "reciprocity: no pair was measured both ways"
+        worst = int(np.argmax(self.relative))
+        i, j = self.pairs[worst]
+        return (
+            f"reciprocity: {len(self.pairs)} pairs, defect {np.median(self.relative):.2g} in the "
+            f"median, {self.relative[worst]:.2g} at worst ({i} and {j})"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Coherence:
+    """How good the measured coherence is.
+
+    Attributes:
+        limit: What counts as poor.
+        median: Over frequency, of each function, shape (n_responses, n_references); nan where the
+            coherence was not measured.
+        poor: Share of the frequencies below the limit, the same shape.
+    """
+
+    limit: float
+    median: np.ndarray
+    poor: np.ndarray
+
+    def __str__(self) -> str:
+        if np.isnan(self.median).all():
+            return "coherence: not measured"
+        return (
+            f"coherence: {np.nanmedian(self.median):.3g} in the median, below {self.limit:g} at "
+            f"{100 * np.nanmean(self.poor):.2g} % of the lines, at {100 * np.nanmax(self.poor):.2g}"
+            " % of the worst function"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredFRFs:
+    """Frequency response functions H(f) of motions by forces, with exp(+i 2 pi f t).
+
+    Attributes:
+        frequencies_hz: Hz, shape (n,), ascending.
+        values: SI units, shape (n, n_responses, n_references); nan where a pair was not measured.
+        kind: ``receptance`` (m/N), ``mobility`` (m/s/N) or ``accelerance`` (m/s2/N).
+        response_points: m, shape (n_responses, 3).
+        response_directions: Unit vectors, shape (n_responses, 3).
+        reference_points: Where the forces were, m, shape (n_references, 3).
+        reference_directions: Unit vectors, shape (n_references, 3).
+        response_names: Such as ``12:+z``; numbered by default.
+        reference_names: The same of the references.
+        coherence: Shape of ``values``, nan where not measured; or None.
+        sources: Files that they were read from.
+        notes: What the files hold that was not used, in words.
+    """
+
+    frequencies_hz: np.ndarray
+    values: np.ndarray
+    kind: str
+    response_points: np.ndarray
+    response_directions: np.ndarray
+    reference_points: np.ndarray
+    reference_directions: np.ndarray
+    response_names: tuple[str, ...] = ()
+    reference_names: tuple[str, ...] = ()
+    coherence: np.ndarray | None = None
+    sources: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        checked_kind(self.kind)
+        f = _ascending(self.frequencies_hz)
+        values = np.asarray(self.values, dtype=complex)
+        if values.ndim != 3 or len(values) != len(f) or 0 in values.shape:
+            raise InputError(
+                f"values have shape {values.shape}: expected ({len(f)}, n_responses, n_references)"
+            )
+        missing = np.isnan(values)
+        bad = missing.any(axis=0) & ~missing.all(axis=0) | np.isinf(values).any(axis=0)
+        if bad.any():
+            i, j = np.argwhere(bad)[0]
+            raise InputError(f"values of response {i}, reference {j}: expected finite numbers")
+        arrays = {"frequencies_hz": f, "values": values}
+        for side, n in (("response", values.shape[1]), ("reference", values.shape[2])):
+            arrays |= self._checked_side(side, n)
+        if self.coherence is not None:
+            arrays["coherence"] = _checked_coherence(self.coherence, values.shape)
+        for key, value in arrays.items():
+            object.__setattr__(self, key, value)
+
+    def _checked_side(self, side: str, n: int) -> dict[str, object]:
+        points = np.asarray(getattr(self, f"{side}_points"), dtype=float)
+        directions = np.asarray(getattr(self, f"{side}_directions"), dtype=float)
+        names = tuple(getattr(self, f"{side}_names")) or tuple(f"{side} {i + 1}" for i in range(n))
+        for key, array in (("points", points), ("directions", directions)):
+            if array.shape != (n, 3) or not np.isfinite(array).all():
+                raise InputError(
+                    f"{side}_{key} have shape {array.shape}: expected ({n}, 3) finite numbers"
+                )
+        length = np.linalg.norm(directions, axis=1, keepdims=True)
+        if not (length > 0).all():
+            raise InputError(f"{side}_directions: expected vectors that are not zero")
+        if len(names) != n or len(set(names)) != n:
+            raise InputError(f"{side}_names = {names}: expected {n} names, each once")
+        return {
+            f"{side}_points": points,
+            f"{side}_directions": directions / length,
+            f"{side}_names": names,
+        }
+
+    # -- what there is -----------------------------------------------------------------------------
+
+    def __len__(self) -> int:
+        return len(self.frequencies_hz)
+
+    def __str__(self) -> str:
+        """What there is and how good it is, in a few lines."""
+        f, shape = self.frequencies_hz, self.measured.shape
+        return "\n".join([
+            f"{int(self.measured.sum())} functions, {self.kind} in {self.unit}: {shape[0]} "
+            f"responses, {shape[1]} references, {f[0]:g} to {f[-1]:g} Hz in {len(f)} lines",
+            *map(str, (self.reciprocity(), self.coherence_report())), *self.notes,
+        ])  # fmt: skip
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the values."""
+        return f"{MOTION[self.kind]}/N"
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Which pairs were measured, shape (n_responses, n_references), bool."""
+        return ~np.isnan(self.values[0])
+
+    def sensors(self) -> Sensors:
+        """The responses as the suite's sensors. Needs DOLFINx."""
+        from fenics_joints.structure.points import Sensors
+
+        return Sensors(self.response_points, self.response_directions)
+
+    def driving_points(self) -> list[tuple[int, int, int]]:
+        """(response, reference, sign) of each measured pair at one point along one line.
+
+        The sign is -1 where the two directions oppose each other.
+        """
+        found = []
+        for i, j in np.argwhere(self.measured):
+            sign = self._same_dof(i, j)
+            if sign:
+                found.append((int(i), int(j), sign))
+        return found
+
+    def _same_dof(self, i: int, j: int) -> int:
+        points = np.vstack([self.response_points, self.reference_points])
+        extent = float(np.ptp(points, axis=0).max()) or 1.0
+        apart = np.linalg.norm(self.response_points[i] - self.reference_points[j])
+        cosine = float(self.response_directions[i] @ self.reference_directions[j])
+        if apart > _SAME_POINT * extent or abs(cosine) < 1 - 1e-6:
+            return 0
+        return 1 if cosine > 0 else -1
+
+    # -- parts and forms of it ---------------------------------------------------------------------
+
+    def converted(self, kind: str) -> MeasuredFRFs:
+        """The same functions as another kind: each derivative by time is a factor i 2 pi f.
+
+        A line at 0 Hz is left out where it would have to be divided by zero.
+
+        Raises:
+            InputError: If it is no kind.
+        """
+        steps = KINDS[checked_kind(kind)] - KINDS[self.kind]
+        kept = self if steps >= 0 else self._lines(self.frequencies_hz > 0)
+        factor = (2j * np.pi * kept.frequencies_hz) ** steps
+        return replace(kept, kind=kind, values=kept.values * factor[:, None, None])
+
+    def band(self, low: float, high: float) -> MeasuredFRFs:
+        """The lines from ``low`` to ``high``, Hz, both included.
+
+        Raises:
+            InputError: If there is none.
+        """
+        lines = (self.frequencies_hz >= low) & (self.frequencies_hz <= high)
+        if not lines.any():
+            raise InputError(
+                f"band = [{low:g}, {high:g}] Hz: expected one with measured lines, which go from "
+                f"{self.frequencies_hz[0]:g} to {self.frequencies_hz[-1]:g} Hz"
+            )
+        return self._lines(lines)
+
+    def _lines(self, lines: np.ndarray) -> MeasuredFRFs:
+        coherence = None if self.coherence is None else self.coherence[lines]
+        return replace(
+            self,
+            frequencies_hz=self.frequencies_hz[lines],
+            values=self.values[lines],
+            coherence=coherence,
+        )
+
+    def select(
+        self, responses: Sequence[str] | None = None, references: Sequence[str] | None = None
+    ) -> MeasuredFRFs:
+        """The functions of some responses and references by name, in the order given.
+
+        Raises:
+            InputError: For a name that there is not.
+        """
+        rows = _indices(responses, self.response_names, "response")
+        columns = _indices(references, self.reference_names, "reference")
+        coherence = None if self.coherence is None else self.coherence[:, rows][:, :, columns]
+        return replace(
+            self,
+            values=self.values[:, rows][:, :, columns],
+            coherence=coherence,
+            response_points=self.response_points[rows],
+            response_directions=self.response_directions[rows],
+            response_names=tuple(self.response_names[i] for i in rows),
+            reference_points=self.reference_points[columns],
+            reference_directions=self.reference_directions[columns],
+            reference_names=tuple(self.reference_names[j] for j in columns),
+        )
+
+    # -- how good it is ----------------------------------------------------------------------------
+
+    def reciprocity(self) -> Reciprocity:
+        """Compare all pairs that were measured both ways: force here, response there."""
+        there = self.measured
+        at = {}  # reference -> (response at the same place, sign)
+        for j in range(there.shape[1]):
+            same = [(i, self._same_dof(i, j)) for i in range(there.shape[0])]
+            at[j] = next(((i, sign) for i, sign in same if sign), None)
+        names, one, other = [], [], []
+        for a in range(there.shape[1]):
+            for b in range(a + 1, there.shape[1]):
+                if at[a] is None or at[b] is None:
+                    continue
+                (i, si), (j, sj) = at[a], at[b]
+                if there[i, b] and there[j, a]:
+                    names.append((self.reference_names[a], self.reference_names[b]))
+                    one.append(si * self.values[:, i, b])
+                    other.append(sj * self.values[:, j, a])
+        n = len(self)
+        one, other = (np.array(x, dtype=complex).reshape(-1, n).T for x in (one, other))
+        gap, mean = np.abs(one - other), 0.5 * np.abs(one + other)
+        tiny = np.finfo(float).tiny
+        relative = np.sqrt((gap**2).sum(axis=0) / np.maximum((mean**2).sum(axis=0), tiny))
+        return Reciprocity(tuple(names), relative, gap / np.maximum(mean, tiny))
+
+    def coherence_report(self, limit: float = 0.8) -> Coherence:
+        """Median of the coherence, and the share of lines where it is below ``limit``."""
+        gamma = self.coherence
+        if gamma is None:
+            gamma = np.full(self.values.shape, np.nan)
+        unknown = np.isnan(gamma).all(axis=0)
+        filled = np.where(unknown, 0.0, gamma)
+        median = np.where(unknown, np.nan, np.median(filled, axis=0))
+        return Coherence(limit, median, np.where(unknown, np.nan, (filled < limit).mean(axis=0)))
+
+    def relative_sd(self, averages: int) -> np.ndarray:
+        """Standard deviation of |H|, relative to it, and of its phase, rad; shape of ``values``.
+
+        sqrt((1 - c) / (2 c n)) with coherence c and n independent averages: the random error of
+        an H1 estimate (Bendat and Piersol, Random Data, 4th ed., eq. 9.90).
+
+        Raises:
+            InputError: If no coherence was measured, or the averages are fewer than two.
+        """
+        if self.coherence is None:
+            raise InputError("coherence is missing: expected it in the files, to know the noise")
+        if averages < 2:
+            # One average has the coherence 1 whatever the noise.
+            raise InputError(f"averages = {averages}: expected 2 or more")
+        gamma = np.clip(self.coherence, 1e-12, 1.0)
+        return np.sqrt((1 - gamma) / (2 * gamma * averages))
+
+
+def _ascending(frequencies) -> np.ndarray:
+    f = np.asarray(frequencies, dtype=float)
+    if f.ndim != 1 or not len(f) or not np.isfinite(f).all() or f[0] < 0 or (np.diff(f) <= 0).any():
+        raise InputError(
+            "frequencies_hz: expected a list of finite frequencies from 0 Hz on, each above the "
+            "one before"
+        )
+    return f
+
+
+def _checked_coherence(coherence, shape) -> np.ndarray:
+    gamma = np.asarray(coherence, dtype=float)
+    if gamma.shape != shape:
+        raise InputError(f"coherence has shape {gamma.shape}: expected {shape}, that of the values")
+    if np.isinf(gamma).any() or (gamma < -1e-6).any() or (gamma > 1 + 1e-6).any():
+        raise InputError(
+            f"coherence goes from {np.nanmin(gamma):g} to {np.nanmax(gamma):g}: expected 0 to 1"
+        )
+    return np.clip(gamma, 0.0, 1.0)
+
+
+def _indices(wanted: Sequence[str] | None, names: tuple[str, ...], what: str) -> list[int]:
+    if wanted is None:
+        return list(range(len(names)))
+    for name in wanted:
+        if name not in names:
+            there = ", ".join(names)
+            raise InputError(f"{what} {name!r} was not measured; expected one of {there}")
+    return [names.index(name) for name in wanted]

@@ -1,0 +1,146 @@
+"""Pairs the modes of a test with those of a model, and says how far apart they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from fenics_joints.errors import InputError
+from fenics_joints.modal.modes import Modes
+from fenics_joints.structure.points import Sensors
+
+__all__ = ["VISIBLE", "Gap", "Pairing", "mac", "pair_modes", "rms"]
+
+
+#: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen.
+VISIBLE = 0.3
+
+
+def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Modal assurance criterion between two sets of shapes (Allemang and Brown, 1982).
+
+    Args:
+        a: Shapes at the sensors, shape (n_sensors, n_a); nan where a sensor was missing.
+        b: Shapes at the same sensors, shape (n_sensors, n_b).
+
+    Returns:
+        Values from 0 to 1, shape (n_a, n_b); 0 for a shape that the sensors do not see at all.
+    """
+    there = np.isfinite(a)
+    a = np.where(there, a, 0.0)
+    cross = np.abs(np.conj(a).T @ b) ** 2
+    norms = np.sum(np.abs(a) ** 2, axis=0)[:, None] * (there.T.astype(float) @ np.abs(b) ** 2)
+    return np.divide(cross, norms, out=np.zeros_like(cross), where=norms > 0)
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """Which model mode belongs to which test mode.
+
+    Attributes:
+        index: Index of the model mode of each test mode, shape (n_test,).
+        visible: All model modes that the test could see, rigid-body modes left out.
+        shapes: The paired model shapes at the sensors, shape (n_sensors, n_test); None without.
+        mac: MAC of each pair with what it was matched to; None when matched by order alone.
+        crossing: Pairs of test modes that a MAC match puts in another order than the frequency.
+    """
+
+    index: np.ndarray
+    visible: np.ndarray
+    shapes: np.ndarray | None = None
+    mac: np.ndarray | None = None
+    crossing: tuple[tuple[int, int], ...] = field(default=())
+
+
+def pair_modes(
+    modes: Modes,
+    n_test: int,
+    sensors: Sensors | None = None,
+    *,
+    reference: np.ndarray | None = None,
+    threshold: float = VISIBLE,
+) -> Pairing:
+    """Pair the test's modes with the model's.
+
+    Without sensors all elastic modes count as seen and are taken in order. With sensors only the
+    modes that move where and as they measure are candidates. With reference shapes (measured, or a
+    near model's paired shapes) candidates are matched by MAC: modes that cross are followed.
+
+    Args:
+        modes: The model's modes.
+        n_test: Number of test modes, the lowest that the test could see.
+        sensors: Where and in which direction the test measured.
+        reference: Shapes at the sensors to match, shape (n_sensors, n_test).
+        threshold: Least visibility, see `Modes.visibility`.
+
+    Raises:
+        InputError: If the model has too few modes that the test could see.
+    """
+    elastic = np.arange(modes.n_rigid, len(modes))
+    if sensors is None:
+        _check_enough(elastic, n_test, modes)
+        return Pairing(elastic[:n_test], elastic)
+    visible = elastic[modes.visibility(sensors)[elastic] > threshold]
+    _check_enough(visible, n_test, modes)
+    shapes = modes.at(sensors)[:, visible]
+    if reference is None:
+        return Pairing(visible[:n_test], visible, shapes[:, :n_test])
+    match = mac(reference, shapes)
+    _, columns = linear_sum_assignment(-match)
+    crossing = tuple(
+        (i, i + 1) for i in range(n_test - 1) if columns[i] > columns[i + 1]
+    )
+    agreement = match[np.arange(n_test), columns]
+    return Pairing(visible[columns], visible, shapes[:, columns], agreement, crossing)
+
+
+def _check_enough(candidates, n_test: int, modes: Modes) -> None:
+    if len(candidates) < n_test:
+        top = modes.frequencies_hz[-1]
+        raise InputError(
+            f"n_modes = {len(modes)}: the model has {len(candidates)} modes below {top:.0f} Hz "
+            f"that the test could see; expected at least {n_test}. Compute more modes."
+        )
+
+
+def rms(relative: np.ndarray) -> float:
+    """Root mean square of relative errors; missing (nan) entries are left out."""
+    return float(np.sqrt(np.nanmean(np.asarray(relative) ** 2)))
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far a model is from a test, by condition (torque) and mode.
+
+    Attributes:
+        conditions: Torque or other condition of each row, shape (n,).
+        mode_names: Name of each column, length m.
+        test_hz: Measured frequencies, Hz, shape (n, m); nan where missing.
+        model_hz: Model frequencies, Hz, shape (n, m).
+    """
+
+    conditions: np.ndarray
+    mode_names: Sequence[str]
+    test_hz: np.ndarray
+    model_hz: np.ndarray
+
+    @property
+    def relative(self) -> np.ndarray:
+        """Model over test minus one, shape (n, m)."""
+        return self.model_hz / self.test_hz - 1.0
+
+    @property
+    def rms(self) -> float:
+        """The gap: root mean square relative error over all conditions and modes."""
+        return rms(self.relative)
+
+    def by_mode(self) -> np.ndarray:
+        """Root mean square relative error of each mode, shape (m,)."""
+        return np.sqrt(np.nanmean(self.relative**2, axis=0))
+
+    def by_condition(self) -> np.ndarray:
+        """Root mean square relative error at each condition, shape (n,)."""
+        return np.sqrt(np.nanmean(self.relative**2, axis=1))

@@ -1,0 +1,257 @@
+"""What a model is updated on: frequencies, shapes, damping ratios and FRFs, in any mix."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.response.units import checked_kind
+from fenics_joints.structure.points import Sensors
+
+if TYPE_CHECKING:
+    from fenics_joints.measurements.frfs import MeasuredFRFs
+
+__all__ = ["DATA", "FRFTarget", "Target"]
+
+#: The kinds of data, in the order of their residuals.
+DATA = ("frequencies", "shapes", "damping", "frfs")
+
+
+@dataclass(frozen=True, eq=False)
+class FRFTarget:
+    """Measured FRFs at some lines, with their noise.
+
+    The noise of a value H is H sd (a + i b), with a and b of standard deviation 1: that of |H|
+    relative to it and that of its phase, rad, are both ``relative_sd``.
+
+    Attributes:
+        frequencies_hz: Lines, Hz, above 0, (n_f,).
+        values: SI units, complex, with exp(+i w t), (n_f, n_sensors, n_excitations); nan where a
+            pair was not measured.
+        sensors: Where and in which direction the response was measured.
+        excitation: Where and in which direction the forces acted.
+        kind: ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
+        relative_sd: Relative standard deviation, a number or of the shape of ``values``, or one
+            that can be spread to it.
+        absolute_sd: That of the real and of the imaginary part, in the values' unit, instead.
+
+    Raises:
+        InputError: For a shape, line, value or standard deviation that cannot be.
+    """
+
+    frequencies_hz: np.ndarray
+    values: np.ndarray
+    sensors: Sensors
+    excitation: Sensors
+    kind: str = "receptance"
+    relative_sd: float | np.ndarray = 0.02
+    absolute_sd: float | np.ndarray | None = None
+
+    def __post_init__(self):
+        checked_kind(self.kind)
+        lines = np.atleast_1d(np.asarray(self.frequencies_hz, dtype=float))
+        values = np.asarray(self.values, dtype=complex)
+        expected = len(lines), len(self.sensors), len(self.excitation)
+        if values.shape != expected:
+            raise InputError(f"frfs.values have shape {values.shape}: expected {expected}")
+        if not len(lines) or not np.all((lines > 0) & np.isfinite(lines)):
+            raise InputError("frfs.frequencies_hz: expected lines above 0 Hz, finite")
+        used = np.isfinite(values)
+        if not used.any() or np.any(values[used] == 0):
+            raise InputError("frfs.values: expected numbers other than 0, nan where not measured")
+        sd = self._relative(values)
+        if not np.all((sd > 0) & np.isfinite(sd) | ~used):
+            raise InputError("frfs: expected standard deviations above 0 where there are values")
+        for key, value in (("frequencies_hz", lines), ("values", values), ("relative_sd", sd)):
+            object.__setattr__(self, key, value)
+        object.__setattr__(self, "absolute_sd", None)
+
+    def _relative(self, values: np.ndarray) -> np.ndarray:
+        key = "relative_sd" if self.absolute_sd is None else "absolute_sd"
+        sd = np.asarray(getattr(self, key), dtype=float)
+        try:
+            sd = np.broadcast_to(sd, values.shape).copy()
+        except ValueError as error:
+            raise InputError(
+                f"frfs.{key} has shape {sd.shape}: expected a number or {values.shape}"
+            ) from error
+        return sd if self.absolute_sd is None else sd / np.abs(values)
+
+    @classmethod
+    def from_measured(
+        cls,
+        measured: MeasuredFRFs,
+        *,
+        lines: int | Iterable[float] | None = None,
+        band: tuple[float, float] | None = None,
+        relative_sd: float | np.ndarray = 0.02,
+        averages: int | None = None,
+    ) -> FRFTarget:
+        """The FRFs of a test at all of its lines, or at some.
+
+        Args:
+            measured: The functions; see `fenics_joints.measurements.files.read_frfs`.
+            lines: How many, spread evenly over the band; or frequencies, Hz, of which the nearest
+                measured lines are taken; all by default.
+            band: Lowest and highest line, Hz.
+            relative_sd: Relative standard deviation, a number or of the measured values' shape.
+            averages: Number of averages: the standard deviation is then that of an H1 estimate with
+                the measured coherence, which ``relative_sd`` is not less than if it is a number.
+
+        Raises:
+            InputError: If there is no such line, or no coherence for ``averages``.
+        """
+        sd = np.broadcast_to(np.asarray(relative_sd, dtype=float), measured.values.shape)
+        if averages is not None:
+            noise = np.nan_to_num(measured.relative_sd(averages), nan=0.0)
+            sd = np.maximum(noise, sd)
+        f = measured.frequencies_hz
+        low, high = (0.0, np.inf) if band is None else band
+        there = np.flatnonzero((f > 0) & (f >= low) & (f <= high))
+        if not len(there):
+            raise InputError(f"band = [{low:g}, {high:g}] Hz: expected one with measured lines")
+        if isinstance(lines, int | np.integer):
+            if lines < 1:
+                raise InputError(f"lines = {lines}: expected at least 1")
+            some = np.linspace(0, len(there) - 1, min(lines, len(there)))
+            there = there[np.unique(some.round().astype(int))]
+        elif lines is not None:
+            wanted = np.asarray(list(lines), dtype=float)
+            there = there[np.unique([np.abs(f[there] - w).argmin() for w in wanted])]
+        excitation = Sensors(measured.reference_points, measured.reference_directions)
+        return cls(
+            f[there], measured.values[there], measured.sensors(), excitation, measured.kind,
+            sd[there],
+        )  # fmt: skip
+
+    @property
+    def used(self) -> np.ndarray:
+        """Which values were measured, bool, the values' shape."""
+        return np.isfinite(self.values)
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Data of a test that a model is updated on; at least one kind of them.
+
+    Attributes:
+        frequencies_hz: Natural frequencies of the test's modes, Hz, (m,); nan where missing.
+        log_sd: Standard deviation of their logarithms, a number or (m,).
+        shapes: Real shapes at ``shape_sensors``, of any scale, (n_s, m); nan where missing. Model
+            modes are paired to the test's by MAC with them; without, in order.
+        shape_sensors: Where they were measured. Without shapes: whose sight says which of the
+            model's modes the test could see.
+        shape_sd: Standard deviation of a shape's components, relative to their root mean square, a
+            number or (m,). None, or nan for a mode: the shapes pair modes and are no data.
+        damping_ratios: Of the test's modes, (m,); nan where missing.
+        damping_log_sd: Standard deviation of their logarithms, a number or (m,).
+        frfs: The FRFs.
+
+    Raises:
+        InputError: If shapes or numbers do not fit, or there are no data.
+    """
+
+    frequencies_hz: np.ndarray | None = None
+    log_sd: float | np.ndarray = 1e-3
+    shapes: np.ndarray | None = None
+    shape_sensors: Sensors | None = None
+    shape_sd: float | np.ndarray | None = None
+    damping_ratios: np.ndarray | None = None
+    damping_log_sd: float | np.ndarray = 0.1
+    frfs: FRFTarget | None = None
+
+    def __post_init__(self):
+        m = self._count()
+        for key, sd in (("frequencies_hz", "log_sd"), ("damping_ratios", "damping_log_sd")):
+            value = getattr(self, key)
+            value = np.full(m, np.nan) if value is None else np.asarray(value, dtype=float)
+            if value.shape != (m,) or np.any(value <= 0) or np.isinf(value).any():
+                raise InputError(f"{key}: expected {m} numbers above 0, nan where missing")
+            object.__setattr__(self, key, value)
+            object.__setattr__(self, sd, self._deviations(sd, m))
+        if self.shapes is not None:
+            self._check_shapes(m)
+        if not self.kinds:
+            raise InputError("expected data: frequencies, shapes with shape_sd, damping or FRFs")
+
+    def _count(self) -> int:
+        sizes = [
+            np.shape(a)[-1] for a in (self.frequencies_hz, self.damping_ratios, self.shapes)
+            if a is not None and np.ndim(a)
+        ]  # fmt: skip
+        return sizes[0] if sizes else 0
+
+    def _deviations(self, key: str, m: int) -> np.ndarray:
+        sd = np.asarray(getattr(self, key), dtype=float)
+        if sd.shape not in ((), (m,)) or not np.all((sd > 0) & np.isfinite(sd)):
+            raise InputError(f"{key}: expected one number above 0, or {m}")
+        return np.broadcast_to(sd, m).copy()
+
+    def _check_shapes(self, m: int) -> None:
+        shapes = np.asarray(self.shapes)
+        if np.iscomplexobj(shapes):
+            raise InputError("shapes are complex: expected real ones, such as their real parts "
+                             "after a turn that makes the imaginary ones least")  # fmt: skip
+        shapes = shapes.astype(float)
+        if self.shape_sensors is None:
+            raise InputError("shape_sensors is missing: expected it with shapes")
+        expected = len(self.shape_sensors), m
+        if shapes.shape != expected or not np.all(np.nansum(shapes**2, axis=0) > 0):
+            raise InputError(
+                f"shapes: expected {expected[0]} x {expected[1]} numbers, in no column all zero"
+            )
+        object.__setattr__(self, "shapes", shapes)
+        sd = np.asarray(np.nan if self.shape_sd is None else self.shape_sd, dtype=float)
+        if sd.shape not in ((), (m,)) or np.any(sd <= 0) or np.isinf(sd).any():
+            raise InputError(f"shape_sd: expected one number above 0, {m} of them, or None")
+        object.__setattr__(self, "shape_sd", np.broadcast_to(sd, m).copy())
+
+    def __len__(self) -> int:
+        """Number of the test's modes."""
+        return len(self.frequencies_hz)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Which of `DATA` there are."""
+        there = (
+            np.isfinite(self.frequencies_hz).any(),
+            self.shapes is not None and np.isfinite(self.shape_sd).any(),
+            np.isfinite(self.damping_ratios).any(),
+            self.frfs is not None,
+        )
+        return tuple(kind for kind, is_there in zip(DATA, there, strict=True) if is_there)
+
+    def only(self, *kinds: str) -> Target:
+        """The same with some kinds of data alone; shapes still pair the modes.
+
+        Raises:
+            InputError: For an unknown kind, or one that there is not.
+        """
+        for kind in kinds:
+            if kind not in self.kinds:
+                raise InputError(f"data {kind!r}: expected among {', '.join(self.kinds)}")
+        none = np.full(len(self), np.nan)
+        return replace(
+            self,
+            frequencies_hz=self.frequencies_hz if "frequencies" in kinds else none,
+            shape_sd=self.shape_sd if "shapes" in kinds else None,
+            damping_ratios=self.damping_ratios if "damping" in kinds else none,
+            frfs=self.frfs if "frfs" in kinds else None,
+        )
+
+    def without_modes(self, modes: Iterable[int]) -> Target:
+        """The same with some of the test's modes held out: their frequencies and damping ratios are
+        missing; their shapes still pair modes and are no data."""
+        held = np.zeros(len(self), dtype=bool)
+        held[list(modes)] = True
+        shape_sd = None if self.shapes is None else np.where(held, np.nan, self.shape_sd)
+        return replace(
+            self,
+            frequencies_hz=np.where(held, np.nan, self.frequencies_hz),
+            damping_ratios=np.where(held, np.nan, self.damping_ratios),
+            shape_sd=shape_sd,
+        )

@@ -1,0 +1,224 @@
+"""Natural frequencies and mode shapes of a structure, full or reduced."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.linalg
+from petsc4py import PETSc
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.modal.eigensolver import EigenSolver
+from fenics_joints.structure.points import Sensors
+
+if TYPE_CHECKING:
+    from fenics_joints.modal.iterative import IterativeEigenSolver
+
+__all__ = ["SHIFT_SHARE", "Modes", "count_rigid", "dense_modes", "inverted_modes", "solve_modes"]
+
+#: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
+#: for a safe factorisation of a free body, near enough for fast convergence.
+SHIFT_SHARE = 0.002
+#: A mode below this share of the shift's frequency moves the body without straining it.
+_RIGID_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of a structure, in ascending order, rigid-body modes first.
+
+    Attributes:
+        model: The model they belong to.
+        given: The parameters that differed from their nominal values.
+        eigenvalues: omega^2, (rad/s)^2, shape (n,).
+        shapes: M-normalised shapes: n PETSc vectors, or an array (n_dofs, n) of a reduced model.
+        n_rigid: Number of rigid-body modes.
+        residuals: Relative residuals, shape (n,); None for a dense solution.
+        solver: The `EigenSolver` that was used; its ``solver`` is SLEPc's. With the iterative
+            method an `IterativeEigenSolver`, whose ``solver`` is PETSc's. None when dense.
+        statistics: What the solver says of its work.
+    """
+
+    model: object
+    given: Mapping[str, float]
+    eigenvalues: np.ndarray
+    shapes: list[PETSc.Vec] | np.ndarray
+    n_rigid: int
+    residuals: np.ndarray | None = None
+    solver: EigenSolver | IterativeEigenSolver | None = None
+    statistics: Mapping[str, object] | None = None
+
+    def __len__(self) -> int:
+        return len(self.eigenvalues)
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """Natural frequencies, Hz, shape (n,); 0 for an eigenvalue that round-off made negative."""
+        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
+
+    def shape(self, i: int):
+        """Shape of mode ``i``: a PETSc vector or a column of the reduced model."""
+        return self.shapes[:, i] if isinstance(self.shapes, np.ndarray) else self.shapes[i]
+
+    def at(self, sensors: Sensors) -> np.ndarray:
+        """Mass-normalised shapes at sensors, kg^-1/2, shape (n_sensors, n)."""
+        return self.model.observe(self.shapes, sensors)
+
+    def visibility(self, sensors: Sensors) -> np.ndarray:
+        """How much of each mode the sensors see, shape (n,).
+
+        Root mean square of the shape at the sensors, relative to that of a rigid translation along
+        them (which is 1): near 1 for a mode that moves as the sensors measure, near 0 for one that
+        they miss.
+        """
+        mass = self.model.total_mass(self.given)
+        return np.sqrt(np.mean(self.at(sensors) ** 2, axis=0) * mass)
+
+    def gradients(self, index: Sequence[int]) -> np.ndarray:
+        """Derivatives of eigenvalues by every parameter, shape (len(index), n_parameters).
+
+        For a multiple eigenvalue they are the derivatives of these shapes' Rayleigh quotients only.
+        """
+        index = [int(i) for i in index]
+        dense = isinstance(self.shapes, np.ndarray)
+        shapes = self.shapes[:, index] if dense else [self.shapes[i] for i in index]
+        return self.model.pencil_gradients(shapes, self.eigenvalues[index], self.given)
+
+
+def solve_modes(
+    model,
+    given: Mapping[str, float] | None = None,
+    *,
+    n_modes: int = 20,
+    shift_hz: float | None = None,
+    petsc_options: Mapping[str, object] | None = None,
+    solver: EigenSolver | IterativeEigenSolver | None = None,
+    initial: Modes | None = None,
+    tolerance: float | None = None,
+    method: str = "direct",
+) -> Modes:
+    """Lowest modes of K(p) x = omega^2 M(p) x.
+
+    Args:
+        model: A `Structure`, or a `ReducedStructure`, which is solved densely.
+        given: Values of parameters that differ from their nominal value.
+        n_modes: Number of modes, rigid-body modes included.
+        shift_hz: The factorised matrix is K + (2 pi shift_hz)^2 M; by default a five-hundredth of
+            the frequency at which the whole body would breathe, which suits free and held bodies.
+        petsc_options: Options of SLEPc's and PETSc's solvers, without prefix.
+        solver: One from an earlier solution, to keep its ordering.
+        initial: Modes of a near model, to start from.
+        tolerance: Relative error of the shapes; an eigenvalue's is of the order of its square.
+            By default 1e-7, with the iterative method 1e-6.
+        method: ``"direct"`` factorises; ``"iterative"`` takes LOBPCG with multigrid, which needs
+            much less memory, and a `Structure`.
+
+    Raises:
+        InputError: If ``n_modes`` or ``method`` is out of range, or the iterative method is asked
+            of something that is no `Structure`.
+        ConvergenceError: If fewer modes converged than asked for.
+    """
+    if n_modes < 1:
+        raise InputError(f"n_modes = {n_modes}: expected at least 1.")
+    if method not in ("direct", "iterative"):
+        raise InputError(f"method = {method!r}: expected 'direct' or 'iterative'.")
+    given = dict(given or {})
+    settings = {"tol": tolerance} if tolerance is not None else {}
+    settings["petsc_options"] = petsc_options
+    if method == "iterative":
+        return _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings)
+    K, M = model.stiffness(given), model.mass(given)
+    if isinstance(K, np.ndarray):
+        return _solve_dense(model, given, K, M, n_modes)
+    if solver is None or solver.n != n_modes or not isinstance(solver, EigenSolver):
+        solver = EigenSolver(n_modes, shift=_shift(model, given, shift_hz), **settings)
+    result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
+    K.destroy(), M.destroy()
+    return _modes(model, given, solver, result)
+
+
+def _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings) -> Modes:
+    # Here, as DOLFINx need not be loaded for the modes of reduced models.
+    from fenics_joints.modal.iterative import IterativeEigenSolver
+    from fenics_joints.structure.structure import Structure
+
+    if not isinstance(model, Structure):
+        raise InputError(
+            f"method = 'iterative': a {type(model).__name__} has no mesh for multigrid; expected "
+            "a Structure, or method = 'direct'."
+        )
+    if solver is None or solver.n != n_modes or not isinstance(solver, IterativeEigenSolver):
+        shift = _shift(model, given, shift_hz)
+        solver = IterativeEigenSolver(n_modes, shift=shift, **settings)
+    result = solver.solve(model, given, initial=None if initial is None else initial.shapes)
+    return _modes(model, given, solver, result)
+
+
+def _shift(model, given, shift_hz: float | None) -> float:
+    scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / SHIFT_SHARE
+    return -((2 * np.pi * SHIFT_SHARE * scale) ** 2)
+
+
+def _modes(model, given, solver, result) -> Modes:
+    n_rigid = count_rigid(result.values, np.sqrt(-solver.shift) / (2 * np.pi))
+    return Modes(
+        model, given, result.values, result.shapes, n_rigid, result.residuals, solver,
+        result.statistics,
+    )  # fmt: skip
+
+
+def _solve_dense(model, given, K, M, n_modes) -> Modes:
+    if n_modes > len(K):
+        raise InputError(
+            f"n_modes = {n_modes}: expected at most {len(K)}, the size of the reduced model."
+        )
+    shift_hz = model.scale_hz * SHIFT_SHARE
+    values, vectors = dense_modes(K, M, shift_hz, n_modes)
+    return Modes(model, given, values, vectors, count_rigid(values, shift_hz))
+
+
+def dense_modes(
+    K: np.ndarray, M: np.ndarray, shift_hz: float, n_modes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest eigenvalues, (n_modes,), and M-normalised vectors, (n, n_modes), of dense matrices.
+
+    Raises:
+        ConvergenceError: If they are not found.
+    """
+    shift = (2 * np.pi * shift_hz) ** 2
+    inverse, vectors = inverted_modes(K, M, shift, n_modes)
+    return 1 / inverse - shift, vectors / np.sqrt(inverse)
+
+
+def inverted_modes(
+    K: np.ndarray, M: np.ndarray, shift: float, n_modes: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """1 / (lambda + shift), descending, and vectors with x^T (K + shift M) x = 1, as columns.
+
+    Inverted, the wanted eigenvalues are the largest: round-off of stiff layers, of the order of the
+    largest of K, would swamp the rigid-body modes otherwise. A vector without mass has 0.
+
+    Raises:
+        ConvergenceError: If they are not found.
+    """
+    n = len(K)
+    some = None if n_modes in (None, n) else [n - n_modes, n - 1]
+    try:
+        inverse, vectors = scipy.linalg.eigh(
+            M, K + shift * M, subset_by_index=some, check_finite=False
+        )
+    except scipy.linalg.LinAlgError as error:
+        raise ConvergenceError(
+            "the reduced eigenproblem was not solved; build the reduced model with a larger "
+            "tolerance",
+            str(error),
+        ) from error
+    return inverse[::-1], vectors[:, ::-1]
+
+
+def count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
+    """Number of rigid-body modes among eigenvalues that were found with that shift."""
+    return int(np.sum(np.abs(eigenvalues) < (2 * np.pi * _RIGID_SHARE * shift_hz) ** 2))

@@ -1,0 +1,80 @@
+"""Derivatives of frequencies by the parameters, and what they say of identifiability."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.modal.modes import Modes
+
+__all__ = ["Identifiability", "frequency_sensitivity", "identifiability"]
+
+
+def frequency_sensitivity(modes: Modes, index: Sequence[int]) -> np.ndarray:
+    """Derivative of ln f by every parameter: d ln f / dp = (d lambda / dp) / (2 lambda).
+
+    Args:
+        modes: Modes of a structure.
+        index: Modes wanted; elastic ones.
+
+    Returns:
+        Shape (len(index), n_parameters), 1 / unit of the parameter.
+    """
+    index = np.asarray(index, dtype=int)
+    return modes.gradients(index) / (2 * modes.eigenvalues[index])[:, None]
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What a set of data determines of a set of parameters.
+
+    Attributes:
+        names: Names of the parameters.
+        condition: Condition number of the whitened sensitivity matrix.
+        collinearity: Collinearity index of all parameters together: 1 if independent; above 20 the
+            data do not tell them apart (Brun, Reichert and Kuensch, Water Resour. Res. 37, 2001).
+        sd: Standard deviation of each parameter from the data alone, in its working unit.
+        weakest: Direction in parameter space that the data determine least, unit vector.
+        undetermined: Parameters that take a large part in directions the data leave open.
+    """
+
+    names: tuple[str, ...]
+    condition: float
+    collinearity: float
+    sd: np.ndarray
+    weakest: np.ndarray
+    undetermined: tuple[str, ...]
+
+
+def identifiability(
+    whitened: np.ndarray, names: Sequence[str], *, open_sd: float = 1.0
+) -> Identifiability:
+    """Condition number, collinearity index and undetermined parameters.
+
+    Args:
+        whitened: Sensitivities divided by the data's standard deviations, shape (n_data, p), by
+            log parameters (or any with a common scale).
+        names: Names of the p parameters.
+        open_sd: A direction known less well than this is left open by the data; 1 is a factor e
+            for log parameters.
+    """
+    p = whitened.shape[1]
+    _, s, vt = np.linalg.svd(whitened, full_matrices=True)
+    s = np.concatenate([s, np.zeros(p - len(s))])
+    s[s <= s[0] * max(whitened.shape) * np.finfo(float).eps] = 0.0  # round-off, as in matrix_rank
+    with np.errstate(divide="ignore"):
+        spread = np.where(s > 0, 1 / s, np.inf)
+        condition = float(s[0] * spread[-1])
+    norms = np.linalg.norm(whitened, axis=0)
+    unit = whitened / np.where(norms > 0, norms, 1.0)
+    least = np.linalg.eigvalsh(unit.T @ unit)[0]
+    collinearity = float(1 / np.sqrt(least)) if least > 1e-15 else np.inf
+    with np.errstate(invalid="ignore"):
+        terms = np.where(np.abs(vt.T) > 1e-12, vt.T * spread, 0.0)
+    sd = np.sqrt(np.sum(terms**2, axis=1))
+    is_open = vt[spread > open_sd]
+    share = np.sqrt(np.sum(is_open**2, axis=0)) if len(is_open) else np.zeros(p)
+    undetermined = tuple(name for name, part in zip(names, share, strict=True) if part > 0.5)
+    return Identifiability(tuple(names), condition, collinearity, sd, vt[-1], undetermined)

@@ -1,0 +1,235 @@
+"""The reduced model in the loop of a combined update, made better where it turns out to be off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.gap import Pairing, pair_modes
+from fenics_joints.measurements.target import Target
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.frf_basis import frf_error
+from fenics_joints.reduction.reduced import ReducedStructure
+from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
+from fenics_joints.response.damping_ratios import damping_ratios
+from fenics_joints.response.modal_basis import modal_pencil
+from fenics_joints.response.pencil import DampedPencil, point_loads
+from fenics_joints.structure.components import Parameter
+from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.structure import Structure
+
+__all__ = ["CombinedModel", "ModelError", "paired", "sample_values"]
+
+#: Samples for each parameter, beside the start, and their range about it, a factor either way.
+_SAMPLES, _RANGE = 2, 30.0
+
+#: Share of the largest energy below which a direction is left out of the basis: at first, and by
+#: which factor it falls when the model is bettered.
+_BASIS, _FINER = 1e-5, 0.03
+#: Lines at which functions are checked against the direct solution.
+_CHECKED = 6
+#: Modes of every sample reach this multiple of the highest line, but are no more than that many
+#: times as many as asked for: without the modes in its band a function is not in the basis.
+_REACH, _MOST = 1.2, 6
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Error of the reduced model at some values against the full one.
+
+    Attributes:
+        frequencies: Largest relative error of the paired frequencies; 0 without any.
+        frfs: Largest |H - H_full| / |H_full| over the lines that were checked; None without.
+        damping: Largest relative error of the damping ratios that are data; None without.
+    """
+
+    frequencies: float
+    frfs: float | None
+    damping: float | None = None
+
+
+class CombinedModel:
+    """A reduced model for the frequencies, shapes, ratios and functions of a target. Collective.
+
+    Its basis holds modes and, for functions, residual vectors of their forces and sensors, and for
+    them and for damping ratios those of damped layers, at samples of the parameters; more samples
+    can be added.
+
+    Args:
+        full: The full model.
+        target: The data.
+        damping: The damping, its values numbers or parameters.
+        n_modes: Modes of the full model at a sample; more where they do not reach the lines.
+
+    Attributes:
+        arrays: The reduced model as it is now.
+        samples: How many samples are in it.
+    """
+
+    def __init__(self, full: Structure, target: Target, damping: Damping, n_modes: int):
+        self.full, self.target, self.damping, self.n_modes = full, target, damping, n_modes
+        self.samples, self._tolerance, self._most = 0, _BASIS, _MOST * n_modes
+        self.arrays: ArrayModel | None = None
+        self._snapshots = Snapshots(full)
+        self._solver = self._exact = None
+        self._ratios: dict[tuple, np.ndarray] = {}
+        frfs = target.frfs
+        self._loads = None
+        if frfs is not None:
+            self._loads = np.hstack([
+                point_loads(full, frfs.excitation, "excitation"), point_loads(full, frfs.sensors),
+            ])  # fmt: skip
+
+    def add(self, values: Mapping[str, float]) -> None:
+        """Take the modes and residual vectors at some values into the basis of the next `build`."""
+        modes, more = self._modes(values, SNAPSHOT), None
+        while self._wants_more(modes):
+            self.n_modes = min(self.n_modes + self.n_modes // 2, self._most, self.full.n_dofs)
+            for solver in (self._solver, self._exact):
+                if solver is not None:
+                    solver.destroy()
+            self._solver = self._exact = None
+            modes = self._modes(values, SNAPSHOT)
+        ratios = "damping" in self.target.kinds and self.damping.layers
+        if self._loads is not None or ratios:
+            more = self._residual_vectors(values, modes)
+        self._snapshots.add(modes, more=more)
+        self.samples += 1
+
+    def _residual_vectors(self, values: Mapping[str, float], modes: Modes) -> np.ndarray:
+        """What forces and damped layers add to the modes, this rank's rows, (n_local, k)."""
+        if self._loads is None:
+            loads = np.zeros((len(modes.shapes[0].array_r), 0))
+            lines = modes.frequencies_hz[modes.n_rigid :]
+        else:
+            loads, lines = self._loads, self.target.frfs.frequencies_hz
+        pencil = DampedPencil(self.full, values, self.damping)
+        try:
+            modal = modal_pencil(pencil, loads, lines, modes=modes)
+        finally:
+            pencil.destroy()
+        return modal.basis[:, len(modes) :]
+
+    def _wants_more(self, modes: Modes) -> bool:
+        """Whether the modes end below the lines."""
+        if self._loads is None or self.n_modes >= min(self._most, self.full.n_dofs):
+            return False
+        return modes.frequencies_hz[-1] < _REACH * self.target.frfs.frequencies_hz.max()
+
+    def _modes(self, values, tolerance: float = 1e-7) -> Modes:
+        modes = solve_modes(
+            self.full, values, n_modes=self.n_modes, solver=self._solver, tolerance=tolerance
+        )
+        self._solver = modes.solver
+        return modes
+
+    def build(self) -> ArrayModel:
+        """The reduced model on all samples so far."""
+        places, target = [], self.target
+        if target.shape_sensors is not None:
+            places.append(target.shape_sensors)
+        if target.frfs is not None:
+            places += [target.frfs.excitation, target.frfs.sensors]
+        reduced = ReducedStructure(self.full, self._snapshots.basis(self._tolerance))
+        self.arrays = reduced.arrays(*places)
+        return self.arrays
+
+    def better(self, values: Mapping[str, float]) -> ArrayModel:
+        """The reduced model with one more sample, and with directions of less energy."""
+        self.add(values)
+        self._tolerance *= _FINER
+        return self.build()
+
+    def modes(self, values: Mapping[str, float]) -> Modes:
+        """Modes of the full model."""
+        modes = solve_modes(self.full, values, n_modes=self.n_modes, solver=self._exact)
+        self._exact = modes.solver
+        return modes
+
+    def ratios(self, values: Mapping[str, float], modes: Modes) -> np.ndarray | None:
+        """Damping ratios of the full model's modes that are the test's, (m,); None if no data.
+
+        Args:
+            values: Values of the parameters.
+            modes: Modes of the full model there, the last that were found; remembered.
+        """
+        if "damping" not in self.target.kinds:
+            return None
+        key = tuple(values.items())
+        if key not in self._ratios:
+            index = paired(modes, self.target).index
+            self._ratios[key] = damping_ratios(self.full, values, self.damping, modes, index)[0]
+        return self._ratios[key]
+
+    def error(self, values: Mapping[str, float], modes: Modes) -> ModelError:
+        """Error of the reduced model.
+
+        Args:
+            values: Values of the parameters.
+            modes: Modes of the full model there.
+        """
+        frequencies, target, off = 0.0, self.target, None
+        if len(target):
+            own = solve_modes(self.arrays, values, n_modes=min(self.n_modes, self.arrays.n_dofs))
+            index = paired(own, target).index
+            ours, theirs = own.frequencies_hz[index], modes.frequencies_hz
+            frequencies = float(np.max(np.abs(ours / theirs[paired(modes, target).index] - 1)))
+            exact = self.ratios(values, modes)
+            if exact is not None:
+                ours, _ = damping_ratios(self.arrays, values, self.damping, own, index)
+                used = np.isfinite(target.damping_ratios)
+                off = float(np.max(np.abs(ours / exact - 1)[used]))
+        if target.frfs is None:
+            return ModelError(frequencies, None, off)
+        found = frf_error(
+            self.arrays, self.full, [values], frequencies_hz=target.frfs.frequencies_hz,
+            excitation=target.frfs.excitation, sensors=target.frfs.sensors, damping=self.damping,
+            lines=_CHECKED,
+        )  # fmt: skip
+        return ModelError(frequencies, found.worst, off)
+
+
+def paired(modes: Modes, target: Target) -> Pairing:
+    """A model's modes that are the test's."""
+    return pair_modes(modes, len(target), target.shape_sensors, reference=target.shapes)
+
+
+def sample_values(
+    full: Structure, parameters: Sequence[Parameter], start: Mapping[str, float]
+) -> list[dict[str, float]]:
+    """The start, and a Sobol sequence of parameters about it that the laws allow."""
+    samples, most = [dict(start)], _SAMPLES * len(parameters)
+    for row in qmc.Sobol(len(parameters), seed=1).random_base2(6) if parameters else ():
+        point = {p.name: _between(p, start[p.name], share)
+                 for p, share in zip(parameters, row, strict=True)}  # fmt: skip
+        values = {**start, **point}
+        if _allowed(full, values):
+            samples.append(values)
+        if len(samples) > most:
+            break
+    return samples
+
+
+def _allowed(full: Structure, values) -> bool:
+    try:
+        for number, region in enumerate(full.regions):
+            q = full.field.region_values(number, values)
+            if q is not None:
+                region.law.check(region.name, q)
+    except InputError:
+        return False
+    return True
+
+
+def _between(parameter: Parameter, start: float, share: float) -> float:
+    """A value within a factor of the start and the bounds, by logarithm if that is its scale."""
+    if not parameter.log and np.isfinite([parameter.lower, parameter.upper]).all():
+        return float(parameter.lower + share * (parameter.upper - parameter.lower))
+    low = max(start / _RANGE, parameter.lower)
+    high = min(start * _RANGE, parameter.upper)
+    return float(np.exp(np.log(low) + share * (np.log(high) - np.log(low))))

@@ -1,0 +1,297 @@
+"""Reduced models for frequency response functions, checked against the full one.
+
+Modes alone are a poor basis for an FRF: a force at a point has a share of all modes, and what those
+beyond the basis answer decides where the antiresonances are. So the basis also holds, at every
+sample of the parameters, residual vectors for the forces, the sensors and the damped layers (see
+`response.modal_basis`). `frf_error` says what is left, against the direct solution of the full
+model, and `checked_frf_model` adds samples until it is small enough where it was asked to be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.reduced import ReducedStructure
+from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
+from fenics_joints.response.frf import solve_frf
+from fenics_joints.response.modal_basis import check_lines, modal_pencil
+from fenics_joints.response.pencil import DampedPencil, point_loads
+from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+
+__all__ = ["CheckedFRFModel", "FRFError", "checked_frf_model", "frf_basis", "frf_error"]
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class FRFError:
+    """Error of a reduced model's FRFs against the full one's direct solution.
+
+    Attributes:
+        frequencies_hz: Lines at which it was found, Hz, (n_f,).
+        relative: |H - H_full| / |H_full|, (n_points, n_f, n_sensors, n_excitations).
+        log: ln(H / H_full), complex: the error of ln|H| and of the phase, rad; the same shape.
+    """
+
+    frequencies_hz: np.ndarray
+    relative: np.ndarray
+    log: np.ndarray
+
+    @property
+    def by_point(self) -> np.ndarray:
+        """The largest relative error at each point, (n_points,)."""
+        return self.relative.max(axis=(1, 2, 3))
+
+    @property
+    def worst(self) -> float:
+        """The largest relative error of all."""
+        return float(self.relative.max())
+
+    @property
+    def worst_log_magnitude(self) -> float:
+        """The largest error of ln|H|."""
+        return float(np.abs(self.log.real).max())
+
+
+@dataclass(frozen=True)
+class CheckedFRFModel:
+    """A reduced model and what it was found to be worth.
+
+    Attributes:
+        reduced: The reduced model.
+        arrays: The same as plain arrays, with displacements where forces and sensors are.
+        error: Its error at `points`.
+        points: Values at which it was checked.
+        samples: Values at which its basis was made, those of the points that were added last.
+        history: In each round: size of the basis, largest relative error over all points.
+        fresh: Largest relative error at points of which the basis has no vectors: what to expect
+            elsewhere among them. None if vectors of every point are in it.
+    """
+
+    reduced: ReducedStructure
+    arrays: ArrayModel
+    error: FRFError
+    points: tuple[Values, ...]
+    samples: tuple[Values, ...]
+    history: tuple[tuple[int, float], ...]
+    fresh: float | None
+
+
+class _Sampler:
+    """Modes and residual vectors at one sample after the other, one factorisation each."""
+
+    def __init__(self, structure: Structure, n_modes: int, lines, excitation, sensors, damping):
+        self.structure, self.n_modes = structure, n_modes
+        self.lines, self.damping = check_lines(lines), damping or Damping()
+        self.damping.check(structure)
+        self.snapshots = Snapshots(structure)
+        self.loads = np.hstack(
+            [point_loads(structure, excitation, "excitation"), point_loads(structure, sensors)]
+        )
+        self.solver = None
+
+    def add(self, given: Values) -> None:
+        modes = solve_modes(
+            self.structure, given, n_modes=self.n_modes, solver=self.solver, tolerance=SNAPSHOT
+        )
+        self.solver = modes.solver
+        pencil = DampedPencil(self.structure, given, self.damping)
+        try:
+            modal = modal_pencil(pencil, self.loads, self.lines, modes=modes)
+        finally:
+            pencil.destroy()
+        self.snapshots.add(modes, more=modal.basis[:, len(modes) :])
+
+
+def frf_basis(
+    structure: Structure,
+    samples: Iterable[Values],
+    *,
+    n_modes: int,
+    frequencies_hz,
+    excitation: Sensors,
+    sensors: Sensors,
+    damping: Damping | None = None,
+    tolerance: float = 1e-8,
+    travel: Mapping[str, tuple[float, float]] | None = None,
+    progress: Callable[[], None] | None = None,
+) -> ReducedStructure:
+    """Reduced model on modes and residual vectors at samples of the parameters. Collective.
+
+    Args:
+        structure: The full model.
+        samples: Values at which they are computed.
+        n_modes: Modes at each sample, rigid-body ones included.
+        frequencies_hz: Lines of interest, Hz; their median weighs the layers' damping.
+        excitation: Points and directions of the forces.
+        sensors: Points and directions of the responses.
+        damping: The damping, whose damped layers get residual vectors of their own.
+        tolerance: Directions with less than this share of the largest energy are left out.
+        travel: Ranges of moving masses, see `ReducedStructure`.
+        progress: Called after each sample.
+
+    Raises:
+        InputError: Without samples, or if a value is out of range or a point outside the mesh.
+        ConvergenceError: If modes were not found.
+    """
+    sampler = _Sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
+    for given in samples:
+        sampler.add(given)
+        if progress:
+            progress()
+    return ReducedStructure(structure, sampler.snapshots.basis(tolerance), travel)
+
+
+def frf_error(
+    reduced,
+    structure: Structure,
+    at: Sequence[Values],
+    *,
+    frequencies_hz,
+    excitation: Sensors,
+    sensors: Sensors,
+    damping: Damping | None = None,
+    lines: int | None = 5,
+) -> FRFError:
+    """Error of FRFs of a reduced model at parameter values. Collective.
+
+    Receptance, mobility and accelerance have the same relative error.
+
+    Args:
+        reduced: A `ReducedStructure` or `ArrayModel`.
+        structure: The full model, which is solved directly; by modes where it has modal ratios.
+        at: Values of the parameters, n_points sets of them.
+        frequencies_hz: Lines of interest, Hz.
+        excitation: Points and directions of the forces.
+        sensors: Points and directions of the responses.
+        damping: The damping.
+        lines: At how many lines, evenly from the first to the last; None for all.
+
+    Raises:
+        InputError: As `solve_frf`; without values.
+        ConvergenceError: If a line is at a resonance without damping.
+    """
+    if not len(at):
+        raise InputError("at: expected at least one set of parameter values.")
+    some = _some(check_lines(frequencies_hz), lines)
+    exact = [_exact(structure, p, some, excitation, sensors, damping) for p in at]
+    return _error(reduced, at, exact, some, excitation, sensors, damping)
+
+
+def checked_frf_model(
+    structure: Structure,
+    samples: Sequence[Values],
+    points: Sequence[Values],
+    *,
+    n_modes: int,
+    frequencies_hz,
+    excitation: Sensors,
+    sensors: Sensors,
+    damping: Damping | None = None,
+    error: float = 1e-3,
+    lines: int | None = 5,
+    rounds: int = 8,
+    strict: bool = True,
+    tolerance: float = 1e-8,
+    travel: Mapping[str, tuple[float, float]] | None = None,
+    progress: Callable[[], None] | None = None,
+) -> CheckedFRFModel:
+    """Reduced model whose FRFs have no larger error than asked at points. Collective.
+
+    The point with the largest error becomes a sample, and all are looked at again.
+
+    Args:
+        structure: The full model.
+        samples: Values at which the basis is made to begin with.
+        points: Values at which the error shall be small.
+        n_modes: As in `frf_basis`.
+        frequencies_hz: Lines of interest, Hz.
+        excitation: Points and directions of the forces.
+        sensors: Points and directions of the responses.
+        damping: The damping.
+        error: Largest relative error of any FRF at any of the points and lines.
+        lines: At how many lines each point is checked, see `frf_error`.
+        rounds: How many points may be added.
+        strict: Whether a larger error is an exception; otherwise it is there to be read.
+        tolerance: As in `frf_basis`.
+        travel: Ranges of moving masses.
+        progress: Called after each sample and each point.
+
+    Raises:
+        InputError: As `frf_basis`.
+        ConvergenceError: If the error is still larger after all rounds, and ``strict``.
+    """
+    if not len(samples) or not len(points):
+        raise InputError("samples and points: expected at least one set of values in each.")
+    done = progress or (lambda: None)
+    places = {"excitation": excitation, "sensors": sensors}
+    sampler = _Sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
+    used, some, exact = list(samples), _some(sampler.lines, lines), []
+    for given in used:
+        sampler.add(given)
+        done()
+    for given in points:
+        exact.append(_exact(structure, given, some, **places, damping=damping))
+        done()
+    history, own = [], np.zeros(len(points), dtype=bool)
+    while True:
+        reduced = ReducedStructure(structure, sampler.snapshots.basis(tolerance), travel)
+        found = _error(reduced, points, exact, some, **places, damping=damping)
+        history.append((reduced.n_dofs, found.worst))
+        worst = int(np.argmax(np.where(own, 0.0, found.by_point)))
+        late = found.worst > error
+        if not late or len(history) > rounds or own.all() or found.by_point[worst] <= error:
+            break
+        own[worst] = True
+        used.append(points[worst])
+        sampler.add(points[worst])
+        done()
+    if late and strict:
+        raise ConvergenceError(
+            f"the FRFs of the reduced model of {reduced.n_dofs} vectors have an error of "
+            f"{found.worst:.1e} at the worst of {len(points)} points, more than the {error:.1e} "
+            "asked for: allow more rounds, more modes or a smaller tolerance."
+        )
+    fresh = None if own.all() else float(found.by_point[~own].max())
+    return CheckedFRFModel(
+        reduced, reduced.arrays(excitation, sensors), found, tuple(points), tuple(used),
+        tuple(history), fresh,
+    )  # fmt: skip
+
+
+def _some(lines: np.ndarray, count: int | None) -> np.ndarray:
+    """Some of the lines, evenly from the first to the last."""
+    if count is None or count >= len(lines):
+        return lines
+    if count < 1:
+        raise InputError(f"lines = {count}: expected at least 1, or None for all.")
+    return lines[np.unique(np.linspace(0, len(lines) - 1, count).round().astype(int))]
+
+
+def _exact(structure, given, lines, excitation, sensors, damping) -> np.ndarray:
+    """Receptances of the full model, (n_f, n_sensors, n_excitations)."""
+    settings = {"method": "modal", "check": 0} if damping and damping.is_modal else {}
+    return solve_frf(
+        structure, given, frequencies_hz=lines, excitation=excitation, sensors=sensors,
+        damping=damping, **settings,
+    ).values  # fmt: skip
+
+
+def _error(reduced, at, exact, lines, excitation, sensors, damping) -> FRFError:
+    found = np.array([
+        solve_frf(
+            reduced, given, frequencies_hz=lines, excitation=excitation, sensors=sensors,
+            damping=damping,
+        ).values
+        for given in at
+    ])  # fmt: skip
+    ratio = found / np.array(exact)
+    return FRFError(lines, np.abs(ratio - 1), np.log(ratio))

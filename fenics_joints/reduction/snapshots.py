@@ -1,0 +1,135 @@
+"""Vectors from samples of a structure's parameters, made into a basis (proper orthogonal
+decomposition in the energy of one sample)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_joints.errors import InputError
+from fenics_joints.modal.modes import Modes
+from fenics_joints.structure.structure import Structure
+
+__all__ = ["SNAPSHOT", "Snapshots", "dense_columns", "orthonormal", "project"]
+
+#: Tolerance of modes that span a basis; their own error matters by its square.
+SNAPSHOT = 1e-4
+#: Share of the largest energy below which a direction among the rigid-body modes is none.
+_RIGID = 1e-10
+
+
+class Snapshots:
+    """Modes, and what else a basis shall hold, at samples of the parameters.
+
+    Args:
+        structure: The full model.
+    """
+
+    def __init__(self, structure: Structure):
+        self.structure = structure
+        self._rigid: list[PETSc.Vec] = []
+        self._others: list[PETSc.Vec] = []
+        self._first: Mapping[str, float] | None = None
+
+    def add(
+        self, modes: Modes, keep: Iterable[int] | None = None, more: np.ndarray | None = None
+    ) -> None:
+        """Take modes in.
+
+        Args:
+            modes: Modes of the structure.
+            keep: Which of them, by index; all by default.
+            more: This rank's rows of further vectors, (n_local, k).
+        """
+        self._first = modes.given if self._first is None else self._first
+        for i in range(len(modes)) if keep is None else keep:
+            (self._rigid if i < modes.n_rigid else self._others).append(modes.shapes[int(i)])
+        for column in () if more is None else more.T:
+            vector = modes.shapes[0].duplicate()
+            vector.array[:] = column
+            self._others.append(vector)
+
+    def basis(self, tolerance: float) -> list[PETSc.Vec]:
+        """Orthonormal vectors that span all of them. Collective.
+
+        Args:
+            tolerance: Directions with less than this share of the largest energy are left out.
+
+        Raises:
+            InputError: Without any.
+        """
+        if not self._rigid and not self._others:
+            raise InputError("samples: expected at least one set of parameter values.")
+        args = self.structure, self._first
+        # Rigid bodies are kept whole, or they would no longer be rigid; they are the same in all
+        # samples, but that soft springs may mix them.
+        whole = self._whole(*args) if self._rigid else []
+        if not self._others:
+            return whole
+        return orthonormal(args[0], [*whole, *self._others], args[1], tolerance, len(whole))
+
+    def _whole(self, structure, given) -> list[PETSc.Vec]:
+        return orthonormal(structure, self._rigid, given, _RIGID, only_mass=True)
+
+
+def orthonormal(
+    structure: Structure,
+    snapshots: list[PETSc.Vec],
+    given: Mapping[str, float] | None,
+    tolerance: float,
+    whole: int = 0,
+    only_mass: bool = False,
+) -> list[PETSc.Vec]:
+    """Snapshots made orthonormal in the energy of one sample, without the dependent ones.
+
+    The first ``whole`` of them are kept, and what the others have of them is taken off.
+    """
+    # The energy of a support as good as rigid would hide how the snapshots differ elsewhere.
+    soft = [k for s in structure.elastic_supports for k in (s.k_n, s.k_t) if isinstance(k, str)]
+    given = {**(given or {}), **dict.fromkeys(soft, 0.0)}
+    K, M = structure.stiffness(given), structure.mass(given)
+    Z = dense_columns(snapshots)
+    stiff, heavy = project(K, Z), project(M, Z)
+    scale = np.trace(stiff) / np.trace(heavy)
+    # Rigid bodies have no energy but round-off, which may be below zero: there the mass decides.
+    gram = heavy if only_mass else stiff + scale * heavy
+    norms = np.sqrt(np.diag(gram))
+    gram = gram / np.outer(norms, norms)
+    first, rest = slice(0, whole), slice(whole, None)
+    onto = np.linalg.solve(gram[first, first], gram[first, rest])
+    values, vectors = np.linalg.eigh(gram[rest, rest] - gram[rest, first] @ onto)
+    keep = values > tolerance * values[-1]
+    rest_vectors = vectors[:, keep] / np.sqrt(values[keep])
+    combine = np.zeros((len(gram), whole + int(keep.sum())))
+    combine[first, first] = np.linalg.inv(np.linalg.cholesky(gram[first, first])).T
+    combine[first, rest], combine[rest, rest] = -onto @ rest_vectors, rest_vectors
+    combine /= norms[:, None]
+    basis = []
+    for column in (Z.getDenseArray() @ combine).T:
+        vector = snapshots[0].duplicate()
+        vector.array[:] = column
+        basis.append(vector)
+    return basis
+
+
+def dense_columns(vectors: list[PETSc.Vec]) -> PETSc.Mat:
+    """Dense matrix with these columns."""
+    Z = PETSc.Mat().createDense((vectors[0].getSizes(), (None, len(vectors))), comm=vectors[0].comm)
+    Z.setUp()
+    array = Z.getDenseArray()
+    for column, vector in enumerate(vectors):
+        array[:, column] = vector.array_r
+    Z.assemble()
+    return Z
+
+
+def project(A: PETSc.Mat, Z: PETSc.Mat) -> np.ndarray:
+    """Z^T A Z, made symmetric, equal on all ranks. Collective."""
+    AZ = A.matMult(Z)
+    local = Z.getDenseArray().T @ AZ.getDenseArray()
+    A.comm.tompi4py().Allreduce(MPI.IN_PLACE, local)
+    AZ.destroy()
+    return 0.5 * (local + local.T)

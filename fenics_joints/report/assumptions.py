@@ -1,0 +1,68 @@
+"""What a diagnosis takes for granted, as a case file states it, for people to check."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fenics_joints.case.case import Case
+from fenics_joints.formatting import percent, quantity
+from fenics_joints.measurements.data import TestData
+from fenics_joints.report.reading import plain
+
+__all__ = ["assumptions"]
+
+#: Sections whose entries may be known within a tolerance only.
+_KINDS = ("parts", "joints", "masses", "springs", "supports", "attached")
+
+
+def assumptions(case: Case, data: TestData) -> list[tuple[str, str]]:
+    """Names and values of what ``[test]``, ``[diagnose]`` and the tolerances say.
+
+    Args:
+        case: The case.
+        data: Its test.
+    """
+    given = case.diagnose
+    return [
+        *_noise(data),
+        ("error of any such model, correlated along the conditions", percent(given.discrepancy)),
+        *([] if data.shapes is None else
+          [("the same of a shape's components", percent(given.shape_discrepancy, 1))]),
+        ("scatter of the preload at a given torque", percent(given.preload_scatter, 0)),
+        ("the nominal model's joints", _JOINTS[given.joints]),
+        ("effects that may be at work together", f"up to {given.max_effects}"),
+        ("effects that were considered", "all that the case has" if given.effects is None
+         else ", ".join(given.effects)),
+        ("hypotheses whose evidence is sampled", str(given.nested)),
+        *_tolerances(case),
+    ]  # fmt: skip
+
+
+_JOINTS = {
+    "bonded": "as one with the parts: nothing of them is assumed",
+    "given": "with the stiffness that the case gives",
+}
+
+
+def _noise(data: TestData) -> Iterator[tuple[str, str]]:
+    noise = sorted({float(x) for x in np.atleast_1d(data.noise)})
+    yield "noise of a frequency", " to ".join(percent(x, 3) for x in dict.fromkeys(noise))
+    lines = sorted({float(x) for x in np.atleast_1d(data.resolution_hz) if x})
+    if lines:
+        yield "lines of the analyser", ", ".join(quantity(x, "Hz") for x in lines)
+    if data.damping is not None and data.damping_noise is not None:
+        yield "noise of a damping ratio", percent(data.damping_noise, 1)
+    if data.shapes is not None:
+        yield "noise of a shape's component", percent(data.shape_noise, 1)
+
+
+def _tolerances(case: Case) -> Iterator[tuple[str, str]]:
+    for kind in _KINDS:
+        for name, section in (getattr(case, kind, None) or {}).items():
+            given = getattr(section, "tolerance", None)
+            each = {"": given} if isinstance(given, float) else dict(given or {})
+            words = ", ".join(f"{key} {percent(x, 1)}".strip() for key, x in each.items() if x)
+            if words:
+                yield f"{plain(name)} known within (one s.d.)", words

@@ -1,0 +1,128 @@
+"""Pictures of lapped beams from the side: what their elements and patches say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize, to_rgba
+from matplotlib.patches import Rectangle
+
+from fenics_joints.report.mesh_pictures import (
+    OUTLINES,
+    UNSEEN,
+    cells_alt,
+    diverging,
+    patch_bar,
+    patch_legend,
+    patches_alt,
+    rising,
+)
+from fenics_joints.report.style import new_figure, style, to_svg
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.result import CellMap
+    from fenics_joints.diagnosis.where.patches import PatchMap
+
+__all__ = ["beam_cells", "beam_patches"]
+
+#: Rows of the picture, from below: beams under the interface, joint elements, beams above. Where
+#: each starts, and the height of the highest there.
+_BELOW, _JOINT, _ABOVE = (0.0, 1.0), (1.35, 0.5), (2.2, 1.0)
+_SIZE = (7.6, 2.5)
+_NAMES = "#14181d"
+#: Share of the whole length that a patch needs for its number.
+_ROOM = 0.022
+
+
+def _boxes(vertices: np.ndarray) -> np.ndarray:
+    """Corners (n, 4, 2) of the cells in the picture: x in mm, and their row."""
+    x, z = vertices[:, :, 0], vertices[:, :, 2]
+    low, high = z.min(axis=1), z.max(axis=1)
+    size = np.max(high - low)
+    joint = (low < 0) & (high > 0)
+    rows = np.where(joint, 1, np.where(low + high > 0, 2, 0))
+    start = np.array([_BELOW[0], _JOINT[0], _ABOVE[0]])[rows]
+    tall = np.where(joint, _JOINT[1], (high - low) / size)
+    # Beams below hang from the line where their row ends.
+    start = np.where(rows == 0, _BELOW[0] + _BELOW[1] - tall, start)
+    a, b = 1e3 * x.min(axis=1), 1e3 * x.max(axis=1)
+    corners = [(a, start), (b, start), (b, start + tall), (a, start + tall)]
+    return np.stack([np.stack(c, axis=-1) for c in corners], axis=1)
+
+
+def _frame(axes, boxes: np.ndarray) -> None:
+    span = np.ptp(boxes[:, :, 0])
+    axes.set_xlim(boxes[:, :, 0].min() - 0.01 * span, boxes[:, :, 0].max() + 0.01 * span)
+    axes.set_ylim(-0.12, _ABOVE[0] + _ABOVE[1] + 0.12)
+    axes.spines[["left", "right", "top"]].set_visible(False)
+    axes.set_xlabel("x, mm (heights not to scale, beams and laps apart)")
+    axes.tick_params(length=2)
+    rows = [(_ABOVE, "above")] + [(_JOINT, "lap")] + [(_BELOW, "below")]
+    there = [np.any(np.isclose(boxes[:, :, 1], low + high)) for (low, high), _ in rows]
+    shown = [(low + high / 2, name) for ((low, high), name), on in zip(rows, there, strict=True)
+             if on]  # fmt: skip
+    axes.set_yticks([y for y, _ in shown], [name for _, name in shown])
+    axes.tick_params(axis="y", length=0)
+
+
+def beam_patches(cells: PatchMap, name: str = "patches") -> str:
+    """Beams and laps apart, patches coloured by what they explain; see `mesh_pictures.patch_map`.
+
+    Args:
+        cells: The patches; on rank 0, where they have their cells.
+        name: Unique in the page.
+    """
+    boxes = _boxes(np.asarray(cells.vertices, dtype=float))
+    norm = Normalize(0.0, max(float(cells.share.max(initial=0.0)), 1e-9))
+    colours = rising(norm(cells.share[cells.patch]))
+    colours[~cells.seen[cells.patch]] = to_rgba(UNSEEN)
+    bolts = 1e3 * cells.bolts[:, 0]
+    with style():
+        figure = new_figure(*_SIZE)
+        axes = figure.subplots()
+        axes.add_collection(PolyCollection(boxes, facecolors=colours, edgecolors=colours, lw=0.3))
+        for p, test in enumerate(cells.tests):
+            own = boxes[cells.patch == p]
+            (x0, y0), (x1, y1) = own.min(axis=(0, 1)), own.max(axis=(0, 1))
+            rank = int(cells.significant[p]) + int(cells.sufficient[p])
+            line = {"ec": OUTLINES[rank]["colors"], "lw": OUTLINES[rank]["lw"]}
+            axes.add_patch(
+                Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, zorder=3 + rank, **line)
+            )
+            if x1 - x0 > _ROOM * np.ptp(boxes[:, :, 0]) or y0 == _JOINT[0]:
+                dark = norm(cells.share[p]) > 0.6
+                axes.text(
+                    (x0 + x1) / 2, (y0 + y1) / 2, test.zone.rpartition(" ")[2],
+                    ha="center", va="center", fontsize=6.5, zorder=7,
+                    color="#ffffff" if dark else _NAMES,
+                )  # fmt: skip
+        _frame(axes, boxes)
+        gaps = [(_BELOW[1], _JOINT[0]), (sum(_JOINT), _ABOVE[0])]
+        for x in bolts:
+            for ends in [(-0.1, 0.15), *gaps, (sum(_ABOVE) - 0.15, sum(_ABOVE) + 0.1)]:
+                axes.plot([x, x], ends, ls=(0, (3, 2)), lw=1.1, color=_NAMES, zorder=6)
+        patch_bar(figure, axes, norm)
+        patch_legend(figure, cells, bolt={"ls": (0, (4, 3))})
+        return to_svg(figure, name, patches_alt(cells))
+
+
+def beam_cells(cells: CellMap, name: str = "cells") -> str:
+    """Beams and laps apart, elements coloured by density; see `mesh_pictures.cell_map`."""
+    boxes = _boxes(np.asarray(cells.vertices, dtype=float))
+    norm = Normalize(-1, 1)
+    with style():
+        figure = new_figure(_SIZE[0], _SIZE[1] - 0.2)
+        axes = figure.subplots()
+        colours = diverging(norm(cells.density))
+        axes.add_collection(PolyCollection(boxes, facecolors=colours, edgecolors="#9aa0a8", lw=0.3))
+        _frame(axes, boxes)
+        bar = figure.colorbar(
+            ScalarMappable(norm, diverging), ax=axes, location="bottom", aspect=45, shrink=0.85
+        )
+        bar.set_ticks([-1, -0.5, 0, 0.5, 1], labels=["-1", "-0.5", "0", "0.5", "1"])
+        bar.set_label("blue: stiffer here closes the gap   |   red: softer here closes the gap")
+        bar.outline.set_visible(False)
+        return to_svg(figure, name, cells_alt(cells))

@@ -1,0 +1,82 @@
+"""Pictures of a diagnosis that no other page has."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from fenics_joints.formatting import percent
+from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO, new_figure, style, to_svg
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.shrinkage import Shrinkage
+
+__all__ = ["forecasts"]
+
+#: What was stated before, behind what was found.
+_STATED = "#b9d4ea"
+
+
+def forecasts(s: Shrinkage, name: str = "forecasts") -> str:
+    """Errors on held-out data, fold by fold: as stated before they were looked at, and as found.
+
+    Args:
+        s: The folds.
+        name: Unique in the page.
+    """
+    with style():
+        figure = new_figure(7.6, 0.36 * len(s.folds) + 1.2)
+        axes = figure.subplots()
+        for y, fold in enumerate(s.folds):
+            low, high = (100 * x for x in fold.predicted_after)
+            axes.barh(y, high - low, 0.62, left=low, color=_STATED, zorder=1)
+            axes.vlines(100 * fold.noise, y - 0.34, y + 0.34, NOISE, lw=1.8, zorder=2)
+            for value, mark, colour in (
+                (fold.before, "s", NOMINAL), (fold.placebo, "X", PLACEBO), (fold.after, "o", CHOSEN)
+            ):  # fmt: skip
+                axes.plot(100 * value, y, mark, ms=6.5, color=colour, zorder=3)
+        axes.set_yticks(range(len(s.folds)), [fold.name for fold in s.folds])
+        axes.tick_params(axis="y", length=0)
+        axes.invert_yaxis()
+        _axis(axes, s)
+        figure.legend(handles=_legend(), loc="outside upper left", ncols=3)
+        return to_svg(figure, name, _in_words(s))
+
+
+def _axis(axes, s: Shrinkage) -> None:
+    """Logarithmic where errors differ by more than a decade, since all of them matter."""
+    values = 100 * np.array([[f.before, f.after, f.placebo, f.noise] for f in s.folds])
+    values = values[np.isfinite(values) & (values > 0)]
+    if len(values) and values.max() > 10 * values.min():
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        # An interval may reach far below noise, which shows nothing.
+        axes.set_xlim(0.6 * values.min(), None)
+    axes.grid(axis="x")
+    axes.set_axisbelow(True)
+    axes.set_xlabel("error on held-out data, % (root mean square, relative)")
+
+
+def _legend() -> list:
+    def mark(symbol: str, colour: str, label: str) -> Line2D:
+        return Line2D([], [], ls="", marker=symbol, ms=6.5, color=colour, label=label)
+
+    return [
+        mark("s", NOMINAL, "nominal model"),
+        mark("X", PLACEBO, "best wrong effect"),
+        mark("o", CHOSEN, "chosen without these data"),
+        Patch(color=_STATED, label="stated for it before (90 %)"),
+        Line2D([], [], color=NOISE, lw=1.8, label="noise"),
+    ]
+
+
+def _in_words(s: Shrinkage) -> str:
+    rows = [
+        f"{f.name}: {percent(f.before)} to {percent(f.after)}, stated "
+        f"{percent(f.predicted_after[0])} to {percent(f.predicted_after[1])}"
+        for f in s.folds
+    ]
+    return f"Errors on held-out data, before and after, by fold. {'; '.join(rows)}."

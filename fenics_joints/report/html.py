@@ -1,0 +1,495 @@
+"""Reports as HTML: one page each that holds its own style and pictures and needs nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+import fenics_joints
+from fenics_joints import formatting
+from fenics_joints.formatting import extents, mode_kinds, ring_row
+from fenics_joints.measurements.gap import Gap
+from fenics_joints.report import beam_pictures, diagnosis_pictures, mesh_pictures
+from fenics_joints.report import style as pictures
+from fenics_joints.report.explanation import explain, group_words, zone_words
+from fenics_joints.report.reading import (
+    EffectClass,
+    by_effect,
+    by_reason,
+    confusion,
+    effect_classes,
+    leading,
+    named,
+    plain,
+    sampled,
+    with_place,
+)
+
+if TYPE_CHECKING:
+    from fenics_joints.commands.modes import ModeList
+    from fenics_joints.diagnosis.result import CellMap, Diagnosis
+    from fenics_joints.diagnosis.where.location import Location
+    from fenics_joints.diagnosis.where.patches import PatchMap
+    from fenics_joints.diagnosis.where.where import ZoneTest
+    from fenics_joints.meshes import Ring
+    from fenics_joints.updating.updating import UpdateReport
+
+__all__ = [
+    "ModePicture", "diagnosis_html", "facts", "modes_html", "modes_page", "render", "svg",
+    "update_html",
+]  # fmt: skip
+
+#: Verdicts as headings.
+VERDICTS = {
+    "cause": "Cause found",
+    "no gap": "No gap",
+    "unknown": "Cause unknown",
+    "ambiguous": "Ambiguous",
+}
+#: Hypotheses that get a row of their own.
+_MOST_HYPOTHESES = 8
+#: Classes of effects below this are folded away, but for so many.
+_PROBABLE, _FEWEST_CLASSES = 1e-3, 5
+#: A nuisance further from its expected value than this, in its standard deviations, is marked.
+_FAR = 2.0
+
+
+def _environment() -> jinja2.Environment:
+    env = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    env.globals["version"] = fenics_joints.__version__
+    env.filters.update(
+        percent=formatting.percent,
+        probability=formatting.probability,
+        hertz=formatting.hertz,
+        number=formatting.number,
+        quantity=formatting.quantity,
+        interval=formatting.interval,
+        plain=plain,
+        named=named,
+        with_place=with_place,
+        zone_words=zone_words,
+        p_value=formatting.p_value,
+        spread=formatting.spread,
+        by_effect=by_effect,
+        by_reason=by_reason,
+        at=formatting.condition_value,
+    )
+    return env
+
+
+def render(template: str, **values) -> str:
+    """A page from one of the templates."""
+    return _environment().get_template(template).render(**values)
+
+
+# -- shared parts ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class HeatCell:
+    """A cell of a heat map: its text, and its colours as CSS."""
+
+    text: str
+    style: str
+
+
+def heat_map(gap: Gap, largest: float) -> list[list[HeatCell]]:
+    """Relative errors as coloured cells, shape (n, m).
+
+    Args:
+        gap: The gap.
+        largest: Relative error that gets the full colour.
+    """
+    return [[_heat_cell(e, largest) for e in row] for row in np.atleast_2d(gap.relative)]
+
+
+def _heat_cell(error: float, largest: float) -> HeatCell:
+    if not np.isfinite(error):
+        return HeatCell(formatting.MISSING, "")
+    # A square root, so that errors of a tenth of the largest still show.
+    strength = math.copysign(math.sqrt(min(abs(error) / largest, 1.0)), error) if largest else 0.0
+    colour = mesh_pictures.diverging(0.5 + 0.5 * 0.9 * strength)[:3]
+    background = "#" + "".join(f"{round(255 * c):02x}" for c in colour)
+    # White on dark, at the luminance where both inks have the same contrast (WCAG 2.1).
+    ink = "#ffffff" if _luminance(colour) < 0.18 else "#14181d"
+    style = f"background:{background};color:{ink}"
+    return HeatCell(formatting.percent(error, 1, sign=True), style)
+
+
+def _luminance(colour: Sequence[float]) -> float:
+    """Relative luminance of an sRGB colour (WCAG 2.1)."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def _largest(*gaps: Gap) -> float:
+    """Largest error of several gaps: the common scale of their heat maps."""
+    return max(float(np.nanmax(np.abs(g.relative), initial=0.0)) for g in gaps)
+
+
+def _heat_pair(before: Gap, after: Gap, names: tuple[str, str]) -> list[dict]:
+    largest = _largest(before, after)
+    return [
+        {"name": name, "gap": gap, "cells": heat_map(gap, largest)}
+        for name, gap in zip(names, (before, after), strict=True)
+    ]
+
+
+def svg(text: str) -> Markup:
+    """A picture that `pictures` made, which escapes what it is given."""
+    return Markup(text)
+
+
+# -- diagnosis -------------------------------------------------------------------------------------
+
+
+def diagnosis_html(
+    d: Diagnosis,
+    *,
+    log_sd: np.ndarray | None = None,
+    assumed: Sequence[tuple[str, str]] = (),
+) -> str:
+    """The diagnosis as a page.
+
+    Args:
+        d: The diagnosis; on rank 0, since the maps over the structure are there only.
+        log_sd: Standard deviations of the measured ln f, shape (n, m), for error bars.
+        assumed: Names and values of what it takes for granted, from `assumptions`.
+
+    Returns:
+        HTML without any reference to other files.
+    """
+    classes, found = effect_classes(d), d.location
+    shrunk = d.shrinkage if d.shrinkage is not None and d.shrinkage.folds else None
+    return render(
+        "diagnosis.html",
+        d=d,
+        heading=VERDICTS.get(d.verdict, d.verdict),
+        words=explain(d),
+        lead=leading(d),
+        bars=svg(_gap_picture(d)),
+        patches=svg(_patch_picture(found.patches)) if _has_map(found) else None,
+        map=None if d.cells is None else svg(_cell_picture(d.cells)),
+        zones=[] if found is None else _zones(found),
+        axes=[] if found is None else _axes(found, d.condition),
+        heat=_heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
+        classes=classes,
+        shown=_worth_showing(classes),
+        letters={c.name: c.letter for c in classes},
+        hypotheses=d.hypotheses[:_MOST_HYPOTHESES],
+        rest=d.hypotheses[_MOST_HYPOTHESES:],
+        best=max((h.log_evidence for h in d.hypotheses), default=0.0),
+        sampled=[(h, sampled(d, h)) for h in d.hypotheses if sampled(d, h) is not None],
+        separations=[(s, confusion(s.distance)) for s in d.separations],
+        shrunk=shrunk,
+        forecasts=None if shrunk is None else svg(diagnosis_pictures.forecasts(shrunk)),
+        curves=svg(
+            pictures.frequency_panels(
+                d.before, d.after, d.condition,
+                labels=("nominal model", "leading hypothesis"), log_sd=log_sd,
+                validation=d.validation,
+            )
+        ),
+        far=_FAR,
+        assumed=assumed,
+        facts=facts(_with_error(d)),
+    )  # fmt: skip
+
+
+def _patch_picture(cells: PatchMap) -> str:
+    draw = beam_pictures.beam_patches if cells.side_view else mesh_pictures.patch_map
+    return draw(cells)
+
+
+def _cell_picture(cells: CellMap) -> str:
+    draw = beam_pictures.beam_cells if cells.side_view else mesh_pictures.cell_map
+    return draw(cells)
+
+
+def _has_map(found: Location | None) -> bool:
+    patches = None if found is None else found.patches
+    return patches is not None and patches.vertices is not None
+
+
+def _zones(found: Location) -> list[tuple[str, list[tuple[str, ZoneTest]]]]:
+    """Tables of zone tests, the most telling first: their captions and rows."""
+    tables = [("Regions of the model", found.regions), ("Joints zone by zone", found.zones)]
+    return [
+        (caption, [(zone_words(t.zone), t) for t in sorted(tests, key=lambda t: -t.share)])
+        for caption, tests in tables if tests
+    ]  # fmt: skip
+
+
+def _axes(found: Location, condition: tuple[str, str]) -> list[tuple[str, list]]:
+    """What each mode, band, condition and kind of data adds, axes of several groups only."""
+    names = {"mode": "mode", "band": "band", "condition": condition[0], "kind": "kind of data"}
+    tables = []
+    for by, name in names.items():
+        rows = [a for a in found.attribution if a.by == by]
+        whole = sum(a.chi2 for a in rows)
+        if len(rows) > 1:
+            tables.append((name, [(group_words(a, condition[1]), a, a.chi2 / whole) for a in rows]))
+    return tables
+
+
+def _worth_showing(classes: Sequence[EffectClass]) -> int:
+    """How many classes are shown at once: the probable ones, and a few at least."""
+    probable = sum(c.probability >= _PROBABLE for c in classes)
+    return min(max(probable, _FEWEST_CLASSES), len(classes))
+
+
+def _gap_picture(d: Diagnosis) -> str:
+    fitted = [("nominal model", d.before.rms, "nominal"), ("fitted", d.after.rms, "chosen")]
+    held_out = [
+        ("nominal model", d.heldout_before, "nominal"),
+        ("best wrong effect", d.placebo_after, "placebo"),
+        ("chosen effect", d.heldout_after, "chosen"),
+    ]
+    groups = [("All data, fitted", fitted), ("Held-out data, predicted", held_out)]
+    if d.validation is not None:
+        old, new = d.validation
+        at = ", ".join(formatting.condition_value(x, d.condition[1]) for x in new.conditions)
+        bars = [("nominal model", old.rms, "nominal"), ("chosen effect", new.rms, "chosen")]
+        groups.append((f"Validation at {at}, never fitted", bars))
+    return pictures.gap_bars(groups, d.noise)
+
+
+#: Facts on the model, in words.
+_FACTS = {
+    "dofs": "degrees of freedom of the finite-element model",
+    "basis": "vectors of the reduced model's basis",
+    "samples": "parameter sets the basis was made from",
+    "frequency_error": "largest frequency error of the reduced model against the full one",
+    "solutions": "eigenproblems solved",
+    "seconds": "seconds that the diagnosis took",
+    "reduced_solutions": "eigenproblems of the reduced model solved",
+    "not_converged": "conditions at which the identification did not converge, left out",
+    "crossing_modes": "modes of the test that change places in the model (followed by MAC)",
+}
+
+
+def _with_error(d: Diagnosis) -> dict[str, object]:
+    """A model that is its own reduced model has no error to speak of."""
+    return {**d.model, "frequency_error": d.model_error} if "basis" in d.model else d.model
+
+
+def facts(model: Mapping[str, object]) -> list[tuple[str, str]]:
+    """Facts on a model for the page: names in words, and values."""
+    return [(_FACTS.get(key, plain(key)), _fact(key, value)) for key, value in model.items()]
+
+
+def _fact(key: str, value) -> str:
+    if key == "frequency_error":
+        return formatting.percent(float(value), 4)
+    if isinstance(value, list):
+        return ", ".join(value) or "none"
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        return str(value)
+    if key == "seconds":
+        return f"{value:.1f}"
+    whole = float(value).is_integer()
+    return f"{int(value):,}".replace(",", "\N{NO-BREAK SPACE}") if whole else f"{value:.4g}"
+
+
+# -- update ----------------------------------------------------------------------------------------
+
+
+def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
+    """The result of an update as a page.
+
+    Args:
+        u: The result.
+        log_sd: Standard deviations of the measured ln f over the torques, shape (n, m).
+
+    Returns:
+        HTML without any reference to other files.
+    """
+    curves = None
+    if u.curve_frequencies is not None:
+        curves = svg(
+            pictures.frequency_panels(
+                None, u.curve_frequencies, u.condition, labels=("", "model on the curves"),
+                log_sd=log_sd, held_out=_held_out(u),
+                validation=None if u.validation is None else (None, u.validation),
+            )
+        )  # fmt: skip
+    panels = parameter_rows(u)
+    identifiability = u.identifiability
+    return render(
+        "update.html",
+        u=u,
+        published=u.published,
+        facts=facts(u.model),
+        weakest=sorted(
+            zip(identifiability.names, np.asarray(identifiability.weakest), strict=True),
+            key=lambda pair: -abs(pair[1]),
+        ),
+        units={p["name"]: p["unit"] for p in u.parameters},
+        panels=svg(pictures.parameter_panels(panels, u.condition)) if panels else None,
+        curves=curves,
+        curve_heat=None
+        if u.curve_frequencies is None
+        else heat_map(u.curve_frequencies, _largest(u.curve_frequencies)),
+    )
+
+
+def _held_out(u: UpdateReport) -> np.ndarray:
+    """Which rows of the curve's frequencies were left out of the curves, shape (n,)."""
+    left = {fit["condition"] for fit in u.torque_fits if fit["held_out"]}
+    return np.array([condition in left for condition in u.curve_frequencies.conditions])
+
+
+def parameter_rows(u: UpdateReport) -> list[dict]:
+    """What `pictures.parameter_panels` draws, a row for each parameter."""
+    if len(u.torque_fits) < 2:
+        return []
+    fits = sorted(u.torque_fits, key=lambda fit: fit["condition"])
+    x = np.array([fit["condition"] for fit in fits], dtype=float)
+    by_name = {curve["name"]: curve for curve in u.curves}
+    rows = []
+    for parameter in u.parameters:
+        name = parameter["name"]
+        rows.append(
+            {
+                "name": name,
+                "unit": parameter["unit"],
+                "x": x,
+                "value": np.array([fit["parameters"][name] for fit in fits]),
+                "sd": np.array([fit["sd"].get(name, np.nan) for fit in fits], dtype=float),
+                "held_out": np.array([bool(fit["held_out"]) for fit in fits]),
+                "curve": curve_line(by_name.get(name), x),
+            }
+        )
+    return rows
+
+
+def curve_line(curve: Mapping | None, x: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Points on a parameter's curve, or None if it is not known how it runs.
+
+    Args:
+        curve: Row of ``UpdateReport.curves``. Its ``samples``, pairs (condition, value), are taken
+            if it has any; a pure power law is evaluated; other formulas are not guessed at.
+        x: Conditions to span, shape (n,), ascending.
+    """
+    if curve is None:
+        return None
+    if curve.get("samples"):
+        points = np.asarray(curve["samples"], dtype=float)
+        return points[:, 0], points[:, 1]
+    if curve["form"] != "a (T/T0)^b" or np.any(x <= 0):
+        return None
+    fine = np.geomspace(x[0], x[-1], 60)
+    return fine, curve["a"] * (fine / curve["T0"]) ** curve["b"]
+
+
+# -- modes -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ModePicture:
+    """A mode shape for the page.
+
+    Attributes:
+        number: Number of the mode, from 1, rigid-body modes counted.
+        frequency_hz: Its frequency.
+        svg: The picture, from `mesh_pictures.mode_shape`.
+    """
+
+    number: int
+    frequency_hz: float
+    svg: str
+
+
+def modes_html(
+    title: str,
+    frequencies_hz: Sequence[float],
+    n_rigid: int,
+    visible: Sequence[bool] | None,
+    *,
+    dofs: int,
+    shapes: Sequence[ModePicture] = (),
+    size_m: Sequence[float] = (),
+    rings: Sequence[Ring] = (),
+) -> str:
+    """Modes as a page.
+
+    Args:
+        title: The case's title.
+        frequencies_hz: Natural frequencies, Hz, rigid-body modes first, shape (n,).
+        n_rigid: Number of rigid-body modes.
+        visible: Whether the test could see each mode, shape (n,); None if that is not known.
+        dofs: Degrees of freedom.
+        shapes: Pictures of mode shapes.
+        size_m: Extents of the mesh, m.
+        rings: Bolts' rings in it.
+    """
+    rows = [
+        {"number": i + 1, "hz": float(f), "kind": kind}
+        for i, (f, kind) in enumerate(
+            zip(frequencies_hz, mode_kinds(len(frequencies_hz), n_rigid, visible), strict=True)
+        )
+    ]
+    pictures_ = [(shape, svg(shape.svg)) for shape in shapes]
+    return render(
+        "modes.html", title=title, rows=rows, n_rigid=n_rigid, dofs=dofs, shapes=pictures_,
+        sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
+        size=extents(size_m) if len(size_m) else "", rings=[ring_row(ring) for ring in rings],
+    )  # fmt: skip
+
+
+def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
+    """The page of the ``modes`` command. Collective; empty on all ranks but the first.
+
+    Args:
+        result: The modes of a case.
+        n_shapes: How many shapes to show: the lowest that the test could see, or the lowest
+            elastic ones if the case does not say what it saw.
+    """
+    from fenics_joints.report.motion import corner_motion
+
+    modes, visible = result.modes, result.visible
+    elastic = np.arange(len(modes)) >= modes.n_rigid
+    wanted = np.flatnonzero(elastic if visible is None else visible)[:n_shapes]
+    structure, vectors = modes.model, [modes.shape(int(i)) for i in wanted]
+    dofs = structure.n_dofs
+    if hasattr(structure, "displacements"):
+        structure, vectors = structure.structure, structure.displacements(vectors)
+    vertices, motions = corner_motion(structure, vectors)
+    if not len(vertices):
+        return ""
+    sensors = result.case.sensors()
+    shapes = []
+    for i, motion in zip(wanted, motions, strict=True):
+        way = _mean_direction(sensors, motion)
+        hz = float(result.frequencies_hz[i])
+        alt = f"Mode shape {i + 1} at {hz:.2f} Hz, coloured by its motion along {way.tolist()}."
+        svg = mesh_pictures.mode_shape(vertices, motion, way, f"mode{i + 1}", alt)
+        shapes.append(ModePicture(int(i) + 1, hz, svg))
+    return modes_html(
+        result.case.title, result.frequencies_hz, modes.n_rigid, visible,
+        dofs=dofs, shapes=shapes, size_m=result.size_m, rings=result.rings,
+    )  # fmt: skip
+
+
+def _mean_direction(sensors, motion: np.ndarray) -> np.ndarray:
+    """Direction along which the sensors measure; the axis of the largest motion without any."""
+    if sensors is not None:
+        way = np.zeros(3)
+        mean = np.mean(sensors.directions, axis=0)
+        way[: len(mean)] = mean
+        if np.linalg.norm(way) > 0.5:
+            return np.round(way / np.linalg.norm(way), 6)
+    return np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]

@@ -1,0 +1,254 @@
+"""Summaries of one screen for the terminal, 80 columns or more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from fenics_joints.formatting import (
+    condition_value,
+    extents,
+    hertz,
+    interval,
+    percent,
+    probability,
+    quantity,
+    ring_row,
+    spread,
+)
+from fenics_joints.report.explanation import explain
+from fenics_joints.report.reading import by_effect, by_reason, effect_classes, leading, plain
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.result import Diagnosis
+    from fenics_joints.meshes import Ring
+    from fenics_joints.updating.updating import UpdateReport
+
+__all__ = ["diagnosis", "modes", "new_table", "say", "update"]
+
+#: Rows of each table, so that all of it fits on a screen.
+_REGIONS, _EFFECTS, _PARAMETERS, _MODES, _RINGS = 3, 4, 3, 26, 16
+_STYLES = {"cause": "bold cyan", "no gap": "bold green", "ambiguous": "bold yellow"}
+_BAR = 20
+#: Lines of each of the three sentences, and how many doubts are told; the page has all.
+_SENTENCE_LINES, _DOUBTS = 4, 2
+
+
+def new_table(*headings: str) -> Table:
+    """A plain table; headings that start with > are right-aligned."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for heading in headings:
+        right = heading.startswith(">")
+        table.add_column(
+            heading.lstrip(">"), justify="right" if right else "left", no_wrap=right,
+            overflow="ellipsis" if right else "fold",
+        )  # fmt: skip
+    return table
+
+
+def _bar(share: float) -> Text:
+    return Text("█" * round(_BAR * min(max(share, 0.0), 1.0)), style="blue")
+
+
+def _line(text: str) -> Text:
+    """A table's cell on one line, cut off where the column ends; no markup is read in it."""
+    return Text(text, no_wrap=True, overflow="ellipsis")
+
+
+def say(console: Console, text: str, style: str | None = None) -> None:
+    """Print one line, cut off where the terminal ends; no markup is read in it."""
+    console.print(
+        text, style=style, no_wrap=True, overflow="ellipsis", markup=False, highlight=False
+    )
+
+
+def diagnosis(console: Console, d: Diagnosis) -> None:
+    """Print the diagnosis: where, which and how far in a sentence each, then the numbers."""
+    words = explain(d)
+    verdict = Text(d.verdict.upper(), style=_STYLES.get(d.verdict, "bold red"))
+    console.print(Text.assemble((d.title, "bold"), ": ", verdict))
+    for heading, sentence in words.sentences:
+        text = Text.assemble((f"{heading}. ", "bold"), sentence)
+        _print_at_most(console, text, _SENTENCE_LINES)
+    for doubt in words.doubts[:_DOUBTS]:
+        say(console, f"but: {doubt}", "yellow")
+    console.print()
+    gaps = new_table("gap (RMS relative error)", ">nominal", ">placebo", ">chosen")
+    gaps.add_row("all data, fitted", percent(d.before.rms), "", percent(d.after.rms))
+    gaps.add_row(
+        "held out, predicted", percent(d.heldout_before), percent(d.placebo_after),
+        percent(d.heldout_after), style="bold",
+    )  # fmt: skip
+    if d.validation is not None:
+        old, new = d.validation
+        at = ", ".join(condition_value(x, d.condition[1]) for x in new.conditions)
+        gaps.add_row(f"validation, {at}", percent(old.rms), "", percent(new.rms))
+    gaps.add_row("noise of the test", "", "", percent(d.noise))
+    console.print(gaps)
+    console.print()
+    _where(console, d)
+    _which(console, d)
+    _lead(console, d)
+
+
+def _print_at_most(console: Console, text: Text, lines: int) -> None:
+    """Print a text over a few lines, cut off where they end."""
+    wrapped = text.wrap(console, console.width)
+    for i, line in enumerate(wrapped[:lines]):
+        cut = i == lines - 1 and len(wrapped) > lines
+        if cut:
+            line.truncate(console.width - 2)
+            line.append(" …")
+        console.print(line)
+
+
+def _where(console: Console, d: Diagnosis) -> None:
+    table = new_table("where", ">share", "")
+    for zone in d.where[:_REGIONS]:
+        table.add_row(Text(plain(zone.region)), percent(zone.share, 1), _bar(zone.share))
+    console.print(table)
+    console.print()
+
+
+def _which(console: Console, d: Diagnosis) -> None:
+    classes = effect_classes(d)
+    table = new_table("which effect", "", ">probability", "")
+    left, shown = _EFFECTS, 0
+    for group in classes:
+        # A class takes a row of its own, and is worth it with a member below.
+        if left <= bool(group.letter):
+            break
+        if group.letter:
+            left -= 1
+            _effect_row(table, f"one of {len(group.effects)} in", group.letter, group.probability)
+        for effect in group.effects[:left]:
+            name = f"  {effect.name}" if group.letter else effect.name
+            _effect_row(table, name, group.letter, effect.probability)
+        shown += len(group.effects[:left])
+        left -= len(group.effects)
+    _more(table, len(d.effects) - shown)
+    console.print(table)
+    letters = {group.name: group.letter for group in classes if group.letter}
+    for s in [s for s in d.separations if s.class_name in letters][:2]:
+        text = f"to split {letters[s.class_name]}, {s.distance:.1f} s.d.: {s.measurement}"
+        say(console, text)
+    for reason, names in by_reason(d.silent):
+        console.print(
+            f"silent on {', '.join(names)}: {reason}", style="dim", markup=False, highlight=False
+        )
+    console.print()
+
+
+def _effect_row(table: Table, name: str, letter: str, p: float) -> None:
+    table.add_row(_line(name), letter, probability(p), _bar(p))
+
+
+def _lead(console: Console, d: Diagnosis) -> None:
+    lead = leading(d)
+    if lead is None:
+        return
+    table = new_table("fitted", ">value", "68 % interval", "in the leading hypothesis")
+    left = _PARAMETERS
+    for effect, rows in by_effect(lead.parameters):
+        for i, p in enumerate(rows[: max(left, 0)]):
+            span = Text(interval(p["low"], p["high"], p["unit"]), no_wrap=True)
+            value = quantity(p["value"], p["unit"])
+            name = Text(p["name"], no_wrap=True)
+            table.add_row(name, value, span, _line("" if i else plain(effect)))
+        left -= len(rows)
+    _more(table, -left)
+    if table.rows:
+        console.print(table)
+
+
+def _more(table: Table, n: int) -> None:
+    if n > 0:
+        table.add_row(f"and {n} more", style="dim")
+
+
+def update(console: Console, u: UpdateReport) -> None:
+    """Print the update: parameters, frequencies before and after, and the curves' gaps."""
+    at = condition_value(u.at, u.condition[1])
+    say(console, f"{u.title}: update at {u.condition[0]} {at}", "bold")
+    gaps = f"gap {percent(u.gap_before.rms)} -> {percent(u.gap_after.rms)}"
+    say(console, f"{gaps} in {u.iterations} model evaluations. {u.message}")
+    console.print()
+    table = new_table("parameter", ">start", ">identified", ">s.d.")
+    for p in u.parameters[: 2 * _PARAMETERS]:
+        start, value = (quantity(p[key], p["unit"]) for key in ("start", "value"))
+        table.add_row(Text(p["name"]), start, value, spread(p["sd"]))
+    _more(table, len(u.parameters) - 2 * _PARAMETERS)
+    console.print(table)
+    console.print()
+    table = new_table("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after")
+    old, new = u.gap_before, u.gap_after
+    for j, mode in enumerate(new.mode_names[:10]):
+        table.add_row(
+            Text(mode), hertz(new.test_hz[0, j]), hertz(old.model_hz[0, j]),
+            hertz(new.model_hz[0, j]), percent(old.relative[0, j], sign=True),
+            percent(new.relative[0, j], sign=True),
+        )  # fmt: skip
+    _more(table, len(new.mode_names) - 10)
+    console.print(table)
+    if u.identifiability.undetermined:
+        words = ", ".join(u.identifiability.undetermined)
+        say(console, f"not determined by these data: {words}", "yellow")
+    if u.curves:
+        console.print()
+        gap = f"fitted {percent(u.curve_gap_fitted)}"
+        if u.curve_gap_heldout is not None:
+            gap += f", held out {percent(u.curve_gap_heldout)}"
+        if u.curve_gap_validation is not None:
+            gap += f", validation {percent(u.curve_gap_validation)}"
+        say(console, f"curves over the {u.condition[0]}: gap {gap}")
+
+
+def modes(
+    console: Console,
+    title: str,
+    frequencies_hz: Sequence[float],
+    kinds: Sequence[str],
+    n_dofs: int,
+    size_m: Sequence[float] = (),
+    rings: Sequence[Ring] = (),
+) -> None:
+    """Print natural frequencies.
+
+    Args:
+        console: Where to.
+        title: The case's title.
+        frequencies_hz: Natural frequencies, Hz, shape (n,).
+        kinds: What each mode is, in words, length n; see `report.mode_kinds`.
+        n_dofs: Degrees of freedom.
+        size_m: Extents of the mesh, m.
+        rings: Bolts' rings in it.
+    """
+    say(console, title, "bold")
+    table = new_table(">mode", ">frequency, Hz", "what it is")
+    for i, (f, kind) in enumerate(zip(frequencies_hz, kinds, strict=True)):
+        if i == _MODES:
+            break
+        dim = kind.startswith(("rigid", "not"))
+        table.add_row(str(i + 1), hertz(float(np.real(f))), kind, style="dim" if dim else None)
+    console.print(table)
+    if len(frequencies_hz) > _MODES:
+        say(console, f"and {len(frequencies_hz) - _MODES} more", "dim")
+    if rings:
+        console.print(_ring_table(rings[:_RINGS]))
+        if len(rings) > _RINGS:
+            say(console, f"and {len(rings) - _RINGS} more", "dim")
+    size = f", {extents(size_m)}" if len(size_m) else ""
+    say(console, f"{n_dofs} degrees of freedom{size}")
+
+
+def _ring_table(rings: Sequence[Ring]) -> Table:
+    table = new_table("ring", ">centre, mm", ">thick, mm", ">radii, mm", "between")
+    for ring in rings:
+        table.add_row(*(Text(cell) for cell in ring_row(ring)))
+    return table

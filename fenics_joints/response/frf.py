@@ -1,0 +1,236 @@
+"""Frequency response functions of a structure, full or reduced, and their derivatives.
+
+H_ij(w) = c_i^T Z(i w)^-1 b_j for a sensor c_i and a unit force b_j, with the dynamic stiffness Z of
+`fenics_joints.structure.damping`. By the adjoint,
+
+    dH_ij/dp = -psi_i^T dZ/dp u_j,    Z u_j = b_j,   Z psi_i = c_i  (Z is symmetric),
+
+so that one more solution for each sensor, and none for one that stands where a force does, gives
+the derivatives by all parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from petsc4py import PETSc
+
+from fenics_joints.errors import InputError
+from fenics_joints.modal.eigensolver import product
+from fenics_joints.modal.modes import Modes
+from fenics_joints.response.direct import DynamicStiffness
+from fenics_joints.response.modal_basis import ModalPencil, Response, check_lines, modal_pencil
+from fenics_joints.response.pencil import DampedPencil, Term, point_loads
+from fenics_joints.response.reduced import reduced_pencil
+from fenics_joints.response.units import KINDS, MOTION, checked_kind
+from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+
+__all__ = ["FRF", "solve_frf"]
+
+
+@dataclass(frozen=True)
+class FRF:
+    """Frequency response functions.
+
+    Attributes:
+        frequencies_hz: Lines, Hz, (n_f,).
+        values: Responses per unit force, complex, (n_f, n_sensors, n_excitations); the time factor
+            is exp(+i w t). In `unit`.
+        kind: ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
+        sensors: Where and in which direction the response is read.
+        excitation: Where and in which direction the forces act.
+        method: ``"direct"`` or ``"modal"``.
+        given: The parameters that differed from their nominal values.
+        gradients: Derivatives of the values by every parameter of the structure, complex, (n_f,
+            n_sensors, n_excitations, n_parameters); None unless they were asked for.
+        error: By modes: |H - H_direct| / |H_direct|, (n_checked, n_sensors, n_excitations).
+        error_hz: Lines at which that was found, Hz, (n_checked,).
+        solver: PETSc's KSP of the direct solution; by modes the `EigenSolver`'s SLEPc EPS. None of
+            a reduced model.
+        modal: The structure on its modes and residual vectors, or the reduced model on its modes;
+            None for a direct solution of the full one.
+    """
+
+    frequencies_hz: np.ndarray
+    values: np.ndarray
+    kind: str
+    sensors: Sensors
+    excitation: Sensors
+    method: str
+    given: Mapping[str, float]
+    gradients: np.ndarray | None = None
+    error: np.ndarray | None = None
+    error_hz: np.ndarray | None = None
+    solver: object | None = None
+    modal: ModalPencil | None = None
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values, such as ``m/s2/N``."""
+        return f"{MOTION[self.kind]}/N"
+
+    def to(self, kind: str) -> FRF:
+        """The same response as another kind.
+
+        Raises:
+            InputError: For an unknown kind.
+        """
+        power = KINDS[checked_kind(kind)] - KINDS[self.kind]
+        factor = (2j * np.pi * self.frequencies_hz) ** power
+        gradients = self.gradients
+        if gradients is not None:
+            gradients = gradients * factor[:, None, None, None]
+        return replace(
+            self, kind=kind, values=self.values * factor[:, None, None], gradients=gradients
+        )
+
+
+def solve_frf(
+    model,
+    given: Mapping[str, float] | None = None,
+    *,
+    frequencies_hz,
+    excitation: Sensors,
+    sensors: Sensors,
+    damping: Damping | None = None,
+    kind: str = "receptance",
+    method: str = "direct",
+    gradients: bool = False,
+    modes: Modes | None = None,
+    n_modes: int | None = None,
+    check: int = 3,
+    petsc_options: Mapping[str, object] | None = None,
+) -> FRF:
+    """FRFs at sensors under unit forces. Collective.
+
+    Args:
+        model: A `Structure`; or a `ReducedStructure` or `ArrayModel`, whose FRFs are found by
+            `fenics_joints.response.reduced`, on all of its modes, with either method.
+        given: Values of parameters that differ from their nominal value.
+        frequencies_hz: Lines, Hz, above 0, (n_f,).
+        excitation: Points and directions of the forces.
+        sensors: Points and directions of the responses.
+        damping: The damping; without it a direct solution fails at a resonance.
+        kind: ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
+        method: Of a full model; ``"direct"``: one factorisation for each line. ``"modal"``: on
+            modes, rigid-body modes among them, and residual vectors for the forces and sensors: see
+            `fenics_joints.response.modal_basis`.
+        gradients: Whether the derivatives by all parameters are wanted, those that the damping
+            names among them.
+        modes: By modes: modes of the structure at the same values, with the solver that found them
+            and has solved nothing else since.
+        n_modes: By modes: their number; by default enough to reach half as high again as the lines.
+        check: By modes: number of lines at which the error against a direct solution is found.
+            Each costs as much as a line of the direct solution; 0 for none.
+        petsc_options: Options of the direct solver, without prefix.
+
+    Raises:
+        InputError: If a value is out of range or unknown, or a point outside the mesh.
+        ConvergenceError: If the system is singular at a line, or the modes were not found.
+    """
+    lines = check_lines(frequencies_hz)
+    power = KINDS[checked_kind(kind)]
+    if method not in ("direct", "modal"):
+        raise InputError(f"method = {method!r}: expected direct or modal.")
+    damping = damping or Damping()
+    common = {"sensors": sensors, "excitation": excitation, "given": dict(given or {})}
+    if not isinstance(model, Structure):
+        reduced = reduced_pencil(model, given, damping, gradients=gradients)
+        loads, reads = (
+            reduced.basis.T @ model.rows(places, what).T
+            for places, what in ((excitation, "excitation"), (sensors, "sensor"))
+        )
+        found = reduced.response(lines, loads, reads, gradients)
+        frf = FRF(lines, found.values, "receptance", method=method, gradients=found.gradients,
+                  modal=reduced, **common)  # fmt: skip
+        return frf.to(kind) if power else frf
+    if method == "direct" and damping.is_modal:
+        raise InputError('damping.modal: expected method = "modal", or damping without ratios.')
+    pencil = DampedPencil(model, given, damping)
+    loads, reads = point_loads(model, excitation, "excitation"), point_loads(model, sensors)
+    try:
+        if method == "direct":
+            found, solver = _direct(pencil, lines, loads, reads, gradients, petsc_options)
+            extra = {"solver": solver}
+        else:
+            modal = modal_pencil(
+                pencil, np.hstack([loads, reads]), lines, modes=modes, n_modes=n_modes,
+                gradients=gradients,
+            )  # fmt: skip
+            found = modal.response(lines, modal.project(loads), modal.project(reads), gradients)
+            extra = {"modal": modal, "solver": modal.modes.solver.solver}
+            if check:
+                extra |= _errors(pencil, modal, lines, found.values, loads, reads, check,
+                                 petsc_options)  # fmt: skip
+    finally:
+        pencil.destroy()
+    frf = FRF(lines, found.values, "receptance", method=method, gradients=found.gradients,
+              **common, **extra)  # fmt: skip
+    return frf.to(kind) if power else frf
+
+
+def _direct(
+    pencil: DampedPencil, lines, loads, reads, gradients: bool, petsc_options
+) -> tuple[Response, PETSc.KSP]:
+    stiffness = DynamicStiffness(pencil, petsc_options)
+    comm, n_loads = pencil.comm, loads.shape[1]
+    terms = pencil.terms() if gradients else []
+    rights, where = _distinct(comm, np.hstack([loads, reads]) if gradients else loads)
+    n = len(pencil.structure.parameters)
+    values = np.empty((len(lines), reads.shape[1], n_loads), dtype=complex)
+    slopes = np.zeros((*values.shape, n), dtype=complex) if gradients else None
+    for i, f in enumerate(lines):
+        s = 2j * np.pi * f
+        stiffness.factorise(s)
+        x = stiffness.solve(rights)[:, where]
+        u, psi = x[:, :n_loads], x[:, n_loads:]
+        values[i] = comm.allreduce(reads.T @ u)
+        for term in terms:
+            slopes[i, :, :, term.parameter] -= term.factor(s) * _bilinear(term, psi, u)
+    for term in terms:
+        term.form.destroy()
+    return Response(values, slopes), stiffness.solver
+
+
+def _errors(
+    pencil: DampedPencil, modal: ModalPencil, lines, values, loads, reads, check, petsc_options
+) -> dict[str, np.ndarray]:
+    """Error of the response by modes at a few lines, from the lowest to the highest."""
+    stiffness, comm = DynamicStiffness(pencil, petsc_options), pencil.comm
+    some = np.unique(np.linspace(0, len(lines) - 1, min(check, len(lines))).round().astype(int))
+    damped = modal.modal_damping > 0
+    forces = product(pencil.M, modal.basis[:, damped])
+    exact = np.empty((len(some), *values.shape[1:]), dtype=complex)
+    for i, f in enumerate(lines[some]):
+        s = 2j * np.pi * f
+        stiffness.factorise(s)
+        x = stiffness.solve(np.hstack([loads, forces]))
+        x, y = x[:, : loads.shape[1]], x[:, loads.shape[1] :]
+        if damped.any():
+            # Modal damping is s (M phi) 2 zeta omega (M phi)^T: Woodbury's formula.
+            small = np.diag(1 / (s * modal.modal_damping[damped])) + comm.allreduce(forces.T @ y)
+            x = x - y @ np.linalg.solve(small, comm.allreduce(forces.T @ x))
+        exact[i] = comm.allreduce(reads.T @ x)
+    stiffness.destroy()
+    size = np.abs(exact)
+    error = np.abs(values[some] - exact) / np.where(size > 0, size, 1.0)
+    return {"error": error, "error_hz": lines[some]}
+
+
+def _distinct(comm, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns without those that are there before, and where each is among them."""
+    same = [[np.array_equal(x, y) for y in columns.T] for x in columns.T]
+    first = np.argmax(comm.allreduce(np.array(same, dtype=int)) == comm.size, axis=1)
+    kept, where = np.unique(first, return_inverse=True)
+    return np.ascontiguousarray(columns[:, kept]), where
+
+
+def _bilinear(term: Term, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """y^T A x of complex blocks, without conjugation."""
+    b, a = Y.shape[1], X.shape[1]
+    both = term.form(np.hstack([Y.real, Y.imag]), np.hstack([X.real, X.imag]))
+    return both[:b, :a] - both[b:, a:] + 1j * (both[:b, a:] + both[b:, :a])

@@ -1,0 +1,321 @@
+"""Derivatives of mode shapes by the parameters of the model, exact; close modes as a subspace.
+
+With K x = lambda M x, x^T M x = 1, and a cluster X of the modes whose eigenvalues are close,
+
+    dx_i = w_i + X a_i,    (K - lambda_i M) w_i = -(1 - M X X^T) (dK - lambda_i dM) x_i,
+    X^T M w_i = 0
+
+(Nelson, AIAA J. 14, 1976). The shares a_ji are what the modes of the cluster turn into each other.
+
+What is differentiable. A mode by itself (a cluster of one, a_ii = -x^T dM x / 2) is. Of modes of
+equal eigenvalue only their span is: single shapes jump from one choice to another with the
+direction in which the parameters move. Of nearly equal ones single shapes do have derivatives, but
+they are of the order of 1 / gap and hold for steps of the order of the gap alone. So all functions
+here take modes closer than ``close`` together, and give the derivative of the basis of their span
+that turns the least, a = -X^T dM X / 2: X(p) rotated onto X by M(p0)'s polar decomposition. It is
+smooth where modes meet and cross, and whatever depends on the span alone (`span_gradients`,
+`mac_gradients`) has the derivative that follows from it. `split_modes` gives what single shapes do
+along one direction, after the eigenvalue derivatives have told them apart (Dailey, AIAA J. 27,
+1989).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.modal.modes import Modes
+from fenics_joints.reduction.affine import parameter_values
+from fenics_joints.response.complement import complement
+from fenics_joints.structure.points import Sensors
+
+__all__ = [
+    "CLOSE", "SplitModes", "clusters", "mac_gradients", "shape_gradients", "span_gradients",
+    "split_modes",
+]  # fmt: skip
+
+#: Relative distance of eigenvalues below which modes are taken together.
+CLOSE = 1e-3
+#: Columns that are solved at once.
+_COLUMNS = 64
+#: Relative step of the second derivatives' central differences, and relative distance below which
+#: eigenvalue derivatives are equal.
+_STEP, _EQUAL = 1e-4, 1e-5
+
+
+def clusters(modes: Modes, close: float = CLOSE) -> list[np.ndarray]:
+    """Modes in groups whose neighbours are closer than ``close``, rigid-body modes in one.
+
+    Args:
+        modes: The modes.
+        close: Relative distance of eigenvalues, (lambda_j - lambda_i) / lambda_j.
+
+    Returns:
+        Indices of the modes in each group, ascending.
+    """
+    lam, rigid = modes.eigenvalues, modes.n_rigid
+    near = np.diff(lam) <= close * np.abs(lam[1:])
+    near[: max(rigid - 1, 0)] = True
+    if 0 < rigid < len(lam):
+        near[rigid - 1] = False
+    return np.split(np.arange(len(lam)), np.flatnonzero(~near) + 1)
+
+
+def shape_gradients(
+    modes: Modes, index: Sequence[int], sensors: Sensors, *, close: float = CLOSE
+) -> np.ndarray:
+    """Derivatives of M-normalised shapes at sensors, by every parameter. Collective.
+
+    By one solution for each mode and parameter, or for each mode and sensor if those are fewer (the
+    adjoint). Without modes in a cluster it is the derivative of the shapes as they are; see the
+    head of this module for what it is of close ones.
+
+    Args:
+        modes: Modes of a `Structure`, whose solver has solved nothing else since, or of a
+            `ReducedStructure` or `ArrayModel` that knows the sensors.
+        index: Modes wanted.
+        sensors: Where the shapes are read.
+        close: Relative distance of eigenvalues below which modes are a cluster. All of a cluster
+            must be among the modes, wanted or not.
+
+    Returns:
+        d(shape at sensor)/dp, kg^-1/2 per unit of p, (n_sensors, len(index), n_parameters).
+
+    Raises:
+        InputError: For an index that is none, or a solver that has moved on.
+        ConvergenceError: If a mode beyond those known is as low as a wanted one, or nearly so.
+    """
+    index = _checked(modes, index)
+    work = complement(modes, close)
+    try:
+        return _gradients(work, index, _membership(modes, index, close), work.rows(sensors))
+    finally:
+        work.destroy()
+
+
+def _gradients(work, index, own, rows) -> np.ndarray:
+    modes = work.modes
+    X, lam = work.shapes[:, index], modes.eigenvalues[index]
+    n, m, n_s = len(modes.model.parameters), len(index), rows.shape[1]
+    found = np.zeros((n_s, m, n))
+    at, forces = work.inner(rows, work.shapes), _forces(work, X, lam, own)
+    if n_s < n:
+        back = _solve(work, np.tile(rows, m), np.repeat(np.arange(m), n_s), lam, own)
+        for p, force, turn in forces:
+            every = work.inner(back, force).reshape(m, n_s, m)
+            found[:, :, p] = at @ turn + np.einsum("isi->si", every)
+        return found
+    forces = list(forces)
+    if forces:
+        mode = np.tile(np.arange(m), len(forces))
+        w = _solve(work, np.hstack([force for _, force, _ in forces]), mode, lam, own)
+        read = work.inner(rows, w).reshape(n_s, len(forces), m)
+    for i, (p, _, turn) in enumerate(forces):
+        found[:, :, p] = at @ turn + read[:, i]
+    return found
+
+
+def _forces(work, X, lam, own, given=None):
+    """For every parameter: its index, -(dK - lambda dM) x, and the turning a, (n, m)."""
+    for p, stiff, heavy in work.changes(X, given):
+        turn = np.where(own, -0.5 * work.inner(work.shapes, heavy), 0.0)
+        yield p, heavy * lam - stiff, turn
+
+
+def _solve(work, rights, mode, lam, own) -> np.ndarray:
+    """`solve` of columns that belong to these wanted modes, some at a time."""
+    parts = [slice(i, i + _COLUMNS) for i in range(0, rights.shape[1], _COLUMNS)]
+    return np.hstack([
+        work.solve(rights[:, some], lam[mode[some]], own[:, mode[some]]) for some in parts
+    ])  # fmt: skip
+
+
+def _membership(modes: Modes, index: np.ndarray, close: float) -> np.ndarray:
+    """Which modes are in the cluster of each wanted one, (n, len(index))."""
+    label = np.empty(len(modes), dtype=int)
+    for number, members in enumerate(clusters(modes, close)):
+        label[members] = number
+    return label[:, None] == label[index]
+
+
+def _checked(modes: Modes, index: Sequence[int]) -> np.ndarray:
+    found = np.atleast_1d(np.asarray(index, dtype=int))
+    if not len(found) or found.min() < 0 or found.max() >= len(modes):
+        raise InputError(f"index = {list(index)}: expected modes from 0 to {len(modes) - 1}.")
+    return found
+
+
+# -- what depends on the span alone ----------------------------------------------------------------
+
+
+def span_gradients(
+    modes: Modes, cluster: Sequence[int], sensors: Sensors, *, close: float = CLOSE
+) -> tuple[np.ndarray, np.ndarray]:
+    """The span of a cluster at sensors, Y Y^T with Y = X at sensors, and its derivatives.
+
+    It does not depend on which shapes were chosen in the span. Collective.
+
+    Args:
+        modes: As in `shape_gradients`.
+        cluster: A whole cluster, or several.
+        sensors: Where the shapes are read.
+        close: As in `shape_gradients`.
+
+    Returns:
+        Y Y^T, 1/kg, (n_sensors, n_sensors); and (n_sensors, n_sensors, n_parameters).
+
+    Raises:
+        InputError: If a mode is closer than ``close`` to one of those that is not among them; or as
+            `shape_gradients`.
+        ConvergenceError: As `shape_gradients`.
+    """
+    index = _checked(modes, cluster)
+    missing = np.setdiff1d(np.flatnonzero(_membership(modes, index, close).any(axis=1)), index)
+    if len(missing):
+        raise InputError(
+            f"cluster = {index.tolist()}: expected whole clusters, with the modes "
+            f"{missing.tolist()}, which are closer than {close:g} to one of them."
+        )
+    Y, dY = modes.at(sensors)[:, index], shape_gradients(modes, index, sensors, close=close)
+    half = np.einsum("smp,tm->stp", dY, Y)
+    return Y @ Y.T, half + half.transpose(1, 0, 2)
+
+
+def mac_gradients(
+    modes: Modes,
+    index: Sequence[int],
+    sensors: Sensors,
+    reference: np.ndarray,
+    *,
+    close: float = CLOSE,
+) -> tuple[np.ndarray, np.ndarray]:
+    """MAC of modes with reference shapes, and its derivatives by every parameter. Collective.
+
+    Of a mode in a cluster it is the largest MAC that any shape in the cluster's span has (Allemang
+    and Brown's MAC for one mode; the cosine squared of the angle to the span for several), which is
+    differentiable where the modes meet.
+
+    Args:
+        modes: As in `shape_gradients`.
+        index: Modes wanted, k of them.
+        sensors: Where the shapes are read.
+        reference: Real shapes at the sensors, one for each, (n_sensors, k).
+        close: As in `shape_gradients`.
+
+    Returns:
+        MAC, (k,), and derivatives, (k, n_parameters).
+
+    Raises:
+        InputError: If the reference has another shape, or has no motion; or as `shape_gradients`.
+        ConvergenceError: As `shape_gradients`.
+    """
+    index = _checked(modes, index)
+    reference = np.asarray(reference, dtype=float)
+    if reference.shape != (len(sensors), len(index)) or not np.all(np.any(reference != 0, axis=0)):
+        raise InputError(
+            f"reference has the shape {reference.shape}: expected {(len(sensors), len(index))}, "
+            "a column that is not zero for each mode."
+        )
+    own = _membership(modes, index, close)
+    needed = np.flatnonzero(own.any(axis=1))
+    Y, dY = modes.at(sensors)[:, needed], shape_gradients(modes, needed, sensors, close=close)
+    values, slopes = np.empty(len(index)), np.empty((len(index), dY.shape[2]))
+    for i, r in enumerate(reference.T / np.linalg.norm(reference, axis=0)[:, None]):
+        mine = own[needed, i]
+        weights = np.linalg.lstsq(Y[:, mine], r, rcond=None)[0]
+        off = r - Y[:, mine] @ weights
+        values[i] = 1 - off @ off
+        # The projection's own change: d|P r|^2 = 2 r^T (1 - P) dY Y^+ r.
+        slopes[i] = 2 * np.einsum("s,smp,m->p", off, dY[:, mine], weights)
+    return values, slopes
+
+
+# -- single shapes of a cluster along one direction ------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SplitModes:
+    """Modes of a cluster as they part along one direction of the parameters.
+
+    Attributes:
+        eigenvalue_slopes: d lambda / dt of each, ascending, (m,).
+        shapes: At sensors, kg^-1/2, (n_sensors, m): those in the span that have a derivative.
+        slopes: Their derivatives d/dt, (n_sensors, m). Modes that do not part (equal eigenvalue
+            slopes) keep the basis that turns the least.
+    """
+
+    eigenvalue_slopes: np.ndarray
+    shapes: np.ndarray
+    slopes: np.ndarray
+
+
+def split_modes(
+    modes: Modes, cluster: Sequence[int], sensors: Sensors, direction: Mapping[str, float]
+) -> SplitModes:
+    """Derivatives of single shapes of equal eigenvalue, p = p0 + t direction (Dailey 1989).
+
+    Second derivatives of the matrices along the direction are central differences of exact first
+    ones. Collective.
+
+    Args:
+        modes: As in `shape_gradients`.
+        cluster: Modes of one eigenvalue, all of them.
+        sensors: Where the shapes are read.
+        direction: Change of the parameters by name, in their units, per unit of t.
+
+    Raises:
+        InputError: If a parameter does not exist or does not change, or as `shape_gradients`.
+        ConvergenceError: As `shape_gradients`.
+    """
+    index, names = _checked(modes, cluster), list(modes.model.parameters)
+    values = parameter_values(modes.model.parameters, modes.given)
+    parameter_values(modes.model.parameters, direction)
+    along = np.array([direction.get(name, 0.0) for name in names])
+    if not along.any():
+        raise InputError(f"direction = {dict(direction)}: expected at least one change.")
+    work = complement(modes, _EQUAL)
+    try:
+        lam = float(np.mean(modes.eigenvalues[index]))
+        images = _along(work, work.shapes[:, index], along)
+        F = work.inner(work.shapes[:, index], images[0] - lam * images[1])
+        slopes, turn = np.linalg.eigh(0.5 * (F + F.T))
+        Z, (stiff, heavy) = work.shapes[:, index] @ turn, (A @ turn for A in images)
+        own = np.zeros((len(modes), len(index)), dtype=bool)
+        own[index] = True
+        w = work.solve(lam * heavy - stiff, np.full(len(index), lam), own)
+        bent_K, bent_M = _bends(work, Z, along, np.array(list(values.values())))
+        # Rows j, columns i.
+        mass = work.inner(Z, heavy)
+        top = 0.5 * work.inner(Z, bent_K - lam * bent_M) - mass * slopes
+        top += work.inner(stiff - lam * heavy, w)
+        part = slopes[None, :] - slopes[:, None]
+        same = np.abs(part) <= _EQUAL * np.abs(slopes).max()
+        share = np.where(same, -0.5 * mass, top / np.where(same, 1.0, part))
+        rows = work.rows(sensors)
+        return SplitModes(slopes, work.inner(rows, Z), work.inner(rows, w + Z @ share))
+    finally:
+        work.destroy()
+
+
+def _along(work, X, along, given=None) -> tuple[np.ndarray, np.ndarray]:
+    """dK/dt X and dM/dt X."""
+    stiff, heavy = np.zeros_like(X), np.zeros_like(X)
+    for p, by_K, by_M in work.changes(X, given):
+        stiff += along[p] * by_K
+        heavy += along[p] * by_M
+    return stiff, heavy
+
+
+def _bends(work, Z, along, values) -> tuple[np.ndarray, np.ndarray]:
+    """d2K/dt2 Z and d2M/dt2 Z."""
+    moved = along != 0
+    sizes = np.where(values[moved] != 0, np.abs(values[moved]), 1.0)
+    h, names = _STEP * np.min(sizes / np.abs(along[moved])), list(work.modes.model.parameters)
+    after, before = (
+        _along(work, Z, along, dict(zip(names, values + step * along, strict=True)))
+        for step in (h, -h)
+    )
+    return tuple((a - b) / (2 * h) for a, b in zip(after, before, strict=True))

@@ -1,0 +1,295 @@
+"""What a structure is made of: parameters, parts, joints, supports, springs and point masses.
+
+Plain data; `structure.structure` turns it into matrices. Wherever a number stands, the name of
+a parameter may stand instead; a material property may also be a function of position,
+``(x, p) -> UFL`` with ``x`` the spatial coordinate and ``p`` the parameters' symbols by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.structure.laws import LAYER_LAWS, SOLID, TRANSITION, WIDE_SOLID, Law
+
+__all__ = [
+    "ElasticSupport",
+    "Parameter",
+    "PointMass",
+    "Region",
+    "Spring",
+    "Support",
+    "joint",
+    "part",
+    "transition",
+]
+
+Value = float | str
+Property = float | str | Callable
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named scalar of the model.
+
+    Attributes:
+        name: Unique name, such as ``joint.near.E``.
+        value: Nominal value in SI units.
+        unit: SI unit, for people.
+        lower: Lower bound, inclusive.
+        upper: Upper bound, inclusive.
+        log: Whether updating works on its logarithm (stiffnesses, masses) or on the value itself.
+    """
+
+    name: str
+    value: float
+    unit: str = ""
+    lower: float = -np.inf
+    upper: float = np.inf
+    log: bool = True
+
+    def __post_init__(self):
+        if not np.isfinite(self.value):
+            raise InputError(f"parameter {self.name} = {self.value}: expected a finite number.")
+        if not self.lower <= self.value <= self.upper:
+            raise InputError(
+                f"parameter {self.name} = {self.value:g} {self.unit}: expected a value within its "
+                f"bounds [{self.lower:g}, {self.upper:g}]."
+            )
+        if self.log and self.value <= 0:
+            raise InputError(
+                f"parameter {self.name} = {self.value:g}: expected a positive value, since it is "
+                "updated by its logarithm; give log = false for one that may be zero or negative."
+            )
+
+
+@dataclass(frozen=True)
+class Region:
+    """Cells with one material law; make one with `part`, `joint` or `transition`.
+
+    Attributes:
+        name: Name in messages and in reports.
+        cells: Names of the mesh's cell groups.
+        law: Material law.
+        properties: A value for each of the law's properties.
+        normal: Unit normal of the layer, or direction in which a part's thickness stretches.
+        across: Direction in which a part's width stretches, at right angles to ``normal``; None
+            where the law has no width.
+    """
+
+    name: str
+    cells: tuple[str, ...]
+    law: Law
+    properties: Mapping[str, Property]
+    normal: tuple[float, ...] = (0.0, 0.0, 1.0)
+    across: tuple[float, ...] | None = None
+
+    @property
+    def is_joint(self) -> bool:
+        return self.law.name == TRANSITION.name or self.law.name in LAYER_LAWS
+
+
+def _unit(normal, name) -> tuple[float, ...]:
+    length = float(np.linalg.norm(normal))
+    if not np.isfinite(length) or length == 0:
+        raise InputError(f"{name}.normal = {list(normal)}: expected a non-zero vector.")
+    return tuple(float(c) / length for c in normal)
+
+
+def part(
+    name: str,
+    cells: str | tuple[str, ...],
+    *,
+    E: Property,
+    nu: Property,
+    rho: Property,
+    stretch: Property = 1.0,
+    normal=(0.0, 0.0, 1.0),
+    width: Property = 1.0,
+    across=(0.0, 1.0, 0.0),
+) -> Region:
+    """A solid, isotropic part.
+
+    A width other than the number 1 doubles the terms of a reduced model. Springs, masses and
+    supports keep their places whatever the thickness and the width.
+
+    Args:
+        name: Name of the part.
+        cells: Name or names of cell groups.
+        E: Young's modulus, Pa.
+        nu: Poisson's ratio.
+        rho: Density, kg/m3.
+        stretch: Actual over meshed thickness along ``normal``.
+        normal: Direction of the thickness, shape (gdim,).
+        width: Actual over meshed width along ``across``.
+        across: Direction of the width; what it has along ``normal`` is left out.
+
+    Raises:
+        InputError: If a width is given along the normal.
+    """
+    cells = (cells,) if isinstance(cells, str) else tuple(cells)
+    properties = {"E": E, "nu": nu, "rho": rho, "stretch": stretch}
+    if isinstance(width, int | float) and width == 1:
+        return Region(name, cells, SOLID, properties, _unit(normal, name))
+    normal = _unit(normal, name)
+    across = _at_right_angles(across, normal, name)
+    return Region(name, cells, WIDE_SOLID, properties | {"width": width}, normal, across)
+
+
+def _at_right_angles(across, normal, name) -> tuple[float, ...]:
+    n, a = (np.asarray(_unit(v, name), dtype=float) for v in (normal, across))
+    if n.shape == a.shape:
+        rest = a - (a @ n) * n
+        length = float(np.linalg.norm(rest))
+        if length > 1e-3:
+            return tuple((rest / length).tolist())
+    raise InputError(
+        f"{name}.across = {list(across)}: expected a vector of {len(n)} components that is not "
+        f"parallel to the normal {list(normal)}."
+    )
+
+
+def joint(
+    name: str,
+    cells: str | tuple[str, ...],
+    *,
+    E: Property,
+    G: Property,
+    law: str = "uncoupled",
+    rho: Property = 0.0,
+    stretch: Property = 1.0,
+    normal=(0.0, 0.0, 1.0),
+) -> Region:
+    """A joint interface as a thin layer of cells.
+
+    Args:
+        name: Name of the joint or of one of its zones.
+        cells: Name or names of cell groups.
+        E: Normal (``uncoupled``) or Young's modulus, Pa.
+        G: Tangential or shear modulus, Pa.
+        law: ``uncoupled`` (seed 001, eq. 5), ``isotropic`` (eqs. 6, 7) or ``constrained`` (eq. 8).
+        rho: Density, kg/m3; zero as in the seed unless given.
+        stretch: Actual over meshed layer thickness.
+        normal: Normal of the layer, shape (gdim,).
+
+    Raises:
+        InputError: If the law's name is unknown.
+    """
+    if law not in LAYER_LAWS:
+        raise InputError(f"{name}.law = {law!r}: expected one of {', '.join(LAYER_LAWS)}.")
+    cells = (cells,) if isinstance(cells, str) else tuple(cells)
+    properties = {"E": E, "G": G, "rho": rho, "stretch": stretch}
+    return Region(name, cells, LAYER_LAWS[law], properties, _unit(normal, name))
+
+
+def transition(
+    name: str,
+    cells: str | tuple[str, ...],
+    *,
+    E: Property,
+    nu: Property,
+    h: Property,
+    meshed: float,
+    rho: Property = 0.0,
+    normal=(0.0, 0.0, 1.0),
+) -> Region:
+    """A joint as a ring of transition-interface material, whose thickness h is a parameter.
+
+    The bodies on both sides move apart with h: see `fenics_joints.forms.transition_layer` for when
+    that is exact. Springs, masses, supports and sensors move with them; their places are given in
+    the mesh. Graded properties are functions of position such as
+    ``lambda x, p: transition_modulus(layer_position(x, ...), p["ring.E"], ...)``, taken at the
+    middle of each cell: then the mesh needs several cells through the layer.
+
+    Args:
+        name: Name of the joint.
+        cells: Name or names of cell groups: one ring, or all rings of one bolt pattern.
+        E: Young's modulus, Pa.
+        nu: Poisson's ratio.
+        h: Thickness, m.
+        meshed: Thickness of the layer in the mesh, m.
+        rho: Density, kg/m3: zero, or `fenics_joints.forms.average_density` of the bodies'; with
+            ``lambda x, p: average_density(p["a.rho"], p["b.rho"])`` it follows theirs.
+        normal: Normal of the layer, shape (gdim,).
+
+    Raises:
+        InputError: If ``meshed`` is not a thickness.
+    """
+    if isinstance(meshed, str) or callable(meshed) or not 0 < meshed < np.inf:
+        raise InputError(f"{name}.meshed = {meshed!r}: expected the mesh's thickness, a number > 0")
+    cells = (cells,) if isinstance(cells, str) else tuple(cells)
+    properties = {"E": E, "nu": nu, "rho": rho, "h": h, "meshed": float(meshed)}
+    return Region(name, cells, TRANSITION, properties, _unit(normal, name))
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """A mass at a point that need not be a node.
+
+    Attributes:
+        name: Name in reports.
+        mass: Mass, kg, or a parameter's name.
+        point: Position, m, shape (3,).
+        direction: With ``travel``: unit direction in which the mass may move.
+        travel: Distance from ``point`` along ``direction``, m, or a parameter's name.
+        share: Share of ``mass`` that is at this point, when several points have one parameter.
+    """
+
+    name: str
+    mass: Value
+    point: tuple[float, float, float]
+    direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    travel: Value = 0.0
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A grounding spring at a point, such as a suspension cord.
+
+    Attributes:
+        name: Name in reports.
+        stiffness: Stiffness, N/m, or a parameter's name.
+        point: Position, m, shape (3,).
+        direction: Unit direction in which the spring acts.
+        share: Share of ``stiffness`` that is at this point, when several have one parameter.
+    """
+
+    name: str
+    stiffness: Value
+    point: tuple[float, float, float]
+    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Support:
+    """Facets that cannot move.
+
+    Attributes:
+        facets: Name of a facet group.
+        directions: Held directions; all of them by default.
+    """
+
+    facets: str
+    directions: tuple[int, ...] = field(default=(0, 1, 2))
+
+
+@dataclass(frozen=True)
+class ElasticSupport:
+    """Facets on springs to the ground that are spread evenly over them.
+
+    Attributes:
+        name: Name in messages and reports.
+        facets: Name of a group of facets on the surface.
+        k_n: Stiffness along the facets' normal, Pa/m, or a parameter's name.
+        k_t: Stiffness in their plane, Pa/m, or a parameter's name.
+    """
+
+    name: str
+    facets: str
+    k_n: Value
+    k_t: Value

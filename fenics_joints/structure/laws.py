@@ -1,0 +1,337 @@
+"""The material laws a structure can hold, each built on the pure functions of `forms`.
+
+A `Law` adds to those functions what the analyses need besides: the names of the properties, the
+range where they make sense, and the scalars in which the stiffness is linear. A parametric reduced
+model needs only these scalars to be exact in the properties (`fenics_joints.reduction.reduced`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+
+from fenics_joints import forms
+from fenics_joints.errors import InputError
+
+__all__ = [
+    "AXISYMMETRIC_SOLID",
+    "ELASTIC_SUPPORT",
+    "LAYER_LAWS",
+    "LINEAR_LAWS",
+    "SOLID",
+    "TRANSITION",
+    "WIDE_SOLID",
+    "Law",
+]
+
+Properties = Mapping[str, object]
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A linear material law with properties that may vary from cell to cell.
+
+    Attributes:
+        name: Name in case files and messages.
+        properties: Names of the properties, in the order of the property field.
+        stiffness: ``(u, v, q, normal, dx) -> Form`` with ``q`` the properties by name; that of a
+            law with a ``width`` takes its direction ``across`` besides.
+        stiffness_terms: ``q -> (n,)`` scalars theta_i(q) such that the stiffness is
+            sum theta_i(q) K_i with K_i independent of q; works on numpy arrays, complex too.
+        samples: As many property sets as there are scalars, for which these are independent.
+        check: ``(name, q) -> None``; raises InputError when the properties make no sense.
+        ratio_limit: E / G must stay below this, if the law couples them.
+    """
+
+    name: str
+    properties: tuple[str, ...]
+    stiffness: Callable
+    stiffness_terms: Callable[[Properties], np.ndarray]
+    samples: tuple[Properties, ...]
+    check: Callable[[str, Properties], None]
+    ratio_limit: float | None = None
+
+    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
+        """Consistent mass form; linear in rho * stretch for every law."""
+        return forms.mass(u, v, q["rho"], dx, stretch=q["stretch"])
+
+    def inertia_terms(self, q: Properties) -> np.ndarray:
+        """The scalars in which the mass is linear, like ``stiffness_terms``."""
+        return np.array([q["rho"] * q["stretch"]])
+
+
+class _WideLaw(Law):
+    """A law with a width besides a thickness."""
+
+    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
+        return forms.mass(u, v, q["rho"], dx, stretch=q["stretch"], width=q["width"])
+
+    def inertia_terms(self, q: Properties) -> np.ndarray:
+        return np.array([q["rho"] * q["stretch"] * q["width"]])
+
+
+class _TransitionLaw(Law):
+    """A layer whose thickness h is a property, beside that in the mesh."""
+
+    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
+        return forms.transition_mass(u, v, q["rho"], dx, thickness=q["h"], meshed=q["meshed"])
+
+    def inertia_terms(self, q: Properties) -> np.ndarray:
+        return np.array([q["rho"] * q["h"] / q["meshed"]])
+
+
+class _SupportLaw(Law):
+    """Springs spread over facets, Pa/m, which have no mass; no law of cells."""
+
+    def inertia_terms(self, q: Properties) -> np.ndarray:
+        return np.array([0.0 * q["k_n"]])
+
+
+class _RingLaw(Law):
+    """A law on the half section of a body of revolution, r = x[0]."""
+
+    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
+        return forms.axisymmetric_mass(u, v, q["rho"], dx, radius=_radius(dx), stretch=q["stretch"])
+
+
+def _radius(dx):
+    return ufl.SpatialCoordinate(dx.ufl_domain())[0]
+
+
+def _require(where: str, key: str, value, good, expected: str) -> None:
+    if not np.all(good):
+        shown = np.asarray(value).flat[int(np.argmin(np.broadcast_to(good, np.shape(value))))]
+        raise InputError(f"{where}.{key} = {shown:g} is out of range: expected {expected}.")
+
+
+def _check_material(where: str, q: Properties) -> None:
+    _require(where, "E", q["E"], np.asarray(q["E"]) > 0, "E > 0 (Pa)")
+    _require(where, "rho", q["rho"], np.asarray(q["rho"]) >= 0, "rho >= 0 (kg/m3)")
+
+
+def _check_common(where: str, q: Properties) -> None:
+    _check_material(where, q)
+    _require(where, "stretch", q["stretch"], np.asarray(q["stretch"]) > 0, "stretch > 0")
+
+
+def _check_poisson(where: str, q: Properties) -> None:
+    nu = np.asarray(q["nu"])
+    _require(where, "nu", nu, (nu > -1) & (nu < 0.5), "-1 < nu < 0.5")
+
+
+def _check_solid(where: str, q: Properties) -> None:
+    _check_common(where, q)
+    _check_poisson(where, q)
+
+
+def _check_transition(where: str, q: Properties) -> None:
+    _check_material(where, q)
+    _check_poisson(where, q)
+    for key in ("h", "meshed"):
+        _require(where, key, q[key], np.asarray(q[key]) > 0, f"{key} > 0 (m)")
+
+
+def _check_wide(where: str, q: Properties) -> None:
+    _check_solid(where, q)
+    _require(where, "width", q["width"], np.asarray(q["width"]) > 0, "width > 0")
+
+
+def _check_support(where: str, q: Properties) -> None:
+    for key in ("k_n", "k_t"):
+        _require(where, key, q[key], np.asarray(q[key]) >= 0, f"{key} >= 0 (Pa/m)")
+
+
+def _check_uncoupled(where: str, q: Properties) -> None:
+    _check_common(where, q)
+    _require(where, "G", q["G"], np.asarray(q["G"]) > 0, "G > 0 (Pa)")
+
+
+def _check_isotropic(where: str, q: Properties) -> None:
+    _check_uncoupled(where, q)
+    E, G = np.asarray(q["E"]), np.asarray(q["G"])
+    _require(
+        where, "E", E, E < 3 * G, f"E < 3 G (G = {np.max(G):g} Pa) in an isotropic layer (nu < 0.5)"
+    )
+
+
+def _with_stretch(*moduli):
+    """Every modulus times s, 1 and 1/s: in-plane, mixed and through-thickness gradients."""
+
+    def terms(q: Properties) -> np.ndarray:
+        s = q["stretch"]
+        return np.array([m * f for m in _evaluate(moduli, q) for f in (s, 1.0, 1 / s)])
+
+    return terms
+
+
+def _evaluate(moduli, q):
+    return [modulus(q) for modulus in moduli]
+
+
+def _solid_stiffness(u, v, q, normal, dx):
+    return forms.elasticity(u, v, q["E"], q["nu"], dx, normal=normal, stretch=q["stretch"])
+
+
+def _wide_stiffness(u, v, q, normal, dx, *, across):
+    more = {"normal": normal, "stretch": q["stretch"], "across": across, "width": q["width"]}
+    return forms.elasticity(u, v, q["E"], q["nu"], dx, **more)
+
+
+def _transition_stiffness(u, v, q, normal, dx):
+    more = {"normal": normal, "thickness": q["h"], "meshed": q["meshed"]}
+    return forms.transition_layer(u, v, q["E"], q["nu"], dx, **more)
+
+
+def _transition_terms(q: Properties) -> np.ndarray:
+    return SOLID.stiffness_terms({**q, "stretch": q["h"] / q["meshed"]})
+
+
+def _support_stiffness(u, v, q, normal, ds):
+    return forms.spring_interface(u, v, normal, q["k_n"], q["k_t"], ds)
+
+
+def _wide_terms(q: Properties) -> np.ndarray:
+    """Both Lamé parameters times s w over the stretches of the two gradients that meet."""
+    s, w = q["stretch"], q["width"]
+    factors = (s * w, w, s, w / s, s / w, 1.0)
+    return np.array([m * f for m in forms.lame_parameters(q["E"], q["nu"]) for f in factors])
+
+
+def _axisymmetric_stiffness(u, v, q, normal, dx):
+    more = {"radius": _radius(dx), "normal": normal, "stretch": q["stretch"]}
+    return forms.axisymmetric_elasticity(u, v, q["E"], q["nu"], dx, **more)
+
+
+def _isotropic_stiffness(u, v, q, normal, dx):
+    return forms.isotropic_layer(u, v, q["E"], q["G"], dx, normal=normal, stretch=q["stretch"])
+
+
+def _uncoupled_stiffness(u, v, q, normal, dx):
+    return forms.uncoupled_layer(u, v, normal, q["E"], q["G"], dx, stretch=q["stretch"])
+
+
+def _constrained_stiffness(u, v, q, normal, dx):
+    return forms.constrained_layer(u, v, normal, q["E"], q["G"], dx, stretch=q["stretch"])
+
+
+def _uncoupled_terms(q: Properties) -> np.ndarray:
+    E, G, s = q["E"], q["G"], q["stretch"]
+    return np.array([E / s, G / s, G * np.ones_like(s), G * s])
+
+
+def _constrained_terms(q: Properties) -> np.ndarray:
+    lmbda, mu = forms.lame_from_moduli(q["E"], q["G"])
+    return _uncoupled_terms({"E": lmbda + 2 * mu, "G": mu, "stretch": q["stretch"]})
+
+
+def _samples(*bases: dict) -> tuple[dict, ...]:
+    """Each base at three stretches."""
+    return tuple({**base, "rho": 1.0, "stretch": s} for base in bases for s in (0.5, 1.0, 2.0))
+
+
+_UNCOUPLED_SAMPLES = ({"E": 1.0, "G": 0.0, "rho": 1.0, "stretch": 1.0},)
+
+SOLID = Law(
+    "solid",
+    ("E", "nu", "rho", "stretch"),
+    _solid_stiffness,
+    _with_stretch(
+        lambda q: forms.lame_parameters(q["E"], q["nu"])[0],
+        lambda q: forms.lame_parameters(q["E"], q["nu"])[1],
+    ),
+    _samples({"E": 2.0, "nu": 0.0}, {"E": 2.0, "nu": 0.3}),
+    _check_solid,
+)
+
+#: A solid whose width is a property too: twice as many scalars, so only where it is wanted.
+WIDE_SOLID = _WideLaw(
+    "wide solid",
+    (*SOLID.properties, "width"),
+    _wide_stiffness,
+    _wide_terms,
+    tuple(
+        {"E": 2.0, "nu": nu, "rho": 1.0, "stretch": s, "width": w}
+        for nu in (0.0, 0.3)
+        for s, w in ((1.0, 1.0), (2.0, 1.0), (0.5, 1.0), (1.0, 2.0), (1.0, 0.5), (2.0, 2.0))
+    ),
+    _check_wide,
+)
+
+#: The transition-interface material (seed 000): a joint whose thickness h, m, is a property.
+TRANSITION = _TransitionLaw(
+    "transition",
+    ("E", "nu", "rho", "h", "meshed"),
+    _transition_stiffness,
+    _transition_terms,
+    tuple(
+        {"E": 2.0, "nu": nu, "rho": 1.0, "h": h, "meshed": 1.0}
+        for nu in (0.0, 0.3)
+        for h in (0.5, 1.0, 2.0)
+    ),
+    _check_transition,
+)
+
+# Stretched along its axis a body of revolution has the same scalars as any solid.
+AXISYMMETRIC_SOLID = _RingLaw(
+    SOLID.name,
+    SOLID.properties,
+    _axisymmetric_stiffness,
+    SOLID.stiffness_terms,
+    SOLID.samples,
+    SOLID.check,
+)
+
+_LAYER_PROPERTIES = ("E", "G", "rho", "stretch")
+
+LAYER_LAWS = {
+    law.name: law
+    for law in (
+        Law(
+            "isotropic",
+            _LAYER_PROPERTIES,
+            _isotropic_stiffness,
+            _with_stretch(
+                lambda q: forms.lame_from_moduli(q["E"], q["G"])[0],
+                lambda q: q["G"],
+            ),
+            _samples({"E": 2.0, "G": 1.0}, {"E": 2.6, "G": 1.0}),
+            _check_isotropic,
+            3.0,
+        ),
+        Law(
+            "uncoupled",
+            _LAYER_PROPERTIES,
+            _uncoupled_stiffness,
+            _uncoupled_terms,
+            _UNCOUPLED_SAMPLES + _samples({"E": 1.0, "G": 1.0}),
+            _check_uncoupled,
+        ),
+        Law(
+            "constrained",
+            _LAYER_PROPERTIES,
+            _constrained_stiffness,
+            _constrained_terms,
+            ({"E": 2.0, "G": 1.0, "rho": 1.0, "stretch": 1.0},) + _samples({"E": 2.6, "G": 1.0}),
+            _check_isotropic,
+            3.0,
+        ),
+    )
+}
+
+#: Springs spread over a face, along its normal and in its plane; they hold facets, not cells.
+ELASTIC_SUPPORT = _SupportLaw(
+    "elastic support",
+    ("k_n", "k_t"),
+    _support_stiffness,
+    lambda q: np.array([q["k_n"], q["k_t"]]),
+    ({"k_n": 1.0, "k_t": 0.0}, {"k_n": 0.0, "k_t": 1.0}),
+    _check_support,
+)
+
+#: Of a body of revolution the law of a part is another object with the same scalars.
+LINEAR_LAWS = {
+    law.name: law for law in (SOLID, WIDE_SOLID, TRANSITION, ELASTIC_SUPPORT, *LAYER_LAWS.values())
+}

@@ -1,0 +1,202 @@
+"""Values and gradients of a displacement space at arbitrary points, as rows over its DOFs.
+
+Sensors, point masses and springs need not sit on nodes: a displacement there is a short row of
+basis-function values times DOFs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem, geometry
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_joints._compat import coordinate_map, geometry_dofmap
+from fenics_joints.errors import InputError
+
+if TYPE_CHECKING:
+    from fenics_joints.structure.structure import Structure
+
+__all__ = ["PointRows", "Sensors", "locate", "observe", "observe_slopes"]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Points and directions in which a test measured.
+
+    Attributes:
+        points: Positions, m, shape (n, gdim).
+        directions: Unit directions, shape (n, gdim).
+    """
+
+    points: np.ndarray
+    directions: np.ndarray
+
+    def __post_init__(self):
+        points = np.atleast_2d(np.asarray(self.points, dtype=float))
+        directions = np.broadcast_to(np.asarray(self.directions, dtype=float), points.shape)
+        norms = np.linalg.norm(directions, axis=1, keepdims=True)
+        if np.any(norms == 0):
+            raise InputError("sensors.direction: expected non-zero vectors.")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "directions", directions / norms)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class PointRows:
+    """Rows that evaluate a blocked space at points; a point is on exactly one rank.
+
+    Attributes:
+        index: Which of the asked points are on this rank, shape (m,).
+        nodes: Local blocks (nodes) of the space, shape (m, n_basis).
+        values: Basis functions there, shape (m, n_basis).
+        gradients: Their gradients, 1/m, shape (m, n_basis, gdim).
+    """
+
+    index: np.ndarray
+    nodes: np.ndarray
+    values: np.ndarray
+    gradients: np.ndarray
+
+
+def _owned_candidates(msh, points: np.ndarray) -> np.ndarray:
+    """A cell that this rank owns around each point, or -1; shape (n,)."""
+    tdim = msh.topology.dim
+    owned = np.arange(msh.topology.index_map(tdim).size_local, dtype=np.int32)
+    found = np.full(len(points), -1, dtype=np.int32)
+    if len(owned) == 0:
+        return found
+    tree = geometry.bb_tree(msh, tdim, entities=owned, padding=1e-9)
+    near = geometry.compute_collisions_points(tree, points)
+    cells = geometry.compute_colliding_cells(msh, near, points)
+    for i in range(len(points)):
+        links = cells.links(i)
+        if len(links):
+            found[i] = links[0]
+    return found
+
+
+def locate(V: fem.FunctionSpace, element, points, what: str = "point") -> PointRows:
+    """Rows that evaluate ``V`` at points. Collective.
+
+    Args:
+        V: Blocked space of displacements on a mesh with straight-sided cells.
+        element: The scalar element of a block, from ``basix.ufl.element``.
+        points: Positions, m, shape (n, gdim).
+        what: What stands there, for the message.
+
+    Returns:
+        The rows of the points that this rank owns.
+
+    Raises:
+        InputError: If a point is outside the mesh; on every rank.
+    """
+    msh = V.mesh
+    gdim = msh.geometry.dim
+    points = np.atleast_2d(np.asarray(points, dtype=float))
+    padded = np.zeros((len(points), 3))
+    padded[:, :gdim] = points
+    candidate = _owned_candidates(msh, padded)
+    rank = np.where(candidate >= 0, msh.comm.rank, msh.comm.size)
+    owner = _all_min(msh.comm, rank)
+    if np.any(owner == msh.comm.size):
+        lost = points[int(np.argmax(owner == msh.comm.size))]
+        x = msh.geometry.x[:, :gdim]
+        low = _all_min(msh.comm, x.min(axis=0))
+        high = -_all_min(msh.comm, -x.max(axis=0))
+        raise InputError(
+            f"{what} at {lost.tolist()} m is outside the mesh: expected a point of the structure, "
+            f"which lies within {low.tolist()} and {high.tolist()}."
+        )
+    index = np.flatnonzero(owner == msh.comm.rank)
+    return _tabulate(V, element, points[index], candidate[index], index)
+
+
+def _all_min(comm, array: np.ndarray) -> np.ndarray:
+    result = np.ascontiguousarray(array).copy()
+    comm.Allreduce(MPI.IN_PLACE, result, op=MPI.MIN)
+    return result
+
+
+def _tabulate(V, element, points, cells, index) -> PointRows:
+    msh = V.mesh
+    gdim, tdim = msh.geometry.dim, msh.topology.dim
+    cmap, vertices = coordinate_map(msh), geometry_dofmap(msh)
+    linear = basix.ufl.element("Lagrange", msh.topology.cell_name(), 1)
+    nodes, values, gradients = [], [], []
+    for point, cell in zip(points, cells, strict=True):
+        x = msh.geometry.x[vertices[cell], :gdim]
+        reference = cmap.pull_back(point[None, :], x)
+        jacobian = x.T @ linear.tabulate(1, reference)[1 : tdim + 1, 0, :].T
+        table = element.tabulate(1, reference)[:, 0, :]
+        nodes.append(V.dofmap.cell_dofs(cell))
+        values.append(table[0])
+        gradients.append(table[1 : tdim + 1].T @ np.linalg.inv(jacobian))
+    n = element.dim
+    return PointRows(
+        index,
+        np.array(nodes, dtype=np.int32).reshape(len(index), n),
+        np.array(values).reshape(len(index), n),
+        np.array(gradients).reshape(len(index), n, gdim),
+    )
+
+
+def observe(rows: PointRows, directions: np.ndarray, vectors: list[PETSc.Vec], V) -> np.ndarray:
+    """Components of displacement vectors at points. Collective.
+
+    Args:
+        rows: From `locate`.
+        directions: Unit directions, shape (n, gdim).
+        vectors: Vectors over ``V``, owned entries.
+        V: The space.
+
+    Returns:
+        Shape (n, len(vectors)), equal on all ranks.
+    """
+    bs = V.dofmap.index_map_bs
+    u = fem.Function(V)
+    result = np.zeros((len(directions), len(vectors)))
+    owned = V.dofmap.index_map.size_local * bs
+    for column, vector in enumerate(vectors):
+        u.x.array[:owned] = vector.array_r
+        u.x.scatter_forward()
+        block = u.x.array.reshape(-1, bs)[rows.nodes]
+        at_points = np.einsum("pn,pni->pi", rows.values, block)
+        result[rows.index, column] = np.einsum("pi,pi->p", at_points, directions[rows.index])
+    V.mesh.comm.Allreduce(MPI.IN_PLACE, result)
+    return result
+
+
+def observe_slopes(
+    structure: Structure, basis: list[PETSc.Vec], sensors: Sensors, directions: np.ndarray
+) -> np.ndarray:
+    """Change of what sensors read of displacement vectors per metre that they move. Collective.
+
+    The sensors keep the directions in which they measure. On a face between cells, across which
+    the gradient jumps, the slope is that in one of them.
+
+    Args:
+        structure: The full model.
+        basis: Vectors over its displacement space, owned entries.
+        sensors: The sensors where they stand.
+        directions: Where each moves, shape (n_sensors, gdim) or (gdim,); of any length.
+
+    Returns:
+        Shape (n_sensors, len(basis)), 1/m, equal on all ranks.
+
+    Raises:
+        InputError: If a direction is zero, or a sensor outside the mesh.
+    """
+    gdim = structure.gdim
+    towards = Sensors(sensors.points[:, :gdim], np.atleast_2d(directions)[:, :gdim]).directions
+    rows = structure.rows(sensors.points, "sensor")
+    along = np.einsum("pnj,pj->pn", rows.gradients, towards[rows.index])
+    turned = replace(rows, values=along)
+    return observe(turned, sensors.directions[:, :gdim], list(basis), structure.V)

@@ -1,0 +1,403 @@
+"""Time integration of a structure with nonlinear joints, by PETSc's generalised-alpha method.
+
+It is the slow and independent way to what `harmonic` finds, and the way to ring-downs. The joints'
+states are carried from step to step, and stress is taken between them by the law's own update.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.interfaces.motion import DenseMotion, SparseMotion, motion_of
+from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.transient.ring_down import RingDown, ring_down
+
+__all__ = ["TransientResult", "solve_transient", "steady_harmonics", "stepped_sine"]
+
+_PREFIX = "fenics_joints_transient_"
+_SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
+_DEFAULTS = {
+    "ts_type": "alpha2",
+    "ts_alpha_radius": 0.9,
+    "ts_adapt_type": "none",
+    "snes_rtol": 1e-9,
+    "snes_stol": 1e-12,
+    "snes_max_it": 30,
+    "snes_linesearch_type": "basic",
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+}
+
+
+@dataclass(frozen=True)
+class TransientResult:
+    """A motion over time.
+
+    Attributes:
+        times: s, (n + 1,); the start included.
+        displacements: At each sensor by name, m, (n + 1,).
+        velocities: Likewise, m/s.
+        accelerations: Likewise, m/s2; those of the method, of first order: they belong to a time
+            that is (1 - r) / (1 + r) steps away, r being the spectral radius.
+        work: Work of the load, J, (n + 1,).
+        damped: Work that the viscous damping took, J, (n + 1,).
+        joint_work: Work put into each interface's points so far, stored or dissipated, J, (n + 1,),
+            by the interface's name.
+        energy: Kinetic energy and that of the linear structure, J, (n + 1,).
+        final: (u, v, states) at the end, to start the next motion from.
+        iterations: Newton iterations in total.
+    """
+
+    times: np.ndarray
+    displacements: Mapping[str, np.ndarray]
+    velocities: Mapping[str, np.ndarray]
+    accelerations: Mapping[str, np.ndarray]
+    work: np.ndarray
+    damped: np.ndarray
+    joint_work: Mapping[str, np.ndarray]
+    energy: np.ndarray
+    final: tuple
+    iterations: int
+
+    def ring_down(self, sensor: str) -> RingDown:
+        """Frequency and damping against amplitude at a sensor, from a free decay."""
+        return ring_down(self.times, self.displacements[sensor])
+
+
+class _Record:
+    """What is kept of each step."""
+
+    def __init__(self, motion, sensors: Sequence[str], names: Sequence[str]):
+        self.motion = motion
+        self.rows = {name: motion.place("sensors", name) for name in sensors}
+        self.u, self.v, self.a = ({name: [] for name in sensors} for _ in range(3))
+        self.times, self.work, self.damped, self.energy = [], [], [], []
+        self.joint_work = {name: [] for name in names}
+        self._last = None
+
+    def add(self, t, u, v, a, load, points) -> None:
+        """One converged instant; work by the trapezoidal rule."""
+        self.times.append(t)
+        for name, row in self.rows.items():
+            self.u[name].append(row.dot(u))
+            self.v[name].append(row.dot(v))
+            self.a[name].append(row.dot(a))
+        drag = self._drag(v)
+        now = (load.copy() if load is not None else None, u.copy(), drag, points)
+        self.energy.append(self.motion.energy(u, v))
+        before = self._last
+        du = None
+        if before is not None:
+            du = u.copy()
+            du.axpy(-1.0, before[1])
+        self.work.append(self._sum(self.work, du, (before or now)[0], now[0]))
+        self.damped.append(self._sum(self.damped, du, (before or now)[2], now[2]))
+        for i, name in enumerate(self.joint_work):
+            done = 0.0
+            if before is not None:
+                (e0, f0, *_), (e1, f1, *_) = before[3][i], points[i]
+                weighted = self.motion.weights()[i][:, None] * (f0 + f1) * (e1 - e0)
+                done = 0.5 * self.motion.total(float(weighted.sum()))
+            self.joint_work[name].append((self.joint_work[name] or [0.0])[-1] + done)
+        self._last = now
+
+    def _drag(self, v):
+        C = self.motion.model.C
+        if C is None:
+            return None
+        drag = v.duplicate()
+        if isinstance(self.motion, DenseMotion):
+            drag.array[:] = C @ v.array_r
+        else:
+            C.mult(v, drag)
+        return drag
+
+    @staticmethod
+    def _sum(so_far, du, first, second) -> float:
+        if du is None or first is None:
+            return (so_far or [0.0])[-1]
+        return so_far[-1] + 0.5 * (first.dot(du) + second.dot(du))
+
+    def result(self, final, iterations) -> TransientResult:
+        def arrays(lists):
+            return {name: np.array(values) for name, values in lists.items()}
+
+        return TransientResult(
+            np.array(self.times), arrays(self.u), arrays(self.v), arrays(self.a),
+            np.array(self.work), np.array(self.damped), arrays(self.joint_work),
+            np.array(self.energy), final, iterations,
+        )  # fmt: skip
+
+
+def solve_transient(
+    model,
+    *,
+    step: float,
+    n_steps: int,
+    loads: Mapping[str, Callable[[float], float]] | None = None,
+    sensors: Sequence[str] | None = None,
+    initial: tuple | None = None,
+    start: float = 0.0,
+    petsc_options: Mapping[str, object] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> TransientResult:
+    """Integrate the motion of a model in time.
+
+    Args:
+        model: An `InterfaceModel`, or a `FullModel` (collective then).
+        step: Time step, s.
+        n_steps: Number of steps.
+        loads: Force in newtons as a function of time in seconds, by the place's name.
+        sensors: Names of the sensors to record; all of the model's by default.
+        initial: (u, v, states) to start from, such as another result's ``final``: vectors or
+            arrays of the model's size, states as they come; None for a part is rest.
+        start: Time at the start, s.
+        petsc_options: Options of PETSc's TS, SNES and KSP, without prefix; ``ts_alpha_radius``
+            is the spectral radius at infinity, 0.9.
+        progress: Called with the number of steps done, after each.
+
+    Raises:
+        InputError: For a step or number out of range, an unknown place, or a start that does not
+            fit.
+        ConvergenceError: If a step does not converge, with PETSc's reason.
+    """
+    if not step > 0:
+        raise InputError(f"step = {step}: expected a time step > 0, in seconds.")
+    if n_steps < 1:
+        raise InputError(f"n_steps = {n_steps}: expected at least 1.")
+    run = _Integration(motion_of(model), loads or {}, petsc_options)
+    names = list(model.sensors) if sensors is None else list(sensors)
+    record = _Record(run.motion, names, [p.name for p in model.interfaces])
+    return run.solve(record, initial, start, step, n_steps, progress)
+
+
+class _Integration:
+    """PETSc's TS on one motion. ``solver`` is the TS."""
+
+    def __init__(self, motion: DenseMotion | SparseMotion, loads, petsc_options):
+        self.motion = motion
+        self.places = [(motion.place("forces", name), signal) for name, signal in loads.items()]
+        self.load = motion.vector()
+        self.states = motion.rest()
+        self.solver = ts = PETSc.TS().create(comm=motion.comm)
+        ts.setProblemType(PETSc.TS.ProblemType.NONLINEAR)
+        ts.setOptionsPrefix(_PREFIX)
+        self._residual = motion.vector()
+        self._matrix = motion.matrix()
+        ts.setI2Function(self._i2function, self._residual)
+        ts.setI2Jacobian(self._i2jacobian, self._matrix)
+        ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
+        ours = {**_DEFAULTS}
+        if isinstance(motion, SparseMotion):
+            ours["pc_factor_mat_solver_type"] = "mumps"
+        with petsc_defaults(_PREFIX, ours | dict(petsc_options or {})):
+            ts.setFromOptions()
+            ts.getSNES().setFromOptions()
+            self._gamma = _newmark_gamma(PETSc.Options(_PREFIX))
+
+    def _loaded(self, t: float) -> PETSc.Vec | None:
+        if not self.places:
+            return None
+        self.load.set(0.0)
+        for row, signal in self.places:
+            self.load.axpy(float(signal(t)), row)
+        return self.load
+
+    def _i2function(self, ts, t, u, v, a, out) -> None:
+        self.motion.residual(u, v, a, self._loaded(t), self.states, out)
+
+    def _i2jacobian(self, ts, t, u, v, a, shift_v, shift_a, J, P) -> None:
+        self.motion.jacobian(u, self.states, shift_v, shift_a, P)
+
+    def solve(self, record, initial, start, step, n_steps, progress) -> TransientResult:
+        ts, (u, v, states) = self.solver, (initial or (None, None, None))
+        u, v = self._start(u), self._start(v)
+        if states is not None:
+            self.states = states
+        acceleration = self._acceleration(u, v, start, step)
+        record.add(start, u, v, acceleration, self._loaded(start), self.motion.step(u, self.states))
+        before, gamma = (v.copy(), acceleration), self._gamma
+
+        def after(ts):
+            t, (x, w) = ts.getTime(), ts.getSolution2()
+            points = self.motion.step(x, self.states)
+            self.states = [new for _, _, new, _ in points]
+            # Newmark's relation of the velocities gives the acceleration that TS keeps to itself.
+            a = w.copy()
+            a.axpy(-1.0, before[0])
+            a.scale(1 / (gamma * step))
+            a.axpy(-(1 - gamma) / gamma, before[1])
+            before[0].array[:] = w.array_r
+            before[1].array[:] = a.array_r
+            record.add(t, x, w, a, self._loaded(t), points)
+            if progress is not None:
+                progress(ts.getStepNumber())
+
+        ts.setPostStep(after)
+        ts.setTime(start)
+        ts.setTimeStep(step)
+        ts.setMaxSteps(n_steps)
+        ts.setMaxTime(np.inf)
+        ts.setSolution2(u, v)
+        try:
+            ts.solve(u)
+        except PETSc.Error as error:
+            raise self._failed(str(error).strip().splitlines()[-1]) from error
+        if ts.getConvergedReason() < 0:
+            raise self._failed(_reason(ts))
+        u, v = ts.getSolution2()
+        return record.result((u.copy(), v.copy(), self.states), ts.getSNESIterations())
+
+    def _failed(self, reason: str) -> ConvergenceError:
+        t = self.solver.getTime()
+        return ConvergenceError(
+            f"time integration stopped at t = {t:.6g} s; try a smaller step", reason
+        )
+
+    def _start(self, given) -> PETSc.Vec:
+        vector = self.motion.vector()
+        if given is not None:
+            given = given.array_r if isinstance(given, PETSc.Vec) else np.asarray(given)
+            if given.shape != vector.array_r.shape:
+                raise InputError(
+                    f"initial: a vector has shape {given.shape}: expected {vector.array_r.shape}."
+                )
+            vector.array[:] = given
+        return vector
+
+    def _acceleration(self, u, v, t, step: float) -> PETSc.Vec:
+        """M a = load - C v - K u - f(u) at the start."""
+        a, r = self.motion.vector(), self.motion.vector()
+        self.motion.residual(u, v, a, self._loaded(t), self.states, r)
+        if isinstance(self.motion, DenseMotion):
+            a.array[:] = np.linalg.lstsq(self.motion.model.M, -r.array_r, rcond=None)[0]
+            return a
+        # Degrees of freedom without mass, as in a layer, have no acceleration of their own; as much
+        # stiffness as a step of a thousandth of the first would bring ties them to the others.
+        A = self.motion.matrix()
+        self.motion.jacobian(u, self.states, 0.0, 1.0, A)
+        A.scale((1e-3 * step) ** 2)
+        A.axpy(1 - (1e-3 * step) ** 2, self.motion.model.M, _SUBSET)
+        ksp = PETSc.KSP().create(comm=self.motion.comm)
+        ksp.setOperators(A)
+        ksp.setType("preonly")
+        ksp.getPC().setType("lu")
+        ksp.getPC().setFactorSolverType("mumps")
+        r.scale(-1.0)
+        ksp.solve(r, a)
+        reason = ksp.getConvergedReason()
+        ksp.destroy(), A.destroy()
+        if reason < 0:
+            raise ConvergenceError("the acceleration at the start was not found", str(reason))
+        return a
+
+
+def _newmark_gamma(options: PETSc.Options) -> float:
+    """Newmark's gamma of generalised alpha, as PETSc takes it from its options.
+
+    From the spectral radius r: alpha_m = (2 - r) / (1 + r), alpha_f = 1 / (1 + r), gamma = 1/2 +
+    alpha_m - alpha_f (Chung and Hulbert, J. Appl. Mech. 60, 1993). PETSc tells of this type what
+    it solved, but not its parameters.
+    """
+    radius = options.getReal("ts_alpha_radius", 1.0)
+    return options.getReal("ts_alpha_gamma", 0.5 + (1 - radius) / (1 + radius))
+
+
+def _reason(ts: PETSc.TS) -> str:
+    for name, value in vars(PETSc.TS.ConvergedReason).items():
+        if value == ts.getConvergedReason() and not name.startswith("_"):
+            return name.lower().replace("_", " ")
+    return str(ts.getConvergedReason())
+
+
+# -- steady states ---------------------------------------------------------------------------------
+
+
+def steady_harmonics(times, signal, frequency: float, harmonics: int = 1) -> np.ndarray:
+    """Harmonics of a signal over its last whole period, by least squares.
+
+    Args:
+        times: s, evenly spaced.
+        signal: Values there.
+        frequency: Hz.
+        harmonics: Number of harmonics, H.
+
+    Returns:
+        Mean, then cosine and sine of each harmonic, (2 H + 1,).
+    """
+    inside = times > times[-1] - (1 + 1e-9) / frequency
+    t, y = times[inside], np.asarray(signal)[inside]
+    columns = [np.ones_like(t)]
+    for h in range(1, harmonics + 1):
+        phase = 2 * np.pi * h * frequency * t
+        columns += [np.cos(phase), np.sin(phase)]
+    return np.linalg.lstsq(np.column_stack(columns), y, rcond=None)[0]
+
+
+def stepped_sine(
+    model,
+    force: str,
+    amplitude: float,
+    frequencies: Sequence[float],
+    *,
+    sensor: str,
+    steps_per_period: int = 100,
+    tolerance: float = 1e-3,
+    max_periods: int = 400,
+    harmonics: int = 5,
+    initial: tuple | None = None,
+    petsc_options: Mapping[str, object] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Steady responses to a sinusoidal force at one frequency after another, as a test makes them.
+
+    Each frequency starts from the motion that the last one left, and ends when the first harmonic
+    of the sensor's displacement changes by less than ``tolerance`` over ten periods.
+
+    Args:
+        model: An `InterfaceModel` or `FullModel`.
+        force: Place of the force.
+        amplitude: Of the force, N; it acts as amplitude * cos(omega t).
+        frequencies: Hz.
+        sensor: Name of the sensor.
+        steps_per_period: Time steps per period.
+        tolerance: Relative change over ten periods at which a response counts as steady.
+        max_periods: Periods after which one gives up.
+        harmonics: Harmonics of the answer.
+        initial: As in `solve_transient`.
+        petsc_options: As in `solve_transient`.
+        progress: Called with each frequency when it is done.
+
+    Returns:
+        (harmonics of the displacement, m, (n, 2 H + 1), as `steady_harmonics`; periods that each
+        frequency took, (n,)).
+
+    Raises:
+        ConvergenceError: If a response does not become steady.
+    """
+    found, periods = [], []
+    for frequency in frequencies:
+        last, now, count = None, None, 0
+        while last is None or np.abs(now - last).max() > tolerance * np.abs(now).max():
+            if count >= max_periods:
+                raise ConvergenceError(
+                    f"the response at {frequency:g} Hz is not steady after {count} periods; "
+                    "expected more damping, or give more max_periods"
+                )
+            run = solve_transient(
+                model, step=1 / frequency / steps_per_period, n_steps=10 * steps_per_period,
+                loads={force: lambda t, w=2 * np.pi * frequency: amplitude * np.cos(w * t)},
+                sensors=[sensor], initial=initial, petsc_options=petsc_options,
+            )  # fmt: skip
+            initial, count, last = run.final, count + 10, now
+            now = steady_harmonics(run.times, run.displacements[sensor], frequency, harmonics)
+        found.append(now)
+        periods.append(count)
+        if progress is not None:
+            progress(frequency)
+    return np.array(found), np.array(periods)

@@ -1,0 +1,75 @@
+"""How good a combined update's models are, and what its parameters ran into."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fenics_joints.formatting import percent, quantity
+from fenics_joints.measurements.target import Target
+from fenics_joints.reduction.combined import ModelError
+from fenics_joints.structure.components import Parameter
+from fenics_joints.updating.result import CombinedUpdate
+
+__all__ = ["bound_notes", "error_limits", "is_at", "too_far"]
+
+#: Largest accepted relative error of the reduced model's frequencies; and of its functions and
+#: damping ratios, as a share of the noise.
+_FREQUENCY, _SHARE = 2e-4, 0.1
+#: A value as near to a bound has been stopped there: relative to it where the scale is
+#: logarithmic, else to the room between the bounds.
+_AT_BOUND = 2e-3
+#: Words for each kind of a reduced model's errors, and their decimals in per cent.
+_ERRORS = {
+    "frequencies": ("frequencies by", 3), "frfs": ("functions by up to", 2),
+    "damping": ("damping ratios by up to", 2),
+}  # fmt: skip
+
+
+def error_limits(target: Target) -> ModelError:
+    """Largest accepted errors of a reduced model for these data."""
+    frfs, functions = target.frfs, np.inf
+    if frfs is not None:
+        functions = _SHARE * float(np.median(frfs.relative_sd[frfs.used]))
+    there = np.isfinite(target.damping_ratios)
+    ratios = _SHARE * float(target.damping_log_sd[there].min(initial=np.inf))
+    return ModelError(_FREQUENCY, functions, ratios)
+
+
+def too_far(error: ModelError, limits: ModelError) -> list[str]:
+    """What of a reduced model is further from the full one than the limits allow, in words."""
+    return [
+        f"{words} {percent(getattr(error, key), digits)}"
+        for key, (words, digits) in _ERRORS.items()
+        if (getattr(error, key) or 0.0) > getattr(limits, key)
+    ]
+
+
+def bound_notes(parameters: Sequence[Parameter], found: CombinedUpdate) -> list[str]:
+    """What a reader has to know of parameters at or beyond their bounds."""
+    notes = []
+    for p, value in zip(parameters, found.values, strict=True):
+        if found.method == "weighted":
+            if not p.lower <= value <= p.upper:
+                notes.append(
+                    f"{p.name} is outside its bounds, {quantity(p.lower, p.unit)} to "
+                    f"{quantity(p.upper, p.unit)}: the weighted equations have none"
+                )
+            continue
+        notes += [
+            f"{p.name} ended at its bound, {quantity(bound, p.unit)}: the data want it beyond, and "
+            "its standard deviation says nothing"
+            for bound in (p.lower, p.upper) if is_at(p, value, bound)
+        ]  # fmt: skip
+    return notes
+
+
+def is_at(parameter: Parameter, value: float, bound: float) -> bool:
+    """Whether a value is as good as at a bound."""
+    if not np.isfinite(bound):
+        return False
+    room = parameter.upper - parameter.lower
+    size = abs(bound) if parameter.log or not np.isfinite(room) else room
+    size = size or abs(parameter.value)
+    return abs(value - bound) <= _AT_BOUND * size

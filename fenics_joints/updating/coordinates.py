@@ -1,0 +1,86 @@
+"""Coordinates of parameters in which a fit works: the logarithm, or the value over its size."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.structure.components import Parameter
+from fenics_joints.updating.log_scale import LogScale
+
+__all__ = ["Coordinates"]
+
+
+class Coordinates:
+    """Coordinates x of parameters' values p.
+
+    ``log`` parameters have those of `LogScale`, for which the limits of the joints' laws are no
+    obstacle; the others p over the size of their start.
+
+    Args:
+        parameters: The parameters.
+        start: Values at the start, by name.
+        model: A full or reduced structure, for its laws.
+
+    Raises:
+        InputError: If a start is missing, not finite, or not positive for a ``log`` parameter; or
+            if the parameters are none, or no parameters of the model.
+    """
+
+    def __init__(self, parameters: Sequence[Parameter], start: Mapping[str, float], model):
+        self.parameters = tuple(parameters)
+        self.names = tuple(p.name for p in parameters)
+        if not self.names or len(set(self.names)) < len(self.names):
+            raise InputError(f"parameters = {list(self.names)}: expected at least one, each once")
+        for p in self.parameters:
+            if p.name not in model.parameters:
+                known = ", ".join(model.parameters)
+                raise InputError(
+                    f"parameter {p.name!r} is not the model's; expected one of {known}"
+                )
+            value = start.get(p.name, np.nan)
+            if not np.isfinite(value) or (p.log and value <= 0):
+                kind = "positive" if p.log else "finite"
+                raise InputError(f"start of {p.name} = {value}: expected a {kind} value")
+        self.log = np.array([p.log for p in self.parameters])
+        self.scale = LogScale([p.name for p in self.parameters if p.log], model)
+        sizes = np.array([abs(start[n]) or 1.0 for n in self.names])
+        self.unit = np.where(self.log, 1.0, sizes)
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """Values of the parameters at coordinates ``x``, (p,)."""
+        values = self.unit * x
+        values[self.log] = np.exp(self.scale.logs(np.asarray(x)[self.log]))
+        return values
+
+    def inverse(self, values: np.ndarray) -> np.ndarray:
+        """Coordinates of parameters with these values, (p,)."""
+        x = np.asarray(values, dtype=float) / self.unit
+        x[self.log] = self.scale.inverse(np.log(x[self.log]))
+        return x
+
+    def slope(self, x: np.ndarray) -> np.ndarray:
+        """Derivative of `values` by the coordinates, (p, p)."""
+        values, slope = self.values(x), np.diag(self.unit)
+        logs = np.flatnonzero(self.log)
+        by_log = self.scale.slope(np.asarray(x)[self.log])
+        slope[np.ix_(logs, logs)] = values[logs, None] * by_log
+        return slope
+
+    def working(self, values: np.ndarray) -> np.ndarray:
+        """Derivative of a value by its logarithm, or for the others by p over its size, (p,)."""
+        return np.where(self.log, values, self.unit)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the coordinates."""
+        low = np.array([p.lower for p in self.parameters]) / self.unit
+        high = np.array([p.upper for p in self.parameters]) / self.unit
+        logs = [p for p in self.parameters if p.log]
+        low[self.log], high[self.log] = self.scale.bounds(logs)
+        return low, high
+
+    def mapping(self, values: np.ndarray) -> dict[str, float]:
+        """Values by name."""
+        return dict(zip(self.names, np.asarray(values, dtype=float).tolist(), strict=True))

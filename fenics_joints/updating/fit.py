@@ -1,0 +1,236 @@
+"""Updating on any mix of frequencies, shapes, damping ratios and FRFs, by maximum likelihood.
+
+Residuals are in standard deviations: of ln f, of shapes, of ln zeta, and of the complex ln H, whose
+real part is a difference of levels and whose imaginary part one of phases, so that a peak weighs no
+more than a valley (Arruda, AIAA J. 30, 1992, on fits of curves to FRFs). A trust region with bounds
+works in the logarithms of the parameters. It first fits with the lines moved along with the
+resonances (`fenics_joints.updating.prediction`); from there the fit at the lines themselves starts.
+
+The same in seed 000's way is `fenics_joints.updating.weighted`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.optimize import least_squares
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.formatting import number
+from fenics_joints.measurements.target import Target
+from fenics_joints.modal.sensitivity import identifiability
+from fenics_joints.structure.components import Parameter
+from fenics_joints.structure.damping import Damping
+from fenics_joints.updating.coordinates import Coordinates
+from fenics_joints.updating.equations import condition_number
+from fenics_joints.updating.prediction import Prediction, Predictor
+from fenics_joints.updating.residuals import Residuals, raw_rows, relative_errors
+from fenics_joints.updating.result import CombinedUpdate, Iteration
+
+__all__ = ["MOVES", "update_combined"]
+
+#: When FRF lines are moved along with the resonances: for the first of two fits, or throughout.
+MOVES = ("first", "always", "never")
+#: Accuracy, in coordinates, at which the fit with moved lines may end.
+_ROUGH = 1e-3
+#: In that fit, standard deviation of ln H beside the noise: over moved lines FRFs differ by their
+#: shape, by a factor of about e where the model is far off, and until then the frequencies lead.
+_SHAPE = 1.0
+
+
+def update_combined(
+    model,
+    parameters: Sequence[Parameter],
+    target: Target,
+    start: Mapping[str, float],
+    *,
+    damping: Damping | None = None,
+    moves: str = "first",
+    regularisation: float | None = None,
+    centre: Mapping[str, float] | None = None,
+    max_evaluations: int = 100,
+    n_modes: int | None = None,
+    strict: bool = True,
+) -> CombinedUpdate:
+    """Fit parameters to any mix of data. Collective for a full model.
+
+    Args:
+        model: A `Structure`, or a reduced one that was made for the target's sensors.
+        parameters: What is identified, within its bounds.
+        target: The data and their standard deviations.
+        start: Values at the start, of the parameters (beyond their bounds: the fit starts just
+            inside) and of any other of the model's that differs from its nominal value.
+        damping: The model's damping; its numbers may be names of parameters.
+        moves: When the FRFs' lines are moved with the resonances: ``"first"``, for a first fit from
+            whose end a second one at the lines themselves starts; ``"always"``, for a model that
+            will never have the test's frequencies, with lines that count less where an error of the
+            frequencies would change them; ``"never"``.
+        regularisation: Standard deviation about ``centre`` of each parameter, of its logarithm if
+            it is a ``log`` one, else of its value over its size at the start; None for none.
+        centre: Values about which it holds the parameters; the start by default.
+        max_evaluations: Sets of values before giving up, in each of the two fits.
+        n_modes: Modes to compute; by default enough for the target.
+        strict: Whether an iteration that does not converge is an exception; else it is a result.
+
+    Raises:
+        InputError: For a parameter, start or data that cannot be.
+        ConvergenceError: If the iteration does not converge, or the model is not solved at the
+            start.
+    """
+    if moves not in MOVES:
+        raise InputError(f"moves = {moves!r}: expected one of {', '.join(MOVES)}")
+    fit = _Fit(model, parameters, target, start, damping, n_modes, regularisation, centre)
+    can_move = target.frfs is not None and fit.predictor.moves.any()
+    x = fit.start
+    if moves != "never" and can_move:
+        fit.residuals.weaken(_SHAPE)
+        x = fit.solve(x, True, max_evaluations, rough=True).x
+        fit.residuals.weaken(0.0)
+        if moves == "always":
+            fit.residuals.inflate(fit.predict(x, True), fit.predictor.moves)
+            done = fit.solve(x, True, max_evaluations)
+    moved = moves == "always" and can_move
+    if not moved:
+        done = fit.solve(x, False, max_evaluations)
+    converged = done.status > 0
+    if strict and not converged:
+        raise ConvergenceError(
+            f"updating {', '.join(fit.coordinates.names)} did not converge in {max_evaluations} "
+            "evaluations; start nearer, or identify fewer parameters",
+            done.message,
+        )
+    return fit.finish(done, moved, converged)
+
+
+#: Root mean square of residuals, in standard deviations, above which the message speaks of them.
+_MISFIT = 2.0
+#: What scipy's status says, in words.
+_WORDS = {
+    0: "not converged: out of evaluations",
+    1: "converged: the gradient vanishes",
+    2: "converged: the sum of squares no longer falls",
+    3: "converged: the parameters no longer change",
+    4: "converged: neither the sum of squares nor the parameters change any more",
+}
+
+
+class _Fit:
+    """One fit: from coordinates to residuals and slopes, with its history."""
+
+    def __init__(self, model, parameters, target, start, damping, n_modes, regularisation, centre):
+        self.target = target
+        self.coordinates = Coordinates(parameters, start, model)
+        names = self.coordinates.names
+        fixed = {n: v for n, v in start.items() if n not in names}
+        self.predictor = Predictor(model, target, names, fixed, damping=damping, n_modes=n_modes)
+        self.residuals = Residuals(target)
+        self.first = np.array([start[n] for n in names])
+        self.start = self._inside(self.coordinates.inverse(self.first))
+        self.history: list[Iteration] = []
+        self.pull = None if regularisation is None else 1 / regularisation
+        about = [{**start, **(centre or {})}[n] for n in names]
+        self.centre = self._working(np.array(about))
+
+    def _inside(self, x) -> np.ndarray:
+        low, high = self.coordinates.bounds()
+        margin = 1e-6 * np.minimum(1.0, high - low)
+        return np.clip(x, low + margin, high - margin)
+
+    def _working(self, values) -> np.ndarray:
+        """Logarithms, or values over their size, to which the regularisation belongs."""
+        log, unit = self.coordinates.log, self.coordinates.unit
+        return np.where(log, np.log(np.where(log, values, 1.0)), values / unit)
+
+    def predict(self, x, moved: bool) -> Prediction:
+        """The prediction at coordinates."""
+        return self.predictor(self.coordinates.mapping(self.coordinates.values(x)), moved)
+
+    def residual(self, x, moved: bool) -> np.ndarray:
+        """Residuals in standard deviations; infinite where a step leaves the model's range, which
+        the trust region answers with a shorter one. At the start that is an exception."""
+        try:
+            found = self.residuals.values(self.predict(x, moved))
+        except (InputError, ConvergenceError):
+            if not self.history:
+                raise
+            return np.full(self.size, np.inf)
+        if self.pull is not None:
+            off = self._working(self.coordinates.values(x)) - self.centre
+            found = np.concatenate([found, self.pull * off])
+        self.size = len(found)
+        return found
+
+    def slope(self, x, moved: bool) -> np.ndarray:
+        """Their derivatives by the coordinates; called once at each accepted step."""
+        prediction, by_x = self.predict(x, moved), self.coordinates.slope(x)
+        data = self.residuals.slopes(prediction)
+        values = self.coordinates.values(x)
+        working = self.coordinates.working(values)
+        self._record(values, prediction, moved, x, data * working)
+        slope = data @ by_x
+        if self.pull is None:
+            return slope
+        return np.concatenate([slope, self.pull * by_x / working[:, None]])
+
+    def _record(self, values, prediction, moved, x, whitened) -> None:
+        frequency, frf = relative_errors(self.target, prediction)
+        A, _, _ = raw_rows(self.target, prediction, "parts")
+        cost = 0.5 * float(np.sum(self.residual(x, moved) ** 2))
+        self.history.append(Iteration(
+            values, frequency, frf, moved, cost, condition_number(A), condition_number(whitened),
+        ))  # fmt: skip
+
+    def solve(self, x, moved: bool, max_evaluations: int, rough: bool = False):
+        """Least squares from coordinates ``x``."""
+        end = _ROUGH if rough else 1e-8
+        return least_squares(
+            self.residual, self._inside(x), self.slope, bounds=self.coordinates.bounds(),
+            args=(moved,), x_scale=1.0, ftol=end, xtol=end, gtol=1e-8, max_nfev=max_evaluations,
+        )  # fmt: skip
+
+    def finish(self, done, moved: bool, converged: bool) -> CombinedUpdate:
+        """The result at the end of a fit."""
+        values, by_x = self.coordinates.values(done.x), self.coordinates.slope(done.x)
+        prediction = self.predict(done.x, moved)
+        data = self.residuals.slopes(prediction)
+        slope, noise = data @ by_x, None
+        if moved:
+            noise = self.residuals.noise(prediction, self.predictor.moves)
+        if self.pull is not None:
+            own = self.pull * by_x / self.coordinates.working(values)[:, None]
+            slope = np.concatenate([slope, own])
+            noise = None if noise is None else block_diag(noise, np.eye(len(own)))
+        covariance = _covariance(slope, noise, by_x)
+        whitened = data * self.coordinates.working(values)
+        chi2 = float(np.sum(self.residuals.values(prediction) ** 2))
+        freedom = self.residuals.count - len(values)
+        message = _WORDS.get(done.status, done.message)
+        if chi2 > _MISFIT**2 * max(freedom, 1):
+            off = np.sqrt(chi2 / max(freedom, 1))
+            message += f", where test and model differ by {number(off, 2)} standard deviations"
+        return CombinedUpdate(
+            "log", self.coordinates.names, self.first, values, covariance,
+            identifiability(whitened, self.coordinates.names), converged,
+            message, self.predictor.calls, tuple(self.history), prediction, chi2, freedom,
+        )  # fmt: skip
+
+
+def _covariance(slope: np.ndarray, noise: np.ndarray | None, by_x: np.ndarray) -> np.ndarray:
+    """Covariance of the values, very large where the data leave them open.
+
+    Args:
+        slope: Derivatives of the residuals by the coordinates, (r, p).
+        noise: What the data's errors do to the residuals where one error does to several, (r, k).
+        by_x: Derivatives of the values by the coordinates, (p, p).
+    """
+    information = slope.T @ slope
+    values, vectors = np.linalg.eigh(information)
+    floor = np.finfo(float).eps * max(values[-1], np.finfo(float).tiny)
+    root = by_x @ (vectors / np.sqrt(np.maximum(values, floor)))
+    if noise is None:
+        return root @ root.T
+    known = values > floor
+    change = root[:, known] @ (vectors[:, known] / np.sqrt(values[known])).T @ slope.T @ noise
+    return change @ change.T + root[:, ~known] @ root[:, ~known].T

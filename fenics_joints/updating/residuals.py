@@ -1,0 +1,150 @@
+"""Differences between a prediction and a target, in standard deviations, and their derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenics_joints.measurements.target import Target
+from fenics_joints.updating.equations import real_rows
+from fenics_joints.updating.prediction import Prediction
+
+__all__ = ["Residuals", "raw_rows", "relative_errors", "row_sd"]
+
+
+class Residuals:
+    """Residuals of ln f, of shapes, of ln zeta, of Re ln H and of Im ln H, model less test.
+
+    A shape's are those of the test's shape, of root mean square 1, less the multiple of the model's
+    that is nearest. The phase is that of H_model / H_test, from -pi to pi: nothing is unwrapped.
+
+    Args:
+        target: The data.
+
+    Attributes:
+        count: Number of independent data: a shape has one less than it has components.
+    """
+
+    def __init__(self, target: Target):
+        self.target = target
+        self.f_used = np.isfinite(target.frequencies_hz)
+        self.zeta_used = np.isfinite(target.damping_ratios)
+        self.frf_sd = None if target.frfs is None else target.frfs.relative_sd
+        self.modes: list[tuple[int, np.ndarray, np.ndarray]] = []
+        if "shapes" in target.kinds:
+            for i in np.flatnonzero(np.isfinite(target.shape_sd)):
+                there = np.isfinite(target.shapes[:, i])
+                shape = target.shapes[there, i]
+                self.modes.append((int(i), there, shape / np.sqrt(np.mean(shape**2))))
+        frfs = 0 if target.frfs is None else 2 * int(target.frfs.used.sum())
+        shapes = sum(len(shape) - 1 for _, _, shape in self.modes)
+        self.count = int(self.f_used.sum() + self.zeta_used.sum()) + shapes + frfs
+
+    def values(self, found: Prediction) -> np.ndarray:
+        """The residuals, (r,)."""
+        return np.concatenate([part[0] for part in self._parts(found)])
+
+    def slopes(self, found: Prediction) -> np.ndarray:
+        """Their derivatives by the parameters' values, (r, p)."""
+        return np.concatenate([part[1] for part in self._parts(found)])
+
+    def _parts(self, found: Prediction):
+        target, used = self.target, self.f_used
+        if used.any():
+            slip = np.log(found.frequencies_hz[used] / target.frequencies_hz[used])
+            sd = target.log_sd[used]
+            yield slip / sd, found.frequency_slopes[used] / sd[:, None]
+        for mode in self.modes:
+            yield self._shape(found, *mode)
+        used = self.zeta_used
+        if used.any():
+            zeta, sd = found.damping_ratios[used], target.damping_log_sd[used]
+            slopes = found.damping_slopes[used] / zeta[:, None]
+            yield np.log(zeta / target.damping_ratios[used]) / sd, slopes / sd[:, None]
+        if target.frfs is not None:
+            there = target.frfs.used
+            sd, values = self.frf_sd[there], found.frfs[there]
+            ratio = np.log(values / target.frfs.values[there]) / sd
+            slopes = found.frf_slopes[there] / (values * sd)[:, None]
+            yield ratio.real, slopes.real
+            yield ratio.imag, slopes.imag
+
+    def _shape(self, found: Prediction, i: int, there, shape) -> tuple[np.ndarray, np.ndarray]:
+        """t - a x with a = (x t) / (x x), and its derivative, over the standard deviation."""
+        x, slopes = found.shapes[there, i], found.shape_slopes[there, i]
+        size = x @ x
+        a = x @ shape / size
+        by_a = (shape - 2 * a * x) @ slopes / size
+        sd = self.target.shape_sd[i]
+        return (a * x - shape) / sd, (x[:, None] * by_a + a * slopes) / sd
+
+    # -- moved lines ---------------------------------------------------------------------------
+
+    def weaken(self, sd: float) -> None:
+        """Give the FRFs this relative standard deviation beside that of their noise."""
+        self.frf_sd = np.hypot(self.target.frfs.relative_sd, sd)
+
+    def inflate(self, found: Prediction, moves: np.ndarray) -> None:
+        """Add to the FRFs' noise what errors of the test's frequencies do through moved lines."""
+        by_line = np.abs(found.frf_by_line / found.frfs)
+        sd = np.where(self.f_used, self.target.log_sd, 0.0)
+        moved = np.sqrt((moves**2) @ sd**2)[:, None, None]
+        self.frf_sd = np.hypot(self.target.frfs.relative_sd, by_line * moved)
+
+    def noise(self, found: Prediction, moves: np.ndarray) -> np.ndarray:
+        """Residuals per standard deviation of each datum, (r, number of data), with moved lines.
+
+        One of the frequencies changes its own residual and, through the lines, those of the FRFs.
+        """
+        sizes = [len(part[0]) for part in self._parts(found)]
+        noise = np.eye(sum(sizes))
+        there, n = self.target.frfs.used, int(self.f_used.sum())
+        own = (self.target.frfs.relative_sd / self.frf_sd)[there]
+        rows = np.arange(len(noise) - 2 * len(own), len(noise))
+        noise[rows, rows] = np.tile(own, 2)
+        # The model's line is that of the test by the slip, so that an error of ln f_test enters
+        # through it with the sign of its own residual.
+        change = found.frf_by_line[..., None] * moves[:, None, None, :]
+        change = change / (found.frfs * self.frf_sd)[..., None]
+        change = change[there][:, self.f_used] * self.target.log_sd[self.f_used]
+        noise[rows[: len(own)], :n], noise[rows[len(own) :], :n] = change.real, change.imag
+        return noise
+
+
+def relative_errors(target: Target, found: Prediction) -> tuple[np.ndarray, tuple[float, float]]:
+    """Frequencies, model over test less 1, (m,); and the FRFs' relative errors: median, largest."""
+    frequencies = np.full(len(target), np.nan)
+    if len(target):
+        frequencies = found.frequencies_hz / target.frequencies_hz - 1.0
+    if target.frfs is None:
+        return frequencies, (np.nan, np.nan)
+    there = target.frfs.used
+    off = np.abs(found.frfs[there] / target.frfs.values[there] - 1.0)
+    return frequencies, (float(np.median(off)), float(off.max()))
+
+
+def raw_rows(target: Target, found: Prediction, how: str) -> tuple[np.ndarray, np.ndarray, int]:
+    """A and b of seed 000, eqs. 16 and 17, and how many rows are frequencies."""
+    used = np.isfinite(target.frequencies_hz)
+    f = found.frequencies_hz[used] if used.any() else np.empty(0)
+    A = f[:, None] * found.frequency_slopes[used] if used.any() else None
+    rows = [] if A is None else [(A, target.frequencies_hz[used] - f)]
+    if target.frfs is not None:
+        there = target.frfs.used
+        rows.append(
+            real_rows(found.frf_slopes[there], target.frfs.values[there], found.frfs[there], how)
+        )
+    if not rows:
+        return np.empty((0, found.frequency_slopes.shape[-1])), np.empty(0), 0
+    A, b = (np.concatenate([r[i] for r in rows]) for i in range(2))
+    return A, b, int(used.sum())
+
+
+def row_sd(target: Target, found: Prediction, how: str) -> np.ndarray:
+    """Standard deviations of b."""
+    used = np.isfinite(target.frequencies_hz)
+    parts = [target.frequencies_hz[used] * target.log_sd[used]]
+    if target.frfs is not None:
+        there = target.frfs.used
+        sd = (target.frfs.relative_sd * np.abs(target.frfs.values))[there]
+        parts += [sd, sd] if how == "parts" else [sd]
+    return np.concatenate(parts)

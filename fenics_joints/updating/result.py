@@ -1,0 +1,91 @@
+"""What a combined updating found, by either method, and the way there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.modal.sensitivity import Identifiability
+from fenics_joints.updating.prediction import Prediction
+
+__all__ = ["CombinedUpdate", "Iteration"]
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """A set of values on the way.
+
+    Attributes:
+        values: The parameters, (p,).
+        frequency_errors: Model over test less 1, (m,).
+        frf_errors: |H_model - H_test| / |H_test| at the test's lines, or at moved ones where
+            ``moved``: median and largest; nan without FRFs.
+        moved: Whether the lines were.
+        cost: Half the sum of squared residuals in standard deviations; nan in the weighted way.
+        condition_before: Condition number of A of seed 000, eq. 16: Hz and the FRFs' unit by the
+            parameters' SI units; inf where the data have fewer rows than there are parameters.
+        condition_after: That of what is solved: W_m A W_p (eq. 18), or the sensitivities in
+            standard deviations by logarithms.
+    """
+
+    values: np.ndarray
+    frequency_errors: np.ndarray
+    frf_errors: tuple[float, float]
+    moved: bool
+    cost: float
+    condition_before: float
+    condition_after: float
+
+
+@dataclass(frozen=True, eq=False)
+class CombinedUpdate:
+    """Parameters identified from a `Target`.
+
+    Attributes:
+        method: ``"weighted"`` (seed 000) or ``"log"``.
+        names: Names of the parameters.
+        start: Their values at the start, SI.
+        values: Their values, SI.
+        covariance: Of the values, (p, p): what the noise of the data does to them, to first order;
+            frequencies, shapes and FRFs counted as independent of each other, and the model as
+            right.
+        identifiability: What the data alone determine, by logarithms (of ``log`` parameters).
+        converged: Whether the iteration came to its end.
+        message: Why it ended.
+        evaluations: Sets of values at which the model was solved.
+        history: The iterations, the start first.
+        prediction: What the updated model says of the data, at the test's lines unless they were
+            moved throughout.
+        chi2: Sum of squared residuals in standard deviations, regularisation left out.
+        degrees_of_freedom: What it is expected to be: independent data less parameters. Less where
+            lines were moved throughout, since then one error of a frequency counts at many lines.
+    """
+
+    method: str
+    names: tuple[str, ...]
+    start: np.ndarray
+    values: np.ndarray
+    covariance: np.ndarray
+    identifiability: Identifiability
+    converged: bool
+    message: str
+    evaluations: int
+    history: tuple[Iteration, ...]
+    prediction: Prediction
+    chi2: float
+    degrees_of_freedom: int
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Standard deviations of the values, SI, (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def relative_sd(self) -> np.ndarray:
+        """Standard deviations relative to the values, (p,)."""
+        return self.sd / np.abs(self.values)
+
+    def mapping(self) -> dict[str, float]:
+        """The values by name."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))

@@ -1,0 +1,201 @@
+"""Updating on frequencies and FRFs as seed 000, section 4.1, does it.
+
+Newton's iteration for A x = b (eqs. 15 to 17), in least squares with the weights of eqs. 18 to 20,
+until eq. 14 holds. It has no bounds, knows no noise and does not limit its steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.measurements.target import Target
+from fenics_joints.modal.sensitivity import identifiability
+from fenics_joints.structure.components import Parameter
+from fenics_joints.structure.damping import Damping
+from fenics_joints.updating.coordinates import Coordinates
+from fenics_joints.updating.equations import WeightedEquations, weighted_equations
+from fenics_joints.updating.prediction import Prediction, Predictor
+from fenics_joints.updating.residuals import Residuals, raw_rows, relative_errors, row_sd
+from fenics_joints.updating.result import CombinedUpdate, Iteration
+
+__all__ = ["noise_tolerances", "update_weighted"]
+
+#: Relative steps below which an iteration stands still.
+_STILL = 1e-9
+#: Tolerances in standard deviations, where the noise is above their usual values.
+_EPS = 4.0
+#: Singular values below this share of the largest are none; the relative standard deviation of
+#: what is then open.
+_NULL, _LARGE = 1e-10, 1e3
+
+
+def update_weighted(
+    model,
+    parameters: Sequence[Parameter],
+    target: Target,
+    start: Mapping[str, float],
+    *,
+    damping: Damping | None = None,
+    w_f: float | np.ndarray = 1.0,
+    w_H: float | np.ndarray = 1.0,
+    complex_rows: str = "parts",
+    eps_1: float = 1e-4,
+    eps_2: float = 1e-2,
+    step_limit: float | None = None,
+    max_iterations: int = 50,
+    n_modes: int | None = None,
+    strict: bool = True,
+) -> CombinedUpdate:
+    """Seed 000, section 4.1: eqs. 15 to 20 until eq. 14. Collective for a full model.
+
+    The paper gives no numbers for w_f, w_H, eps_1 and eps_2 and leaves open how complex FRFs become
+    real equations, and what is to happen when a step leaves the law's range: here it is the end.
+
+    Args:
+        model: A `Structure`, or a reduced one that was made for the target's sensors.
+        parameters: What is identified; their bounds are not used.
+        target: Frequencies, FRFs or both; shapes pair modes only.
+        start: Values at the start, of the parameters and of any other of the model's that differs
+            from its nominal value.
+        damping: The model's damping.
+        w_f: Weights w_f of eq. 19, one or one for each frequency.
+        w_H: Weights w_H, one or one for each row of the FRFs.
+        complex_rows: ``"parts"`` or ``"magnitude"``, see `real_rows`.
+        eps_1: Tolerance of the relative error of every frequency (eq. 14).
+        eps_2: Of every FRF value.
+        step_limit: Largest change of a parameter in a step, relative to its value. Not in the
+            paper, and None as there: no limit.
+        max_iterations: Steps before giving up.
+        n_modes: Modes to compute; by default enough for the target.
+        strict: Whether an iteration that does not converge is an exception; else it is a result.
+
+    Raises:
+        InputError: For a parameter, start or data that cannot be.
+        ConvergenceError: If eq. 14 is not reached, or a step leaves the model's range.
+    """
+    for kind in ("shapes", "damping"):
+        if kind in target.kinds:
+            raise InputError(f"data {kind!r}: expected frequencies and FRFs, all that eq. 16 has")
+    if step_limit is not None and not step_limit > 0:
+        raise InputError(f"step_limit = {step_limit}: expected a number above 0, or None")
+    search = _Weighted(model, parameters, target, start, damping, n_modes, complex_rows)
+    message = f"not converged: {max_iterations} iterations"
+    for _ in range(max_iterations + 1):
+        equations = search.equations(w_f, w_H)
+        if search.is_reached(eps_1, eps_2):
+            message = "converged: eq. 14 holds"
+            break
+        reason = search.step(equations, step_limit)
+        if reason is not None:
+            message = reason
+            break
+    found = search.finish(message)
+    if strict and not found.converged:
+        raise ConvergenceError(
+            f"updating {', '.join(found.names)} by the weighted equations: {message}; start "
+            "nearer, limit the steps, or use the other method"
+        )
+    return found
+
+
+class _Weighted:
+    """The iteration of seed 000."""
+
+    def __init__(self, model, parameters, target, start, damping, n_modes, complex_rows):
+        self.target, self.how = target, complex_rows
+        self.coordinates = Coordinates(parameters, start, model)
+        names = self.coordinates.names
+        fixed = {n: v for n, v in start.items() if n not in names}
+        self.predictor = Predictor(model, target, names, fixed, damping=damping, n_modes=n_modes)
+        self.first = self.values = np.array([start[n] for n in names], dtype=float)
+        self.prediction = self._predict(self.values)
+        self.history: list[Iteration] = []
+
+    def _predict(self, values) -> Prediction:
+        return self.predictor(self.coordinates.mapping(values))
+
+    def equations(self, w_f, w_H) -> WeightedEquations:
+        """Eq. 18 where the iteration stands."""
+        A, b, n = raw_rows(self.target, self.prediction, self.how)
+        idle = [name for name, a in zip(self.coordinates.names, A.T, strict=True) if not a.any()]
+        if idle:
+            raise InputError(
+                f"parameters {', '.join(idle)}: expected some that change a frequency or FRF of "
+                "the data; the weights of eq. 20 do not exist for others"
+            )
+        self.system = weighted_equations(A, b, w_f=w_f, w_H=w_H, n_frequencies=n)
+        frequency, frf = relative_errors(self.target, self.prediction)
+        before, after = self.system.condition_before, self.system.condition_after
+        self.history.append(
+            Iteration(self.values, frequency, frf, False, np.nan, before, after)
+        )  # fmt: skip
+        return self.system
+
+    def is_reached(self, eps_1: float, eps_2: float) -> bool:
+        """Eq. 14."""
+        last = self.history[-1]
+        frequencies = last.frequency_errors[np.isfinite(last.frequency_errors)]
+        largest = 0.0 if self.target.frfs is None else last.frf_errors[1]
+        return bool(np.all(np.abs(frequencies) <= eps_1) and largest <= eps_2)
+
+    def step(self, equations: WeightedEquations, limit: float | None) -> str | None:
+        """Take a step; why it cannot be taken, in words, or None."""
+        change = equations.solve()
+        if limit is not None:
+            change = change / max(1.0, np.max(np.abs(change / self.values)) / limit)
+        values = self.values + change
+        if np.all(np.abs(change) <= _STILL * np.abs(self.values)):
+            return (
+                "not converged: the steps have become nothing where eq. 14 does not hold: no "
+                "values of these parameters nearby bring the model as near to the test as it asks"
+            )
+        bad = ~np.isfinite(values) | (self.coordinates.log & (values <= 0))
+        if bad.any():
+            names = np.array(self.coordinates.names)[bad]
+            return f"diverged: a step makes {', '.join(names)} negative"
+        try:
+            self.prediction = self._predict(values)
+        except (InputError, ConvergenceError) as error:
+            return f"diverged: a step leaves the model's range: {error}"
+        self.values = values
+        return None
+
+    def _open(self) -> np.ndarray:
+        """Directions of the parameters that the equations leave open, at their size, (p, k).
+
+        The least-norm solution does not move along them, which is no knowledge.
+        """
+        _, s, directions = np.linalg.svd(self.system.matrix)
+        s = np.concatenate([s, np.zeros(len(directions) - len(s))])
+        found = self.system.columns[:, None] * directions[s <= _NULL * s[0]].T
+        return _LARGE * found / np.max(np.abs(found / self.values[:, None]), axis=0, initial=1e-300)
+
+    def finish(self, message: str) -> CombinedUpdate:
+        """The result where the iteration stands."""
+        residuals = Residuals(self.target)
+        inverse, sd = self.system.inverse(), row_sd(self.target, self.prediction, self.how)
+        scaled = np.hstack([inverse * sd, self._open()])
+        names = self.coordinates.names
+        working = self.coordinates.working(self.values)
+        chi2 = float(np.sum(residuals.values(self.prediction) ** 2))
+        return CombinedUpdate(
+            "weighted", names, self.first, self.values, scaled @ scaled.T,
+            identifiability(residuals.slopes(self.prediction) * working, names),
+            message.startswith("converged"), message, self.predictor.calls, tuple(self.history),
+            self.prediction, chi2, residuals.count - len(names),
+        )  # fmt: skip
+
+
+def noise_tolerances(target: Target) -> dict[str, float]:
+    """Tolerances of seed 000, eq. 14, that data with noise can meet: arguments of the fit."""
+    used = np.isfinite(target.frequencies_hz)
+    found = {"eps_1": 1e-4, "eps_2": 1e-2}
+    if used.any():
+        found["eps_1"] = max(1e-4, _EPS * float(target.log_sd[used].max()))
+    if target.frfs is not None:
+        sd = target.frfs.relative_sd[target.frfs.used]
+        found["eps_2"] = max(1e-2, _EPS * float(sd.max()))
+    return found

@@ -1,0 +1,303 @@
+"""Case files: what they mean, and that each mistake in one gets its message."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.data import read_test_data
+from fenics_joints.meshes import box, lap_plates
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.structure.components import Parameter, PointMass, joint, part
+from fenics_joints.structure.structure import Structure
+from fenics_joints.units import to_si
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "expected"),
+    [
+        ("8 mm", "m", 8e-3),
+        (8, "m", 8.0),
+        ("2.7 g/cm³", "kg/m3", 2700.0),
+        ("1 kN mm^-1", "N/m", 1e6),
+        ("2 kNm", "N*m", 2000.0),
+        ("0.5 %", "", 5e-3),
+        ("1 lbf/in", "N/m", 4.4482216152605 / 0.0254),
+    ],
+)
+def test_units(text, unit, expected):
+    assert to_si(text, unit) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["8 kg", "8", "8,5 mm", "8 foo", "3 %", "", True, math.nan, None])
+def test_refuses_units(text):
+    with pytest.raises(InputError, match="expected"):
+        to_si(text, "m")
+
+
+def test_angles_are_no_cycles():
+    with pytest.raises(InputError, match="cycles per second"):
+        to_si("12 rad/s", "Hz")
+
+
+def test_meaning(tmp_path, write_case):
+    case = load_case(write_case(tmp_path))
+    nominal = case.nominal(attached=True)
+    assert nominal["plates.nu"] == pytest.approx(69 / (2 * 26.9) - 1)
+    assert nominal["near.E"] == 863e6 and nominal["accelerometer.mass"] == 0
+    assert case.tolerances()["plates.E"] == 0.015
+    assert case.start() == {"near.E": 3e9}
+    data = case.measurements()
+    assert data.frequencies_hz.shape == (11, 4) and data.condition_unit == "N·m"
+    assert data.damping[0, 0] == pytest.approx(0.0044)
+    assert data.log_sd()[0, 0] == pytest.approx(math.hypot(0.003, 12.5 / math.sqrt(12) / 375.04))
+    assert data.log_sd()[0, 3] == pytest.approx(0.003)
+    assert data.sensors.points[-1] == pytest.approx([0.31, 0.04, 0.0165])
+    held = case.update.hold_out
+    assert [*data.select(held).conditions, *data.without(held).conditions] == [
+        *held, *(t for t in range(2, 24, 2) if t not in held),
+    ]  # fmt: skip
+    assert case.validation().frequencies_hz[0, 1] == 1012.46
+
+
+MISTAKES = [
+    ('thickness = "8 mm"', 'thickness = "8 kg"', ["mesh.thickness = '8 kg'", "a length"]),
+    ('thickness = "8 mm"', 'thickness = "-8 mm"', ["mesh.thickness = '-8 mm'", "above 0 m"]),
+    ('rho = "2750', 'rhoo = "2750', ["parts.plates.rhoo", "mean 'rho'", "rho is missing"]),
+    ("[joints.near]", "[joint.near]", ["joint = ", "mean 'joints'"]),
+    ('"lap_plates"', '"lap_plate"', ["mesh.builder = 'lap_plate'", "'lap_plates'"]),
+    ('builder = "lap_plates"', "", ["mesh = ", "either builder", "or file"]),
+    ('builder = "lap_plates"', 'file = "no.msh"', ["mesh.thickness", "unknown key"]),
+    ("n_thickness = 1", "n_thickness = 1.5", ["mesh.n_thickness = 1.5", "expected"]),
+    ('G = "26.9 GPa"', "", ["parts.plates", "either G or nu"]),
+    ('G = "26.9 GPa"', 'G = "20 GPa"', ["parts.plates", "nu = 0.725", "E < 3 G"]),
+    ('G = "342 MPa"', 'G = "200 MPa"', ["joints.near", "E < 3 G"]),
+    ('["joint_near"]', '["joint_naer"]', ["joints.near.cells = 'joint_naer'", "'joint_near'"]),
+    ('kind = "spring"', 'kind = "line"', ["attached.rope", "'mass' or 'spring'"]),
+    ('"195 mm"]', '"1 mm"]', ["attached.accelerometer.travel", "low < high"]),
+    ('["5 mm", "195', '["15 mm", "195', ["attached.accelerometer", "x = 0.01 m"]),
+    ("[attached.bolts]", "[attached.near]", ["attached.near", "joints.near"]),
+    ('"frequencies.csv"', '"frequency.csv"', ["frequencies = 'frequency.csv'", "no such file"]),
+    ('"bending 4"]', '"bending 5"]', ["no column 'bending 5'", "mean 'bending 4'"]),
+    (', "bending 4"]', "]", ["'bending 4'", "3 columns"]),
+    ('condition = "torque"', 'condition = "torq"', ["no column 'torq'", "mean 'torque'"]),
+    ('"12.5 Hz", "12.5 Hz", ', '"12.5 Hz", ', ["resolution = [12.5, 0.0, 0.0]", "4"]),
+    ('"0.3 %"', '"0.3 Hz"', ["test.noise", "a ratio"]),
+    ("direction = [0, 0, 1]\n\n[test.v", "direction = [0, 0, 0]\n\n[test.v", ["not zero"]),
+    ('z = ["8 mm", ', "z = [", ["test.sees", "at.z has 4 values", "5"]),
+    ("at = 20", "at = 21", ["update.at = 21", "2, 4, 6"]),
+    ("[4, 8", "[5, 8", ["update.hold_out[0] = 5", "was not measured"]),
+    ('parameters = ["near.E"', 'parameters = ["neer.E"', ["update.parameters[0]", "'near.E'"]),
+    ('start = { "near.E" = "3 GPa"', 'start = { "near.E" = "3 mm"', ["update.start.near.E"]),
+    ("max_effects = 2", "max_effects = 0", ["diagnose.max_effects = 0", "1"]),
+    ('"2 GPa"]', '"3 MPa"]', ["joints.near.bounds.E", "8.63e+08"]),
+    ("max_effects = 2", "max_effects = ", ["cannot be read as TOML", "line"]),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "said"), MISTAKES)
+def test_mistakes(tmp_path, write_case, old, new, said):
+    write_case(tmp_path, (old, new))
+    with pytest.raises(InputError) as caught:
+        load_case(tmp_path)
+    for fragment in [str(tmp_path / "case.toml"), *said]:
+        assert fragment in str(caught.value)
+
+
+def test_all_at_once(tmp_path, write_case):
+    write_case(tmp_path, ('"0.3 %"', '"x"'), ("at = 20", 'at = "x"'), ("title =", "titel ="))
+    with pytest.raises(InputError, match="3 errors") as caught:
+        load_case(tmp_path / "case.toml")
+    assert all(key in str(caught.value) for key in ("test.noise", "update.at", "titel"))
+
+
+CSV_MISTAKES = [
+    ("375.04", "37x", ["row 2", "column 'bending 1 [Hz]' = '37x'", "a number"]),
+    ("375.04", "-375.04", ["data row 1", "'bending 1'", "above 0 Hz"]),
+    ("375.04,", "", ["row 2 has 4 cells", "5"]),
+    ("\n4,387", "\n2,387", ["torque = 2 is repeated"]),
+    ("bending 2 [Hz]", "bending 1 [Hz]", ["'bending 1'", "used once"]),
+    ("bending 2 [Hz]", "bending 2 [mm]", ["head of column 'bending 2'", "'mm'"]),
+    ("bending 2 [Hz]", "bending 2", ["head of column 'bending 2'", "unit in brackets"]),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "said"), CSV_MISTAKES)
+def test_mistakes_in_data(tmp_path, write_case, old, new, said):
+    write_case(tmp_path, (old, new), file="frequencies.csv")
+    with pytest.raises(InputError) as caught:
+        load_case(tmp_path)
+    for fragment in [str(tmp_path / "frequencies.csv"), *said]:
+        assert fragment in str(caught.value)
+
+
+def test_data_in_other_words(tmp_path):
+    """Empty cells, other units and orders, and TOML say the same as plain CSV in hertz."""
+    csv, toml = tmp_path / "f.csv", tmp_path / "f.toml"
+    csv.write_text("# comment\nb [kHz];load [N]\n0.2;3\n;1\n", encoding="utf-8")
+    toml.write_text('"load [N]" = [1, 3]\n"b [Hz]" = [nan, 200]\n', encoding="utf-8")
+    for file in (csv, toml):
+        data = read_test_data(file, condition="load")
+        assert np.array_equal(data.frequencies_hz, [[np.nan], [200.0]], equal_nan=True)
+        assert list(data.conditions) == [1, 3] and data.condition_unit == "N"
+
+
+@pytest.mark.parallel
+def test_same_as_built_by_hand(shared_tmp_path, write_case):
+    comm = MPI.COMM_WORLD
+    if comm.rank == 0:
+        write_case(shared_tmp_path)
+    comm.barrier()
+    structure = build_structure(load_case(shared_tmp_path), comm)
+    tagged = lap_plates(comm, element_size=0.02, n_thickness=1)
+    regions = [
+        part("p", ("plate_1", "plate_2"), E=69e9, nu=69 / 53.8 - 1, rho=2750),
+        joint("n", "joint_near", E=863e6, G=342e6, law="isotropic"),
+        joint("a", "joint_away", E=0.933e6, G=0.446e6, law="isotropic"),
+    ]
+    ours = solve_modes(structure, n_modes=12).frequencies_hz
+    theirs = solve_modes(Structure(tagged, regions), n_modes=12).frequencies_hz
+    assert ours[6:] == pytest.approx(theirs[6:], rel=1e-8)
+
+
+@pytest.mark.parallel
+def test_attached_masses(shared_tmp_path, write_case):
+    """Attached masses at a value equal known ones that stand at the place they travelled to."""
+    comm = MPI.COMM_WORLD
+    if comm.rank == 0:
+        write_case(shared_tmp_path)
+    comm.barrier()
+    case = load_case(shared_tmp_path)
+    given = {"accelerometer.mass": 0.02, "accelerometer.travel": 0.07, "bolts.mass": 0.16}
+    structure = build_structure(case, comm, attached=True)
+    assert list(structure.parameters) == list(case.nominal(attached=True))
+    points = [*case.attached["bolts"].points, (0.08, 0.04, 0.0)]
+    masses = [
+        PointMass(f"m{i}", m, p)
+        for i, (p, m) in enumerate(zip(points, [0.08, 0.08, 0.02], strict=True))
+    ]
+    plain = build_structure(case, comm)
+    by_hand = Structure(plain.tagged, plain.regions, plain.parameters.values(), masses=masses)
+    modes = solve_modes(structure, given, n_modes=12)
+    assert modes.eigenvalues[6:] == pytest.approx(
+        solve_modes(by_hand, n_modes=12).eigenvalues[6:], rel=1e-8
+    )
+    gain = structure.total_mass(given) - structure.total_mass()
+    assert gain == pytest.approx(0.18, rel=1e-9)
+
+
+def test_gradient_of_shares():
+    """The derivative by a mass that several points share, against central differences."""
+    tagged = box(MPI.COMM_SELF, (0.2, 0.05, 0.01), (4, 1, 1))
+    masses = [
+        PointMass(f"m{i}", "m", (x, 0.0, 0.0), share=s)
+        for i, (x, s) in enumerate([(0.01, 0.25), (0.11, 0.75)])
+    ]
+    structure = Structure(
+        tagged,
+        [part("p", "body", E=69e9, nu=0.3, rho=2700)],
+        [Parameter("m", 0.05, "kg")],
+        masses=masses,
+    )
+    step = 1e-4
+    ends = [solve_modes(structure, {"m": 0.05 + h}, n_modes=9) for h in (-step, step)]
+    modes = solve_modes(structure, n_modes=9)
+    for i in (6, 7, 8):
+        slope = (ends[1].eigenvalues[i] - ends[0].eigenvalues[i]) / (2 * step)
+        assert modes.gradients([i])[0, 0] == pytest.approx(slope, rel=1e-4)
+
+
+SUPPORTED = """
+[mesh]
+builder = "lap_plates"
+element_size = "20 mm"
+n_thickness = 1
+layer = 0
+[parts.plates]
+cells = ["plate_1", "plate_2"]
+E = "69 GPa"
+nu = 0.28
+rho = 2750
+[masses.block]
+points = [["310 mm", "40 mm", "8 mm"]]
+mass = "1 kg"
+[springs.rope]
+points = [["300 mm", "0 mm", "8 mm"]]
+direction = [0, 0, 2]
+stiffness = "1 kN/m"
+[supports.clamp]
+facets = "end_1"
+"""
+
+
+def test_supports_masses_and_springs(tmp_path):
+    (tmp_path / "case.toml").write_text(SUPPORTED)
+    structure = build_structure(load_case(tmp_path), MPI.COMM_SELF)
+    held = solve_modes(structure, n_modes=2)
+    assert held.n_rigid == 0
+    assert structure.springs[0].direction == (0, 0, 1)
+    # First mode by hand: a clamped beam in bending with most of the mass at its end; the lap is
+    # twice as thick. Deflection of the end under a unit force there, by Castigliano.
+    flexibility, reach = 0.0, 0.31
+    for start, end, thickness in [(0, 0.12, 0.008), (0.12, 0.2, 0.016), (0.2, 0.31, 0.008)]:
+        inertia = 0.08 * thickness**3 / 12
+        flexibility += ((reach - start) ** 3 - (reach - end) ** 3) / (3 * 69e9 * inertia)
+    # Rayleigh: the beam's own 0.7 kg counts for about a quarter.
+    mass = 1 + 0.24 * structure.total_mass() - 0.24
+    frequency = math.sqrt((1 / flexibility + 1000) / mass) / (2 * math.pi)
+    assert held.frequencies_hz[0] == pytest.approx(frequency, rel=0.05)
+
+
+def test_groups_of_a_file_are_checked(tmp_path, write_case):
+    """A mesh without a joint is refused with the key that names the joint."""
+    write_case(tmp_path, ("n_thickness = 1", "n_thickness = 1\nlayer = 0"))
+    with pytest.raises(InputError, match="joints.near.cells = 'joint_near': is not in the mesh"):
+        build_structure(load_case(tmp_path), MPI.COMM_SELF)
+
+
+def test_mesh_from_a_file(tmp_path):
+    """A gmsh file in millimetres, whose weight and held modes are those of the solid it is."""
+    gmsh = pytest.importorskip("gmsh")
+    gmsh.initialize(["gmsh", "-v", "0"])
+    gmsh.model.occ.addBox(0, 0, 0, 100, 20, 10)
+    gmsh.model.occ.synchronize()
+    ends = [t for _, t in gmsh.model.getEntities(2) if gmsh.model.occ.getMass(2, t) < 201]
+    for dim, tags, name in [(3, [1], "bar"), (2, ends[:1], "end")]:
+        gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", 15)
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(tmp_path / "bar.msh"))
+    gmsh.finalize()
+    (tmp_path / "case.toml").write_text(
+        '[mesh]\nfile = "bar.msh"\nscale = "1 mm"\n'
+        '[parts.bar]\ncells = "bar"\nE = "200 GPa"\nnu = 0\nrho = "7.8 g/cm3"\n'
+        '[supports.wall]\nfacets = "end"\n'
+    )
+    structure = build_structure(load_case(tmp_path), MPI.COMM_SELF)
+    assert structure.total_mass() == pytest.approx(7800 * 0.1 * 0.02 * 0.01, rel=1e-9)
+    # Euler and Bernoulli's cantilever; shear takes about 1 % off.
+    frequency = 1.8751**2 / (2 * math.pi) * math.sqrt(200e9 / 7800 / 12) * 0.01 / 0.1**2
+    modes = solve_modes(structure, n_modes=1)
+    assert modes.frequencies_hz[0] == pytest.approx(frequency, rel=0.02)
+    (tmp_path / "case.toml").write_text(
+        (tmp_path / "case.toml").read_text().replace('"end"', '"ends"')
+    )
+    with pytest.raises(InputError, match="supports.wall.facets = 'ends'.* mean 'end'"):
+        build_structure(load_case(tmp_path), MPI.COMM_SELF)
+
+
+@pytest.mark.smoke
+def test_demo_is_a_good_case():
+    case = load_case(Path(__file__).parents[2] / "demos" / "lap_plates")
+    assert case.measurements().frequencies_hz.shape == (11, 4)
+    assert case.validation().conditions == [28]

@@ -1,0 +1,246 @@
+"""Cases with nonlinear joints: what they mean, their mistakes, and the ``harmonic`` command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+from typer.testing import CliRunner
+
+from fenics_joints.case.case import load_case
+from fenics_joints.cli import app
+from fenics_joints.commands.harmonic.model import harmonic_model
+from fenics_joints.commands.harmonic.run import run_harmonic
+from fenics_joints.errors import InputError
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.progress import Progress
+
+serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
+QUIET, SELF = Progress(silent=True), MPI.COMM_SELF
+
+LAYER = """
+title = "Small lap beam"
+[mesh]
+builder = "lap_beam"
+layer = "0.06 mm"
+n_length = 4
+n_lap = 4
+n_width = 2
+[parts.beams]
+cells = ["beam_1", "beam_2"]
+E = "207 GPa"
+nu = 0.3
+rho = "7800 kg/m3"
+[joints.lap]
+cells = ["joint"]
+E = "5 MPa"
+G = "1.7 MPa"
+[supports.clamp]
+facets = "clamp"
+[nonlinear.lap]
+law = "richard_abbott"
+stress = "equivalent"
+thickness = "6 mm"
+E_p = "100 kPa"
+S_y = "500 kPa"
+n = 2.5
+[harmonic]
+force = { point = ["100 mm", "0 mm", "-6 mm"], direction = [0, 0, 1] }
+sensor = { point = ["410 mm", "0 mm", "6 mm"], direction = [0, 0, 1] }
+levels = ["0.01 N", "10 N"]
+band = ["25 Hz", "31 Hz"]
+damping = "1 %"
+harmonics = 3
+samples = 64
+measured = "frf.csv"
+"""
+CURVES = "level [N],frequency [Hz],amplitude [m/s2]\n10,27,40\n10,27.8,90\n10,29,50\n"
+
+CONTACT = (
+    LAYER.replace('layer = "0.06 mm"\n', "").split("[joints.lap]")[0]
+    + """
+[contacts.lap]
+lower = "interface_lower"
+upper = "interface_upper"
+friction = 0.3
+[bolts.bolt]
+kind = "washers"
+lower = "washer_lower"
+upper = "washer_upper"
+force = "120 N"
+[supports.clamp]
+facets = "clamp"
+[nonlinear.lap]
+law = "coulomb"
+normal_stiffness = "100 GPa/m"
+tangential_stiffness = "30 GPa/m"
+friction = 0.02
+[harmonic]
+"""
+    + LAYER.split("[harmonic]\n")[1]
+    + "interface_modes = 30\n"
+)
+
+
+def write(folder: Path, text: str = LAYER, *edits: tuple[str, str]) -> Path:
+    """Put a case there, on rank 0 alone."""
+    if MPI.COMM_WORLD.rank == 0:
+        for old, new in edits:
+            assert text.count(old) == 1, f"{old!r} is {text.count(old)} times in the case"
+            text = text.replace(old, new)
+        (folder / "case.toml").write_text(text, encoding="utf-8")
+        (folder / "frf.csv").write_text(CURVES, encoding="utf-8")
+    MPI.COMM_WORLD.barrier()
+    return folder
+
+
+@pytest.mark.smoke
+@pytest.mark.parallel
+def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(shared_tmp_path):
+    case = load_case(write(shared_tmp_path))
+    report = run_harmonic(case, MPI.COMM_WORLD, QUIET)
+    small, large = report.facts
+    built = harmonic_model(case, SELF, QUIET)
+    modes = solve_modes(built.model, n_modes=3)
+    hz = modes.frequencies_hz[built.mode]
+    force, sensor = (
+        built.model.row(kind, name) @ modes.shape(built.mode)
+        for kind, name in (("forces", "force"), ("sensors", "sensor"))
+    )
+    receptance = abs(force * sensor) / (2 * 0.01 * (2 * np.pi * hz) ** 2)
+    assert small.frequency_hz == pytest.approx(hz, rel=5e-4)
+    assert small.displacement / small.level == pytest.approx(receptance, rel=2e-3)
+    assert small.damping_ratio == pytest.approx(0.01, rel=1e-2)
+    assert large.frequency_hz < small.frequency_hz * (1 - 1e-4)
+    assert large.damping_ratio > 1.02 * small.damping_ratio
+    # All that the force puts in beyond the modes' damping goes to the joint.
+    assert large.joint_energy["lap"] > 0
+    assert (large.measured_hz, large.measured) == (27.8, 90.0) and small.measured is None
+    # The backbone passes the peaks: phase resonance and amplitude resonance differ by zeta^2.
+    b = report.backbone
+    at = np.interp(large.displacement, b.amplitude("sensor"), b.frequencies_hz)
+    assert large.frequency_hz == pytest.approx(at, rel=1e-3)
+
+
+@pytest.mark.parallel
+def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branches(
+    shared_tmp_path, monkeypatch
+):
+    write(shared_tmp_path)
+    branches = shared_tmp_path / "branches"
+    if MPI.COMM_WORLD.rank == 0:
+        branches.mkdir()
+    MPI.COMM_WORLD.barrier()
+    runner, contents = CliRunner(), []
+    for name in ("first", "again"):
+        files = [str(shared_tmp_path / f"{name}.{kind}") for kind in ("json", "html")]
+        arguments = ["harmonic", str(shared_tmp_path), "--branches", str(branches)]
+        found = runner.invoke(app, [*arguments, "--json", files[0], "--report", files[1]])
+        assert found.exit_code == 0, found.output
+        MPI.COMM_WORLD.barrier()
+        contents.append(json.loads(Path(files[0]).read_text(encoding="utf-8")))
+    # The structure's modes are solved anew, branches are not.
+    rest = [c.pop("frequencies_at_rest_hz") for c in contents]
+    assert rest[1] == pytest.approx(rest[0], rel=1e-9) and contents[0] == contents[1]
+    # A case that has changed has no business with them.
+    write(shared_tmp_path, LAYER, ('damping = "1 %"', 'damping = "1.01 %"'))
+    with pytest.raises(InputError, match=r"model.h5: holds another model"):
+        run_harmonic(load_case(shared_tmp_path), MPI.COMM_WORLD, QUIET, branches=branches)
+    write(shared_tmp_path)
+    if MPI.COMM_WORLD.size > 1:
+        peaks = [level["peak"] for level in contents[0]["levels"]]
+        alone = run_harmonic(load_case(shared_tmp_path), SELF, QUIET)
+        assert peaks == pytest.approx([f.amplitude for f in alone.facts], rel=1e-5)
+    page = (shared_tmp_path / "first.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 4 and "10.0 N" in page
+
+
+@serial
+def test_identification_finds_the_strength_that_made_the_curves(tmp_path):
+    """Curves of one strength, with other sliders; the level that is not fitted is met as well."""
+    one = '"0.01 N", "10 N"]', '"7 N", "10 N"]'
+    no_backbone = "samples = 64", "samples = 64\nbackbone = false"
+    true = ('S_y = "500 kPa"', 'S_y = "400 kPa"\nsliders = 30')
+    made = run_harmonic(load_case(write(tmp_path, LAYER, one, no_backbone, true)), SELF, QUIET)
+    rows = ["level [N],frequency [Hz],amplitude [m/s2]"]
+    for level, r in zip((7, 10), made.responses, strict=True):
+        around = range(max(r.peak.index - 8, 0), r.peak.index + 9)
+        a = r.amplitude("sensor", "acceleration")
+        rows += [f"{level},{r.frequencies_hz[i]:.8g},{a[i]:.8g}" for i in around]
+    wanted = """measured = "frf.csv"
+[harmonic.identify]
+level = "10 N"
+parameters = "lap.S_y"
+method = "gradient"
+"""
+    write(tmp_path, LAYER, one, no_backbone, ('measured = "frf.csv"\n', wanted))
+    (tmp_path / "frf.csv").write_text("\n".join(rows), encoding="utf-8")
+    report = run_harmonic(load_case(tmp_path), SELF, QUIET)
+    (found,) = report.identified
+    assert found.values["lap.S_y"] == pytest.approx(400e3, rel=0.02)
+    assert found.start["lap.S_y"] == 500e3 and found.evaluations < 30
+    unseen, fitted = report.predictions
+    assert unseen.level == 7 and abs(unseen.amplitude_error) < 0.01
+    assert report.json()["identified"][0]["undetermined"] == []
+    assert "predicted" in report.html()
+
+
+@serial
+def test_contact_with_friction_under_preload(tmp_path):
+    # 120 N on beams of 6 mm open gaps of nanometres, which the smaller force must not close.
+    levels = 'levels = ["0.01 N", "10 N"]', 'levels = ["0.00002 N", "3 N"]'
+    case = load_case(write(tmp_path, CONTACT, levels))
+    report = run_harmonic(case, SELF, QUIET)
+    (small, large), built = report.facts, report.built
+    # Not all of the lap is pressed: the mode at rest is that of the closed part.
+    assert small.frequency_hz == pytest.approx(built.frequencies_hz[built.mode], rel=1e-3)
+    # Bending presses one end of the lap while the other opens: with little friction it slides, and
+    # what it takes is at most friction over the largest slip, back and forth.
+    loops = report.responses[-1].loops(report.responses[-1].peak.index)["lap"]
+    points = report.built.model.interfaces[0]
+    pressure = points.law.parameters["pressure"][:, 0] - loops.stress[..., 0].min(axis=1)
+    most = 4 * points.weights @ (0.02 * pressure * loops.slip_amplitude)
+    assert 0.02 * most < large.joint_energy["lap"] < most
+    assert large.damping_ratio > small.damping_ratio
+
+
+@serial
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('law = "richard_abbott"', 'law = "richard"', "did you mean 'richard_abbott'"),
+        ("[nonlinear.lap]", "[nonlinear.lop]", "nonlinear.lop: no joint or contact"),
+        ('S_y = "500 kPa"', 'S_y = "500 N"', "nonlinear.lap.S_y"),
+        ('levels = ["0.01 N", "10 N"]', 'levels = ["0 N"]', "harmonic.levels"),
+        ('band = ["25 Hz", "31 Hz"]', 'band = ["31 Hz", "25 Hz"]', "low < high"),
+        ("samples = 64", "samples = 8", "four for each harmonic"),
+        ('measured = "frf.csv"', 'measured = "frs.csv"', "harmonic.measured: .*no such file"),
+        ('stress = "equivalent"', 'stress = "peel"', "nonlinear.lap.stress"),
+        (
+            'measured = "frf.csv"',
+            'measured = "frf.csv"\n[harmonic.identify]\nlevel = "10 N"\nparameters = "lap.S_z"',
+            "did you mean 'lap.S_y'",
+        ),
+        (
+            'measured = "frf.csv"',
+            'measured = "frf.csv"\n[harmonic.identify]\nlevel = "0.01 N"\nparameters = "lap.S_y"',
+            "not among the measured curves",
+        ),
+    ],
+)
+def test_mistakes_are_named(tmp_path, old, new, message):
+    with pytest.raises(InputError, match=message):
+        load_case(write(tmp_path, LAYER, (old, new)))
+
+
+@serial
+def test_a_band_without_a_mode_is_named(tmp_path):
+    case = load_case(write(tmp_path, LAYER, ('["25 Hz", "31 Hz"]', '["5 Hz", "8 Hz"]')))
+    with pytest.raises(InputError, match="no mode is near it"):
+        run_harmonic(case, SELF, QUIET)

@@ -1,0 +1,194 @@
+"""Cases with contacts and bolts: what they mean, their mistakes, and the commands that use them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+from typer.testing import CliRunner
+
+from fenics_joints.case.case import load_case
+from fenics_joints.case.mesh import CBeamsMesh
+from fenics_joints.cli import app
+from fenics_joints.commands.preload.run import run_preload
+from fenics_joints.errors import InputError
+from fenics_joints.meshes import c_beams
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.preload import BeamBolt, Contact, PreloadModel, solve_preload
+from fenics_joints.preload.linear_joint import LinearJoint
+from fenics_joints.progress import Progress
+from fenics_joints.structure.components import PointMass, part
+from fenics_joints.structure.structure import Structure
+
+DEMO = Path(__file__).resolve().parents[2] / "demos" / "c_beam"
+SMALL = {"element_size": 6e-3, "radial_size": 3e-3, "middle_size": 25e-3}
+#: The demo's case on the small mesh, with eight-node elements: fast, and of no other use.
+COARSE = [
+    ('\nelement_size = "2.5 mm"', '\nelement_size = "6 mm"'),
+    ('\nradial_size = "1.5 mm"', '\nradial_size = "3 mm"'),
+    ('\nmiddle_size = "20 mm"', '\nmiddle_size = "25 mm"'),
+    ("\nn_thickness = [1, 1]", "\nn_thickness = [2, 1]"),
+    ("\ndegree = 2", "\ndegree = 1"),
+]
+
+serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
+
+
+@pytest.fixture
+def write_beams() -> Callable[..., Path]:
+    """``write_beams(folder, (old, new), ...)`` puts the coarse case there; on rank 0 only."""
+
+    def write(folder: Path, *edits: tuple[str, str]) -> Path:
+        shutil.copy(DEMO / "frequencies.csv", folder)
+        text = (DEMO / "case.toml").read_text(encoding="utf-8")
+        for old, new in (*COARSE, *edits):
+            assert old in text, f"{old!r} is not in the case"
+            text = text.replace(old, new, 1)
+        (folder / "case.toml").write_text(text, encoding="utf-8")
+        return folder
+
+    return write
+
+
+MISTAKES = [
+    (
+        '"c_beams"', '"c_beam"',
+        ["mesh.builder = 'c_beam'", "'lap_plates', 'c_beams', 'lap_beam', ", "mean"],
+    ),
+    ('pad_length = "49.7', 'pad_lenght = "49.7', ["mesh.pad_lenght", "mean 'pad_length'"]),
+    ('lower = "interface_lower"', 'lower = "interface"', ["contacts.pads.lower = 'interface'"]),
+    ('lower = "washer_1_lower"', 'lower = "washer_lower"', ["bolts.bolt_1.lower", "washer_1_l"]),
+    ('force = "28.0 kN"', 'force = "28.0 mm"', ["bolts.bolt_1.force = '28.0 mm'", "a force"]),
+    ('force = "28.0 kN"', "", ["bolts.bolt_1", "either force or torque"]),
+    ('force = "28.0 kN"', 'torque = "25.1 N m"', ["bolts.bolt_1", "needs the thread"]),
+    ('force = "28.0 kN"', 'force = 1\nthread = "5/16-25"', ["bolts.bolt_1.thread", "5/16-24"]),
+    ('kind = "beam"', 'kind = "beams"', ["bolts.bolt_1.kind = 'beams'", "mean 'beam'"]),
+    ("friction = 0.3", "friction = -0.3", ["contacts.pads.friction = -0.3", "at least 0"]),
+    ("[bolts.bolt_1]", "[bolts.pads]", ["bolts.pads", "contacts.pads"]),
+    ('travel = ["204 mm"', 'travel = ["260 mm"', ["masses.accelerometers_middle", "x = 0.254"]),
+    ('scheme = "both"', 'scheme = "four"', ["update.cutoff.scheme = 'four'", "'three'"]),
+    ('"beams.E", mode', '"beam.E", mode', ["update.cutoff.calibrate.parameter", "mean 'beams.E'"]),
+    ('mode = "mode 10"', 'mode = "mode 6"', ["update.cutoff.calibrate.mode = 'mode 6'"]),
+    ("[update.cutoff]", "[update]\n[update.x]", ["update.x", "unknown key"]),
+]
+
+
+@serial
+@pytest.mark.parametrize(("old", "new", "said"), MISTAKES)
+def test_mistakes(tmp_path, write_beams, old, new, said):
+    write_beams(tmp_path, (old, new))
+    with pytest.raises(InputError) as caught:
+        load_case(tmp_path)
+    for fragment in [str(tmp_path / "case.toml"), *said]:
+        assert fragment in str(caught.value)
+
+
+@serial
+@pytest.mark.parametrize("torque, force", [(10.2, 8.6e3), (16.9, 14.3e3), (25.1, 21.2e3)])
+def test_torque_is_the_papers_force(tmp_path, write_beams, torque, force):
+    """Seed 004, Table 3."""
+    given = f'torque = "{torque} N m"\nthread = "5/16-24"\nfriction = 0.107'
+    case = load_case(write_beams(tmp_path, ('force = "28.0 kN"', given)))
+    assert case.bolts["bolt_1"].preload() == pytest.approx(force, rel=6e-3)
+    assert case.bolts["bolt_2"].preload() == 28e3
+
+
+@pytest.mark.parametrize("kind", [{}, {"bonded": True}, {"layer": 1e-4}])
+def test_builder_knows_its_groups(kind):
+    """A case is checked against the names that the builder's mesh has."""
+    section = CBeamsMesh(builder="c_beams", **SMALL, n_thickness=(2, 1), **kind)
+    tagged = section.build(MPI.COMM_WORLD)
+    cells, faces = section.groups()
+    assert sorted(cells) == sorted(tagged.cell_names)
+    assert sorted(faces) == sorted(tagged.facet_names)
+
+
+def by_hand(comm) -> PreloadModel:
+    """The coarse case without its file."""
+    mass = dict(
+        middle_a=((0.254, 0, 0.0127), 0.02), middle_b=((0.254, 0, -0.0127), 0.02),
+        left=((0.102, 0, 0.0127), 0.02), right=((0.406, 0, -0.0127), 0.02),
+    )  # fmt: skip
+    structure = Structure(
+        c_beams(comm, **SMALL, n_thickness=(2, 1)),
+        [part("beams", ("beam_1", "beam_2"), E=194e9, nu=0.29, rho=8000.0)],
+        masses=[PointMass(name, kg, point) for name, (point, kg) in mass.items()],
+        degree=1,
+    )
+    bolts = [
+        BeamBolt(f"b{i}", f"washer_{i}_lower", f"washer_{i}_upper", 28e3, 7.94e-3,
+                 E=194e9, nu=0.29, rho=8000.0, head_mass=8e-3)
+        for i in (1, 2)
+    ]  # fmt: skip
+    contact = Contact("pads", "interface_lower", "interface_upper", friction=0.3)
+    return PreloadModel(structure, [contact], bolts)
+
+
+@pytest.mark.parallel
+def test_preload_command(shared_tmp_path, write_beams):
+    """The command finds, on any number of ranks, what the objects make of the same numbers."""
+    comm = MPI.COMM_WORLD
+    if comm.rank == 0:
+        write_beams(shared_tmp_path)
+    comm.barrier()
+    case = load_case(shared_tmp_path)
+    found = run_preload(case, comm, Progress(silent=True), fields=shared_tmp_path / "p.xdmf")
+    page, facts = found.html(), found.json()
+    model = by_hand(MPI.COMM_SELF)
+    state = solve_preload(model)["pads"]
+    contact = facts["contacts"][0]
+    # Two bolts of 28 kN.
+    assert contact["force_n"] == pytest.approx(56e3, rel=1e-6)
+    assert contact["peak_pressure_pa"] == pytest.approx(state.facet_pressure.max(), rel=1e-6)
+    assert contact["area_m2"] == pytest.approx(state.area, rel=1e-9)
+    # Symmetric ends; each radius is that of its own pad, not the way to the other.
+    radius = contact["radius_m"]
+    assert radius["bolt_1"] == pytest.approx(radius["bolt_2"], rel=1e-4)
+    assert 0.01 < radius["bolt_1"] < 0.03
+    stuck = solve_modes(LinearJoint(model), n_modes=13).frequencies_hz[6:12]
+    assert facts["frequencies_hz"]["stuck"] == pytest.approx(stuck, rel=1e-7)
+    # A preload leaves edges open: frequencies fall, that of clapping most.
+    ratio = np.array(facts["frequencies_hz"]["preloaded"]) / stuck
+    assert np.all(ratio < 1 + 1e-6) and ratio[0] < 0.97 and ratio.max() > 0.9999
+    comm.barrier()
+    assert (shared_tmp_path / "p.xdmf").is_file()
+    assert (f"{contact['peak_pressure_pa'] / 1e6:.1f} MPa" in page) == (comm.rank == 0)
+
+
+@serial
+def test_update_command(tmp_path, write_beams):
+    """The cut-off of least error, its crossings and its page, from the sweep's own numbers."""
+    write_beams(tmp_path, ('scheme = "both"', 'scheme = "two"'))
+    out, page = tmp_path / "u.json", tmp_path / "u.html"
+    done = CliRunner().invoke(
+        app, ["update", str(tmp_path), "--json", str(out), "--report", str(page)]
+    )
+    assert done.exit_code == 0, done.output
+    found = json.loads(out.read_text())
+    test = np.array([258, 331, 478, 567, 710, 855.0])  # seed 004, Table 1
+    # Mode 10 is calibrated, and E is what it takes: frequencies go with its root, but for bolts.
+    assert found["frequencies_hz"]["stuck"][3] == pytest.approx(567, rel=1e-5)
+    plain = solve_modes(LinearJoint(by_hand(MPI.COMM_SELF)), n_modes=13).frequencies_hz[9]
+    scale = found["calibration"]["value"] / 194e9
+    assert scale == pytest.approx((567 / plain) ** 2, rel=2e-3)
+    (two,) = found["schemes"]
+    cutoffs, hz = np.array(two["sweep"]["cutoffs_pa"]), np.array(two["sweep"]["frequencies_hz"])
+    objective = np.abs(hz / test - 1).sum(axis=1)
+    assert two["objective"] == pytest.approx(objective.min(), rel=1e-12)
+    assert two["cutoff_pa"] == cutoffs[objective.argmin()]
+    # Less held is never stiffer, within what the reduced models err.
+    assert np.all(hz[1:, 0] <= hz[:-1, 0] * (1 + two["reduced_error"]))
+    for j, place in enumerate(two["crossings_pa"]):
+        if place is not None:
+            assert np.interp(place, cutoffs, hz[:, j]) == pytest.approx(test[j], rel=1e-9)
+    assert two["minimum"]["objective"] == pytest.approx(two["objective"], rel=1e-3)
+    assert two["minimum"]["full_solutions"] <= 15 and two["reduced_error"] < 2e-4
+    assert "cut-off pressure" in done.output and "<svg" in page.read_text()

@@ -1,0 +1,272 @@
+"""``update`` on damping ratios: against the state matrix itself and the modes' strain energy."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dumbbell_case import SANDWICH
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+from rich.console import Console
+
+from fenics_joints.beams.damped import identify_damping
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.commands.update.page import CombinedOutcome
+from fenics_joints.commands.update.run import run_combined
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.target import Target
+from fenics_joints.meshes import dumbbell
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.response.damping_ratios import damping_ratios
+from fenics_joints.structure.components import Parameter, part, transition
+from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.laws import ELASTIC_SUPPORT
+from fenics_joints.structure.structure import Structure
+from fenics_joints.updating.prediction import Predictor
+
+BEAMS = Path(__file__).parents[2] / "demos" / "bolted_beams" / "case.toml"
+TRUTH = {"lap.k1": 1763.2, "lap.k2": 37402.0, "lap.c": 0.15}
+NOISE = 0.02
+
+
+def beam_text(update: str, *, c: str = 'c = "0.15 N m s"', damping: str = "damping.csv") -> str:
+    """The beams of the demo with measured ratios."""
+    text = BEAMS.read_text(encoding="utf-8")
+    text = text[: text.index("[update]")]
+    for old, new in (
+        ('"frequencies.csv"', f"'{BEAMS.parent / 'frequencies.csv'}'\ndamping = \"{damping}\"\n"
+         f'damping_noise = "{100 * NOISE} %"'),
+        ('c = "0.15 N m s"', c),
+    ):  # fmt: skip
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    return text + "[update]\nat = 23\n" + update
+
+
+def put(folder: Path, text: str, ratios: str | None = None):
+    """Write a case and its ratios, once for all ranks, and read it."""
+    if MPI.COMM_WORLD.rank == 0:
+        (folder / "case.toml").write_text(text, encoding="utf-8")
+        if ratios is not None:
+            (folder / "damping.csv").write_text(ratios, encoding="utf-8")
+    MPI.COMM_WORLD.barrier()
+    return load_case(folder)
+
+
+def table(ratios) -> str:
+    names = ",".join(f"mode {i + 1}" for i in range(len(ratios)))
+    return f"torque [N·m],{names}\n23,{','.join(f'{z:.8g}' for z in ratios)}\n"
+
+
+def state_ratios(K, M, C) -> np.ndarray:
+    """Damping ratios of all modes that oscillate, by the matrix of seed 002, eq. 9."""
+    n = len(K)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    s = np.linalg.eigvals(A)
+    s = s[s.imag > 100.0]  # rigid-body modes are at zero
+    s = s[np.argsort(np.abs(s))]
+    return -s.real / np.abs(s)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Ratios of eight modes of finer beams, with noise."""
+    case = load_case(BEAMS)
+    mesh = case.mesh.model_copy(update={"elements": [45, 30]})
+    beams = build_structure(case.model_copy(update={"mesh": mesh}), MPI.COMM_WORLD)
+    ratios = state_ratios(*(getattr(beams, m)(TRUTH) for m in ("stiffness", "mass",
+                                                               "damping_matrix")))[:8]  # fmt: skip
+    return ratios * np.exp(NOISE * np.random.default_rng(2).standard_normal(8))
+
+
+@pytest.mark.parallel
+def test_ratios_alone_give_c(measured, shared_tmp_path):
+    """From four times as much; the standard deviation is that of `identify_damping`."""
+    text = beam_text('parameters = ["lap.c"]\nstart = { "lap.c" = 0.6 }\ndata = "damping"\n'
+                     '[update.held]\nmodes = ["mode 6", "mode 7", "mode 8"]\n')  # fmt: skip
+    case = put(shared_tmp_path, text, table(measured))
+    found = run_combined(case, MPI.COMM_WORLD)
+    (c,) = found.parameters
+    known = identify_damping(
+        build_structure(case, MPI.COMM_WORLD), ["lap.c"], measured[:5], TRUTH, relative_sd=NOISE
+    )
+    # One takes logarithms, the other differences: alike to second order in the noise.
+    assert c["value"] == pytest.approx(known.values[0], rel=2e-3)
+    assert c["sd"] == pytest.approx(NOISE / np.sqrt(5), rel=0.02)
+    assert c["value"] == pytest.approx(0.15, rel=3 * c["sd"])
+    assert found.kinds == ("damping",) and found.update.degrees_of_freedom == 4
+    for held, ratio in zip(found.held, measured[5:], strict=True):
+        assert held.damping.test == pytest.approx(ratio)
+        assert abs(held.damping.error) < 4 * NOISE < 2 < held.damping.before / ratio - 1
+        assert held.damping.sd == pytest.approx(c["sd"], rel=0.05)
+    assert MPI.COMM_WORLD.allgather(c["value"]) == [c["value"]] * MPI.COMM_WORLD.size
+
+
+def test_taken_by_default_where_damping_is_sought(measured, tmp_path):
+    """Stiffness and damping at once; JSON, page and summary tell both."""
+    text = beam_text('parameters = ["lap.k1", "lap.k2", "lap.c"]\n')
+    assert put(tmp_path, text, table(measured[:5])).combined()
+    held = '[update.held]\nmodes = ["mode 6", "mode 7", "mode 8"]\n'
+    case = put(tmp_path, text + held)
+    assert case.fitted_data() == ("frequencies", "damping")
+    found = run_combined(case, MPI.COMM_WORLD)
+    assert abs(found.parameters[2]["value"] / 0.15 - 1) < 0.05
+    outcome = CombinedOutcome(found)
+    rows = json.loads(json.dumps(outcome.json(), allow_nan=False))["modes"]
+    assert rows[3]["damping_test"] == pytest.approx(measured[3], rel=1e-6)
+    after = 100 * (rows[3]["damping_after"] / measured[3] - 1)
+    assert rows[3]["damping_error_after_percent"] == pytest.approx(after, abs=1e-4)
+    assert rows[6]["damping_test"] is None and not rows[6]["damping_fitted"]
+    assert outcome.json()["held_modes"][0]["damping_error_percent"] is None
+    page = outcome.html()
+    assert 'id="damping-ratios"' in page and 'id="damping-after"' in page
+    assert "The error of the frequencies went from" in page
+    assert "that of the damping ratios from" in page
+    console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    outcome.show(console)
+    shown = console.export_text()
+    assert "frequencies and damping ratios" in shown and "damping ratio " in shown
+    assert max(len(line) for line in shown.splitlines()) <= 80
+    # Without a parameter of damping nothing changes.
+    assert not put(tmp_path, beam_text('parameters = ["lap.k1", "lap.k2"]\n')).combined()
+
+
+def test_slopes_are_those_of_the_state_matrix():
+    """By stiffness, inertia and c; no mode is mistaken for another with another's damping."""
+    beams = build_structure(load_case(BEAMS), MPI.COMM_WORLD)
+    names, given = ["lap.k1", "lap.k2", "lap.c", "beams.rho"], {**TRUTH, "beams.rho": 7860.0}
+    target = Target(damping_ratios=np.full(5, 1e-3), damping_log_sd=0.1)
+    predictor = Predictor(beams.arrays(), target, names, damping=beams.joint_damping())
+    found = predictor(given)
+
+    def ratios(name, factor):
+        values = {**given, name: given[name] * factor}
+        return state_ratios(
+            *(getattr(beams, m)(values) for m in ("stiffness", "mass", "damping_matrix"))
+        )[:5]
+
+    np.testing.assert_allclose(found.damping_ratios, ratios("lap.c", 1.0), rtol=1e-6)
+    for column, name in enumerate(names):
+        h = 1e-3
+        slope = (ratios(name, 1 + h) - ratios(name, 1 - h)) / (2 * h * given[name])
+        size = np.abs(slope).max()
+        np.testing.assert_allclose(
+            found.damping_slopes[:, column], slope, atol=1e-4 * size, err_msg=name
+        )
+
+
+def test_modes_keep_their_ratios_where_damping_changes_their_order():
+    """Two masses on springs that do not know of each other: the lossy one's |s| rises past that of
+    the other, (1 + eta^2)^(1/4) w, and its ratio is sin(arctan(eta) / 2)."""
+    unit = np.eye(2)
+    springs = [
+        RegionTerm(name, ELASTIC_SUPPORT, {"k_n": k, "k_t": 0.0},
+                   np.array([np.outer(row, row), 0 * unit]), 0 * unit, 0.0)
+        for name, k, row in (("lossy", 1e6, unit[0]), ("other", 1.2e6, unit[1]))
+    ]  # fmt: skip
+    model = ArrayModel(AffinePencil({}, springs, fixed=(0 * unit, unit)), 1.0)
+    modes = solve_modes(model, n_modes=2)
+    ratios, _ = damping_ratios(model, None, Damping(hysteretic={"lossy": 1.0}), modes, [0, 1])
+    assert ratios == pytest.approx([np.sin(np.pi / 8), 0.0], abs=1e-12)
+
+SOLID = (
+    """
+title = "Sandwich"
+[mesh]
+builder = "dumbbell"
+layer = "20 mm"
+element_size = "60 mm"
+"""
+    + SANDWICH
+    + """\
+[damping]
+structural = 0.004
+hysteretic = { joint = "5 %" }
+[test]
+frequencies = "f.csv"
+damping = "damping.csv"
+noise = 2e-4
+[update]
+parameters = ["joint.E", "joint.loss_factor"]
+[update.held]
+modes = ["mode 5"]
+"""
+)
+E, LOSS = 10e9, 0.02
+BODIES = ("head_1", "neck_1", "neck_2", "head_2")
+
+
+@pytest.mark.parallel
+def test_loss_factor_of_a_layer_of_a_solid(shared_tmp_path):
+    """Modal strain energy: 2 zeta = eta + eta_c U_c / U, and U_c / U = d ln lambda / d ln E_c, by
+    differences of undamped frequencies."""
+    path, names = shared_tmp_path, [f"mode {i + 1}" for i in range(6)]
+    tagged = dumbbell(MPI.COMM_WORLD, layer=20e-3, element_size=0.06)
+    model = Structure(
+        tagged,
+        [part("bodies", BODIES, E=130e9, nu=0.27, rho=7850.0),
+         transition("joint", "joint", E="E", nu=0.27, h=20e-3, meshed=20e-3)],
+        [Parameter("E", E, "Pa", 1e8, 1e12)],
+    )  # fmt: skip
+    h = 0.02
+    low, f, high = (
+        solve_modes(model, {"E": E * x}, n_modes=12, tolerance=1e-11).frequencies_hz[6:]
+        for x in (np.exp(-h), 1.0, np.exp(h))
+    )
+    ratios = 0.5 * 0.004 + LOSS * np.log(high / low) / (2 * h)
+    assert ratios.max() > 1.2 * ratios.min()
+    if MPI.COMM_WORLD.rank == 0:
+        for file, unit, row in (("f.csv", " [Hz]", f), ("damping.csv", "", ratios)):
+            head = ",".join(name + unit for name in names)
+            numbers = ",".join(f"{v:.9g}" for v in row)
+            (path / file).write_text(f"{head}\n{numbers}\n", encoding="utf-8")
+    found = run_combined(put(path, SOLID), MPI.COMM_WORLD)
+    assert found.kinds == ("frequencies", "damping") and not found.notes
+    # Strain energy leaves out terms of the order of the loss factor squared.
+    values = [p["value"] for p in found.parameters]
+    np.testing.assert_allclose(values, [E, LOSS], rtol=1e-3)
+    assert found.parameters[1]["sd"] == pytest.approx(
+        0.1 / np.linalg.norm(np.delete((ratios - 0.002) / ratios, 4)), rel=0.02
+    )
+    (held,) = found.held
+    assert held.damping.predicted == pytest.approx(ratios[4], rel=1e-3)
+    assert float(found.model["damping_error"].rstrip(" %")) < 0.1
+    assert MPI.COMM_WORLD.allgather(values) == [values] * MPI.COMM_WORLD.size
+
+
+MISTAKES = [
+    ('parameters = ["lap.c"]\ndata = "damping"', {"c": ""}, None, "damping is missing.* a lap of"),
+    ('parameters = ["lap.c"]\ndata = "frequencies"', {}, None, "depend on damping.*'damping'"),
+    ('parameters = ["lap.c"]', {}, table(np.full(5, np.nan)), "do not depend on damping"),
+    ('parameters = ["lap.c"]\ndata = "damping"', {}, table(np.full(5, np.nan)),
+     r"update.data\[0\] = 'damping': there are none.*test.damping"),
+    ('parameters = ["lap.c"]', {}, table([1e-3, 0.0]), "test.damping: mode 2 = 0 at torque = 23"),
+    ('parameters = ["lap.c"]', {"damping": "dumping.csv"}, None, r"toml: test.damping = 'dump"),
+    ('parameters = ["lap.c"]\nmethod = "weighted"', {}, None, "no damping in update.data"),
+    ('parameters = ["lap.c"]\ndata = "damping"\nheld = { modes = ["mode 1", "mode 2"] }', {},
+     table([1e-3, 1e-3]), "expected some modes left"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("update", "case", "ratios", "words"), MISTAKES)
+def test_mistakes(tmp_path, update, case, ratios, words):
+    ratios = table(np.full(5, 1e-3)) if ratios is None else ratios
+    with pytest.raises(InputError, match=words):
+        put(tmp_path, beam_text(update + "\n", **case), ratios)
+
+
+def test_a_mode_that_nothing_damps_is_said():
+    """The logarithm of its ratio would be that of round-off."""
+    beams = build_structure(load_case(BEAMS), MPI.COMM_WORLD)
+    target = Target(damping_ratios=np.full(3, 1e-3))
+    predictor = Predictor(beams.arrays(), target, ["lap.c"], damping=beams.joint_damping())
+    with pytest.raises(InputError, match="mode 1 of the test has no damping"):
+        predictor({**TRUTH, "lap.c": 0.0})

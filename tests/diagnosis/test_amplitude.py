@@ -1,0 +1,357 @@
+"""Causes that show only between levels of a test: on virtual tests from loops that are integrated.
+
+The data come from another mesh, with the joint in two zones; the motion of each zone follows from
+force, damping and shape by a fixed point, and each zone's stiffness and loss from a numerical
+hysteresis loop. The diagnosis knows closed forms of one zone only.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from fenics_joints.case.case import load_case
+from fenics_joints.diagnosis import diagnose
+from fenics_joints.diagnosis.effects.amplitude import (
+    NAMES,
+    iwan_loss_factor,
+    micro_slip,
+    relative_drop,
+)
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.prediction import Prediction
+from fenics_joints.forms import lame_parameters
+from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.meshes import lap_plates
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.reduced import reduce
+from fenics_joints.structure.components import Parameter, joint, part
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+
+LEVELS = np.array([1.0, 2.0, 4.0])
+NOISE, DAMPING_NOISE = 5e-4, 0.05
+E, G, RHO = 69e9, 26.9e9, 2750.0
+NU = E / (2 * G) - 1
+LAYER, STIFFNESS = 0.3e-3, 3e11
+AT_REST = np.array([2e-3, 1.5e-3, 3e-3])
+#: Exponent of the sliders' strengths, and shear strain at which the strongest slides.
+CHI, SLIDING = -0.4, 0.05
+
+_CASE = """
+title = "Virtual lap plates at several levels"
+
+[mesh]
+builder = "lap_plates"
+element_size = "20 mm"
+n_thickness = 1
+
+[parts.plates]
+cells = ["plate_1", "plate_2"]
+E = "69 GPa"
+G = "26.9 GPa"
+rho = "2750 kg/m3"
+
+[joints.lap]
+cells = ["joint_near", "joint_away"]
+E = "1 GPa"
+G = "0.4 GPa"
+
+[test]
+frequencies = "frequencies.csv"
+{damping}
+damping_noise = "5 %"
+condition = "level"
+noise = "0.05 %"
+
+[test.sees]
+along = "x"
+positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
+at = {{ y = "40 mm", z = ["8 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }}
+direction = [0, 0, 1]
+
+[diagnose]
+n_modes = 16
+samples = 8
+discrepancy = "0.5 %"
+max_effects = 2
+nested = 0
+patches = 0
+{effects}
+"""
+#: Effects for tests that are not about the rest of the library.
+_FEW = ["joint tangential compliance", "modulus error", *NAMES]
+
+
+# -- the virtual test ------------------------------------------------------------------------------
+
+
+def iwan(amplitude: float, n: int = 1500, steps: int = 240) -> tuple[float, float]:
+    """Stiffness over that at rest, and loss factor, from the first harmonic of a loop of sliders.
+
+    Args:
+        amplitude: Amplitude over that at which the strongest slider slides.
+        n: Number of sliders, of equal stiffness.
+        steps: Steps in a cycle.
+    """
+    strength = ((np.arange(n) + 0.5) / n) ** (1 / (CHI + 1))
+    angle = 2 * np.pi * np.arange(2 * steps + 1) / steps
+    u = amplitude * np.cos(angle)
+    force, forces = np.clip(np.full(n, u[0]), -strength, strength), []
+    for du in np.diff(u):
+        force = np.clip(force + du, -strength, strength)
+        forces.append(force.mean())
+    last, angle = np.array(forces[-steps:]), angle[-steps:]
+    stiffness = 2 * np.mean(last * np.cos(angle)) / amplitude
+    return stiffness, 2 * abs(np.mean(last * np.sin(angle))) / amplitude / stiffness
+
+
+def elastic(amplitude: float) -> tuple[float, float]:
+    """The same of a spring that softens by opening: its loop has no area."""
+    u = amplitude * np.cos(2 * np.pi * np.arange(240) / 240)
+    force = u / np.sqrt(1 + np.abs(u / 0.6))
+    return 2 * np.mean(force * u) / amplitude**2, 0.0
+
+
+def linear(amplitude: float) -> tuple[float, float]:
+    """The same of a joint that stays as it is."""
+    return 1.0, 0.0
+
+
+@dataclass
+class Rig:
+    """The true structure, reduced to its modes over the joint's stiffness.
+
+    Attributes:
+        model: Reduced structure with the parameters of `zones`.
+        at_rest: Stiffness of each zone at rest.
+        volumes: Volume of each zone, m3.
+    """
+
+    model: object
+    at_rest: dict[str, float]
+    volumes: dict[str, float]
+    sensors: Sensors
+
+    @classmethod
+    def make(cls, stiffness: float) -> Rig:
+        """A rig whose joint has this tangential stiffness per area, Pa/m."""
+        tagged = lap_plates(MPI.COMM_SELF, element_size=0.016, n_thickness=1, layer=LAYER)
+        lmbda, mu = lame_parameters(E, NU)
+        g = 1 / (1 / mu + 1 / (stiffness * LAYER))
+        plates = part("plates", ("plate_1", "plate_2"), E=E, nu=NU, rho=RHO)
+        zones = [
+            joint(zone, f"joint_{zone}", E=lmbda + 2 * mu, G=f"G_{zone}")
+            for zone in ("near", "away")
+        ]
+        names = ["G_near", "G_away"]
+        full = Structure(tagged, [plates, *zones], [Parameter(name, g) for name in names])
+        samples = [{names[0]: a * g, names[1]: b * g} for a, b in ((1, 1), (0.4, 1), (1, 0.4))]
+        along = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
+        heights = [0.008 if x < 0.12 else 0.016 + LAYER for x in along]
+        sensors = Sensors(np.array([along, [0.04] * 7, heights]).T, [0.0, 0.0, 1.0])
+        volumes = dict(zip(names, full.volumes()[1:], strict=True))
+        return cls(reduce(full, samples, 16), dict.fromkeys(names, g), volumes, sensors)
+
+    def mode(self, i: int, force: float, law) -> tuple[float, float]:
+        """Frequency, Hz, and damping ratio of a mode at resonance under a force on the end."""
+        values = dict(self.at_rest)
+        loss = dict.fromkeys(values, 0.0)
+        column = {name: j for j, name in enumerate(self.model.parameters)}
+        for _ in range(60):
+            modes = solve_modes(self.model, values, n_modes=16)
+            k = pair_modes(modes, len(AT_REST), self.sensors).index[i]
+            value = modes.eigenvalues[k]
+            strains = dict(zip(column, modes.gradients([k])[0], strict=True))
+            shares = {name: values[name] * strains[name] / value for name in values}
+            damping = AT_REST[i] + 0.5 * sum(loss[name] * shares[name] for name in values)
+            motion = force * abs(modes.at(self.sensors)[0, k]) / (2 * damping * value)
+            before = dict(values)
+            for name in values:
+                amplitude = motion * np.sqrt(strains[name] / self.volumes[name]) / SLIDING
+                left, loss[name] = law(amplitude)
+                values[name] = 0.5 * (values[name] + left * self.at_rest[name])
+            if all(abs(values[name] / before[name] - 1) < 1e-7 for name in values):
+                return modes.frequencies_hz[k], damping
+        pytest.fail("the fixed point was not found")
+
+    def test(self, law) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies, Hz, and damping ratios, (n, m)."""
+        found = [[self.mode(i, F, law) for i in range(len(AT_REST))] for F in LEVELS]
+        return tuple(np.moveaxis(found, -1, 0))
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return Rig.make(STIFFNESS)
+
+
+def write(folder: Path, frequencies, damping=None, levels=LEVELS, *, few=False) -> Path:
+    """A case's folder with the data of these levels."""
+    names = [f"bending {j + 1}" for j in range(frequencies.shape[1])]
+    for file, table, own in (("frequencies", frequencies, " [Hz]"), ("damping", damping, "")):
+        if table is None:
+            continue
+        lines = [",".join(["level [N]", *(f"{name}{own}" for name in names)])]
+        lines += [
+            ",".join(f"{x:.10g}" for x in (level, *row))
+            for level, row in zip(levels, table, strict=False)
+        ]
+        (folder / f"{file}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    line = "" if damping is None else 'damping = "damping.csv"'
+    text = _CASE.format(damping=line, effects=f"effects = {json.dumps(_FEW)}" if few else "")
+    (folder / "case.toml").write_text(text, encoding="utf-8")
+    return folder
+
+
+def noisy(clean, sd, seed):
+    return clean * np.exp(sd * np.random.default_rng(seed).standard_normal(clean.shape))
+
+
+@pytest.fixture(scope="module")
+def diagnosed(rig, tmp_path_factory):
+    """A function that diagnoses noisy data of a law, with or without its damping."""
+
+    def run(law, damped: bool, levels=LEVELS, *, few=False, rig=rig):
+        clean = rig.test(law)
+        n = len(levels)
+        f = noisy(clean[0], NOISE, 1)[:n]
+        damping = noisy(clean[1], DAMPING_NOISE, 2)[:n] if damped else None
+        folder = write(tmp_path_factory.mktemp("levels"), f, damping, levels, few=few)
+        return diagnose(load_case(folder), MPI.COMM_SELF)
+
+    return run
+
+
+def probabilities(result) -> dict[str, float]:
+    """Of the library's effects, of what is left for them beside a cause outside it."""
+    found = {e.name: e.probability for e in result.effects}
+    assert found["none of these"] < 0.3
+    return {name: p / (1 - found["none of these"]) for name, p in found.items()}
+
+
+def class_of(result, name: str) -> set[str]:
+    return set(next(e.class_name for e in result.effects if e.name == name).split(" or "))
+
+
+# -- what is named ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("law", "cause"), [(iwan, "micro-slip in the joint"), (elastic, "gapping without slip")]
+)
+def test_damping_tells_slip_from_softening(diagnosed, law, cause):
+    """The cause is named beside the joint's compliance, and what it does at each level is found."""
+    result = diagnosed(law, damped=True, few=law is elastic)
+    assert result.verdict == "cause", result.summary
+    assert cause in result.summary and class_of(result, cause) == {cause}
+    p = probabilities(result)
+    assert p[cause] > 0.9 and all(p[other] < 0.1 for other in NAMES if other != cause)
+    assert all(e.detectable for e in result.effects if e.name == cause)
+    assert not {s.effect for s in result.silent} & set(NAMES)
+    # A level is predicted from the others.
+    held_out = {fold["name"]: fold for fold in result.folds}
+    middle = held_out["level 2 N"]
+    assert cause in middle["chosen"] and middle["after"] < 2 * NOISE
+    measured, fitted = result.damping
+    assert np.std(np.log(fitted / measured)) < 2 * DAMPING_NOISE
+    growth = fitted[-1, 0] / fitted[0, 0]
+    assert growth > 1.3 if law is iwan else growth == pytest.approx(1.0, abs=1e-6)
+    if law is iwan:
+        rows = {r["name"]: r for r in result.hypotheses[0].parameters if cause in r["effect"]}
+        assert abs(rows["chi"]["value"] - CHI) < rows["chi"]["high"] - rows["chi"]["low"]
+
+
+def test_without_damping_they_are_one_class(diagnosed):
+    result = diagnosed(iwan, damped=False, few=True)
+    both = {"micro-slip in the joint", "gapping without slip"}
+    assert class_of(result, "micro-slip in the joint") == both
+    p = probabilities(result)
+    assert sum(p[name] for name in both) > 0.9 and max(p[name] for name in both) < 0.9
+    split = next(s for s in result.separations if set(s.members) == both)
+    assert "damping ratios" in split.measurement
+    (left_out,) = result.silent
+    assert left_out.effect == "damping that grows without softening"
+
+
+def test_linear_joint_does_not_slip(diagnosed):
+    """The joint's compliance, and nothing that changes with the level."""
+    result = diagnosed(linear, damped=True, few=True)
+    assert result.verdict == "cause", result.summary
+    assert all(probabilities(result)[name] < 0.1 for name in NAMES)
+
+
+def test_one_level_is_silent_and_says_so(diagnosed):
+    result = diagnosed(iwan, damped=True, levels=LEVELS[:1], few=True)
+    assert not set(probabilities(result)) & set(NAMES)
+    assert {s.effect for s in result.silent} == set(NAMES)
+    assert all("two or more levels" in s.reason for s in result.silent)
+    said = result.to_json()["silent"]
+    assert [s["effect"] for s in said] == list(NAMES)
+    assert "torque" not in str(result.to_json())
+    assert result.damping is None
+
+
+def test_no_gap_at_any_level(diagnosed):
+    """Plates that are one: frequencies and damping only scatter."""
+    result = diagnosed(linear, damped=True, few=True, rig=Rig.make(np.inf))
+    assert result.verdict == "no gap", result.summary
+
+
+# -- closed forms ----------------------------------------------------------------------------------
+
+
+@pytest.mark.smoke
+@pytest.mark.parametrize("amplitude", [0.05, 0.3])
+def test_loss_factor_is_that_of_the_loop(amplitude):
+    """Segalman's closed form against sliders. Its stiffness is the secant's, a loop's is that of
+    its first harmonic: 2 % of the drop apart."""
+    stiffness, loss = iwan(amplitude, n=20000, steps=2000)
+    drop = amplitude ** (CHI + 1) / (CHI + 2)
+    assert 1 - stiffness == pytest.approx(drop, rel=0.025)
+    assert loss == pytest.approx(iwan_loss_factor(drop, CHI), rel=0.02)
+    assert relative_drop(drop) == pytest.approx(drop, rel=0.02)
+
+
+@pytest.mark.smoke
+def test_damping_slopes_are_those_of_the_prediction():
+    """In a model of two springs in series, for which the share's slope is exact."""
+
+    class Series:
+        """lambda = 1 / (1 / 3 + 1 / G)."""
+
+        def __init__(self):
+            self.model = type("Model", (), {"parameters": {"lap.G": None}})
+
+        def __call__(self, values):
+            g = values["lap.G"]
+            share = (1 / g) / (1 / 3 + 1 / g)
+            log_f = -0.5 * np.log(1 / 3 + 1 / g)
+            return np.array([log_f, log_f + 1]), np.full((2, 1), 0.5 * share / g)
+
+    effect = micro_slip(["lap"], reference=4.0)
+    hypothesis = Hypothesis((effect,), modes=("a", "b"), damped=True)
+    z = np.array([0.7, 0.4, -0.3, 0.5, 0.2, -0.6])
+    assert len(hypothesis.priors) == len(z)
+
+    def predict(z):
+        return Prediction(hypothesis, Series(), z, 2.0, {"lap.G": 2.0}).data
+
+    h = 1e-6
+    numeric = [(predict(z + s) - predict(z - s)) / (2 * h) for s in h * np.eye(len(z))]
+    slopes = Prediction(hypothesis, Series(), z, 2.0, {"lap.G": 2.0}).slopes()
+    assert slopes == pytest.approx(np.array(numeric).T, rel=1e-5, abs=1e-8)
+    # And the damping itself: at rest, plus half of loss factor times share.
+    drop = relative_drop(effect.priors[0].value(0.7) * 0.5 ** (1 + effect.priors[1].value(0.4)))
+    g = 2.0 * (1 - drop)
+    eta = effect.priors[2].value(-0.3) * iwan_loss_factor(drop, effect.priors[1].value(0.4))
+    at_rest = hypothesis.dampings[0].value(0.2)
+    assert np.exp(predict(z)[2]) == pytest.approx(at_rest + 0.5 * eta * (3 / (3 + g)))

@@ -1,0 +1,345 @@
+"""The diagnosis of lapped beams, on virtual tests from finer elements whose cause is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, LumpedMass
+from fenics_joints.beams.cells import beam_cells, cell_energies, log_slopes
+from fenics_joints.beams.laws import BEAM
+from fenics_joints.case.case import load_case
+from fenics_joints.diagnosis import diagnose
+from fenics_joints.diagnosis.effects.bolts import LOW_PRELOAD
+from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence.nested import nested_evidence
+from fenics_joints.diagnosis.model.prepared import prepare
+from fenics_joints.diagnosis.plan.planned import plan
+from fenics_joints.diagnosis.where.beam_constitutive import beam_constitutive_error
+from fenics_joints.diagnosis.where.location import locate_gap
+from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
+from fenics_joints.errors import InputError
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.lean import LeanForward
+from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.report.explanation import zone_words
+from fenics_joints.report.html import diagnosis_html
+from fenics_joints.structure.points import Sensors
+
+STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}
+WIDTH, HEIGHT, LAP, K1, K2 = 0.021, 0.0106, 0.05, 1763.2, 37402.0
+N_MODES = 8
+QUIET = Progress(silent=True)
+CASE = """
+title = "Virtual beams"
+[mesh]
+builder = "offset_beams"
+lengths = [0.36, 0.26]
+laps = 0.05
+width = 0.021
+thickness = 0.0106
+elements = [12, 9]
+lap_elements = 5
+[parts.beams]
+cells = ["beam_1", "beam_2"]
+E = "208 GPa"
+nu = 0.3
+rho = 7860.0
+[joints.lap]
+cells = "lap"
+law = "generic"
+k1 = 1763.2
+k2 = 37402.0
+bolted = true
+[masses.bolt]
+mass = 0.012
+points = [[0.335, 0, 0]]
+[attached.cable]
+kind = "mass"
+mass = "15 g"
+points = [[0.5, 0, 0]]
+[test]
+frequencies = "frequencies.csv"
+condition = "torque"
+noise = "0.05 %"
+[test.sees]
+along = "x"
+positions = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.36, 0.4, 0.45, 0.5, 0.57]
+direction = [0, 0, 1]
+[diagnose]
+n_modes = 16
+joints = "given"
+nested = 0
+discrepancy = "0.3 %"
+"""
+
+
+def measured(
+    slap=(1.0,) * 5, slip=(1.0,) * 5, axial=1.0, cable=0.0, seed=1, missed=None
+) -> np.ndarray:
+    """Frequencies, Hz, with noise, from elements half as long as the diagnosed ones."""
+    # Half an element has half the slap and twice the slip (eq. 2 with phi far above 1).
+    k1 = np.repeat(np.array(slap) * K1 / 2, 2).tolist()
+    k2 = np.repeat(np.array(slip) * K2 * 2, 2).tolist()
+    beams = [
+        Beam("upper", 0.36, WIDTH, HEIGHT, 62, **STEEL),
+        Beam("lower", 0.26, WIDTH, HEIGHT, 42, **STEEL),
+    ]
+    masses = [LumpedMass("bolt", 0.012, (0.335, 0, 0)), LumpedMass("cable", cable, (0.5, 0, 0))]
+    model = BeamStructure(beams, [GenericJoint("lap", LAP, 10, k1, k2, axial=axial)], masses=masses)
+    modes = solve_modes(model, n_modes=N_MODES + 4)
+    hz = modes.frequencies_hz[modes.n_rigid :]
+    hz = hz[:-1] if missed is None else np.delete(hz, missed)
+    return hz * np.exp(5e-4 * np.random.default_rng(seed).standard_normal(N_MODES))
+
+
+def write_case(folder, hz, *more: str, text: str = CASE):
+    names = ",".join(f"mode {i + 1} [Hz]" for i in range(len(hz)))
+    rows = f"torque [N·m],{names}\n23," + ",".join(f"{f:.4f}" for f in hz) + "\n"
+    (folder / "frequencies.csv").write_text(rows, encoding="utf-8")
+    (folder / "case.toml").write_text("\n".join([text, *more]), encoding="utf-8")
+    return load_case(folder)
+
+
+GRADED = {"slap": (2.5, 1.0, 0.4, 1.0, 2.5)}
+
+
+@pytest.mark.parametrize(
+    ("truth", "cause", "region"),
+    [
+        (GRADED, "joint slap stiffness graded by the distance from the bolt", "lap"),
+        ({"cable": 0.02}, "cable mass", "cable"),
+        ({"axial": 0.3}, "joint axial stiffness", "lap"),
+    ],
+)
+def test_the_cause_is_named(tmp_path, truth, cause, region):
+    case = write_case(tmp_path, measured(**truth), "max_effects = 1", "patches = 0")
+    result = diagnose(case, MPI.COMM_SELF)
+    assert result.verdict == "cause", result.summary
+    assert result.effects[0].name == cause, result.effects[:4]
+    assert result.after.rms < 0.3 * result.before.rms
+    shares = {zone.region: zone.share for zone in result.where}
+    assert max(shares, key=shares.get) == region
+    assert result.model_error == 0.0
+    if truth is GRADED:
+        leader = next(h for h in result.hypotheses if h.label == cause)
+        rows = [row for row in leader.parameters if not row["nuisance"]]
+        for row, factor in zip(rows, (0.4, 1.0, 2.5), strict=True):
+            sd = 0.5 * np.log(row["high"] / row["low"])
+            assert abs(np.log(row["value"] / factor)) < max(2 * sd, 0.1)
+
+
+def test_no_gap_is_said(tmp_path):
+    case = write_case(tmp_path, measured(), "max_effects = 1")
+    result = diagnose(case, MPI.COMM_SELF)
+    assert result.verdict == "no gap", result.summary
+    reasons = {s.effect: s.reason for s in result.silent}
+    assert "no loss of contact takes" in reasons["contact lost at low pressure"]
+    assert "shapes" in reasons["sensor misplaced"]
+    page = diagnosis_html(result)
+    assert "Virtual beams" in page and "seen from the side" in page
+
+
+def test_patches_and_zones_say_where(tmp_path):
+    """A lap that is softer in one stretch, and a beam that is heavier at one place."""
+    soft = {"slap": (1, 0.5, 1, 1, 1), "slip": (1, 0.5, 1, 1, 1)}
+    for truth, place, low, high in ((soft, "lap_s2", 0.32, 0.33), ({"cable": 0.02}, "beams", 0, 1)):
+        model = prepare(write_case(tmp_path, measured(**truth)), MPI.COMM_SELF, QUIET)
+        model.reduce(QUIET)
+        found = locate_gap(model).patches
+        alone = np.flatnonzero(found.sufficient)
+        best = alone[np.argmax(found.share[alone])]
+        assert found.significant[best] and found.region[best] == place
+        assert low <= found.middle[best, 0] <= high
+        if place == "beams":
+            cells = beam_cells(model.full)
+            x = cells.vertices[found.patch == best][:, :, 0]
+            assert x.min() <= 0.5 <= x.max()
+
+
+def test_element_by_element_sums_to_the_parameters(tmp_path):
+    model = prepare(write_case(tmp_path, measured()), MPI.COMM_SELF, QUIET)
+    full, values = model.full, model.baseline
+    modes = solve_modes(full, values, n_modes=9)
+    index = np.arange(3, 9)
+    slopes = log_slopes(full, beam_cells(full), modes, index)
+    names = list(full.parameters)
+    by_value = modes.gradients(index) / (2 * modes.eigenvalues[index, None])
+    for key, parameters in {
+        "E": ["beams.E"], "rho": ["beams.rho"], "k1": [f"lap_s{i}.k1" for i in range(1, 6)],
+        "k2": [f"lap_s{i}.k2" for i in range(1, 6)],
+    }.items():  # fmt: skip
+        columns = sum(by_value[:, names.index(name)] * values[name] for name in parameters)
+        np.testing.assert_allclose(slopes[key].sum(axis=0), columns, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("axial", ["", "k_axial = 4.6e9"])
+def test_energies_of_elements_are_all_there_is(tmp_path, axial):
+    """By Rayleigh: of free beams all cells' energies together are the eigenvalues."""
+    text = CASE.replace("k2 = 37402.0", f"k2 = 37402.0\n{axial}")
+    model = prepare(write_case(tmp_path, measured(), text=text), MPI.COMM_SELF, QUIET)
+    modes = solve_modes(model.full, model.baseline, n_modes=12)
+    found = cell_energies(model.full, beam_cells(model.full), modes.shapes, model.baseline)
+    np.testing.assert_allclose(found.pop("rho").sum(axis=0)[3:], 1.0, atol=0.05)
+    total = sum(values.sum(axis=0) for values in found.values())
+    np.testing.assert_allclose(total[3:], modes.eigenvalues[3:], rtol=1e-8)
+    assert bool(axial) == np.any(found["k_axial"][:, 3:] > 0)
+
+
+def test_a_missed_mode_is_sampled_as_it_is_fitted(tmp_path):
+    """Nested sampling, on a lean model of its own, and Laplace's approximation agree."""
+    model = prepare(write_case(tmp_path, measured(missed=4)), MPI.COMM_SELF, QUIET)
+    model.reduce(QUIET)
+    named = {effect.key: effect for effect in model.effects}
+    keys = "mode missed by the test (mode 5)", "joint slap stiffness (joint)"
+    hypothesis = model.hypothesis([named[key] for key in keys])
+    found = fit(hypothesis, model.forward, model.evidence, model.baseline)
+    assert found.p_value > 0.05
+    sampled = nested_evidence(found, model.forward, model.evidence, model.baseline)
+    assert sampled.log_evidence == pytest.approx(found.log_evidence, abs=0.1)
+    # Which modes a test sees, the lean model takes from the one that it is of.
+    lean = LeanForward(model.forward, model.forward.model)
+    assert lean.threshold == model.forward.threshold != Forward(lean.model, None, 1, 1).threshold
+    for a, b in ((lean, model.forward), (lean.further, model.forward.further)):
+        prepared = a.prepare([model.baseline], slopes=False)[0]
+        np.testing.assert_allclose(prepared, b(model.baseline)[0], rtol=1e-9)
+
+
+def test_shapes_contradict_the_law_where_it_is_wrong(tmp_path):
+    """With the model's own shapes there is no error; with those of a soft stretch it is there."""
+    subject = prepare(write_case(tmp_path, measured()), MPI.COMM_SELF, QUIET).subject
+    x = subject.full.layout.x
+    points = np.column_stack([x, 0 * x, 0 * x])
+    sensors = Sensors(points, np.tile([0.0, 0.0, 1.0], (len(x), 1)))
+
+    def error(given):
+        modes = solve_modes(subject.full, subject.baseline | given, n_modes=9)
+        return beam_constitutive_error(
+            subject.full, subject.cells, subject.labels, subject.baseline,
+            modes.at(sensors)[:, 3:], modes.frequencies_hz[3:], sensors, subject.split(8),
+            noise=1e-3, draws=0,
+        )  # fmt: skip
+
+    assert np.all(error({}).total < 1e-9)
+    for name in ("lap_s2", "lap_s4"):
+        soft = error({f"{name}.k1": 0.3 * subject.baseline[f"{name}.k1"]})
+        assert soft.regions[int(np.argmax(soft.relative))] == name
+        assert np.sum(soft.strain, axis=0) == pytest.approx(1.0)
+
+
+def test_a_lap_as_one_piece_is_a_beam_of_twice_the_height(tmp_path):
+    text = CASE.replace('joints = "given"', "")
+    model = prepare(write_case(tmp_path, measured(), text=text), MPI.COMM_SELF, QUIET)
+    q = STEEL | {
+        "stretch": 1.0, "width": 1.0, "height": 2 * HEIGHT, "breadth": WIDTH, "length": LAP / 5,
+        "shear": 1.2, "offset": 0.0, "mass_offset": 0.0,
+    }  # fmt: skip
+    _, _, bending, shear = BEAM.stiffness_terms(q)
+    assert model.baseline["lap_s3.k2"] == pytest.approx(bending * 5 / LAP, rel=1e-9)
+    assert model.baseline["lap_s3.k1"] == pytest.approx(3 * shear * 5 / LAP, rel=1e-9)
+    # And it goes with its parts: 10 % more height is 33 % more bending stiffness.
+    thicker = next(e for e in model.effects if e.key == "thickness error (beams)")
+    values = dict(model.baseline)
+    thicker.apply(values, {"factor": 1.1}, 23.0)
+    assert values["lap_s3.k2"] == pytest.approx(1.331 * model.baseline["lap_s3.k2"])
+    assert values == values | lap_as_one(model.case, model.zones, values)
+    soft = next(e for e in model.effects if e.key == "joint slip stiffness (joint)")
+    soft.apply(values, {"slip": 0.5}, 23.0)
+    assert values["lap_s3.k2"] == pytest.approx(1.331 / 3 * model.baseline["lap_s3.k2"])
+
+
+def test_elastic_ends_become_held_ones():
+    beam = Beam("beam", 0.5, WIDTH, HEIGHT, 12, **STEEL)
+    held = BeamStructure([beam], held=[Held(0.0)])
+    clamp = [Clamp("left", False, 1e19, 1e19)]
+    hz = solve_modes(BeamStructure([beam], clamps=clamp), n_modes=4).frequencies_hz
+    np.testing.assert_allclose(hz, solve_modes(held, n_modes=4).frequencies_hz, rtol=1e-5)
+    # A stiff beam on a soft foot sways as a body on springs: z, and the turn about the face.
+    foot = [Clamp("left", False, 1e6, 1e3)]
+    sway = solve_modes(BeamStructure([beam], clamps=foot), n_modes=1).frequencies_hz[0]
+    A, m, L = WIDTH * HEIGHT, STEEL["rho"] * WIDTH * HEIGHT * 0.5, 0.5
+    turn = 1e6 * A * HEIGHT**2 / 12
+    K = np.array([[1e3 * A, 0], [0, turn]])
+    M = m * np.array([[1, L / 2], [L / 2, L**2 / 3 + HEIGHT**2 / 12]])
+    exact = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).min()) / (2 * np.pi)
+    assert sway == pytest.approx(exact, rel=1e-3)
+
+
+def test_zones_of_laps(tmp_path):
+    """Five zones, symmetric about the bolt or about the middle; and bad bolts."""
+    finer = CASE.replace("lap_elements = 5", "lap_elements = 8")
+    case = write_case(tmp_path, measured(), text=finer)
+    zones = lap_zones(case)
+    assert [zones.laps[0].zones.count(z) for z in zones.names] == [2, 1, 2, 1, 2]
+    assert [len(group) for group in zones.symmetric.values()] == [1, 2, 2]
+    assert zone_words(zones.names[1]) == "lap, stretch 2"
+    off = CASE.replace("bolted = true", "bolts = [[0.32, 0, 0]]")
+    zones = lap_zones(write_case(tmp_path, measured(), text=off))
+    assert list(zones.symmetric.values())[0] == ("lap_s1", "lap_s2")
+    beside = CASE.replace("bolted = true", "bolts = [[0.3, 0, 0]]")
+    wrong = write_case(tmp_path, measured(), text=beside)
+    with pytest.raises(InputError, match=r"lap.bolts\[0\].*0.31 to 0.36"):
+        lap_zones(wrong)
+    taken = CASE.replace("[masses.bolt]", "[masses.lap_s1]")
+    with pytest.raises(InputError, match="'lap_s1' is needed for a zone"):
+        lap_zones(write_case(tmp_path, measured(), text=taken))
+
+
+def test_laps_without_bolts(tmp_path):
+    """Two laps of two sections: nothing is said of bolts that are not there."""
+    text = CASE.replace("laps = 0.05", "laps = [0.05, 0.06]").replace("bolted = true", "")
+    for old, new in {
+        "[0.36, 0.26]": "[0.36, 0.26, 0.3]", "[12, 9]": "[12, 9, 9]",
+        '["beam_1", "beam_2"]': '["beam_1", "beam_2", "beam_3"]', "[joints.lap]": "[joints.a_s]",
+        'cells = "lap"': 'cells = ["lap_1", "lap_2"]',
+    }.items():  # fmt: skip
+        text = text.replace(old, new)
+    case = write_case(tmp_path, measured(), text=text)
+    model = prepare(case, MPI.COMM_SELF, QUIET)
+    assert not model.zones.by_bolt and not len(model.zones.bolts)
+    assert not any("bolt" in e.name or "preload" in e.name for e in model.effects)
+    assert "no lap has a bolt" in {s.effect: s.reason for s in model.silent}[LOW_PRELOAD]
+    free = next(e for e in model.effects if e.name == "joint slip stiffness graded zone by zone")
+    assert [p.name for p in free.priors][5] == "lap_2 stretch 1, slip"
+    text = text.replace('["lap_1", "lap_2"]', '["lap_1", "lap_2"]\nbolts = [[0.54, 0, 0]]')
+    zones = lap_zones(write_case(tmp_path, measured(), text=text))
+    assert zones.bolt == (-1,) * 5 + (0,) * 5 and list(zones.by_bolt) == ["bolt 1"]
+    text = text.replace("[[0.54, 0, 0]]", "[[0.54, 0, 0], [0.4, 0, 0]]")
+    with pytest.raises(InputError, match=r"bolts\[1\].*0.31 to 0.36 or 0.51 to 0.57 m"):
+        lap_zones(write_case(tmp_path, measured(), text=text))
+    zoned = CASE.replace("lap_elements = 5", "lap_elements = 5\nlap_zones = [2, 3]")
+    zoned = zoned.replace("[joints.lap]", '[joints.left]\ncells = "zone_1"\nlaw = "generic"\n'
+                          "k1 = 1763.2\nk2 = 37402.0\n[joints.lap]")  # fmt: skip
+    zoned = zoned.replace('cells = "lap"', 'cells = "zone_2"\nk_axial = 1e9')
+    with pytest.raises(InputError, match="joints.lap.k_axial: expected none"):
+        lap_zones(write_case(tmp_path, measured(), text=zoned))
+
+
+def test_a_plan_of_a_test_on_beams(tmp_path):
+    case = write_case(tmp_path, measured(), 'effects = ["joint slap stiffness", '
+                      '"joint slip stiffness", "joint axial stiffness", "cable mass"]')  # fmt: skip
+    found = plan(case, MPI.COMM_SELF)
+    assert not found.classes
+    # What the eight frequencies do not surely see, one more measurement shows.
+    unseen = [e.name for e in found.effects if e.distance < 2.33]
+    assert sorted(unseen) == ["cable mass", "joint axial stiffness"]
+    assert found.additions[0].name.startswith("the mode shapes") and found.additions[0].seen == 4
+
+
+@pytest.mark.parallel
+def test_two_ranks_say_the_same(tmp_path_factory):
+    comm = MPI.COMM_WORLD
+    folder = comm.bcast(tmp_path_factory.mktemp("beams") if comm.rank == 0 else None)
+    if comm.rank == 0:
+        write_case(folder, measured(axial=0.3), 'effects = ["joint slap stiffness", '
+                   '"joint axial stiffness"]')  # fmt: skip
+    comm.barrier()
+    case = load_case(folder)
+    ours, alone = diagnose(case, comm), diagnose(case, MPI.COMM_SELF)
+    assert ours.verdict == alone.verdict == "cause"
+    for a, b in zip(ours.hypotheses, alone.hypotheses, strict=True):
+        assert a.label == b.label and a.log_evidence == pytest.approx(b.log_evidence, abs=1e-6)
+    shares = ours.location.patches.share
+    np.testing.assert_allclose(shares, alone.location.patches.share, atol=1e-9)

@@ -1,0 +1,155 @@
+"""The error in the constitutive relation finds the region whose stiffness is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import dolfinx.mesh
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints._compat import geometry_dofmap
+from fenics_joints.diagnosis.where.constitutive import constitutive_error
+from fenics_joints.diagnosis.where.patches import patches
+from fenics_joints.errors import InputError
+from fenics_joints.meshes import box
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.structure.components import part
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+
+NAMES = ("a", "b", "c", "d")
+LENGTH = 0.4
+MODES = 4
+
+
+def beam(comm, wrong: str = "", factor: float = 0.7, density: float = 1.0) -> Structure:
+    """A free bar in four equal regions, one of them with another modulus or density."""
+    tagged = box(comm, (LENGTH, 0.03, 0.02), (16, 1, 1))
+    mesh, tags = tagged.mesh, tagged.cell_tags
+    x = mesh.geometry.x[geometry_dofmap(mesh)[tags.indices]].mean(axis=1)[:, 0]
+    values = (1 + np.floor(x / LENGTH * len(NAMES))).astype(np.int32)
+    tagged = replace(
+        tagged, cell_tags=dolfinx.mesh.meshtags(mesh, tags.dim, tags.indices, values),
+        cell_names={name: k + 1 for k, name in enumerate(NAMES)},
+    )  # fmt: skip
+    regions = [
+        part(name, name, E=70e9 * (factor if name == wrong else 1.0), nu=0.3,
+             rho=2700.0 * (density if name == wrong else 1.0))
+        for name in NAMES
+    ]  # fmt: skip
+    return Structure(tagged, regions)
+
+
+def sensors() -> Sensors:
+    """Nine stations on two edges, across the bar both ways."""
+    x = np.linspace(0.0, LENGTH, 9)
+    points = [(a, y, 0.02) for a in x for y in (0.0, 0.03) for _ in range(2)]
+    directions = [d for _ in range(18) for d in ((0, 1, 0), (0, 0, 1))]
+    return Sensors(np.array(points), np.array(directions, dtype=float))
+
+
+def measured(structure: Structure, noise: float = 0.0):
+    """Frequencies and shapes of the bar's first elastic modes at the sensors."""
+    modes = solve_modes(structure, n_modes=6 + MODES)
+    shapes = modes.at(sensors())[:, 6:]
+    rms = np.sqrt(np.mean(shapes**2, axis=0))
+    rng = np.random.default_rng(5)
+    shapes = shapes + noise * rms * rng.standard_normal(shapes.shape)
+    return modes.frequencies_hz[6:], shapes
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("wrong", ["b", "d"])
+def test_the_wrong_region_has_the_largest_error(wrong):
+    """30 % of stiffness missing in one region, shapes with noise and a missing sensor: the error
+    over its own strain energy is the largest there, by region and by patch."""
+    model = beam(MPI.COMM_WORLD)
+    hz, shapes = measured(beam(MPI.COMM_WORLD, wrong), noise=0.01)
+    shapes[3, 1] = np.nan
+    split = patches(model, 2)
+    found = constitutive_error(model, None, shapes, hz, sensors(), split=split, noise=0.01)
+    others = [v for name, v in zip(NAMES, found.relative, strict=True) if name != wrong]
+    assert found.relative[NAMES.index(wrong)] > 2 * max(others)
+    assert split.region[int(np.argmax(found.patch_relative))] == wrong
+    assert found.patch_stiffness.sum(axis=0) == pytest.approx(found.stiffness.sum(axis=0), rel=1e-9)
+    assert found.strain.sum(axis=0) == pytest.approx(np.ones(MODES), rel=1e-9)
+
+
+@pytest.mark.parallel
+def test_a_right_model_has_no_error():
+    """Its own shapes without noise at its own frequencies: next to nothing is violated. Another
+    unit of the shapes, or another number of ranks, changes nothing of a wrong model's error."""
+    model = beam(MPI.COMM_WORLD)
+    hz, shapes = measured(model)
+    hz, shapes = hz[:2], shapes[:, :2]
+    found = constitutive_error(model, None, shapes, hz, sensors(), draws=0)
+    assert np.all(found.total < 1e-7) and np.all(found.deviation < 1e-3)
+    wrong = constitutive_error(beam(MPI.COMM_WORLD, "b"), None, shapes, hz, sensors(), draws=0)
+    assert np.all(wrong.total > 1e4 * found.total)
+    alone = beam(MPI.COMM_SELF, "b")
+    scaled = constitutive_error(alone, None, -1e3 * shapes, hz, sensors(), draws=0)
+    assert scaled.stiffness == pytest.approx(wrong.stiffness, rel=1e-6)
+
+
+def test_the_functional_is_at_its_least():
+    """Against a dense minimisation of the functional itself, v and w eliminated by equilibrium, on
+    the matrices of the structure."""
+    from fenics_joints.diagnosis.where.constitutive import TwoFields
+
+    model = beam(MPI.COMM_SELF, "b")
+    hz, shapes = measured(beam(MPI.COMM_SELF))
+    omega, gamma = 2 * np.pi * hz[0], 0.4
+    system = TwoFields(model, None, sensors(), gamma)
+    K, M, P = (A.convert("dense").getDenseArray().copy() for A in (system.K, system.M, system.P))
+    s = shapes[:, 0] / np.sqrt(np.mean(shapes[:, 0] ** 2))
+    rho = system._trust(np.ones(len(s), bool), omega, 0.02)
+    fields = system._solve([s], np.ones(len(s), bool), omega, rho)
+    u, lam = (x.array.copy() for x in fields[0])
+
+    def functional(u, w):
+        v = np.linalg.lstsq(K, omega**2 * M @ w, rcond=1e-12)[0]
+        # The rigid part of v is free, and strains nothing.
+        parts = (u - v) @ K @ (u - v), omega**2 * (u - w) @ M @ (u - w)
+        off = P @ u - s
+        return gamma * parts[0] + (1 - gamma) * parts[1] + rho * off @ off
+
+    w = u + lam / (1 - gamma)
+    least = functional(u, w)
+    rng = np.random.default_rng(2)
+    modes = solve_modes(model, n_modes=14)
+    basis = np.array([x.array for x in modes.shapes]).T
+    for _ in range(20):
+        du, dw = (basis @ rng.standard_normal(14) * 1e-4 * np.abs(u).max() for _ in range(2))
+        # w stays in the range for which K v = omega^2 M w has a solution: no rigid part.
+        dw = dw - basis[:, :6] @ (basis[:, :6].T @ M @ dw)
+        up, down = functional(u + du, w + dw), functional(u - du, w - dw)
+        assert up > least and down > least
+        assert abs(up - down) < 1e-3 * (up + down - 2 * least)
+
+
+def test_noise_alone_accuses_no_region():
+    """Noisy shapes of the model itself: the errors are what noise makes on the average, a small
+    part of what a wrong region makes."""
+    model = beam(MPI.COMM_WORLD)
+    hz, shapes = measured(model, noise=0.02)
+    quiet = constitutive_error(model, None, shapes, hz, sensors(), noise=0.02)
+    assert quiet.stiffness.sum() == pytest.approx(quiet.by_noise.sum(), rel=0.5)
+    loud = constitutive_error(beam(MPI.COMM_WORLD, "b"), None, shapes, hz, sensors(), noise=0.02)
+    assert np.abs(quiet.relative).max() < 0.25 * loud.relative.max()
+    assert np.argmax(loud.relative) == NAMES.index("b")
+
+
+@pytest.mark.parallel
+def test_what_cannot_be_is_refused():
+    model = beam(MPI.COMM_WORLD)
+    shapes = np.ones((len(sensors()), 1))
+    with pytest.raises(InputError, match=r"expected \(36, 2\)"):
+        constitutive_error(model, None, shapes, [100.0, 200.0], sensors())
+    with pytest.raises(InputError, match="above zero"):
+        constitutive_error(model, None, shapes, [-1.0], sensors())
+    with pytest.raises(InputError, match="gamma = 1"):
+        constitutive_error(model, None, shapes, [100.0], sensors(), gamma=1.0)
+    with pytest.raises(InputError, match="without any motion"):
+        constitutive_error(model, None, 0 * shapes, [100.0], sensors())

@@ -1,0 +1,108 @@
+"""Joints split around their bolts, against areas and symmetries known without the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints._compat import geometry_dofmap
+from fenics_joints.case.build import build_mesh, build_structure
+from fenics_joints.case.case import Case
+from fenics_joints.diagnosis.zones.joints import joint_zones
+from fenics_joints.errors import InputError
+
+STEEL = {"E": 2e11, "nu": 0.3, "rho": 7800.0}
+SOFT = {"E": 1e9, "G": 4e8}
+PLATES = {
+    "mesh": {"builder": "lap_plates", "n_thickness": 1, "degree": 1},
+    "parts": {"plates": {"cells": ["plate_1", "plate_2"], **STEEL}},
+    "joints": {
+        "near": {"cells": "joint_near", "bolted": True, "tolerance": {"E": 0.2}, **SOFT},
+        "away": {"cells": "joint_away", **SOFT},
+    },
+}
+BEAM = {
+    "mesh": {"builder": "lap_beam", "layer": 1e-4, "root": 1e-3, "degree": 1},
+    "parts": {"beams": {"cells": ["beam_1", "beam_2"], **STEEL}},
+    "joints": {
+        "lap": {"cells": "joint", **SOFT},
+        "root": {"cells": "root", "normal": [1, 0, 0], **SOFT},
+    },
+}
+
+
+def zones(data, comm=MPI.COMM_SELF, **joints):
+    joints = {name: joint | joints.get(name, {}) for name, joint in data["joints"].items()}
+    case = Case.model_validate(data | {"joints": joints})
+    return joint_zones(case, build_mesh(case, comm))
+
+
+def test_zones_are_the_joints_and_equal_at_mirrored_bolts():
+    found = zones(PLATES)
+    assert len(found.names) == 20 == len(set(found.names))
+    assert "away_b4_r4" in found.names and "near_b1_r1" in found.names
+    area = {name: found.area[[j == name for j in found.joint]].sum() for name in PLATES["joints"]}
+    assert area == pytest.approx({"near": 4 * 0.02**2, "away": 0.08**2 - 4 * 0.02**2})
+    by_bolt = np.array([[a for a, b in zip(found.area, found.bolt, strict=True) if b == label]
+                        for label in ("b1", "b2", "b3", "b4")])  # fmt: skip
+    assert by_bolt == pytest.approx(np.tile(by_bolt[0], (4, 1)))
+    span = found.distance[[n.startswith("away_b1") for n in found.names]]
+    assert np.all(span[1:, 0] > span[:-1, 1])
+    # Equal shares, as nearly as small cells allow; 5 mm ones come in lumps.
+    fine = zones(PLATES | {"mesh": PLATES["mesh"] | {"element_size": 2e-3}})
+    away = fine.area[[j == "away" for j in fine.joint]]
+    assert len(away) == 16 and away == pytest.approx(np.full(16, area["away"] / 16), rel=0.15)
+    assert found.case.joints["near_b2_r1"].tolerance.E == 0.2
+    assert found.case.joints["near_b2_r1"].bolted
+
+
+def test_split_structure_is_the_whole_one():
+    """The zones' volumes, as a structure sums them, are the areas times the thickness."""
+    found = zones(PLATES)
+    model = build_structure(found.case, MPI.COMM_SELF, tagged=found.tagged)
+    volumes = dict(zip([r.name for r in model.regions], model.volumes(), strict=True))
+    assert [volumes[n] for n in found.names] == pytest.approx(found.area * 5e-4)
+    cells = {r.name: c for r, c in model.field.regions}
+    x = model.mesh.geometry.x[geometry_dofmap(model.mesh)].mean(axis=1)
+    bolts = found.tagged.points["bolts"]
+    for name, label, span in zip(found.names, found.bolt, found.distance, strict=True):
+        off = np.linalg.norm(x[cells[name]][:, None, :2] - bolts[:, :2], axis=2)
+        assert np.all(off.argmin(axis=1) == int(label[1:]) - 1)
+        assert [off.min(axis=1).min(), off.min(axis=1).max()] == pytest.approx(span)
+
+
+def test_a_layer_far_from_the_bolt_stays_whole():
+    found = zones(BEAM)
+    assert found.names[-1] == "root" and found.joint[-1] == "root" and found.bolt[-1] == ""
+    assert set(found.names[:-1]) == {f"lap_r{k}" for k in range(1, len(found.names))}
+    assert len(found.names) >= 4 and np.isnan(found.distance[-1]).all()
+    assert found.area[:-1].sum() == pytest.approx(0.05 * 0.0254)
+    two = zones(BEAM, lap={"bolts": [[0.19, 0.0], [0.23, 0.0]]})
+    left, right = (sum(a for a, b in zip(two.area, two.bolt, strict=True) if b == label)
+                   for label in ("b1", "b2"))  # fmt: skip
+    assert left == pytest.approx(right) and left + right == pytest.approx(found.area[:-1].sum())
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("size", [5e-3, 2e-2])
+def test_two_ranks_make_the_same_zones(size):
+    """Some of the larger cells are half-way between bolts, which share them as well as can be."""
+    plates = PLATES | {"mesh": PLATES["mesh"] | {"element_size": size}}
+    alone, together = (zones(plates, comm) for comm in (MPI.COMM_SELF, MPI.COMM_WORLD))
+    assert together.names == alone.names
+    assert together.area == pytest.approx(alone.area)
+    bolts = ("b1", "b2", "b3", "b4")
+    share = [alone.area[[b == bolt for b in alone.bolt]].sum() / 0.04**2 for bolt in bolts]
+    assert share == pytest.approx([1.0] * 4, abs=1e-9 if size < 0.01 else 0.07)
+    assert together.distance == pytest.approx(alone.distance)
+    model = build_structure(together.case, MPI.COMM_WORLD, tagged=together.tagged)
+    volumes = dict(zip([r.name for r in model.regions], model.volumes(), strict=True))
+    assert [volumes[n] for n in together.names] == pytest.approx(alone.area * 5e-4)
+
+
+def test_bad_bolts_are_named():
+    with pytest.raises(InputError, match=r"joints.lap.bolts\[0\] = .*outside the joint"):
+        zones(BEAM, lap={"bolts": [[0.05, 0.0]]})
+    with pytest.raises(ValueError, match=r"bolts\[1\].*expected each bolt once"):
+        zones(BEAM, lap={"bolts": [[0.2, 0.0], [0.2, 0.0]]})

@@ -1,0 +1,130 @@
+"""Nested sampling of the evidence against closed forms and grids."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+from scipy.stats import multivariate_normal, norm
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.evidence.inference import Evidence, Hypothesis, fit
+from fenics_joints.diagnosis.evidence.nested import nested_evidence
+
+TORQUES = np.array([5.0, 10.0, 30.0])
+
+
+class Curved:
+    """ln f = 5 + A p + bend p0^2, for a banana; linear without the bend."""
+
+    def __init__(self, matrix, bend=None):
+        self.matrix = np.asarray(matrix, dtype=float)
+        self.bend = np.zeros(len(self.matrix)) if bend is None else np.asarray(bend)
+        names = [f"p{i}" for i in range(self.matrix.shape[1])]
+        self.model = SimpleNamespace(parameters=dict.fromkeys(names))
+        self.baseline = dict.fromkeys(names, 0.0)
+
+    def __call__(self, values):
+        p = np.array([values[name] for name in self.model.parameters])
+        slope = self.matrix.copy()
+        slope[:, 0] += 2 * self.bend * p[0]
+        return 5.0 + self.matrix @ p + self.bend * p[0] ** 2, slope
+
+
+def shift(index, spread=1.0, median=0.0, span=(-np.inf, np.inf)):
+    def apply(values, theta, condition):
+        values[f"p{index}"] += theta["d"]
+
+    prior = Prior("d", median, spread, log=False, span=span)
+    return Effect(f"effect {index}", "", (prior,), apply)
+
+
+def evidence_of(log_f, sd=0.01, discrepancy=0.01):
+    log_f = np.asarray(log_f)
+    return Evidence(TORQUES[: len(log_f)], log_f, np.full(log_f.shape, sd), discrepancy)
+
+
+def test_evidence_is_the_closed_form_when_linear():
+    """Two effects, a nuisance with a median, a missing entry: one multivariate normal."""
+    rng = np.random.default_rng(3)
+    forward = Curved(rng.standard_normal((4, 3)) * 0.05)
+    effects = (shift(0, 0.8), shift(1, 1.2, median=0.3))
+    nuisance = shift(2, 0.6, median=-0.2)
+    log_f = 5.0 + 0.05 * rng.standard_normal((3, 4))
+    log_f[1, 2] = np.nan
+    evidence = evidence_of(log_f)
+    found = fit(Hypothesis(effects, (nuisance,)), forward, evidence, forward.baseline)
+    got = nested_evidence(found, forward, evidence, forward.baseline)
+    used = evidence.used.ravel()
+    J = (np.tile(forward.matrix, (3, 1)) * [0.8, 1.2, 0.6])[used]
+    mean = (5.0 + np.tile(forward.matrix @ [0.0, 0.3, -0.2], 3))[used]
+    covariance = evidence.covariance() + J @ J.T
+    exact = multivariate_normal(mean, covariance).logpdf(log_f.ravel()[used])
+    assert got.log_evidence == pytest.approx(exact, abs=0.1)
+    assert got.error < 0.05
+    gain = J.T @ np.linalg.solve(covariance, log_f.ravel()[used] - mean)
+    assert np.all(np.abs(got.mean - gain[:2]) < 0.15 * got.sd)
+    again = nested_evidence(found, forward, evidence, forward.baseline)
+    assert (again.log_evidence, again.calls) == (got.log_evidence, got.calls)
+
+
+@pytest.mark.parametrize("narrow", [1.0, 1e-3])
+def test_one_parameter_is_enough(narrow):
+    """As of a wrong modulus: the closed form, however sharp the test is against the prior."""
+    rng = np.random.default_rng(4)
+    forward = Curved(rng.standard_normal((4, 2)) * 0.05)
+    log_f = 5.0 + 0.03 * narrow * rng.standard_normal((3, 4)) + forward.matrix @ [0.9, 0.0]
+    evidence = evidence_of(log_f, sd=0.01 * narrow, discrepancy=0.01 * narrow)
+    hypothesis = Hypothesis((shift(0, 0.8),), (shift(1, 0.6 * narrow),))
+    found = fit(hypothesis, forward, evidence, forward.baseline)
+    got = nested_evidence(found, forward, evidence, forward.baseline)
+    J = np.tile(forward.matrix, (3, 1)) * [0.8, 0.6 * narrow]
+    covariance = evidence.covariance() + J @ J.T
+    exact = multivariate_normal(np.full(12, 5.0), covariance).logpdf(log_f.ravel())
+    assert got.log_evidence == pytest.approx(exact, abs=1e-3)
+    gain = J.T @ np.linalg.solve(covariance, log_f.ravel() - 5.0)
+    assert got.mean == pytest.approx(gain[:1], abs=0.02 * got.sd[0])
+
+
+@pytest.mark.parametrize("limit", [np.inf, 0.5])
+def test_two_modes_and_a_bend_against_a_grid(limit):
+    """p0^2 is what the data see: Laplace finds one of two bent modes, and no limit of a prior."""
+    forward = Curved([[0.0, 0.05], [0.0, 0.0]], bend=[0.05, 0.04])
+    span = (-limit, limit)
+    effects = (shift(0, 1.0, span=span), shift(1, 1.0))
+    evidence = evidence_of([[5.02, 5.03]], sd=0.004, discrepancy=0.003)
+    found = fit(
+        Hypothesis(effects), forward, evidence, forward.baseline, starts=[np.array([0.4, 0.1])]
+    )
+    got = nested_evidence(found, forward, evidence, forward.baseline)
+    x, y = np.linspace(max(-5, -limit), min(5, limit), 1201), np.linspace(-5, 5, 801)
+    X, Y = np.meshgrid(x, y, indexing="ij")
+    predicted = np.stack([5 + 0.05 * Y + 0.05 * X**2, 5 + 0.04 * X**2], axis=-1)
+    density = multivariate_normal(evidence.data, evidence.covariance()).pdf(predicted)
+    density *= norm.pdf(X) * norm.pdf(Y) / (2 * norm.cdf(min(limit, 5)) - 1)
+    exact = np.log(trapezoid(trapezoid(density, y), x))
+    assert got.log_evidence == pytest.approx(exact, abs=0.1)
+    if limit > 5:
+        assert abs(got.mean[0]) < 0.1 < 0.5 < got.sd[0]  # both modes, one on each side
+        assert abs(found.log_evidence - exact) > 0.4  # which one Laplace cannot
+
+
+def test_evidence_agrees_with_another_sampler():
+    dynesty = pytest.importorskip("dynesty")
+    from fenics_joints.diagnosis.evidence.nested import _Marginal
+
+    forward = Curved([[0.0, 0.05, 0.03], [0.0, 0.0, 0.02]], bend=[0.05, 0.04])
+    evidence = evidence_of([[5.02, 5.03]] * 3, sd=0.004, discrepancy=0.003)
+    hypothesis = Hypothesis((shift(0), shift(1)), (shift(2, 0.3),))
+    found = fit(hypothesis, forward, evidence, forward.baseline, starts=[np.full(3, 0.3)])
+    got = nested_evidence(found, forward, evidence, forward.baseline)
+    problem = _Marginal(found, evidence, forward.baseline)
+    problem.use(forward, "exact", np.zeros((1, 2)))
+    sampler = dynesty.NestedSampler(
+        lambda z: float(problem.log_likelihood(z[None])[0]),
+        lambda u: problem.from_unit(u[None])[0], 2, nlive=300, rstate=np.random.default_rng(1),
+    )  # fmt: skip
+    sampler.run_nested(print_progress=False)
+    assert got.log_evidence == pytest.approx(sampler.results.logz[-1], abs=0.5)

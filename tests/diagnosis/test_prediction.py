@@ -1,0 +1,158 @@
+"""Derivatives of all that is predicted, against differences of the predictions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.effects.part import temperature
+from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
+from fenics_joints.diagnosis.evidence.evidence import SHAPE, Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.structure.components import Parameter
+from fenics_joints.structure.laws import LAYER_LAWS
+from fenics_joints.structure.points import Sensors
+
+N, SENSORS = 14, (0, 4, 7, 9, 13)
+NAMES = ("a.E", "a.G", "a.rho", "ground.E")
+BASELINE = {"a.E": 1.0, "a.G": 3e6, "a.rho": 1.2, "ground.E": 4e6}
+MODES = ("one", "two", "three")
+TORQUES = (5.0, 20.0)
+
+
+@pytest.fixture(scope="module")
+def forward():
+    """A grounded chain of uneven springs; sensors on five of its masses."""
+    law = LAYER_LAWS["uncoupled"]
+    stiffness = np.zeros((4, N, N))
+    for i in range(N - 1):
+        rod = np.zeros(N)
+        rod[i : i + 2] = -1.0, 1.0
+        stiffness[1] += (1 + 0.1 * i) * np.outer(rod, rod)
+    properties = {"E": "a.E", "G": "a.G", "rho": "a.rho", "stretch": 1.0}
+    inertia = np.diag(1 + 0.5 * np.cos(np.arange(N)))
+    parameters = {name: Parameter(name, BASELINE[name]) for name in NAMES}
+    pencil = AffinePencil(
+        parameters, [RegionTerm("a", law, properties, stiffness, inertia, 1.0)],
+        [SpringTerm("ground", "ground.E", 1.0, np.eye(N)[3])],
+    )  # fmt: skip
+    rows = np.eye(N)[list(SENSORS)]
+    shifts = (np.roll(np.eye(N), 1, axis=1) - np.eye(N))[list(SENSORS)]
+    points = np.column_stack([SENSORS, np.zeros(5), np.zeros(5)]).astype(float)
+    model = ArrayModel(pencil, 100.0, rows, shifts)
+    return Forward(model, Sensors(points, [0.0, 0.0, 1.0]), 3, 6)
+
+
+def stiffer(depends: bool) -> Effect:
+    """Grows with the torque; dissipates nothing."""
+
+    def apply(values, theta, torque):
+        values["a.G"] *= theta["factor"] * (torque / 20.0) ** theta["power"]
+
+    priors = (Prior("factor", 1.0, 0.3), Prior("power", 0.3, 0.2, log=False))
+    return Effect("stiffer", "", priors, apply, depends_on_condition=depends)
+
+
+def lighter() -> Effect:
+    def apply(values, theta, torque):
+        values["a.rho"] *= theta["factor"]
+
+    return Effect("lighter", "", (Prior("factor", 1.0, 0.1),), apply)
+
+
+def evidence_for(forward, damped: bool) -> Evidence:
+    rng = np.random.default_rng(5)
+    shapes = forward.shapes(BASELINE)[0] + 0.1 * rng.standard_normal((5, 3))
+    shapes[3, 1] = np.nan
+    f = np.tile(forward(BASELINE)[0], (2, 1))
+    return Evidence(
+        np.array(TORQUES), f, np.full((2, 3), 0.01), 0.01,
+        log_damping=np.full((2, 3), np.log(0.01)) if damped else None,
+        shapes=shapes, shape_row=1, near=np.eye(5),
+    )  # fmt: skip
+
+
+EFFECTS = {
+    "structure": (),
+    "drift": (temperature(["ground"], TORQUES, drifts=True),),
+    "gain": (misscaled_sensor(2, 1.0),),
+    "shift": (misplaced_sensor(1, 10.0, 1.0),),
+    "both": (misscaled_sensor(1, 1.0), misplaced_sensor(1, 10.0, 1.0)),
+    "swapped": (swapped_modes(1, MODES),),
+    "swapped and gain": (swapped_modes(0, MODES), misscaled_sensor(0, 1.0)),
+}
+
+
+@pytest.mark.parametrize("damped", [False, True], ids=["", "damped"])
+@pytest.mark.parametrize("kind", list(EFFECTS))
+def test_derivatives_are_differences(forward, kind, damped):
+    hypothesis = Hypothesis(
+        (stiffer(depends=True), *EFFECTS[kind]), (lighter(),), scatter=0.2, conditions=TORQUES,
+        modes=MODES, damped=damped,
+    )  # fmt: skip
+    evidence = evidence_for(forward, damped)
+    rng = np.random.default_rng(6)
+    z = 0.6 * rng.standard_normal(len(hypothesis.priors))
+
+    def at(z):
+        return predict(hypothesis, forward, evidence, z, BASELINE)[0]
+
+    got, slopes = predict(hypothesis, forward, evidence, z, BASELINE)
+    assert got.shape == evidence.data.shape and slopes.shape == (len(got), len(z))
+    there = np.isfinite(evidence.data)
+    step = 1e-4
+    numeric = [(at(z + s) - at(z - s)) / (2 * step) for s in step * np.eye(len(z))]
+    assert slopes[there] == pytest.approx(np.array(numeric).T[there], rel=1e-4, abs=1e-6)
+    # Each free number moves something, or it would not be free; a tightening only its own row.
+    assert np.all(np.abs(slopes[there]).max(axis=0) > 2e-5)
+    first = hypothesis.places["tightenings"].start
+    assert not slopes[evidence.entries.row == 1, first].any()
+
+
+def test_drift_of_the_temperature_is_seen_where_nothing_depends_on_the_torque(forward):
+    """It changes from row to row by their order, and is no effect of the torque."""
+    drifting = temperature(["ground"], TORQUES, drifts=True)
+    hypothesis = Hypothesis((drifting,), (lighter(),), conditions=TORQUES, modes=MODES)
+    evidence = evidence_for(forward, damped=False)
+    z = np.array([0.3, -0.5, 0.8])
+    step = np.array([0.0, 0.0, 1e-4])
+    up, down = (predict(hypothesis, forward, evidence, z + s, BASELINE)[0] for s in (step, -step))
+    slope = predict(hypothesis, forward, evidence, z, BASELINE)[1][:, 2]
+    assert np.abs(slope[:3]).max() == 0.0
+    found, exact = slope[3:6], (up - down)[3:6] / 2e-4
+    # One mode hardly feels the ground: there is nothing but round-off in its difference.
+    assert found == pytest.approx(exact, rel=1e-4, abs=1e-5 * np.abs(found).max())
+
+
+def test_swapped_modes_swap_frequencies_and_damping_and_leave_shapes(forward):
+    evidence = evidence_for(forward, damped=True)
+    z = np.linspace(-0.3, 0.4, 6)
+    bare = Hypothesis((stiffer(False),), modes=MODES, damped=True)
+    swapped = Hypothesis((stiffer(False), swapped_modes(0, MODES)), modes=MODES, damped=True)
+    z = z[: len(bare.priors)]
+    a, _ = predict(bare, forward, evidence, z, BASELINE)
+    b, _ = predict(swapped, forward, evidence, z, BASELINE)
+    shapes = evidence.entries.kind == SHAPE
+    assert np.array_equal(b[shapes], a[shapes])
+    order = [1, 0, 2]
+    for got, plain in zip(b[~shapes].reshape(-1, 3), a[~shapes].reshape(-1, 3), strict=True):
+        assert got == pytest.approx(plain[order], rel=1e-12)
+
+
+def test_scale_and_sign_of_a_shape_are_free(forward):
+    """What is measured in another unit or of the other sign leaves no residual."""
+    evidence = evidence_for(forward, damped=False)
+    bare = Hypothesis((), modes=MODES)
+    there = np.isfinite(evidence.shapes)
+    true = np.where(there, forward.shapes(BASELINE)[0] * [-3.0, 0.01, 7.0], np.nan)
+    measured = Evidence(
+        evidence.conditions, evidence.log_f, evidence.log_sd, 0.01, shapes=true, shape_row=1
+    )
+    got, _ = predict(bare, forward, measured, np.zeros(0), BASELINE)
+    kept = (measured.entries.kind == SHAPE) & np.isfinite(measured.data)
+    assert got[kept] == pytest.approx(measured.data[kept], rel=1e-9)

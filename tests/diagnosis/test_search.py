@@ -1,0 +1,239 @@
+"""The search over effects and pairs, on models where every pair can be fitted to compare."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence.screen import near_best, quick_evidence
+from fenics_joints.diagnosis.evidence.unlisted import look_alike
+from fenics_joints.diagnosis.kept_fits import KeptFits
+from fenics_joints.diagnosis.search import Search
+from fenics_joints.progress import Progress
+
+TORQUES = np.array([5.0, 10.0, 20.0])
+COUNT, M = 20, 8
+
+
+class Bent:
+    """ln f = 5 + A tanh(b p) / b: linear in p for b = 0, and saturating."""
+
+    sensors = None
+
+    def __init__(self, matrix, bend):
+        self.matrix, self.bend, self.calls = np.asarray(matrix), bend, 0
+        names = [f"p{i}" for i in range(self.matrix.shape[1])]
+        self.model = SimpleNamespace(parameters=dict.fromkeys(names))
+        self.baseline = dict.fromkeys(names, 0.0)
+
+    def __call__(self, values):
+        self.calls += 1
+        p = np.array([values[name] for name in self.model.parameters])
+        if not self.bend:
+            return 5.0 + self.matrix @ p, self.matrix
+        bent = np.tanh(self.bend * p)
+        return 5.0 + self.matrix @ bent / self.bend, self.matrix * (1 - bent**2)
+
+
+def effect(i, family=""):
+    """Parameter i rises with the torque by a power of its own."""
+
+    def apply(values, theta, torque):
+        values[f"p{i}"] += theta["d"] * (torque / 20.0) ** (0.1 * (i % 4))
+
+    return Effect(
+        f"effect {i}", "", (Prior("d", 0.0, 1.0, log=False),), apply, family=family,
+        depends_on_condition=True,
+    )  # fmt: skip
+
+
+def problem(bend, truth, seed=3, most=2, families=None):
+    """What `Search` asks of a prepared diagnosis, with data of a truth {effect: z}."""
+    rng = np.random.default_rng(seed)
+    forward = Bent(0.03 * rng.standard_normal((M, COUNT + 1)), bend)
+    effects = [effect(i, (families or {}).get(i, "")) for i in range(COUNT)]
+    stock = Prior("d", 0.0, 0.3, log=False)
+    known = (
+        Effect("stock", "", (stock,), lambda v, theta, _: v.update({f"p{COUNT}": theta["d"]})),
+    )
+    rows = []
+    for torque in TORQUES:
+        values = dict(forward.baseline)
+        for i, z in truth.items():
+            effects[i].apply(values, {"d": z}, torque)
+        rows.append(forward(values)[0])
+    log_f = np.array(rows) + 0.002 * rng.standard_normal((len(TORQUES), M))
+    evidence = Evidence(TORQUES, log_f, np.full(log_f.shape, 0.002), 0.002)
+    checked = []
+
+    def error(points):
+        checked.extend(points)
+        return 0.0, []
+
+    return SimpleNamespace(
+        comm=MPI.COMM_SELF, effects=tuple(effects), evidence=evidence, baseline=forward.baseline,
+        forward=forward, checked=checked,
+        surrogate=SimpleNamespace(error=error, checking="checking"),
+        case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=most)),
+        hypothesis=lambda chosen, **kwargs: Hypothesis(tuple(chosen), known, **kwargs),
+    )  # fmt: skip
+
+
+def searched(model):
+    search = Search(model, Progress(silent=True), KeptFits(None, model.evidence, {}, False))
+    fits = search.run()
+    return search, fits, search.probabilities(fits)
+
+
+def keys(found):
+    if found.hypothesis.unknown:
+        return frozenset({"unknown"})
+    return frozenset(e.name for e in found.hypothesis.effects)
+
+
+def test_a_quick_look_is_the_evidence_when_linear():
+    model = problem(0.0, {2: 1.0, 7: -1.2})
+    lower = np.linalg.cholesky(model.evidence.covariance())
+    for chosen in ((2,), (2, 7), (1, 9)):
+        hypothesis = model.hypothesis([model.effects[i] for i in chosen])
+        start = np.random.default_rng(1).standard_normal(len(hypothesis.priors))
+        args = model.forward, model.evidence, model.baseline
+        value, z = quick_evidence(hypothesis, start, *args, lower)
+        whole = fit(hypothesis, *args)
+        assert value == pytest.approx(whole.log_evidence, abs=1e-6)
+        assert z == pytest.approx(whole.z, abs=1e-5)
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.8])
+def test_the_screen_loses_no_pair_that_matters(bend):
+    """190 pairs: what of all pairs fitted in full has any weight is among those it fits."""
+    truth = {4: 1.4, 11: -1.1}
+    model = problem(bend, truth)
+    search, fits, probability = searched(model)
+    pairs = [f for f in fits if len(f.hypothesis.effects) == 2]
+    assert COUNT * (COUNT - 1) // 2 > 120 and 1 <= len(pairs) <= 30
+    found = {keys(f): p for f, p in zip(fits, probability, strict=True)}
+    assert len(found) == len(fits)
+    both = frozenset({"effect 4", "effect 11"})
+    assert found[both] == max(found.values()) > 0.5
+    every = [
+        fit(model.hypothesis(chosen), model.forward, model.evidence, model.baseline)
+        for chosen in combinations(model.effects, 2)
+    ]
+    weights = search.probabilities([*fits[: COUNT + 2], *every])[COUNT + 2 :]
+    missed = [p for f, p in zip(every, weights, strict=True) if keys(f) not in found]
+    assert sum(missed) < 0.01
+    for f, p in zip(every, weights, strict=True):
+        assert found.get(keys(f), 0.0) == pytest.approx(p, abs=0.01)
+
+
+def test_the_true_pair_is_found_where_neither_leads_alone():
+    """Whatever the signatures: two effects that cancel each other in half of the modes."""
+    lead = []
+    for seed in range(6):
+        model = problem(0.5, {0: 1.3, 13: 1.3}, seed=seed)
+        _, fits, probability = searched(model)
+        lead.append(keys(fits[int(np.argmax(probability))]))
+    assert lead == [frozenset({"effect 0", "effect 13"})] * 6
+
+
+def test_effects_of_a_family_are_never_together():
+    families = {4: "joint", 11: "joint"}
+    model = problem(0.0, {4: 1.4, 11: -1.1}, families=families)
+    _, fits, _ = searched(model)
+    assert not any({"effect 4", "effect 11"} <= keys(f) for f in fits)
+
+
+def test_leading_ones_are_checked_on_the_full_model():
+    """At the lowest torque at least, at which joints are softest."""
+    model = problem(0.0, {4: 1.4, 11: -1.1})
+    _, fits, probability = searched(model)
+    best = fits[int(np.argmax(probability))]
+    values = best.hypothesis.values(best.z, TORQUES[0], model.baseline, 0)
+    assert any(values == point for point in model.checked)
+
+
+def test_what_is_left_for_a_look_alike():
+    """By the misfit of the leader alone, and in the same share from all that is listed."""
+    model = problem(0.0, {4: 1.4, 11: -1.1})
+    search, fits, probability = searched(model)
+    unknown = next(i for i, f in enumerate(fits) if f.hypothesis.unknown)
+    listed = [i for i in range(len(fits)) if i != unknown]
+    score = np.array([f.log_evidence for f in fits])
+    score += search.log_prior([f.hypothesis for f in fits])
+    leader = fits[max(listed, key=lambda i: score[i])]
+    assert probability.sum() == pytest.approx(1.0)
+    assert probability[unknown] == pytest.approx(look_alike(leader.p_value), abs=1e-6)
+    fine = [i for i in listed if fits[i].p_value > 0.01]
+    weights = np.exp(score[fine] - score[fine].max())
+    assert probability[fine] / probability[fine].max() == pytest.approx(weights, abs=1e-9)
+    # It has no model of its own: the check of the reduced model is for others.
+    assert model.baseline not in model.checked[-2:]
+
+
+def test_three_together():
+    """Put beside the leading pairs; those must not be hopeless beside the unknown."""
+    truth = {1: 0.2, 5: -0.2, 16: 0.2}
+    model = problem(0.0, truth, seed=2, most=3)
+    _, fits, probability = searched(model)
+    best = fits[int(np.argmax(probability))]
+    assert keys(best) == {f"effect {i}" for i in truth}
+    sizes = [truth[int(e.name.split()[1])] for e in best.hypothesis.effects]
+    assert best.z[1:] == pytest.approx(sizes, abs=0.1)
+
+
+def test_odds_of_all_effects_together_do_not_depend_on_their_number():
+    """Ten places of one cause are no ten causes."""
+    model = problem(0.0, {})
+    search = Search(model, Progress(silent=True), KeptFits(None, model.evidence, {}, False))
+    singles = [model.hypothesis((e,)) for e in model.effects]
+    total = np.exp(search.log_prior(singles)).sum()
+    model.effects = model.effects[:3]
+    search = Search(model, Progress(silent=True), KeptFits(None, model.evidence, {}, False))
+    assert np.exp(search.log_prior(singles[:3])).sum() == pytest.approx(total)
+
+
+def test_near_best_by_hand():
+    values = np.array([1.0, 5.0, 4.5, 4.5, -np.inf, 3.0])
+    assert near_best(values, 1.0, 9).tolist() == [1, 2, 3]
+    assert near_best(values, np.inf, 4).tolist() == [1, 2, 3, 5]
+    assert near_best(np.zeros(0), 1.0, 3).tolist() == []
+
+
+class Spiral(Bent):
+    """What parameter 0 does to ln f turns and grows with it, so that a second valley is wrong."""
+
+    def __call__(self, values):
+        self.calls += 1
+        p = np.array([values[name] for name in self.model.parameters])
+        d, (u, v) = p[0], self.matrix[:, :2].T
+        turn = np.cos(2.5 * d) * u + np.sin(2.5 * d) * v
+        across = np.cos(2.5 * d) * v - np.sin(2.5 * d) * u
+        slope = self.matrix.copy()
+        slope[:, 0] = 0.3 * turn + 2.5 * (1 + 0.3 * d) * across
+        return 5.0 + (1 + 0.3 * d) * turn - u + self.matrix[:, 1:] @ p[1:], slope
+
+
+def test_an_effect_is_not_lost_in_the_wrong_valley():
+    """Downhill from nothing leads away from a large effect; a try on both sides finds it."""
+    model = problem(0.0, {})
+    model.forward = Spiral(model.forward.matrix, 0.0)
+    model.effects = model.effects[:1]
+    values = dict(model.baseline)
+    model.effects[0].apply(values, {"d": 1.5}, 20.0)
+    log_f = np.tile(model.forward(values)[0], (len(TORQUES), 1))
+    model.evidence = Evidence(TORQUES, log_f, np.full(log_f.shape, 0.002), 0.002)
+    alone = model.hypothesis(model.effects)
+    lost = fit(alone, model.forward, model.evidence, model.baseline)
+    _, fits, _ = searched(model)
+    best = max(fits, key=lambda f: f.log_evidence)
+    assert lost.z[1] < 0 and best.z[1] == pytest.approx(1.5, abs=0.02)
+    assert best.log_evidence > lost.log_evidence + 20

@@ -1,0 +1,149 @@
+"""How far the gap shrinks: stated intervals against repetition, S* where the answer is known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from linear_forward import Linear
+from scipy.stats import binom
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.evidence.inference import Evidence, Hypothesis, fit
+from fenics_joints.diagnosis.shrinkage import blinded, cross_validate, folds, forecast
+
+TORQUES = np.array([5.0, 10.0, 20.0, 40.0])
+MODES = ["a", "b", "c", "d", "e"]
+SD, DISCREPANCY = 0.003, 0.004
+
+
+def shift(index):
+    def apply(values, theta, condition):
+        values[f"p{index}"] += theta["d"]
+
+    return Effect(f"effect {index}", "", (Prior("d", 0.0, 1.0, log=False),), apply)
+
+
+#: Three signatures, none like another, of about 10 %.
+FORWARD = Linear(
+    [
+        [-0.10, 0.12, -0.02],
+        [-0.08, -0.10, 0.11],
+        [-0.09, 0.09, 0.10],
+        [-0.11, -0.12, -0.12],
+        [-0.10, 0.10, -0.09],
+    ]
+)
+
+
+def draw(rng, truth, shape=(4, 5)):
+    """A test of the model with p = truth, its noise and its discrepancy."""
+    blank = Evidence(TORQUES, np.zeros(shape), np.full(shape, SD), DISCREPANCY)
+    error = rng.multivariate_normal(np.zeros(blank.data.size), blank.full_covariance())
+    log_f = 5.0 + FORWARD.matrix @ truth + error.reshape(shape)
+    return Evidence(TORQUES, log_f, np.full(shape, SD), DISCREPANCY)
+
+
+def candidates(evidence):
+    effects = [shift(i) for i in range(3)]
+    chosen = [(), *[(e,) for e in effects]]
+    return [fit(Hypothesis(c, name="" if c else "none"), FORWARD, evidence, FORWARD.baseline)
+            for c in chosen]  # fmt: skip
+
+
+def validate(evidence, wrong, masks=None):
+    fits = candidates(evidence)
+    return cross_validate(
+        fits, np.zeros(len(fits)), wrong, FORWARD, evidence, FORWARD.baseline,
+        folds(TORQUES, MODES, ("torque", "N·m")) if masks is None else masks,
+    )  # fmt: skip
+
+
+def test_stated_intervals_hold_as_often_as_they_say():
+    """The truth is drawn from the prior: nine of ten folds show what was stated, of each kind."""
+    rng = np.random.default_rng(11)
+    covered, sized, entries = [], [], []
+    masks = folds(TORQUES, MODES, ("torque", "N·m"))
+    for i in range(150):
+        truth = np.zeros(3)
+        kind = rng.integers(4)
+        if kind:
+            truth[kind - 1] = rng.standard_normal()
+        found = validate(draw(rng, truth), lambda f: False, [masks[i % len(masks)]]).folds[0]
+        covered.append(found.covered)
+        if found.shrink_covered is not None:
+            sized.append(found.shrink_covered)
+        entries.append(found.entries_covered)
+    for hits in (covered, sized):
+        low, high = binom.ppf([0.0005, 0.9995], len(hits), 0.9) / len(hits)
+        assert low <= np.mean(hits) <= high
+    # Entries of a fold move together: their share's own scatter says how near 0.9 it must be.
+    assert abs(np.mean(entries) - 0.9) < 3.3 * np.std(entries) / np.sqrt(len(entries))
+
+
+def test_the_right_effect_shrinks_what_a_wrong_one_cannot():
+    evidence = draw(np.random.default_rng(5), [0.9, 0.0, 0.0])
+
+    def wrong(f):
+        return bool(f.hypothesis.effects) and f.hypothesis.effects[0].name != "effect 0"
+
+    found = validate(evidence, wrong)
+    assert {f.chosen for f in found.folds} == {"effect 0"}
+    assert found.shrink > 0.9 and found.placebo_shrink < 0.3
+    assert found.claimed and found.excess_interval[0] > 0.5
+    assert found.noise == pytest.approx(SD)
+    assert found.before == pytest.approx(np.sqrt(np.mean(np.expm1(
+        5.0 - np.concatenate([evidence.log_f[m] for _, m in folds(TORQUES, MODES, ("", ""))])) ** 2
+    )))  # fmt: skip
+    assert json.loads(json.dumps(found.to_json()))["folds"][0]["n"] == 4
+
+    # Where nothing but a wrong effect can be chosen nothing is claimed.
+    others = [f for f in candidates(evidence) if wrong(f)]
+    masks = folds(TORQUES, MODES, ("torque", "N·m"))
+    lost = cross_validate(others, [0.0, 0.0], lambda f: True, FORWARD, evidence,
+                          FORWARD.baseline, masks)  # fmt: skip
+    assert lost.shrink < 0.3 and lost.excess == 0.0 and not lost.claimed
+
+
+def test_what_is_held_out_is_not_in_what_states_the_forecast():
+    """Other values there, the same forecast; and the blinded test holds none of them."""
+    evidence = draw(np.random.default_rng(2), [0.0, 0.7, 0.0])
+    mask = dict(folds(TORQUES, MODES, ("torque", "N·m")))["top band, d to e"]
+    assert mask[:, 3:].all() and not mask[:, :3].any()
+    blind = blinded(evidence, mask)
+    assert np.isnan(blind.log_f[mask]).all() and np.isfinite(blind.log_f[~mask]).all()
+    stated = []
+    for moved in (0.0, 0.3):
+        other = Evidence(TORQUES, evidence.log_f + moved * mask, evidence.log_sd, DISCREPANCY)
+        f = validate(other, lambda f: False, [("band", mask)]).folds[0]
+        stated.append([*f.predicted_after, *f.predicted_shrink, *f.weights.values()])
+        assert f.covered == (moved == 0.0)
+    # The search for the same maximum starts where all data have theirs.
+    assert stated[0] == pytest.approx(stated[1], rel=1e-6, abs=1e-12)
+
+
+def test_forecast_is_the_conditional_normal_when_linear():
+    """Intervals of single entries against the joint normal of all data under the hypothesis."""
+    evidence = draw(np.random.default_rng(4), [0.5, 0.0, 0.0])
+    mask = dict(folds(TORQUES, MODES, ("torque", "N·m")))["torque 40 N·m"]
+    blind = blinded(evidence, mask)
+    refit = fit(Hypothesis((shift(0),)), FORWARD, blind, FORWARD.baseline)
+    held = mask.ravel()
+    stated = forecast([refit], np.ones(1), refit, np.full(5, 5.0), blind, held, SD, draws=40000)
+    slope = np.tile(FORWARD.matrix[:, :1], (4, 1))
+    joint = evidence.full_covariance() + slope @ slope.T
+    gain = joint[np.ix_(held, ~held)] @ np.linalg.inv(joint[np.ix_(~held, ~held)])
+    mean = 5.0 + gain @ (evidence.data[~held] - 5.0)
+    sd = np.sqrt(np.diag(joint[np.ix_(held, held)] - gain @ joint[np.ix_(~held, held)]))
+    assert stated.low == pytest.approx(mean - 1.645 * sd, abs=0.03 * sd.max())
+    assert stated.high == pytest.approx(mean + 1.645 * sd, abs=0.03 * sd.max())
+
+
+def test_names_of_folds():
+    names = [name for name, _ in folds(TORQUES, MODES, ("torque", "N·m"))]
+    assert names == [
+        "mode a", "mode b", "mode c", "mode d", "mode e", "top band, d to e",
+        "torque 5 to 10 N·m", "torque 20 N·m", "torque 40 N·m",
+    ]  # fmt: skip
+    assert not any(name.startswith("top") for name, _ in folds(TORQUES, MODES[:3], ("", "")))

@@ -1,0 +1,92 @@
+"""A part's width as a parameter, against meshes of that width."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import Case
+from fenics_joints.errors import InputError
+from fenics_joints.meshes import box
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.reduced import ReducedStructure, reduce
+from fenics_joints.structure.components import Parameter, part
+from fenics_joints.structure.structure import Structure
+
+N_MODES = 14
+ELASTIC = slice(6, None)
+
+
+def bar(width=0.05, across=(0, 1, 0), comm=MPI.COMM_SELF):
+    parameters = [Parameter("w", 1.0), Parameter("s", 1.0)]
+    body = part(
+        "bar", "body", E=2e11, nu=0.3, rho=7800.0, stretch="s", width="w", across=across,
+        normal=(0.0, 0.6, 0.8) if across == (1, 0, 0) else (0.0, 0.0, 1.0),
+    )  # fmt: skip
+    return Structure(box(comm, (0.2, width, 0.01), (4, 2, 1)), [body], parameters)
+
+
+def test_width_is_a_wider_mesh():
+    """Also where the case asks for it by its name, and beside a changed thickness."""
+    wide = solve_modes(bar(width=0.055), {"s": 1.3}, n_modes=N_MODES)
+    stretched = solve_modes(bar(), {"w": 1.1, "s": 1.3}, n_modes=N_MODES)
+    assert stretched.n_rigid == wide.n_rigid == 6
+    assert stretched.frequencies_hz[ELASTIC] == pytest.approx(wide.frequencies_hz[ELASTIC], 1e-8)
+    assert bar().total_mass({"w": 1.1}) == pytest.approx(1.1 * bar().total_mass())
+    mesh = {"builder": "lap_plates", "layer": 0.0, "zone": 0.0, "bolts": [], "n_thickness": 1}
+    mesh |= {"n_length": 10, "n_width": 4}
+    plates = {"cells": ["plate_1", "plate_2"], "E": 7e10, "nu": 0.3, "rho": 2700.0}
+
+    def hz(made, given, **more):
+        data = {"mesh": mesh | {"width": made}, "parts": {"plates": plates}}
+        model = build_structure(Case.model_validate(data), MPI.COMM_SELF, **more)
+        return solve_modes(model, given, n_modes=N_MODES).frequencies_hz[ELASTIC]
+
+    found = hz(0.08, {"plates.width": 1.1}, width=True)
+    assert found == pytest.approx(hz(0.088, {}), rel=1e-8)
+
+
+@pytest.mark.parametrize("across", [(0, 1, 0), (1, 0, 0)])
+def test_terms_reproduce_the_assembled_matrices(across):
+    """On vectors that were never modes; the second has a slanting normal."""
+    model, rng = bar(across=across), np.random.default_rng(3)
+    vectors = [model.mass().createVecRight() for _ in range(5)]
+    for x in vectors:
+        x.array[:] = rng.standard_normal(x.local_size)
+    small = ReducedStructure(model, vectors)
+    for w, s in ((1.1, 1.0), (0.7, 1.9), (3.0, 0.4)):
+        given = {"w": w, "s": s}
+        for reduced, assembled in (
+            (small.stiffness(given), small.project(model.stiffness(given))),
+            (small.mass(given), small.project(model.mass(given))),
+        ):
+            assert reduced == pytest.approx(assembled, rel=1e-9, abs=1e-9 * np.abs(assembled).max())
+    assert small.total_mass({"w": 1.2}) == pytest.approx(model.total_mass({"w": 1.2}))
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("kind", ["full", "reduced"])
+def test_derivative_by_the_width(kind):
+    """Halving a small step quarters what the derivative leaves of an eigenvalue's change."""
+    model = bar(comm=MPI.COMM_WORLD)
+    if kind == "reduced":
+        model = reduce(model, [{}, {"w": 1.2}], N_MODES)
+    modes = solve_modes(model, {"s": 1.2}, n_modes=N_MODES)
+    elastic = np.arange(6, N_MODES - 1)
+    slope, remainder = modes.gradients(elastic)[:, 0], []
+    for h in (0.02, 0.01):
+        moved = solve_modes(model, {"s": 1.2, "w": 1 + h}, n_modes=N_MODES)
+        change = moved.eigenvalues[elastic] - modes.eigenvalues[elastic]
+        remainder.append(np.abs(change - h * slope))
+    seen = remainder[1] > 1e-9 * modes.eigenvalues[elastic]
+    assert seen.sum() >= 3
+    assert np.all(np.log2(remainder[0][seen] / remainder[1][seen]) > 1.9)
+
+
+def test_bad_widths_are_named():
+    with pytest.raises(InputError, match=r"bar.width = -1 is out of range: expected width > 0"):
+        bar().stiffness({"w": -1.0})
+    with pytest.raises(InputError, match=r"bar.across = \[0, 0, 1\].*not parallel to the normal"):
+        bar(across=(0, 0, 1))

@@ -1,0 +1,172 @@
+"""Virtual tests of lap plates whose cause is known, from a mesh unlike the diagnosed model's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.forms import lame_parameters
+from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.meshes import lap_plates
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.structure.components import Parameter, PointMass, joint, part
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+
+TORQUES = np.array([4.0, 8.0, 16.0, 24.0])
+NOISE, SHAPE_NOISE = 0.003, 0.02
+E, G, RHO = 69e9, 26.9e9, 2750.0
+NU = E / (2 * G) - 1
+#: Thinner than the case's 0.5 mm: stiffness per area is what the two have in common.
+LAYER = 0.3e-3
+_ALONG = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
+
+_CASE = """
+title = "Virtual lap plates"
+
+[mesh]
+builder = "lap_plates"
+element_size = "20 mm"
+n_thickness = 1
+
+[parts.plates]
+cells = ["plate_1", "plate_2"]
+E = "69 GPa"
+G = "26.9 GPa"
+rho = "2750 kg/m3"
+
+[joints.near]
+cells = "joint_near"
+bolted = true
+E = "1 GPa"
+G = "0.4 GPa"
+
+[joints.away]
+cells = "joint_away"
+E = "1 GPa"
+G = "0.4 GPa"
+
+[attached.accelerometer]
+kind = "mass"
+points = [["10 mm", "40 mm", "0 mm"]]
+mass = "20 g"
+tolerance = "10 %"
+travel = ["5 mm", "195 mm"]
+
+[attached.suspension]
+kind = "spring"
+points = [["20 mm", "0 mm", "4 mm"], ["300 mm", "0 mm", "12.5 mm"]]
+direction = [0, 1, 0]
+stiffness = "1 kN/m"
+
+[test]
+frequencies = "frequencies.csv"
+condition = "torque"
+noise = "0.3 %"
+{shapes}
+
+[test.sees]
+along = "x"
+positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
+at = {{ y = "40 mm", z = ["8 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }}
+direction = [0, 0, 1]
+
+[diagnose]
+n_modes = 18
+samples = 8
+"""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What an instrument would say.
+
+    Attributes:
+        frequencies_hz: Frequencies, Hz, of the bending modes at all torques, (n, m).
+        shapes: Their shapes at the sensors at the highest torque, (n_s, m).
+    """
+
+    frequencies_hz: np.ndarray
+    shapes: np.ndarray
+
+    def noisy(self, seed: int = 3) -> Measured:
+        """With the noise that the case speaks of."""
+        rng = np.random.default_rng(seed)
+        f = self.frequencies_hz * np.exp(NOISE * rng.standard_normal(self.frequencies_hz.shape))
+        size = np.sqrt(np.mean(self.shapes**2, axis=0))
+        return Measured(
+            f, self.shapes + SHAPE_NOISE * size * rng.standard_normal(self.shapes.shape)
+        )
+
+    def ordered(self, frequencies: Sequence[int], shapes: Sequence[int]) -> Measured:
+        """With the columns in another order."""
+        return Measured(self.frequencies_hz[:, list(frequencies)], self.shapes[:, list(shapes)])
+
+
+def virtual_test(
+    *,
+    k_t: float = np.inf,
+    modulus: float = 1.0,
+    thickness: float = 1.0,
+    mass: float = 0.0,
+) -> Measured:
+    """Four bending modes at all torques, without noise.
+
+    Args:
+        k_t: Tangential stiffness of the joint per area at the highest torque, Pa/m; it grows with
+            the root of the torque, and is the same everywhere.
+        modulus: True over nominal modulus of the plates.
+        thickness: True over nominal thickness of the plates.
+        mass: Mass, kg, on the end of plate 1.
+    """
+    tagged = lap_plates(MPI.COMM_SELF, element_size=0.0134, n_thickness=2, layer=LAYER)
+    lmbda, mu = (modulus * c for c in lame_parameters(E, NU))
+    cells = ("plate_1", "plate_2")
+    plates = part("plates", cells, E=modulus * E, nu=NU, rho=RHO, stretch=thickness)
+    layer = joint("joint", ("joint_near", "joint_away"), E=lmbda + 2 * mu, G="G")
+    end = PointMass("accelerometer", mass, (0.02, 0.04, 0.0))
+    model = Structure(tagged, [plates, layer], [Parameter("G", mu)], masses=[end])
+    top = 0.016 + LAYER
+    heights = [0.008 if x < 0.12 else top for x in _ALONG]
+    sensors = Sensors(np.array([_ALONG, [0.04] * len(_ALONG), heights]).T, [0.0, 0.0, 1.0])
+    torques = TORQUES if np.isfinite(k_t) else TORQUES[-1:]
+    rows = []
+    for torque in torques:
+        stiffness = k_t * np.sqrt(torque / TORQUES[-1])
+        modes = solve_modes(model, {"G": 1 / (1 / mu + 1 / (stiffness * LAYER))}, n_modes=18)
+        pairing = pair_modes(modes, 4, sensors)
+        rows.append(modes.frequencies_hz[pairing.index])
+    return Measured(np.broadcast_to(rows, (len(TORQUES), 4)).copy(), pairing.shapes)
+
+
+def write_virtual_case(folder: Path, measured: Measured, *lines: str, shapes: bool = False) -> Path:
+    """Put the nominal model's case and these data into a folder, and return it.
+
+    Args:
+        folder: Where to.
+        measured: The data.
+        lines: What else ``[diagnose]`` says.
+        shapes: Whether the test has measured shapes.
+    """
+    names = [f"bending {i + 1}" for i in range(measured.frequencies_hz.shape[1])]
+    _table(
+        folder / "frequencies.csv",
+        ["torque [N·m]", *(f"{name} [Hz]" for name in names)],
+        np.column_stack([TORQUES, measured.frequencies_hz]),
+    )
+    said = ""
+    if shapes:
+        _table(folder / "shapes.csv", names, measured.shapes)
+        said = f'shapes = "shapes.csv"\nshape_noise = "{100 * SHAPE_NOISE:g} %"'
+    text = _CASE.format(shapes=said) + "".join(f"{line}\n" for line in lines)
+    (folder / "case.toml").write_text(text, encoding="utf-8")
+    return folder
+
+
+def _table(path: Path, head: Sequence[str], rows: np.ndarray) -> None:
+    lines = [",".join(head), *(",".join(f"{x:.10g}" for x in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,0 +1,123 @@
+"""Pairing of modes by what a test could see, and the gap between the two."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.gap import Gap, mac, pair_modes, rms
+from fenics_joints.meshes import box
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.structure.components import Parameter, part
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+
+LENGTH, WIDTH = 0.3, 0.06
+LINE = np.array([[x, WIDTH / 2, 0.006] for x in np.linspace(0.01, 0.29, 9)])
+ACROSS = Sensors(LINE, [0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def strip():
+    """A free strip, 6 mm thick as meshed, that can be made thicker: its modes then cross."""
+    body = part("strip", "body", E=69e9, nu=0.3, rho=2700.0, stretch="t")
+    tagged = box(MPI.COMM_SELF, (LENGTH, WIDTH, 0.006), (10, 2, 1))
+    return Structure(tagged, [body], [Parameter("t", 1.0)])
+
+
+def kinds(modes):
+    """Kind of each mode by its motion along and across the strip: an independent look at it."""
+    edge = LINE + [0.0, WIDTH / 2, 0.0]
+    middle = modes.at(ACROSS)
+    twist = modes.at(Sensors(edge, [0.0, 0.0, 1.0])) - middle
+    plane = modes.at(Sensors(LINE, [0.0, 1.0, 0.0]))
+    size = np.array([np.sum(a**2, axis=0) for a in (middle, twist, plane)])
+    return [("bending", "torsion", "in plane")[i] for i in np.argmax(size, axis=0)]
+
+
+def test_torsion_and_in_plane_modes_between_are_left_out(strip):
+    modes = solve_modes(strip, n_modes=16)
+    kind = kinds(modes)
+    pairing = pair_modes(modes, 4, ACROSS)
+    bending = [i for i in range(modes.n_rigid, 16) if kind[i] == "bending"]
+    assert pairing.index.tolist() == bending[:4]
+    assert set(pairing.visible) == set(bending)
+    between = {kind[i] for i in range(pairing.index[0], pairing.index[-1])}
+    assert between == {"bending", "torsion", "in plane"}
+    # Euler and Bernoulli's free strip, which knows no other modes.
+    beta = np.array([4.73004, 7.85320]) / LENGTH
+    exact = beta**2 * np.sqrt(69e9 * 0.006**2 / 12 / 2700) / (2 * np.pi)
+    assert modes.frequencies_hz[pairing.index[:2]] == pytest.approx(exact, rel=0.02)
+    # A test that says nothing of what it saw takes them in order.
+    assert pair_modes(modes, 4).index.tolist() == [6, 7, 8, 9]
+
+
+def test_crossing_modes_are_followed_by_shape_and_not_by_order(strip):
+    """Thicker, the strip bends at higher frequencies and moves in its plane at the same ones."""
+    both = Sensors(
+        np.vstack([LINE, LINE]), np.repeat([[0, 0, 1.0], [0, 1.0, 0]], len(LINE), axis=0)
+    )
+    thin, thick = (solve_modes(strip, {"t": t}, n_modes=18) for t in (1.0, 2.5))
+    start = pair_modes(thin, 4, both)
+    kind = [kinds(thin)[i] for i in start.index]
+    first = kind.index("in plane")
+    assert first > 0 and kind[first - 1] == "bending"
+    by_order = pair_modes(thick, 4, both)
+    assert [kinds(thick)[i] for i in by_order.index] != kind
+    followed = pair_modes(thick, 4, both, reference=start.shapes)
+    assert [kinds(thick)[i] for i in followed.index] == kind
+    assert followed.crossing == ((first - 1, first),)
+    assert start.crossing == by_order.crossing == ()
+    assert np.all(followed.mac > 0.95)
+    in_plane = [m.frequencies_hz[p.index[first]] for m, p in ((thin, start), (thick, followed))]
+    assert in_plane[1] == pytest.approx(in_plane[0], rel=5e-3)
+
+
+def test_too_few_visible_modes_say_what_to_do(strip):
+    modes = solve_modes(strip, n_modes=9)
+    with pytest.raises(InputError, match=r"n_modes = 9: .* expected at least 6. Compute more"):
+        pair_modes(modes, 6, ACROSS)
+    with pytest.raises(InputError, match="has 3 modes below .* expected at least 4"):
+        pair_modes(modes, 4)
+
+
+def test_mac_by_hand():
+    a = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    b = np.array([[2.0, 0.0], [0.0, -3.0]])
+    assert mac(a, b) == pytest.approx(np.array([[1.0, 0.0], [0.5, 0.5], [0.0, 0.0]]))
+    angle = 0.3
+    turned = np.array([[np.cos(angle)], [np.sin(angle)]])
+    assert mac(b[:, :1], turned) == pytest.approx(np.cos(angle) ** 2)
+    # Complex shapes: a common phase does not matter.
+    assert mac(turned * np.exp(0.7j), -turned) == pytest.approx(1.0)
+
+
+def test_mac_leaves_missing_sensors_out_mode_by_mode():
+    """As if each shape had been compared over the sensors that measured it alone."""
+    rng = np.random.default_rng(4)
+    a, b = rng.standard_normal((6, 3)), rng.standard_normal((6, 4))
+    a[1, 0] = a[4, 0] = a[5, 2] = np.nan
+    found = mac(a, b)
+    for i, column in enumerate(a.T):
+        there = np.isfinite(column)
+        assert found[i] == pytest.approx(mac(column[there, None], b[there])[0], rel=1e-12)
+    a[:, 1] = np.nan
+    assert np.array_equal(mac(a, b)[1], np.zeros(4))
+    # A model's own shapes are found again through the gaps.
+    gappy = b[:, [2, 0, 3]].copy()
+    gappy[0, 0] = gappy[3, 2] = np.nan
+    assert mac(gappy, b).argmax(axis=1).tolist() == [2, 0, 3]
+    assert mac(gappy, b).max(axis=1) == pytest.approx(np.ones(3))
+
+
+def test_gap_leaves_missing_data_out():
+    test = np.array([[100.0, 200.0], [np.nan, 250.0]])
+    model = np.array([[110.0, 190.0], [120.0, 250.0]])
+    gap = Gap(np.array([5.0, 10.0]), ["a", "b"], test, model)
+    assert gap.rms == pytest.approx(np.sqrt((0.1**2 + 0.05**2) / 3))
+    assert gap.by_mode() == pytest.approx([0.1, 0.05 / np.sqrt(2)])
+    assert gap.by_condition() == pytest.approx([np.sqrt((0.1**2 + 0.05**2) / 2), 0.0])
+    assert np.isnan(gap.relative[1, 0])
+    assert rms([0.3, np.nan, -0.4]) == pytest.approx(np.sqrt(0.125))

@@ -1,0 +1,206 @@
+"""Modes identified from measured functions, against those that the functions were made of."""
+
+from __future__ import annotations
+
+import measured_world as world
+import numpy as np
+import pytest
+import scipy.io
+from mpi4py import MPI
+
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.frfs import MeasuredFRFs
+from fenics_joints.measurements.identification import identify_modes
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.report.stabilisation import _levels, write_stabilisation
+
+pytest.importorskip("sdypy.EMA")
+
+POINTS = 1e-3 * np.array(list(world.NODES.values()))
+DIRECTIONS = np.eye(3)[[2, 1, 2]]
+
+
+def _frfs(references, noise=0.0, seed=0, frequencies=world.FREQUENCIES, kind="accelerance"):
+    """Functions with noise of a share of their mean magnitude; nothing measured at [2, 0]."""
+    H, rng = world.accelerance(frequencies)[:, :, references], np.random.default_rng(seed)
+    noise = noise * np.abs(H).mean(axis=0) / np.sqrt(2)
+    H = H + noise * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
+    if len(references) > 1:
+        H[:, 2, 0] = np.nan
+    measured = MeasuredFRFs(
+        frequencies, H, "accelerance", POINTS, DIRECTIONS,
+        POINTS[references], DIRECTIONS[references],
+    )  # fmt: skip
+    return measured.converted(kind)
+
+
+@pytest.mark.parametrize("kind", ["receptance", "mobility", "accelerance"])
+def test_known_modes(kind):
+    """0.1 % of a frequency and 5 % of a damping are asked for; noise 3 %, in two ways better."""
+    f_true, phi = world.modes()
+    found = identify_modes(_frfs([0, 2], 0.03, kind=kind))
+    assert found.frequencies_hz == pytest.approx(f_true, rel=1e-4)
+    assert found.damping == pytest.approx(world.ZETA, rel=5e-3)
+    assert found.mass_normalised and (found.phase_collinearity > 0.999).all()
+    turned = phi * np.sign((phi * found.shapes).sum(axis=0))
+    assert np.abs(found.shapes - turned).max() < 0.01
+
+
+def test_roving_hammer():
+    """One sensor and three places of the force give the same shapes as the transposed test."""
+    f_true, phi = world.modes()
+    H = world.accelerance()[:, 2:, :]
+    roving = MeasuredFRFs(
+        world.FREQUENCIES, H, "accelerance", POINTS[2:], DIRECTIONS[2:], POINTS, DIRECTIONS,
+        reference_names=("1:+z", "2:+y", "7:+z"), coherence=np.full(H.shape, 0.9),
+    )  # fmt: skip
+    found = identify_modes(roving)
+    assert found.mass_normalised and found.frfs.response_names == roving.reference_names
+    turned = phi * np.sign((phi * found.shapes).sum(axis=0))
+    assert np.abs(found.shapes - turned).max() < 1e-4
+    assert found.test_data().sensors.points == pytest.approx(POINTS)
+
+
+def test_modes_closer_than_their_half_width():
+    """0.15 % apart, with damping of 0.5 % and noise of 2 %, by two references."""
+    f_true, zeta = np.array([100.0, 200.0, 200.3]), 0.005
+    x = np.linspace(0, 1, 6)
+    phi = np.array([np.cos(r * np.pi * x + 0.3 * (r - 1)) for r in (1, 2, 3)]).T
+    f = np.arange(50.0, 401.0, 0.125)
+    s, w = 2j * np.pi * f[:, None], 2 * np.pi * f_true
+    H = np.einsum("ir,jr,nr->nij", phi, phi[[0, 3]], s**2 / (s**2 + 2 * zeta * w * s + w**2))
+    rng = np.random.default_rng(0)
+    H *= 1 + 0.02 / np.sqrt(2) * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
+    points, along = np.outer(x, [1.0, 0, 0]), np.tile([0, 0, 1.0], (6, 1))
+    found = identify_modes(
+        MeasuredFRFs(f, H, "accelerance", points, along, points[[0, 3]], along[[0, 3]])
+    )
+    assert found.frequencies_hz == pytest.approx(f_true, rel=1e-4)
+    turned = phi * np.sign((phi * found.shapes).sum(axis=0))
+    assert np.abs(found.shapes - turned).max() < 0.05
+
+
+def test_labels_of_close_modes_stand_below_each_other():
+    assert _levels(np.array([10.0, 50.0, 50.5, 51.0, 53.0]), 1.8) == [0, 0, 1, 2, 0]
+
+
+def test_stated_deviations():
+    """Errors over 20 tests have the deviations that each of them states."""
+    f_true, phi = world.modes()
+    errors = []
+    for seed in range(20):
+        found = identify_modes(_frfs([0, 2], 0.08, seed), order=12, near=f_true + 1)
+        turned = phi * np.sign((phi * found.shapes).sum(axis=0))
+        errors.append(
+            np.vstack([
+                (found.frequencies_hz - f_true) / found.frequencies_sd,
+                (found.damping - world.ZETA) / found.damping_sd,
+                (found.shapes - turned) / found.shapes_sd,
+            ])
+        )  # fmt: skip
+    rms = np.sqrt(np.mean(np.array(errors) ** 2, axis=0))
+    assert (rms[:2] > 0.6).all() and (rms[:2] < 1.5).all()
+    assert (rms[2:] > 0.6).all() and (rms[2:] < 1.5).all()
+
+
+@pytest.mark.parallel
+def test_narrow_band_and_picture(shared_tmp_path):
+    frfs = _frfs([0], 0.01, frequencies=np.arange(200.0, 290.0, 0.25))
+    found = identify_modes(frfs, near=[251])
+    assert found.frequencies_hz == pytest.approx(world.modes()[0][[1]], rel=1e-3)
+    assert found.damping == pytest.approx(world.ZETA[[1]], rel=0.05)
+    comm, picture = MPI.COMM_WORLD, shared_tmp_path / "a.png"
+    write_stabilisation(found, picture, comm)
+    assert all((f == found.frequencies_hz).all() for f in comm.allgather(found.frequencies_hz))
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_what_is_refused():
+    frfs = _frfs([0], 0.01, frequencies=np.arange(200.0, 290.0, 0.25))
+    with pytest.raises(
+        InputError, match="near = 220 Hz: expected a stable pole .* are at 251.* Hz"
+    ):
+        identify_modes(frfs, near=[220])
+    with pytest.raises(InputError, match="order = 100: expected at most 90"):
+        identify_modes(frfs, order=100)
+    with pytest.raises(InputError, match="evenly spaced lines"):
+        identify_modes(_frfs([0], frequencies=np.geomspace(60, 300, 400)))
+    dead = _frfs([0])
+    dead.values[:, 1] = 0
+    with pytest.raises(InputError, match="response 2 by reference 1 is zero"):
+        identify_modes(dead)
+    noise = _frfs([0], 1e3)
+    with pytest.raises(InputError, match="no pole"):
+        identify_modes(noise)
+
+
+IDENTIFIED = [
+    ('frequencies = "frequencies.csv"\n', ""), ('damping = "damping.csv"\n', ""),
+    ('condition = "torque"\n', ""), ('resolution = ["12.5 Hz", "12.5 Hz", "0 Hz", "0 Hz"]\n', ""),
+    ('[test.validation]\nfrequencies = "frequencies_28Nm.csv"\n', ""),
+    ("at = 20\n", ""), ('["near.E", "near.G", "away.E", "away.G"]', '["near.E"]'),
+    ('"near.E" = "3 GPa"', '"near.E" = "300 MPa"'), ("hold_out = [4, 8, 12]\n", ""),
+]  # fmt: skip
+SEES = """[test.sees]
+along = "x"
+positions = ["10 mm", "60 mm", "110 mm", "210 mm", "310 mm"]
+at = { y = "40 mm", z = ["8 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm"] }
+direction = [0, 0, 1]
+"""
+
+
+def _measured_plates(case, path):
+    """A file of accelerances of the case's own model; frequencies, Hz, and shapes of its modes."""
+    sensors = case.sensors()
+    modes = solve_modes(build_structure(case, MPI.COMM_SELF), n_modes=16)
+    f, phi = modes.frequencies_hz, modes.at(sensors)
+    lines = np.arange(150.0, 3600.0, 2.5)
+    s, w = 2j * np.pi * lines[:, None], 2 * np.pi * f
+    H = np.einsum("ir,nr,r->ni", phi, s**2 / (s**2 + 0.01 * w * s + w**2), phi[0])
+    rng = np.random.default_rng(1)
+    H += 0.01 * np.abs(H).mean() * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
+    scipy.io.savemat(path, dict(
+        frequency=lines, frf=H, response_points=1e3 * sensors.points, length_unit="mm",
+        response_directions=sensors.directions, reference_points=1e3 * sensors.points[:1],
+        reference_directions=sensors.directions[:1],
+    ))  # fmt: skip
+    seen = (modes.visibility(sensors) > 0.1) & (f > 150) & (f < 3600)
+    return f[seen], phi[:, seen]
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes a case in a folder")
+def test_functions_in_a_case(write_case, tmp_path):
+    """Functions in place of frequencies: the test that `update` and `diagnose` then see."""
+    f, phi = _measured_plates(load_case(write_case(tmp_path)), tmp_path / "frfs.mat")
+    frfs = '[test.frfs]\nfiles = "frfs.mat"\nunits = "m/s2/N"\nat = 20\n'
+    edits = [*IDENTIFIED, (SEES, frfs + "[test.frfs.identify]\n")]
+    case = load_case(write_case(tmp_path, *edits))
+    data = case.measurements()
+    assert data.mode_names == ("bending 1", "bending 2", "bending 3", "bending 4")
+    assert data.frequencies_hz[0] == pytest.approx(f, rel=1e-4)
+    assert data.damping[0] == pytest.approx(0.005, rel=0.02)
+    assert (data.noise >= 0.003).all() and data.conditions == [20.0]
+    turned = phi * np.sign((phi * data.shapes).sum(axis=0))
+    assert np.abs(data.shapes - turned).max() < 0.01  # of 2.4
+    assert (data.sensors.directions == case.sensors().directions).all() and len(data.sensors) == 5
+    assert case.frfs().band(2000, 3000).kind == "accelerance"
+
+    for change, said in [
+        (
+            [*edits[:-1], (SEES, 'frfs = "frfs.mat"\n')],
+            "test.frfs: .*frfs.mat: the units are not known",
+        ),
+        (
+            [*edits[:-1], (SEES, 'frfs = { fles = "frfs.mat" }\n')],
+            "test.frfs.fles.* did you mean 'files'",
+        ),
+        ([(SEES, SEES + frfs.replace("20", "21"))], "test.frfs: torque = 21 was not measured"),
+        ([(SEES, SEES + edits[-1][1])], "frfs.identify: expected it only without frequencies"),
+        ([(SEES, SEES + frfs + 'band = ["4 kHz", "5 kHz"]\n')], "band = .4000, 5000. Hz: expected"),
+    ]:
+        with pytest.raises(InputError, match=said):
+            load_case(write_case(tmp_path, *change))
+    case = load_case(write_case(tmp_path, (SEES, SEES + frfs + 'band = ["200 Hz", "1 kHz"]\n')))
+    assert case.frfs().frequencies_hz[-1] == 1000 and len(case.measurements()) == 11

@@ -1,0 +1,53 @@
+"""Measured mode shapes: read beside the frequencies, and what modes are then matched to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.errors import InputError
+from fenics_joints.reduction.surrogate import Surrogate
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes a case in a folder")
+
+HEAD = "bending 1,bending 2,bending 3,bending 4\n"
+
+
+def _with_shapes(write_case, folder, text: str):
+    (folder / "shapes.csv").write_text(text, encoding="utf-8")
+    return write_case(folder, ('damping = "damping.csv"', 'shapes = "shapes.csv"'))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (HEAD + "1,1,1,1\n" * 4, r"shape \(4, 4\): expected \(5, 4\)"),
+        (HEAD.replace("bending 2", "bendig 2") + "1,1,1,1\n" * 5, "no column for .*bending 2"),
+        (HEAD + "1,0,1,1\n" * 5, "no mode of zeros"),
+        (HEAD + "1,,1,1\n" * 5, "finite value"),
+    ],
+)
+def test_bad_shapes_are_refused_in_words(write_case, tmp_path, text, said):
+    with pytest.raises(InputError, match=said):
+        load_case(_with_shapes(write_case, tmp_path, text))
+
+
+def test_modes_follow_the_measured_shapes_not_the_order(write_case, tmp_path):
+    """Columns of the first two modes' shapes exchanged: the model's modes are exchanged too."""
+    case = load_case(write_case(tmp_path))
+    full = build_structure(case, MPI.COMM_SELF)
+    args = dict(sensors=case.sensors(), n_test=4, n_modes=16)
+    plain = Surrogate(full, [case.nominal()], case.nominal(), **args)
+    swapped = plain.pairing.shapes[:, [1, 0, 2, 3]]
+    rows = "".join(",".join(f"{x:.6g}" for x in row) + "\n" for row in swapped * 1e3)
+    other = tmp_path / "other"
+    other.mkdir()
+    shapes = load_case(_with_shapes(write_case, other, HEAD + rows)).measurements().shapes
+    followed = Surrogate(full, [case.nominal()], case.nominal(), shapes=shapes, **args)
+    assert followed.pairing.index.tolist() == plain.pairing.index[[1, 0, 2, 3]].tolist()
+    assert followed.crossings == {(0, 1)} and plain.crossings == set()
+    log_f, _ = followed.forward(case.nominal())
+    assert np.argsort(log_f).tolist() == [1, 0, 2, 3]

@@ -1,0 +1,431 @@
+"""Assemblies from STEP: measures against the drawing, modes against hexahedra, refusals."""
+
+from __future__ import annotations
+
+import io
+import re
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from rich.console import Console
+from step_files import (
+    FLANGE_BOLTS,
+    bores,
+    bracket,
+    dumbbell_halves,
+    flanges,
+    spigot,
+    write_step,
+)
+
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.commands.modes import run_modes
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.meshes import check_contact, check_mesh, dumbbell, measure_ring, read_step
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.structure.components import part, transition
+from fenics_joints.structure.structure import Structure
+
+COMM = MPI.COMM_WORLD
+MM, MM2, MM3 = 1e-3, 1e-6, 1e-9
+CIRCLE = 12
+#: Area of a polygon of so many corners on a circle, as a share of the circle's.
+POLYGON = np.sin(2 * np.pi / CIRCLE) / (2 * np.pi / CIRCLE)
+
+
+def drawn(folder, draw, labels=(), name="assembly.step"):
+    """The path of a STEP file that rank 0 writes."""
+    path = folder / name
+    if COMM.rank == 0:
+        write_step(path, draw, labels)
+    COMM.barrier()
+    return path
+
+
+def integral(tagged, measure, tag):
+    data = tagged.cell_tags if measure == "dx" else tagged.facet_tags
+    over = ufl.Measure(measure, tagged.mesh, subdomain_data=data)(tag)
+    one = fem.Constant(tagged.mesh, 1.0)
+    one = one("+") if measure == "dS" else one
+    return COMM.allreduce(fem.assemble_scalar(fem.form(one * over)))
+
+
+def volumes(tagged):
+    return {name: integral(tagged, "dx", tag) for name, tag in tagged.cell_names.items()}
+
+
+@pytest.mark.parallel
+def test_flanges_hold_together_by_rings(shared_tmp_path):
+    """A clearance hole over a tapped one, faces 0.4 mm apart: every measure against the drawing."""
+    path = drawn(shared_tmp_path, flanges(0.4, 5.1), ("Bed casting", "foot/2"))
+    parts = {"bed": "Bed casting", "column": (0.06, 0.03, 0.03)}
+    faces = {"ground": (0.01, 0.01, 0), "sides": [(0, 0.03, 0.01), (0.02, 0.03, 0.03)]}
+    tagged = read_step(
+        path, COMM, element_size=25 * MM, r_wai=11 * MM, layer=0.5 * MM, parts=parts, faces=faces,
+        ring_size=5 * MM, circle=CIRCLE,
+    )  # fmt: skip
+    rings = [f"ring_{i}" for i in (1, 2, 3, 4)]
+    assert list(tagged.cell_names) == ["bed", "column", *rings]
+    assert check_mesh(tagged).bodies == 1
+    found = volumes(tagged)
+    for name, box, radius, height in (("bed", 120e3, 6, 20), ("column", 72e3, 5.1, 15)):
+        bored = 4 * np.pi * radius**2 * height
+        assert box - bored < found[name] / MM3 <= box - POLYGON * bored * (1 - 1e-9)
+    annulus = np.pi * (11**2 - 6**2)
+    for i, (name, bolt) in enumerate(zip(rings, FLANGE_BOLTS, strict=True)):
+        ring = measure_ring(tagged, name)
+        centre = np.array([*bolt, 20.25]) * MM
+        assert np.allclose([ring.centre, tagged.points["bolts"][i]], centre, atol=1e-9)
+        assert np.allclose([ring.thickness, ring.r_nei, ring.r_wai], [5e-4, 6e-3, 11e-3], rtol=1e-6)
+        assert np.allclose(ring.normal, [0, 0, 1]) and (ring.lower, ring.upper) == (
+            ("bed",), ("column",))  # fmt: skip
+        # Not all circles have so many corners, some more: the inner one lacks more, or less.
+        assert ring.area / MM2 == pytest.approx(annulus, rel=1 - POLYGON)
+        assert found[name] == pytest.approx(ring.area * 0.5 * MM, rel=1e-9)
+    area = {name: integral(tagged, "ds", tag) for name, tag in tagged.facet_names.items()}
+    # Rings' faces are inside, open faces and named ones on the surface; the foot moved by 0.1 mm.
+    joint = integral(tagged, "dS", tagged.facet_tag("joint_lower"))
+    assert joint == pytest.approx(sum(found[r] for r in rings) / (0.5 * MM), rel=1e-9)
+    assert area["joint_lower"] == area["joint_upper"] == 0
+    assert area["bed_to_column"] == pytest.approx(area["column_to_bed"], rel=1e-9)
+    holes = 4 * np.pi * 36 * MM2
+    assert area["bed_to_column"] + joint == pytest.approx(80 * 60 * MM2 - holes, rel=1e-2)
+    assert area["ground"] == pytest.approx(100 * 60 * MM2 - holes, rel=1e-2)
+    assert area["sides"] == pytest.approx(60 * (20 + 15) * MM2, rel=1e-9)
+    top = COMM.allreduce(float(tagged.mesh.geometry.x[:, 2].max()), op=MPI.MAX)
+    assert top == pytest.approx(35.5 * MM, rel=1e-12)
+
+
+def test_unit_of_the_file(tmp_path):
+    """The same numbers in metres are a thousand times as large; a caller's gmsh stays as it is."""
+    import gmsh
+
+    path = write_step(tmp_path / "a.step", flanges())
+    text = path.read_text(encoding="utf-8")
+    text = text.replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT($,.METRE.)")
+    (tmp_path / "metres.step").write_text(text, encoding="utf-8")
+    size = {"element_size": 40.0, "r_wai": 11.0, "circle": 6, "layer": 0.7, "ring_size": 9.0}
+    tagged = read_step(tmp_path / "metres.step", MPI.COMM_SELF, **size)
+    assert np.ptp(tagged.mesh.geometry.x, axis=0) == pytest.approx([100, 60, 35.7], rel=1e-6)
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.add("mine")
+    read_step(path, MPI.COMM_SELF, **{k: v if k == "circle" else v * MM for k, v in size.items()})
+    assert gmsh.model.getCurrent() == "mine"
+    gmsh.model.occ.importShapes(str(path))
+    assert np.diff(np.reshape(gmsh.model.occ.getBoundingBox(3, 1), (2, 3)), axis=0)[0] == (
+        pytest.approx([100, 60, 20], rel=1e-4))  # fmt: skip
+    gmsh.finalize()
+
+
+@pytest.mark.parallel
+def test_modes_of_the_dumbbell(shared_tmp_path):
+    """Tetrahedra from STEP and the hexahedra of our builder have the same six frequencies."""
+    path = drawn(shared_tmp_path, dumbbell_halves)
+    centres, layer = [(-0.035, 0.0), (0.035, 0.0)], 0.657 * MM
+    cad = read_step(
+        path, COMM, element_size=60 * MM, ring_size=8 * MM, r_wai=20 * MM, layer=layer,
+        circle=CIRCLE, parts={"lower": 1, "upper": 2},
+    )  # fmt: skip
+    hexahedra = dumbbell(
+        COMM, head=(0.16, 0.12, 0.03), neck=(0.12, 0.063, 0.02), rings=centres, r_wai=20 * MM,
+        r_nei=8.75 * MM, holes=True, element_size=0.025,
+    )  # fmt: skip
+    body, rings = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}, ("ring_1", "ring_2")
+    frequencies = []
+    for tagged in (cad, hexahedra):
+        solids = tuple(name for name in tagged.cell_names if name not in rings)
+        ring = transition("rings", rings, E=1513e6, nu=0.201, h=layer, meshed=layer)
+        structure = Structure(tagged, [part("halves", solids, **body), ring], degree=2)
+        frequencies.append(solve_modes(structure, n_modes=12).frequencies_hz)
+    assert np.all(np.array(frequencies)[:, :6] < 1)
+    assert frequencies[0][6:] == pytest.approx(frequencies[1][6:], rel=0.01)
+
+
+def test_turned_bracket(tmp_path):
+    """Contacts of any direction: normal, centres and the wider hole as they were drawn."""
+    path = write_step(tmp_path / "b.step", bracket)
+    tagged = read_step(
+        path, MPI.COMM_SELF, element_size=30 * MM, r_wai=11 * MM, r_nei=6 * MM, circle=8,
+        ring_size=5 * MM, n_layer=2, bolts=[turned(75, 50, 12), turned(45, 45, 12)],
+    )  # fmt: skip
+    normal = turned(0, 0, 1000)
+    for i, place in enumerate(((75, 50, 12), (45, 45, 12)), start=1):
+        ring = measure_ring(tagged, f"ring_{i}")
+        assert np.allclose(ring.normal, normal, atol=1e-9)
+        assert np.allclose(ring.centre, turned(*place) + 0.35 * MM * normal, atol=1e-8)
+        assert np.allclose([ring.thickness, ring.r_nei], [7e-4, 6e-3], rtol=1e-6)
+
+
+def turned(*place):
+    """A place of the drawing in metres after its rotation by 0.7 about (1, 2, -0.5)."""
+    k = np.array([1, 2, -0.5]) / np.linalg.norm([1, 2, -0.5])
+    x = np.array(place) * MM
+    return x * np.cos(0.7) + np.cross(k, x) * np.sin(0.7) + k * (k @ x) * (1 - np.cos(0.7))
+
+
+def test_layer_and_contact(tmp_path):
+    """All that touches as one layer; or two bodies whose faces match, round a collar too."""
+    path = write_step(tmp_path / "s.step", spigot)
+    sizes = {"element_size": 25 * MM, "circle": 8}
+    parts = {"lower": 1, "upper": 2}
+    layer = read_step(path, MPI.COMM_SELF, joint="layer", layer=1 * MM, parts=parts, **sizes)
+    assert list(layer.cell_names) == ["lower", "upper", "joint"]
+    ring = measure_ring(layer, "joint")
+    assert ring.thickness == pytest.approx(1 * MM, rel=1e-9)
+    flat = np.pi * (50**2 - 20**2 - 3 * 5**2) * MM2
+    assert ring.area == pytest.approx(flat, rel=0.12) and ring.area < flat
+    # The collar's wall is open: no layer, and no common vertices.
+    wall = integral(layer, "ds", layer.facet_tag("lower_to_upper"))
+    assert wall == pytest.approx(2 * np.pi * 20 * 5 * MM2, rel=0.1)
+    assert check_mesh(layer).bodies == 1
+    contact = read_step(path, MPI.COMM_SELF, joint="contact", parts=parts, **sizes)
+    assert check_mesh(contact).bodies == 2
+    assert check_contact(contact, "lower_to_upper", "upper_to_lower").facets > 50
+    area = integral(contact, "ds", contact.facet_tag("lower_to_upper"))
+    assert area == pytest.approx(ring.area + wall, rel=1e-2)
+
+
+def pile(occ):
+    """Three blocks of 80 x 40 x 20 mm on each other, with two holes through all."""
+    for z in (0, 20, 40):
+        block = occ.addBox(0, 0, z, 80, 40, 20)
+        occ.cut([(3, block)], bores(occ, [(20, 20), (60, 20)], z - 1, z + 21, 5))
+
+
+def test_pile_of_parts(tmp_path):
+    """A bolt through three parts has two rings, lifted by those below; one if two are welded."""
+    path = write_step(tmp_path / "pile.step", pile)
+    given = {"parts": {"a": 1, "b": 2, "c": 3}, "r_wai": 12 * MM, "circle": 8, "ring_size": 8 * MM}
+    for bonded, heights in ([], [20.35, 20.35, 41.05, 41.05]), ([("b", "c")], [20.35, 20.35]):
+        tagged = read_step(path, MPI.COMM_SELF, element_size=30 * MM, bonded=bonded, **given)
+        assert tagged.points["bolts"][:, 2] / MM == pytest.approx(heights)
+        assert check_mesh(tagged).bodies == 1
+        assert ("b_to_c" in tagged.facet_names) == (not bonded)
+    assert measure_ring(tagged, "ring_2").upper == ("b",)
+
+
+CASE = """
+[mesh]
+file = "machine.step"
+size = "30 mm"
+layer = "0.7 mm"
+circle = 6
+ring_size = "9 mm"
+[mesh.parts]
+bed = 1
+column = ["60 mm", "30 mm", "30 mm"]
+[mesh.faces]
+ground = ["10 mm", "10 mm", "0 mm"]
+[mesh.bolts]
+r_wai = "11 mm"
+thread = "M12"
+[parts.frame]
+cells = ["bed", "column"]
+E = "150 GPa"
+nu = 0.23
+rho = "7200 kg/m3"
+"""
+RING = """
+[joints.{0}]
+law = "transition"
+cells = "{1}"
+E = "6111 MPa"
+nu = 0.253
+h = "0.72 mm"
+"""
+
+
+def test_case(tmp_path):
+    """A case of a STEP file: its rings with one set of parameters, or each with its own."""
+    write_step(tmp_path / "machine.step", flanges())
+    together = CASE + RING.format("rings", "ring_*")
+    each = CASE + "".join(RING.format(f"ring_{i}", f"ring_{i}") for i in (1, 2, 3, 4))
+    slopes, tagged = [], None
+    for text in (together, each):
+        (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+        structure = build_structure(load_case(tmp_path), MPI.COMM_SELF, tagged=tagged)
+        tagged = structure.tagged
+        modes = solve_modes(structure, n_modes=8)
+        at = [i for i, name in enumerate(structure.parameters) if name.startswith("ring")]
+        by_h = [i for i in at if list(structure.parameters)[i].endswith(".h")]
+        slopes.append((modes.eigenvalues[6:], modes.gradients([6, 7])[:, by_h].sum(axis=1)))
+    assert slopes[0][0] == pytest.approx(slopes[1][0], rel=1e-9)
+    assert slopes[0][1] == pytest.approx(slopes[1][1], rel=1e-5)
+    assert "ground" in tagged.facet_names
+
+
+def test_modes_say_what_was_found(tmp_path, capfd):
+    """The rings and the size of the mesh: a bolt that was not found, or a wrong unit, is seen."""
+    write_step(tmp_path / "machine.step", flanges())
+    text = CASE.replace("[mesh]", "[mesh]\ndegree = 1") + RING.format("rings", "ring_*")
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    result = run_modes(load_case(tmp_path), MPI.COMM_SELF, Mock(), n_modes=7)
+    found = result.json()
+    assert found["size_m"] == pytest.approx([0.1, 0.06, 0.0357], rel=1e-9)
+    assert [ring["name"] for ring in found["rings"]] == [f"ring_{i}" for i in (1, 2, 3, 4)]
+    assert found["rings"][2]["centre_m"] == pytest.approx([0.085, 0.015, 0.02035], abs=1e-9)
+    assert found["rings"][0]["parts"] == ["bed", "column"]
+    console = Console(record=True, width=80, file=io.StringIO())
+    result.show(console)
+    page = result.html()
+    assert '<b id="size">100 x 60.0 x 35.7 mm</b>' in page and '<b id="rings">4</b>' in page
+    said = console.export_text()
+    for what in ("100 x 60.0 x 35.7 mm", "ring_4", "85.0, 45.0, 20.4", "6 to 11", "bed, column"):
+        assert what in said and what in page
+
+
+def test_radius_from_the_database(tmp_path):
+    """M12 at 120 N·m is 50 kN; seed 000's Table 2 has 51.55 mm for plates of 25 mm."""
+    write_step(tmp_path / "machine.step", flanges())
+    text = CASE.replace('r_wai = "11 mm"', 'torque = "120 N*m"\nthickness = "25 mm"')
+    (tmp_path / "case.toml").write_text(text + RING.format("rings", "ring_*"), encoding="utf-8")
+    # Two of these rings do not fit beside each other.
+    with pytest.raises(MeshError, match=r"case.toml: mesh: .*: 30 mm .*, 10[23]\.\d") as told:
+        build_structure(load_case(tmp_path), MPI.COMM_SELF)
+    assert "rings of bolt 1 at (45, 15, 20) mm between 'bed' and 'column'" in str(told.value)
+    (tmp_path / "case.toml").write_text(
+        CASE.replace('r_wai = "11 mm"', 'torque = "9 N*m"'), encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="either r_wai, or thread, torque and thickness"):
+        load_case(tmp_path)
+
+
+def one_box(occ):
+    occ.addBox(0, 0, 0, 10, 10, 10)
+
+
+def overlapping(occ):
+    flanges()(occ)
+    occ.addBox(90, 0, 10, 30, 60, 5)
+
+
+def far_apart(occ):
+    flanges(gap=5)(occ)
+
+
+def with_lone_block(occ):
+    flanges()(occ)
+    occ.addBox(200, 0, 0, 10, 10, 10)
+
+
+def corner(occ):
+    """A block with a foot and a back, each with a bolt of its own, against an L."""
+    block = occ.addBox(0, 0, 0, 60, 60, 60)
+    base, wall = occ.addBox(-10, 0, -10, 70, 60, 10), occ.addBox(-10, 0, 0, 10, 60, 60)
+    angle, _ = occ.fuse([(3, base)], [(3, wall)])
+    drills = [(3, occ.addCylinder(30, 30, -11, 0, 0, 30, 5))]
+    drills += [(3, occ.addCylinder(-11, 30, 40, 30, 0, 0, 5))]
+    occ.cut([(3, block)], drills, removeTool=False)
+    occ.cut(angle, drills)
+
+
+def with_bolts(occ):
+    """A bolt left in each hole, as wide as the bed's."""
+    flanges(upper_radius=7)(occ)
+    for x, y in FLANGE_BOLTS:
+        occ.addCylinder(x, y, 5, 0, 0, 40, 6)
+
+
+def sunk(occ):
+    flanges(gap=-0.1)(occ)
+
+
+AB = {"parts": {"a": 1, "b": 2}}
+FIRST, SECOND = r"bolt 1 at \(45, 15, 20\) mm", r"bolt 2 at \(45, 45, 20\) mm"
+REFUSED = {
+    "one solid": (one_box, {}, "it has one solid, .*expected an assembly of at least two"),
+    "overlap": (
+        overlapping, {"parts": {"bed": 1, "slab": 3}}, r"'bed' and 'slab' overlap by 29\d\d.* mm3"
+    ),
+    "no contact": (far_apart, AB, "no two of 'a', 'b' have flat faces"),
+    "hanging": (
+        with_lone_block, {"parts": {"a": 1, "b": 2, "c": 3}}, "no bolt joins 'a', 'b' with 'c'"
+    ),
+    "wide ring": (
+        flanges(upper=(20, 3, 80, 54)), {"r_wai": 14.9 * MM, **AB},
+        f"ring of {FIRST} between 'a' and 'b', 6 to 14.9 mm, leaves the faces",
+    ),
+    "no hole": (
+        flanges(upper_radius=0), {"parts": {"bed": 1}},
+        r"no bolt: expected holes of 0 to 22 mm .*are: 'bed': 12 mm at \(45, 15, 20\) mm",
+    ),
+    "no hole here": (
+        flanges(), {"bolts": [(0.045, 0.015, 0.02), (0.065, 0.03, 0.02)]},
+        r"bolt 2 at \(65, 30, 20\) mm: .* has no hole there, expected one, or r_nei",
+    ),
+    "out of line": (flanges(shift=0.3), {}, "the axes of its two holes are 0.3 mm apart"),
+    "overlapping rings": (
+        flanges(), {"r_wai": 16 * MM}, f"{FIRST} .*{SECOND} .*overlap: 30 mm apart"
+    ),
+    "narrow": (flanges(), {"r_nei": 4 * MM}, "r_nei is 4 mm, expected at least the hole's .*, 6"),
+    "off": (flanges(), {"bolts": [(0.045, 0.015, 0.03)]}, "bolt 1 at .* is on no two faces that"),
+    "no label": (
+        flanges(), {"parts": {"bed": "Bett"}}, "parts.bed = 'Bett' fits 0 solids.*there are: 1"
+    ),
+    "twice": (
+        flanges(), {"parts": {"a": 1, "b": (0.01, 0.01, 0.01)}}, "parts.a and parts.b are both"
+    ),
+    "no face": (flanges(), {"faces": {"end": (1, 1, 1)}}, "faces.end: no face of a solid is at"),
+    "bonded too": (flanges(), {"bonded": [("a", "b")], **AB}, "no two of 'a', 'b'"),
+    "not there": (flanges(), {"bonded": [("a", "b")]}, "bonded has .*expected two of the parts"),
+    "reserved": (flanges(), {"parts": {"ring_2": 1}}, "parts has the name 'ring_2', which is that"),
+    "reserved face": (
+        flanges(), {"faces": {"joint_upper": (0, 0.03, 0.01)}}, "faces has the name 'joint_upper'"
+    ),
+    "loop": (corner, {}, "cannot be moved 0.7 mm apart along the normal"),
+    "bolts in the file": (
+        with_bolts, {"parts": {"bed": 1, "foot": 2, "stud": 3}},
+        f"'stud' passes through the middle of {FIRST} between 'bed' and 'foot'; expected an empty",
+    ),
+    "far out of line": (flanges(shift=4), {}, "the axes of its two holes are 4 mm apart"),
+    "sunk": (sunk, AB, "no two of 'a', 'b' .*; 'a' and 'b' overlap by 434"),
+    "how far": (far_apart, AB, r"those of 'a' and 'b' are 5 mm apart \(layer says"),
+    "edge": (
+        flanges(), {"faces": {"end": (0, 0, 0.01)}}, r"end: 2 faces of solids meet at \(0, 0, 10\)"
+    ),
+    "micrometres": (flanges(), {"element_size": 4e-5}, "element_size is 0.04 mm, .* about 2.*e.10"),
+    "fine ring": (flanges(), {"ring_size": 1e-6}, "ring_size is 0.001 mm, .* cells; expected at"),
+    "radius": (flanges(), {"r_wai": -1.0}, "r_wai is -1.0, expected the outer radius"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refusals(tmp_path, name):
+    """Each names the solid or the bolt, and what was expected."""
+    draw, given, message = REFUSED[name]
+    path = write_step(tmp_path / "refused.step", draw)
+    with pytest.raises(MeshError, match=message):
+        sizes = {"element_size": 0.04, "r_wai": 11 * MM, "circle": 6, "ring_size": 9 * MM}
+        read_step(path, MPI.COMM_SELF, **(sizes | given))
+
+
+def test_labels(tmp_path):
+    """Accents are spelt out, and labels with slashes or of two solids are told apart."""
+    path = write_step(tmp_path / "a.step", flanges(), ("Größe Éq", "M12/Fuß"))
+    sizes = {"element_size": 0.04, "r_wai": 11 * MM, "circle": 6, "ring_size": 9 * MM}
+    tagged = read_step(path, MPI.COMM_SELF, parts={"foot": "M12/Fuß"}, **sizes)
+    assert list(tagged.cell_names)[:2] == ["Groesse_Eq", "foot"]
+    path = write_step(tmp_path / "b.step", flanges(), ("plate", "plate"))
+    with pytest.raises(MeshError, match="fits 2 solids") as told:
+        read_step(path, MPI.COMM_SELF, parts={"bed": "plate"}, **sizes)
+    # gmsh numbers the instances of all files that it writes.
+    first, second = re.findall(r"/(\d+/plate)'", str(told.value))
+    assert first != second
+    tagged = read_step(path, MPI.COMM_SELF, parts={"top": second}, **sizes)
+    assert list(tagged.cell_names)[:2] == ["plate", "top"]
+
+
+def test_no_step_file(tmp_path):
+    (tmp_path / "a.step").write_text("solid a", encoding="utf-8")
+    for name, message in (("a.step", "not a STEP file"), ("b.step", "no such file")):
+        with pytest.raises(MeshError, match=message):
+            read_step(tmp_path / name, MPI.COMM_SELF, element_size=1.0, r_wai=1.0)
+    (tmp_path / "a.step").write_text("ISO-10303-21;\nHEADER;", encoding="utf-8")
+    with pytest.raises(MeshError, match="a.step: gmsh cannot read it|it has no solid"):
+        read_step(tmp_path / "a.step", MPI.COMM_SELF, element_size=1.0, r_wai=1.0)

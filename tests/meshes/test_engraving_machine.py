@@ -1,0 +1,197 @@
+"""The stand-in for seed 000's engraving machine: its mesh, and what its joints' derivatives say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from fenics_joints._compat import geometry_dofmap
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.meshes import check_mesh, engraving_machine
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.structure.components import Parameter, part, transition
+from fenics_joints.structure.structure import Structure
+
+COMM = MPI.COMM_WORLD
+IRON = {"E": 1.5e11, "nu": 0.23, "rho": 7250.0}
+#: Eight bolts on a small frame.
+SMALL = {
+    "bed": (0.5, 0.8, 0.2), "column": 0.7, "arm": (0.25, 0.2), "wall": 0.022, "flange": 0.025,
+    "gusset": 0.08, "ribs": 1, "bolts": (3, 3), "layer": 0.72e-3, "r_nei": 0.00675,
+    "r_wai": 0.0514, "zone": 0.12, "element_size": 0.2,
+}  # fmt: skip
+E_RING = 6.111e9  # seed 000, Table 11
+
+
+def machine(size=0.2, degree=1, single=True, comm=COMM):
+    """The small frame; a modulus for each ring, or one for all."""
+    tagged = engraving_machine(comm, **SMALL | {"element_size": size})
+    names = [n for n in tagged.cell_names if n.startswith("ring")]
+    groups = {n: (n,) for n in names} if single else {"rings": tuple(names)}
+    joints = [
+        transition(n, cells, E=n, nu=0.253, h="h", meshed=0.72e-3) for n, cells in groups.items()
+    ]
+    parameters = [*(Parameter(n, E_RING, "Pa") for n in groups), Parameter("h", 0.72e-3, "m")]
+    return Structure(tagged, [part("frame", ("bed", "column"), **IRON), *joints], parameters,
+                     degree=degree)  # fmt: skip
+
+
+def volumes_by_hand():
+    """Bed, column and one ring, m3."""
+    (width, length, height), (reach, tall) = SMALL["bed"], SMALL["arm"]
+    t, f, zone = SMALL["wall"], SMALL["flange"], SMALL["zone"]
+    n = SMALL["bolts"][0]
+    holes = 8 * np.pi * SMALL["r_nei"] ** 2 * f
+    # Strips below the plate: two walls and two ribs along; front, rear, two ribs in line with the
+    # column, the one before the flange and one more across.
+    along, across = 4, 6
+    strips = along * t * length + across * t * width - along * across * t**2
+    bed = width * length * f + strips * (height - f) - holes
+    flange = n * zone + (n - 1) * t
+    side = flange - 2 * zone
+    hollow, above = (side - 2 * t) ** 2, SMALL["column"] - f
+    column = (flange**2 - hollow) * f - holes + (side**2 - hollow) * above + hollow * t
+    column += 4 * (n - 1) * zone * t * SMALL["gusset"]
+    column += 2 * side * reach * t + side * t * (tall - 2 * t)
+    column += 2 * t * (reach - t) * (tall - 2 * t)
+    ring = np.pi * (SMALL["r_wai"] ** 2 - SMALL["r_nei"] ** 2) * SMALL["layer"]
+    return bed, column, ring
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_two_castings_joined_by_rings_alone(cell):
+    """Volumes by hand, tags, one body; bed and column share no vertex."""
+    tagged = engraving_machine(COMM, cell=cell, n_layer=2, **SMALL)
+    bed, column, ring = volumes_by_hand()
+    quality = check_mesh(tagged)
+    assert quality.bodies == 1
+    assert cell == "tetrahedron" or quality.scaled_jacobian > 0.6
+    wanted = {"bed": bed, "column": column} | {f"ring_{i}": ring for i in range(1, 9)}
+    assert set(tagged.cell_names) == set(wanted)
+    dx = ufl.Measure("dx", tagged.mesh, subdomain_data=tagged.cell_tags)
+    dS = ufl.Measure("dS", tagged.mesh, subdomain_data=tagged.facet_tags)
+    ds = ufl.Measure("ds", tagged.mesh, subdomain_data=tagged.facet_tags)
+    one, z = fem.Constant(tagged.mesh, 1.0), ufl.SpatialCoordinate(tagged.mesh)[2]
+
+    def total(form):
+        return COMM.allreduce(fem.assemble_scalar(fem.form(form)))
+
+    for name, volume in wanted.items():
+        assert total(one * dx(tagged.cell_tag(name))) == pytest.approx(volume, rel=1e-9)
+    for name, height in (("joint_lower", 0.0), ("joint_upper", SMALL["layer"])):
+        measure = dS(tagged.facet_tag(name))
+        area = total(one * measure)
+        assert area == pytest.approx(8 * ring / SMALL["layer"], rel=1e-9)
+        assert total(z("+") * measure) == pytest.approx(height * area, abs=1e-12)
+    t, (width, length, _) = SMALL["wall"], SMALL["bed"]
+    rims = t * (4 * length + 6 * width) - 24 * t**2
+    assert total(one * ds(tagged.facet_tag("bottom"))) == pytest.approx(rims, rel=1e-9)
+    corners = tagged.mesh.geometry.x[geometry_dofmap(tagged.mesh)]
+    for name, side in (("bed", -1), ("column", 1)):
+        z = corners[tagged.cell_tags.find(tagged.cell_tag(name)), :, 2]
+        assert np.all(side * (z - SMALL["layer"] * (side > 0)) > -1e-12)
+
+
+def test_numbers_run_around_the_flange():
+    """Anticlockwise from the corner of least x and y; each ring is around its own bolt."""
+    tagged = engraving_machine(MPI.COMM_SELF, element_size=0.15)
+    bolts = tagged.points["bolts"]
+    assert bolts.shape == (16, 3) and np.all(bolts[0, :2] == bolts[:, :2].min(axis=0))
+    pitch = np.linalg.norm(np.roll(bolts, -1, axis=0) - bolts, axis=1)
+    assert pitch == pytest.approx(np.full(16, pitch[0]))
+    x, y = bolts[:, 0], bolts[:, 1]
+    area = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
+    assert area == pytest.approx((4 * pitch[0]) ** 2)
+    corners = tagged.mesh.geometry.x[geometry_dofmap(tagged.mesh)]
+    for i, bolt in enumerate(bolts, start=1):
+        ring = corners[tagged.cell_tags.find(tagged.cell_tag(f"ring_{i}"))].reshape(-1, 3)
+        assert np.linalg.norm(ring[:, :2] - bolt[:2], axis=1).max() < 0.0514 * 1.06
+
+
+@pytest.mark.parallel
+def test_bolts_matter_alike_where_the_frame_is_symmetric():
+    """Mirrored bolts alike, all of them together as the one parameter of all rings, six rigid
+    modes; and the slope by their thickness beside central differences."""
+    model, common = machine(), machine(single=False)
+    modes = solve_modes(model, n_modes=11, tolerance=1e-10)
+    assert modes.n_rigid == 6
+    index = range(6, 11)
+    each = modes.gradients(index)[:, :8] * E_RING / modes.eigenvalues[6:11, None]
+    x, y = model.tagged.points["bolts"][:, :2].T
+    mirror = [int(np.argmin((x + a) ** 2 + (y - b) ** 2)) for a, b in zip(x, y, strict=True)]
+    assert sorted(mirror) == list(range(8)) != mirror
+    assert each == pytest.approx(each[:, mirror], rel=1e-5, abs=1e-9)
+    assert np.all(each > 0) and np.all(each.max(axis=1) > 1.5 * each.min(axis=1))
+    together = solve_modes(common, n_modes=11, tolerance=1e-10)
+    assert together.eigenvalues[6:11] == pytest.approx(modes.eigenvalues[6:11], rel=1e-9)
+    slopes = together.gradients(index) / together.eigenvalues[6:11, None]
+    assert each.sum(axis=1) == pytest.approx(slopes[:, 0] * E_RING, rel=1e-5)
+    step, h = 1.02, 0.72e-3
+    low, high = (
+        solve_modes(common, {"h": h * s}, n_modes=11, tolerance=1e-10).eigenvalues[6:11]
+        for s in (1 / step, step)
+    )
+    assert slopes[:, 1] * h == pytest.approx(np.log(high / low) / np.log(step**2), rel=2e-3)
+
+
+def test_more_freedom_lowers_every_mode():
+    """Quadratic cells hold the linear ones' motions, so frequencies fall (Rayleigh-Ritz)."""
+    linear, quadratic = (
+        solve_modes(machine(degree=d, single=False, comm=MPI.COMM_SELF), n_modes=11) for d in (1, 2)
+    )
+    fall = 1 - (quadratic.frequencies_hz / np.maximum(linear.frequencies_hz, 1e-9))[6:]
+    assert quadratic.n_rigid == 6 and np.all(fall > 0.02)
+    assert quadratic.model.total_mass() == pytest.approx(linear.model.total_mass(), rel=1e-12)
+
+
+def test_case_names_each_ring(tmp_path):
+    """A case frees the modulus of one ring; a ring that is not there is named."""
+    text = """
+        mesh = { builder = "engraving_machine", bolts = [3, 3], bed = ["500 mm", "800 mm",
+                 "200 mm"], column = "700 mm", arm = ["250 mm", "200 mm"], element_size = "200 mm",
+                 degree = 1 }
+        [parts.frame]
+        cells = ["bed", "column"]
+        E = "150 GPa"
+        nu = 0.23
+        rho = 7250
+        [joints]
+    """.replace("\n                 ", " ")
+    law = 'law = "transition", E = "6111 MPa", nu = 0.253, h = "0.72 mm"'
+    rings = "\n".join(f'ring_{i} = {{ cells = "ring_{i}", {law} }}' for i in range(1, 9))
+    (tmp_path / "case.toml").write_text(text + rings)
+    model = build_structure(load_case(tmp_path), MPI.COMM_SELF)
+    moduli = [n for n in model.parameters if n.startswith("ring") and n.endswith(".E")]
+    assert moduli == [f"ring_{i}.E" for i in range(1, 9)]
+    volumes = dict(zip((r.name for r in model.regions), model.volumes(), strict=True))
+    ring = np.pi * (0.0514**2 - 0.00675**2) * 0.72e-3
+    assert volumes["ring_5"] == pytest.approx(ring, rel=1e-9)
+    (tmp_path / "case.toml").write_text(text + rings.replace('"ring_8"', '"ring_9"'))
+    with pytest.raises(InputError, match="ring_9"):
+        load_case(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"bed": (0.5, 0.8)}, r"bed is \(0.5, 0.8\), expected 3 lengths"),
+        ({"bed": (0.4, 0.8, 0.2)}, "expected a width of at least 0.448 m"),
+        ({"bed": (0.5, 0.45, 0.2)}, "expected a length above 0.492 m"),
+        ({"arm": (0.1, 0.2)}, "arm is .* beyond the flange"),
+        ({"column": 0.3}, "column is 0.3, expected more than 0.305 m"),
+        ({"bolts": (2, 5)}, "bolts is"),
+        ({"zone": 0.1}, "zone is 0.1, expected at least 0.11"),
+        ({"r_wai": 0.005}, "r_wai is 0.005, expected a radius above r_nei"),
+        ({"ribs": 0}, "ribs is 0"),
+        ({"cell": "prism"}, "cell is 'prism'"),
+    ],
+)
+def test_mistakes_are_named(wrong, said):
+    with pytest.raises(MeshError, match=said):
+        engraving_machine(COMM, **SMALL | wrong)

@@ -1,0 +1,169 @@
+"""Bolts' rings tagged in a user's ``.msh``: found, measured, and refused by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes import layer_thickness, measure_ring, read_msh
+from fenics_joints.modal.modes import solve_modes
+
+COMM = MPI.COMM_WORLD
+CENTRES = [(0.02, 0.02), (0.062, 0.018)]
+R_NEI, R_WAI = 0.006, 0.012
+
+
+def rings_between_plates(path, layers=(0.002, 0.002), turn=0.0, short=None):
+    """Write two plates of 80 x 40 x 10 mm with a ring between at each centre.
+
+    With two thicknesses the upper plate has a step; ``turn`` is about y; the ring ``short`` ends
+    below the upper plate. Groups: lower, upper, ring_1, ring_2; foot.
+    """
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.012)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 12)
+    gmsh.model.add("rings")
+    occ = gmsh.model.occ
+    plates = [[(3, occ.addBox(0, 0, -0.01, 0.08, 0.04, 0.01))]]
+    low = zip((0, 0.04), layers, strict=True)
+    halves = [(3, occ.addBox(x, 0, h, 0.04, 0.04, 0.012 - h)) for x, h in low]
+    plates.append(occ.fuse(halves[:1], halves[1:])[0])
+    rings = []
+    for number, ((x, y), h) in enumerate(zip(CENTRES, layers, strict=True), start=1):
+        h *= 0.5 if number == short else 1
+        full, hole = (occ.addCylinder(x, y, 0, 0, 0, h, r) for r in (R_WAI, R_NEI))
+        rings.append(occ.cut([(3, full)], [(3, hole)])[0])
+    solids = [*plates, *rings]
+    _, found = occ.fragment(solids[0], [s for group in solids[1:] for s in group])
+    occ.rotate(occ.getEntities(3), 0, 0, 0, 0, 1, 0, turn)
+    occ.synchronize()
+    names = ["lower", "upper", "ring_1", "ring_2"]
+    for number, (name, part) in enumerate(zip(names, found, strict=True), start=1):
+        gmsh.model.addPhysicalGroup(3, [tag for _, tag in part], number, name)
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(path))
+    gmsh.finalize()
+    return path
+
+
+def turned(x, y, z, turn):
+    return np.array([x * np.cos(turn) + z * np.sin(turn), y, z * np.cos(turn) - x * np.sin(turn)])
+
+
+@pytest.mark.parallel
+def test_rings_are_found_and_measured(shared_tmp_path):
+    """Centres, radii, thickness, normal and parts as drawn, in a turned mesh on any ranks."""
+    path, turn = shared_tmp_path / "rings.msh", 0.4
+    if COMM.rank == 0:
+        rings_between_plates(path, turn=turn)
+    COMM.barrier()
+    tagged = read_msh(path, COMM)
+    for number, (x, y) in enumerate(CENTRES, start=1):
+        ring = measure_ring(tagged, f"ring_{number}")
+        centre = turned(x, y, 0.001, turn)
+        assert np.allclose([ring.centre, tagged.points["bolts"][number - 1]], centre, atol=1e-8)
+        sizes = ring.r_nei, ring.r_wai, ring.thickness
+        assert np.allclose(sizes, [R_NEI, R_WAI, 2e-3], rtol=1e-6)
+        assert np.allclose(ring.normal, turned(0, 0, 1, turn), atol=1e-9)
+        assert (ring.lower, ring.upper) == (("lower",), ("upper",))
+        annulus = np.pi * (R_WAI**2 - R_NEI**2)
+        assert 0.9 * annulus < ring.area < annulus
+    thickness = layer_thickness(tagged, ["ring_1", "ring_2"], turned(0, 0, 5, turn))
+    assert thickness == pytest.approx(2e-3, rel=1e-9)
+
+
+CASE = """
+[mesh]
+file = "rings.msh"
+degree = 1
+[parts.plates]
+cells = ["lower", "upper"]
+E = "150 GPa"
+nu = 0.23
+rho = "7200 kg/m3"
+"""
+JOINT = """
+[joints.{0}]
+law = "transition"
+cells = {1}
+E = "6111 MPa"
+nu = 0.253
+h = "{2} mm"
+normal = {3}
+"""
+
+
+def structure(folder, *joints):
+    """The structure of a case with joints (name, cells, h in mm, normal)."""
+    text = CASE + "".join(JOINT.format(*joint) for joint in joints)
+    (folder / "case.toml").write_text(text, encoding="utf-8")
+    return build_structure(load_case(folder), MPI.COMM_SELF)
+
+
+def test_rings_of_two_thicknesses(tmp_path):
+    """One joint for both is refused; a joint for each has the thickness of its own ring.
+
+    At h as meshed a joint is what it is in the mesh: the same as with ``meshed`` given.
+    """
+    rings_between_plates(tmp_path / "rings.msh", layers=(0.002, 0.003))
+    z = "[0, 0, 1]"
+    with pytest.raises(MeshError, match="joints.rings: ring_2 is 3 mm thick, ring_1 2 mm"):
+        structure(tmp_path, ("rings", '"ring_*"', 2, z))
+    own = structure(tmp_path, ("a", '"ring_1"', 2, z), ("b", '"ring_2"', 3, z))
+    given = structure(
+        tmp_path, ("a", '"ring_1"', 2, z + "\nmeshed = 0.002"),
+        ("b", '"ring_2"', 3, z + "\nmeshed = 0.003"),
+    )  # fmt: skip
+    frequencies = [solve_modes(s, n_modes=9).frequencies_hz[6:] for s in (own, given)]
+    assert frequencies[0] == pytest.approx(frequencies[1], rel=1e-8)
+    meshed = [region.properties["meshed"] for region in own.regions if region.is_joint]
+    assert meshed == pytest.approx([2e-3, 3e-3], rel=1e-9)
+
+
+def test_other_normals_are_refused(tmp_path):
+    """Also where no thickness is measured: a given one, and the law of a thin layer."""
+    rings_between_plates(tmp_path / "rings.msh", turn=0.2)
+    told = r"joints.rings: ring_1: it is flat along \(0.199, 0, 0.98\), .*not \(0, 0, 1\)"
+    with pytest.raises(MeshError, match=told):
+        structure(tmp_path, ("rings", '"ring_*"', 2, "[0, 0, 1]\nmeshed = 0.002"))
+    text = (tmp_path / "case.toml").read_text(encoding="utf-8")
+    thin = text.replace("meshed = 0.002", "").replace('h = "2 mm"', "")
+    thin = thin.replace('"transition"', '"uncoupled"').replace("nu = 0.253", 'G = "2 GPa"')
+    thin = thin.replace('"ring_*"', '["ring_1", "ring_2"]')
+    (tmp_path / "case.toml").write_text(thin, encoding="utf-8")
+    with pytest.raises(MeshError, match=told):
+        build_structure(load_case(tmp_path), MPI.COMM_SELF)
+    right = thin.replace("normal = [0, 0, 1]", "normal = [0.198669331, 0, 0.980066578]")
+    (tmp_path / "case.toml").write_text(right, encoding="utf-8")
+    assert len(build_structure(load_case(tmp_path), MPI.COMM_SELF).regions) == 2
+
+
+def test_millimetres_without_a_scale_are_refused(tmp_path):
+    rings_between_plates(tmp_path / "rings.msh")
+    with pytest.raises(MeshError, match="rings: its layer is 2 mm thick .* h is 0.002 mm; .*scale"):
+        structure(tmp_path, ("rings", '"ring_*"', 0.002, "[0, 0, 1]"))
+
+
+@pytest.mark.parametrize(
+    "drawn, cells, normal, message",
+    [
+        ({"turn": 0.2}, '"ring_*"', "[0, 0, 1]",
+         r"joints.rings: ring_1: its face towards .* is 11.5 degrees off the normal \(0, 0, 1\)"),
+        ({}, '"ring_*"', "[1, 0, 0]", "ring_1: its face towards .* is 90 degrees off the normal"),
+        ({"short": 2}, '"ring_*"', "[0, 0, 1]", "ring_2: it touches lower on one side only"),
+        ({}, '["ring_1", "ring_3"]', "[0, 0, 1]", "joints.rings.cells = 'ring_3': is not in the"),
+        ({}, '"bolt_*"', "[0, 0, 1]", r"joints.rings.cells = 'bolt_\*': is not in the mesh"),
+    ],
+)  # fmt: skip
+def test_refusals(tmp_path, drawn, cells, normal, message):
+    """Each names the ring and what was expected."""
+    rings_between_plates(tmp_path / "rings.msh", **drawn)
+    with pytest.raises(MeshError, match=message):
+        structure(tmp_path, ("rings", cells, 2, normal))

@@ -1,0 +1,565 @@
+"""Preload contact against closed forms: patch test, Hertz, receding contact, Lamé, friction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from mpi4py import MPI
+
+from fenics_joints.errors import ConvergenceError, InputError, MeshError
+from fenics_joints.meshes import graded_lines, stacked_blocks
+from fenics_joints.preload import (
+    OPEN,
+    SLIP,
+    STICK,
+    Contact,
+    PreloadModel,
+    PreloadSolver,
+    Traction,
+    WasherForce,
+    solve_preload,
+)
+from fenics_joints.structure.components import Spring, Support, part
+from fenics_joints.structure.structure import Structure
+
+COMM = MPI.COMM_WORLD
+STEEL = {"E": 200e9, "nu": 0.3, "rho": 7800.0}
+
+
+def faces(**options) -> Contact:
+    """The contact of stacked blocks."""
+    return Contact("c", "interface_lower", "interface_upper", **options)
+
+
+def both(**properties):
+    return [part("both", ("lower", "upper"), **STEEL | properties)]
+
+
+# -- patch test ------------------------------------------------------------------------------------
+
+
+def distorted_blocks(cell: str):
+    """Two unequal stacks whose plan, the same for both, has no two equal cells."""
+    x = np.array([0.0, 0.2, 0.55, 0.7, 1.0])
+    y = np.array([0.0, 0.4, 0.65, 1.0])
+    z = np.array([-1.3, -0.5, 0.0])
+    flat = cell in ("quadrilateral", "triangle")
+    tagged = stacked_blocks(
+        COMM, lower=(x + 0.5, z) if flat else (x, y, z), upper=(0.0, 0.3, 0.9), cell=cell
+    )
+    if not flat:
+        p = tagged.mesh.geometry.x
+        bump = p[:, 0] * (1 - p[:, 0]) * p[:, 1] * (1 - p[:, 1])
+        p[:, :2] += np.column_stack([1.1 * bump, -0.9 * bump])
+    return tagged
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    "cell", [
+        pytest.param("quadrilateral", marks=pytest.mark.parallel), "triangle", "hexahedron",
+        pytest.param("tetrahedron", marks=pytest.mark.parallel), "round quadrilateral",
+        "round triangle",
+    ],
+)  # fmt: skip
+def test_patch(cell, degree):
+    """Evenly pressed faces carry the same pressure at every vertex, whatever the mesh."""
+    axisymmetric = cell.startswith("round")
+    tagged = distorted_blocks(cell.removeprefix("round "))
+    structure = Structure(tagged, both(), degree=degree, axisymmetric=axisymmetric)
+    area = np.pi * (1.5**2 - 0.5**2) if axisymmetric else 1.0
+    for method, friction in (("semismooth", 0.0), ("vi", 0.0), ("semismooth", 0.3)):
+        bolt = WasherForce("bolt", "bottom", "top", 1e5)
+        solver = PreloadSolver(PreloadModel(structure, [faces(friction=friction)], [bolt]),
+                               method=method)  # fmt: skip
+        state = solver.solve()["c"]
+        assert np.allclose(state.pressure, 1e5 / area, rtol=1e-8)
+        assert np.allclose(state.facet_pressure, 1e5 / area, rtol=1e-8)
+        assert abs(state.facet_area.sum() - area) < 1e-12 * area
+        assert abs(state.normal_force - 1e5) < 1e-3
+        assert np.all(state.status == (STICK if friction else SLIP))
+        solver.destroy()
+
+
+# -- Hertz -----------------------------------------------------------------------------------------
+
+
+def hertz(kind: str, per_a: float, method: str | None = None, size: float = 25.0):
+    """Peak pressure and half-width of a cylinder or sphere on a block, over Hertz's.
+
+    Half or quarter of two equal blocks, one of which is round by its gap r^2 / 2R; ``per_a``
+    elements along the half-width a.
+    """
+    R, a = 0.1, 1e-3
+    E_star = 0.5 * STEEL["E"] / (1 - STEEL["nu"] ** 2)
+    if kind == "line":
+        force, peak = np.pi * E_star * a**2 / (4 * R), E_star * a / (2 * R)
+        force /= 2  # half of it
+    else:
+        force, peak = 4 * E_star * a**3 / (3 * R), 2 * E_star * a / (np.pi * R)
+        force /= 4 if kind == "space" else 1
+    h = a / per_a
+    coarse = 2 if kind == "space" else 1
+    x = graded_lines([0.0, 1.2 * a, size * a], [h, h, coarse * size * a / 4])
+    z = graded_lines([0.0, a, size * a], [h, 2 * coarse * h, coarse * size * a / 4])
+    plan = (x, x) if kind == "space" else (x,)
+    tagged = stacked_blocks(COMM, lower=(*plan, -z[::-1]), upper=z)
+    held = [Support("left", (0,)), Support("bottom", (len(plan),))]
+    held += [Support("front", (1,))] if kind == "space" else []
+    structure = Structure(tagged, both(), supports=held, degree=1, axisymmetric=kind == "round")
+
+    def gap(x):
+        return (x[:, : len(plan)] ** 2).sum(axis=1) / (2 * R)
+
+    load = Traction("load", "top", (0.0,) * len(plan) + (-force,))
+    result = solve_preload(PreloadModel(structure, [faces(gap=gap)], (), [load]), method=method)
+    state = result["c"]
+    # Hertz's p^2 is linear in r^2: the half-width is where a fit through the inner part vanishes.
+    r2 = (state.interface.points[:, : len(plan)] ** 2).sum(axis=1)
+    inner = state.pressure > 0.3 * state.pressure.max()
+    slope, top = np.polyfit(r2[inner], state.pressure[inner] ** 2, 1)
+    assert result.complementarity < 1e-8
+    assert abs(state.normal_force / force - 1) < 1e-8
+    return state.pressure.max() / peak, np.sqrt(-top / slope) / a, result
+
+
+def slope_of(errors, sizes) -> float:
+    return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+
+
+def test_hertz_line():
+    """Peak and half-width of a cylinder: within 2 %, errors falling at least linearly."""
+    sizes = [4, 8, 16, 32]
+    found = np.array([hertz("line", n)[:2] for n in sizes])
+    errors = np.abs(found - 1)
+    assert np.all(errors[1:] < 0.02)
+    assert np.all(errors[-1] < 2e-3)
+    assert slope_of(errors[:, 1], sizes) < -1
+
+
+def test_hertz_sphere():
+    """The same of a sphere as a body of revolution, and coarse in space."""
+    sizes = [4, 8, 16]
+    found = np.array([hertz("round", n)[:2] for n in sizes])
+    errors = np.abs(found - 1)
+    assert np.all(errors[-1] < 0.01)
+    assert slope_of(errors[:, 0], sizes) < -1
+    peak, width, _ = hertz("space", 5, size=6.0)
+    assert abs(peak - 1) < 0.02
+    assert abs(width - 1) < 0.02
+
+
+# -- receding contact ------------------------------------------------------------------------------
+
+
+def discs(n: int, friction: float = 0.0, lower=STEEL):
+    """Half sections of two free discs, pressed together by rings near their hole."""
+    inner, ring, outer, thickness = 0.00675, 0.012, 0.08, 0.02
+    r = np.concatenate([np.linspace(inner, ring, n + 1), np.linspace(ring, 0.04, 4 * n + 1)[1:],
+                        np.geomspace(0.04, outer, 2 * n + 1)[1:]])  # fmt: skip
+    z = np.linspace(0, thickness, 3 * n + 1)
+    tagged = stacked_blocks(COMM, lower=(r, -z[::-1]), upper=z)
+    parts = [part("low", "lower", **lower), part("up", "upper", **STEEL)]
+    structure = Structure(tagged, parts, degree=1, axisymmetric=True)
+
+    def under(x):
+        return 1.0 * (x[:, 0] <= ring + 1e-9)
+
+    loads = [Traction("low", "bottom", (0.0, 1.0), under),
+             Traction("up", "top", (0.0, -1.0), under)]  # fmt: skip
+    return PreloadModel(structure, [faces(friction=friction)], (), loads)
+
+
+@pytest.mark.smoke
+@pytest.mark.parametrize("friction", [0.0, 0.1])
+def test_receding_contact(friction):
+    """The patch is the same at all forces and its pressure in proportion; it ends within."""
+    model = discs(4, friction, STEEL | {"E": 70e9})
+    small, large = (
+        solve_preload(model, {"low": force, "up": force})["c"] for force in (1e2, 2.5e4)
+    )
+    assert 0 < np.sum(small.status == OPEN) < len(small.status)
+    assert np.array_equal(small.status, large.status)
+    assert np.allclose(250 * small.force, large.force, rtol=0, atol=1e-8 * large.force.max())
+    assert abs(small.radius(1e4) / large.radius(2.5e6) - 1) < 1e-9
+    if friction:
+        assert {SLIP, STICK} <= set(small.status.tolist())
+
+
+@pytest.mark.parametrize("method", ["semismooth", "vi"])
+def test_iterations(method):
+    """From coarse to fine the iterations stay below 25, and both methods stop at exact contact."""
+    for n in (2, 4, 8, 16):
+        solver = PreloadSolver(discs(n), method=method)
+        result = solver.solve({"low": 2.5e4, "up": 2.5e4})
+        assert 1 < result.iterations < 25
+        assert result.complementarity < 1e-8
+        assert hertz("round", 2 * n, method)[2].iterations < 25
+
+
+@pytest.mark.smoke
+def test_methods_agree():
+    """The variational inequality is the semismooth result; penalty nears it with its stiffness."""
+    model = discs(3)
+    exact = solve_preload(model)["c"]
+    bounded = solve_preload(model, method="vi")["c"]
+    top = exact.pressure.max()
+    assert np.array_equal(exact.status, bounded.status)
+    assert np.allclose(exact.force, bounded.force, rtol=0, atol=1e-9 * exact.force.max())
+    stiffness = np.array([4e14, 16e14, 64e14])
+    errors = [
+        np.abs(solve_preload(model, method="penalty", penalty=k)["c"].pressure - exact.pressure)
+        for k in stiffness
+    ]
+    errors = np.array([e.max() for e in errors]) / top
+    assert errors[-1] < 1e-3
+    assert abs(slope_of(errors, stiffness) + 1) < 0.1
+
+
+# -- interference fit ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_interference_fit(degree):
+    """A ring shrunk on another, of another material: the pressure is Lamé's in plane stress."""
+    a, b, c, length, delta = 0.02, 0.03, 0.045, 0.01, 20e-6
+    errors = []
+    for n in (4, 8):
+        s = np.linspace(0, length, 3)
+        tagged = stacked_blocks(
+            COMM, lower=(s, np.linspace(a - b, 0, n + 1)), upper=np.linspace(0, c - b, n + 1)
+        )
+        # Blocks on one another turned by a quarter: rings around one another.
+        x = tagged.mesh.geometry.x
+        x[:, :2] = np.column_stack([b + x[:, 1], -x[:, 0]])
+        parts = [part("in", "lower", E=100e9, nu=0.3, rho=1.0),
+                 part("out", "upper", E=200e9, nu=0.25, rho=1.0)]  # fmt: skip
+        structure = Structure(tagged, parts, degree=degree, axisymmetric=True)
+        result = solve_preload(PreloadModel(structure, [faces(gap=-delta)]))
+        out = ((c**2 + b**2) / (c**2 - b**2) + 0.25) / 200e9
+        inside = ((b**2 + a**2) / (b**2 - a**2) - 0.3) / 100e9
+        errors.append(np.abs(result["c"].pressure * b * (out + inside) / delta - 1).max())
+        assert result.complementarity < 1e-8
+    assert errors[1] < (2e-3 if degree == 1 else 2e-5)
+    assert errors[1] < errors[0] / 3.5
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_shrunk_quarter_ring(swapped):
+    """In plane strain, on a polygon: the pressure is even up to the ends that symmetry holds."""
+    a, b, c, delta = 0.02, 0.03, 0.045, 20e-6
+    names = ["interface_lower", "interface_upper"]
+    contact = Contact("c", *(names[::-1] if swapped else names), gap=-delta, friction=0.1)
+    inner, outer = (100e9, 0.3), (200e9, 0.25)
+    E1, E2 = (E / (1 - nu**2) for E, nu in (inner, outer))
+    inside = ((b**2 + a**2) / (b**2 - a**2) - 0.3 / 0.7) / E1
+    out = ((c**2 + b**2) / (c**2 - b**2) + 0.25 / 0.75) / E2
+    errors = []
+    for n in (4, 8):
+        tagged = stacked_blocks(
+            COMM, lower=(np.linspace(0, np.pi / 2, 2 * n + 1), np.linspace(a - b, 0, n + 1)),
+            upper=np.linspace(0, c - b, n + 1),
+        )  # fmt: skip
+        x = tagged.mesh.geometry.x
+        radius, angle = b + x[:, 1], np.pi / 2 - x[:, 0]
+        x[:, :2] = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+        parts = [part(name, name, E=E, nu=nu, rho=1.0)
+                 for name, (E, nu) in (("lower", inner), ("upper", outer))]  # fmt: skip
+        held = [Support("left", (0,)), Support("right", (1,))]
+        structure = Structure(tagged, parts, supports=held, degree=1)
+        pressure = solve_preload(PreloadModel(structure, [contact]))["c"].pressure
+        assert np.ptp(pressure) < 1e-6 * pressure.max()
+        errors.append(abs(pressure.mean() * b * (inside + out) / delta - 1))
+    assert errors[1] < 5e-4
+    assert errors[1] < errors[0] / 3.5
+
+
+# -- friction --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parallel
+def test_block_on_springs():
+    """Stick, slip, unloading and a turn of the push of a pressed block, held by weak springs.
+
+    Once it slips the springs carry what Coulomb's limit does not: Jenkins' element.
+    """
+    N, mu, k = 1e4, 0.4, 1e6
+    x = np.array([0.0, 0.04, 0.06, 0.1])
+    tagged = stacked_blocks(COMM, lower=(x, x, (-0.02, 0.0)), upper=(0.0, 0.005))
+    at = (0.05, 0.05, 0.005)
+    springs = [Spring("x", k, at, (1.0, 0.0, 0.0)), Spring("y", k, at, (0.0, 1.0, 0.0))]
+    structure = Structure(tagged, both(), springs=springs, supports=[Support("bottom")], degree=1)
+    loads = [Traction("down", "top", (0.0, 0.0, -N))]
+    loads += [Traction(n, "top", d) for n, d in (("x", (1.0, 0, 0)), ("y", (0, 1.0, 0)))]
+    solver = PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
+    limit = mu * N
+    steps = [  # push along x and y, and the motion that the springs allow
+        (0.8 * limit, 0.0, 0.0, 0.0),
+        (1.5 * limit, 0.0, 0.5 * limit / k, 0.0),
+        (0.0, 0.0, 0.5 * limit / k, 0.0),  # stuck where it is
+        (-1.5 * limit, 0.0, -0.5 * limit / k, 0.0),
+        (-1.5 * limit, 0.6 * limit, None, None),
+    ]
+    result = before = None
+    for push_x, push_y, move_x, move_y in steps:
+        before, result = result, solver.solve({"x": push_x, "y": push_y}, initial=result)
+        state = result["c"]
+        friction = -state.resultant[:2]
+        sides = np.abs(state.force[:, 1:])
+        assert abs(state.normal_force / N - 1) < 1e-9
+        assert np.all(np.linalg.norm(sides, axis=1) <= mu * state.force[:, 0] + 1e-9 * limit)
+        if move_x is not None:
+            found = (np.array([push_x, push_y]) - friction) / k
+            assert np.allclose(found, (move_x, move_y), atol=2e-2 * limit / k)
+            slipping = abs(push_x) > limit
+            assert np.all(state.status == (SLIP if slipping else STICK))
+            if slipping:
+                assert abs(np.linalg.norm(friction) / limit - 1) < 1e-7
+    # The last: slip along the change of the springs' load.
+    moved = state.slip - before["c"].slip
+    slip = np.einsum("nk,nki->ni", moved, state.interface.frames[:, 1:])
+    assert slip[:, 1].min() > 0
+
+
+def bar(n: int, t: float):
+    """A bar of thickness t, pressed on a rigid base and pulled at its end."""
+    length, p, mu = 0.2, 1e5, 0.3
+    tagged = stacked_blocks(
+        COMM, lower=(np.append(np.linspace(0, length, n + 1), 0.3), (-0.05, 0.0)),
+        upper=(0.0, t), upper_span=(0.0, length),
+    )  # fmt: skip
+    parts = [part("base", "lower", E=1e15, nu=0.0, rho=1.0),
+             part("bar", "upper", E=70e9, nu=0.0, rho=1.0)]  # fmt: skip
+    structure = Structure(tagged, parts, supports=[Support("bottom")], degree=1)
+
+    def end(x):
+        return 1.0 * (x[:, 0] < length + 1e-9)
+
+    loads = [Traction("press", "top", (0.0, -p * length)),
+             Traction("pull", "right", (1.0, 0.0), end)]  # fmt: skip
+    solver = PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
+    return solver, mu * p, 70e9 * t, length
+
+
+def pulled(solver, force, before=None):
+    """Result of a pull, and how far the bar's end went."""
+    result = solver.solve({"pull": force}, initial=before)
+    state = result["c"]
+    end = np.argmax(state.interface.points[:, 0])
+    return result, state.slip[end, 0] * state.interface.frames[end, 1, 0]
+
+
+def test_slip_of_a_bar():
+    """Slip length F/(mu p), elongation F^2/(2 E A mu p), and Masing's unloading and reloading.
+
+    Those are of a bar without thickness: the error is in proportion to it. Slip ends at a vertex.
+    """
+    errors, thickness = [], np.array([2e-3, 1e-3, 5e-4])
+    for t in thickness:
+        solver, tau, stiffness, length = bar(40, t)
+        F = 0.6 * tau * length
+        full = F**2 / (2 * stiffness * tau)
+        result, moved = pulled(solver, F)
+        errors.append(abs(moved / full - 1))
+        state = result["c"]
+        slipping = state.interface.areas[state.status == SLIP].sum()
+        assert abs(slipping - F / tau) < length / 40
+    assert errors[-1] < 2e-3
+    assert abs(slope_of(errors, thickness) - 1) < 0.05
+    result, moved = pulled(solver, 0.2 * F, result)
+    assert abs(moved / (full - 2 * full * (0.8 / 2) ** 2) - 1) < 5e-3
+    result, moved = pulled(solver, F, result)
+    assert abs(moved / full - 1) < 5e-3
+
+
+def pushed_block(mu: float, share: float, comm=COMM):
+    """A block of steel on one of aluminium, pushed sideways with a share of Coulomb's limit."""
+    x, z = np.linspace(0, 0.1, 7), np.linspace(0, 0.05, 4)
+    tagged = stacked_blocks(comm, lower=(x, x, -z[::-1]), upper=z)
+    parts = [part("low", "lower", **STEEL | {"E": 70e9}), part("up", "upper", **STEEL)]
+    structure = Structure(tagged, parts, supports=[Support("bottom")], degree=1)
+
+    def uneven(x):
+        return 1 + 20 * x[:, 0]
+
+    side = share * mu * 1e4
+    loads = [Traction("down", "top", (0.0, 0.0, -1e4)),
+             Traction("side", "top", (0.6 * side, 0.8 * side, 0.0), uneven)]  # fmt: skip
+    return PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
+
+
+@pytest.mark.parametrize("mu, share", [(0.1, 0.9), (0.3, 0.9), (1.0, 0.5)])
+def test_hard_friction(mu, share):
+    """Strong and weak friction in space, near the limit of sliding, obeys Coulomb exactly."""
+    result, side = pushed_block(mu, share).solve(), share * mu * 1e4
+    state = result["c"]
+    assert result.iterations < 25
+    assert np.allclose(state.resultant, (-0.6 * side, -0.8 * side, 1e4), atol=1e-5)
+    size, limit = np.linalg.norm(state.force[:, 1:], axis=1), mu * state.force[:, 0]
+    slips, sticks = state.status == SLIP, state.status == STICK
+    assert slips.any() and sticks.any()
+    assert np.all(size[sticks] < limit[sticks])
+    assert np.allclose(size[slips], limit[slips], atol=1e-6)
+    # Against the slip, and no slip where it sticks.
+    work = np.sum(state.force[:, 1:] * state.slip, axis=1)
+    far = np.linalg.norm(state.slip, axis=1)
+    assert np.allclose(work[slips], -(size * far)[slips], rtol=1e-6, atol=1e-12)
+    assert far[sticks].max() < 1e-9 * far[slips].max()
+
+
+@pytest.mark.parallel
+def test_ranks_agree():
+    """Several ranks find the pressures of one, in as many iterations."""
+    shared, alone = (pushed_block(0.3, 0.9, comm).solve() for comm in (COMM, MPI.COMM_SELF))
+    assert shared.iterations == alone.iterations
+    sorted_forces = []
+    for result in (shared, alone):
+        state = result["c"]
+        order = np.lexsort(np.round(state.interface.points.T, 9))
+        sorted_forces.append(state.force[order])
+    assert np.allclose(*sorted_forces, rtol=0, atol=1e-10 * 1e4)
+
+
+def test_cattaneo_mindlin():
+    """A pressed cylinder, then pushed: stick within c = a sqrt(1 - Q / mu P), q by Mindlin.
+
+    Johnson, Contact Mechanics, 1985, eqs. 7.24 to 7.28. Pressed and pushed in two steps; pushed
+    back to the opposite force the tractions are the opposite ones.
+    """
+    R, a, mu, share, size = 0.1, 1e-3, 0.3, 0.6, 100.0
+    E_star = 0.5 * STEEL["E"] / (1 - STEEL["nu"] ** 2)
+    P, peak = np.pi * E_star * a**2 / (4 * R), E_star * a / (2 * R)
+    h, Q = a / 12, share * mu * P
+    x = graded_lines([0.0, 1.2 * a, size * a], [h, h, size * a / 4])
+    z = graded_lines([0.0, a, size * a], [h, 2 * h, size * a / 4])
+    tagged = stacked_blocks(COMM, lower=(np.concatenate([-x[:0:-1], x]), -z[::-1]), upper=z)
+    structure = Structure(tagged, both(), supports=[Support("bottom")], degree=1)
+    # Forces up on one half and down on the other take up the moment of the push.
+    couple = Q * size * a / (size * a)
+    loads = [
+        Traction("down", "top", (0.0, -P)), Traction("push", "top", (Q, 0.0)),
+        Traction("up", "top", (0.0, couple), lambda x: 1.0 * (x[:, 0] > 0)),
+        Traction("back", "top", (0.0, -couple), lambda x: 1.0 * (x[:, 0] < 0)),
+    ]  # fmt: skip
+    contact = faces(friction=mu, gap=lambda x: x[:, 0] ** 2 / (2 * R))
+    solver = PreloadSolver(PreloadModel(structure, [contact], (), loads))
+    result, c = None, a * np.sqrt(1 - share)
+    for factor in (0.0, 1.0, 0.0, -1.0):
+        result = solver.solve(dict.fromkeys(("push", "up", "back"), factor), initial=result)
+        assert result.iterations < 25
+        if factor == 0.0:
+            continue
+        state = result["c"]
+        at = state.interface.points[:, 0]
+        whole, inner = (np.sqrt(np.maximum(1 - (at / s) ** 2, 0.0)) for s in (a, c))
+        q = factor * mu * peak * (whole - c / a * inner)
+        found = -state.traction[:, 0] * state.interface.frames[:, 1, 0]
+        assert np.abs(found - q).max() < 0.05 * mu * peak
+        if factor == 1.0:
+            assert abs(np.abs(at[state.status == STICK]).max() - c) < 1.5 * h
+
+
+# -- free bodies and bad input ---------------------------------------------------------------------
+
+
+def free_blocks(friction: float, loads, **mesh):
+    x, z = np.linspace(0, 1, 3), np.linspace(0, 0.5, 3)
+    tagged = stacked_blocks(COMM, **{"lower": (x, x, -z[::-1]), "upper": z} | mesh)
+    bolt = WasherForce("bolt", "bottom", "top", 1e5)
+    structure = Structure(tagged, both(), degree=1)
+    return PreloadModel(structure, [faces(friction=friction)], [bolt], loads)
+
+
+@pytest.mark.parallel
+def test_free_bodies():
+    """Nothing holds a free structure: its pins carry no force, and its inertia a lone load."""
+    push = [Traction("push", "top", (0.0, 0.0, -1e3))]
+    solver = PreloadSolver(free_blocks(0.3, push))
+    still, pushed = solver.solve({"push": 0.0}), solver.solve()
+    assert solver.hold.n_whole == 6 and len(solver.hold.pins) == 6
+    for result in (still, pushed):
+        held = solver.model.jumps.gather(result.reactions, solver.hold.pins)
+        assert np.abs(held).max() < 1e-9 * 1e5
+    assert still.balance == 0 and pushed.balance > 1e-3
+    # Half of the mass is below: half of the push goes through the interface.
+    assert abs(pushed["c"].normal_force - (1e5 + 0.5e3)) < 1e-3
+    with pytest.raises(InputError, match="nothing resists"):
+        solve_preload(free_blocks(0.0, [Traction("push", "top", (1e3, 0.0, 0.0))]))
+
+
+@pytest.mark.parametrize("directions", [(0,), (0, 1)])
+def test_supported_interface(directions):
+    """A support of one face of a contact holds, whichever face is called the lower one."""
+    x, z = np.linspace(0, 0.1, 9), np.linspace(0, 0.03, 4)
+    tagged = stacked_blocks(COMM, lower=(x, -z[::-1]), upper=z)
+    held = [Support("bottom"), Support("interface_lower", directions)]
+    structure = Structure(tagged, both(), supports=held, degree=2)
+    loads = [Traction("down", "top", (0.0, -1e6), lambda x: 1 + x[:, 0] / 0.1),
+             Traction("side", "top", (1.5e5, 0.0))]  # fmt: skip
+    found = []
+    for names in (("interface_lower", "interface_upper"), ("interface_upper", "interface_lower")):
+        contact = Contact("c", *names, friction=0.2)
+        result = solve_preload(PreloadModel(structure, [contact], (), loads))
+        state = result["c"]
+        assert abs(state.normal_force / 1e6 - 1) < 1e-8
+        assert {SLIP, STICK} <= set(state.status.tolist())
+        order = np.argsort(state.interface.points[:, 0])
+        found.append(np.column_stack([state.force, 1e12 * state.slip])[order])
+        u = result.displacement.x.array.reshape(-1, 2)
+        V = structure.V
+        facets = tagged.facet_tags.find(tagged.facet_tag("interface_lower"))
+        blocks = fem.locate_dofs_topological(V, 1, facets)
+        assert np.abs(u[blocks][:, list(directions)]).max() < 1e-5 * np.abs(u).max()
+    assert np.allclose(np.abs(found[0]), np.abs(found[1]), rtol=1e-4, atol=1.0)
+
+
+def test_bad_input():
+    """What is wrong is said: names, methods, values and faces."""
+    model = free_blocks(0.3, [])
+    with pytest.raises(InputError, match="'nut' is neither a bolt nor a load.*bolt"):
+        solve_preload(model, {"nut": 1.0})
+    with pytest.raises(InputError, match="bolt = nan"):
+        solve_preload(model, {"bolt": np.nan})
+    with pytest.raises(InputError, match="no friction, but c has"):
+        PreloadSolver(model, method="vi")
+    with pytest.raises(InputError, match="method = 'newton'"):
+        PreloadSolver(model, method="newton")
+    for options in ({"method": "penalty"}, {"penalty": 1e12}, {"method": "penalty", "penalty": -1}):
+        with pytest.raises(InputError, match="penalty"):
+            PreloadSolver(model, **options)
+    with pytest.raises(InputError, match="friction = -0.1"):
+        faces(friction=-0.1)
+    with pytest.raises(InputError, match="there is no contact 'd'"):
+        solve_preload(model)["d"]
+
+
+@pytest.mark.parallel
+def test_bad_faces():
+    """Faces that do not match, lie in a body or are one body are refused."""
+    model = free_blocks(0.0, [])
+    structure = model.structure
+    with pytest.raises(MeshError, match="have no partner"):
+        PreloadModel(structure, [Contact("c", "interface_lower", "top")])
+    with pytest.raises(MeshError, match="share vertices"):
+        PreloadModel(structure, [Contact("c", "bottom", "left")])
+    with pytest.raises(MeshError, match="no face named 'lid'"):
+        PreloadModel(structure, [Contact("c", "lid", "top")])
+    tagged = structure.tagged
+    upper = tagged.cell_tags.find(tagged.cell_tag("upper"))
+    points, nodes = tagged.mesh.geometry.x, np.unique(tagged.mesh.geometry.dofmap[upper])
+    points[nodes, 0] += 0.01 * np.sin(np.pi * points[nodes, 0])
+    with pytest.raises(MeshError, match="3 of 9 vertices.*Expected matching meshes"):
+        PreloadModel(structure, [faces()])
+    assert len(PreloadModel(structure, [faces(tolerance=0.02)]).interfaces[0]) == 9
+
+
+@pytest.mark.parallel
+def test_divergence():
+    """A solve that stops says why and what to try, whether Newton or the factorisation fails."""
+    model = discs(3)
+    with pytest.raises(ConvergenceError, match="Try.*initial=.*DIVERGED_MAX_IT"):
+        solve_preload(model, petsc_options={"snes_max_it": 1})
+    # Pulled apart, the bodies have no state of rest.
+    with pytest.raises(ConvergenceError, match="Try"):
+        solve_preload(model, {"low": -1.0, "up": -1.0})

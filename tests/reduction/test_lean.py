@@ -1,0 +1,161 @@
+"""The lean model of nested sampling against the model that it is made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.evidence.inference import Evidence, Hypothesis, fit
+from fenics_joints.diagnosis.evidence.nested import _Marginal, nested_evidence
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.lean import LeanForward
+from fenics_joints.reduction.narrow import freeze
+from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.structure.components import Parameter
+from fenics_joints.structure.laws import LAYER_LAWS
+from fenics_joints.structure.points import Sensors
+
+N = 40
+BASELINE = {"left.G": 1e9, "right.G": 1e9, "rho": 1.0, "tip": 2.0, "place": 0.5, "k": 2e8}
+
+
+def chain() -> tuple[ArrayModel, Sensors]:
+    """A free chain of masses in two halves; a spring inside, a moving mass at the end."""
+    bars = np.zeros((2, N, N))
+    for i in range(N - 1):
+        rod = np.zeros(N)
+        rod[i : i + 2] = -1.0, 1.0
+        bars[int(i >= N // 2)] += np.outer(rod, rod)
+    law = LAYER_LAWS["uncoupled"]
+    regions = []
+    for half, name in enumerate(("left", "right")):
+        stiffness = np.zeros((4, N, N))
+        stiffness[1] = bars[half]
+        inertia = np.diag((np.arange(N) >= N // 2) == half).astype(float)
+        properties = {"E": 1.0, "G": f"{name}.G", "rho": "rho", "stretch": 1.0}
+        regions.append(RegionTerm(name, law, properties, stiffness, inertia, N / 2))
+    stations = np.linspace(0, 1, 5)
+    rows = np.zeros((5, 1, N))
+    rows[:, 0, -2], rows[:, 0, -1] = 1 - stations, stations
+    link = np.eye(N)[N // 2 - 1] - np.eye(N)[N // 2]
+    parameters = {name: Parameter(name, value) for name, value in BASELINE.items()}
+    pencil = AffinePencil(
+        parameters, regions, [SpringTerm("k", "k", 1.0, link)],
+        [MassTerm("tip", "tip", "place", 1.0, stations, rows)],
+    )  # fmt: skip
+    points = np.zeros((N, 3))
+    points[:, 0] = np.arange(N)
+    return ArrayModel(pencil, 1e4, np.eye(N), np.zeros((N, N))), Sensors(points, [1.0, 0.0, 0.0])
+
+
+def forward_of(model, sensors) -> Forward:
+    forward = Forward(model, sensors, 4, 8)
+    forward.track(BASELINE)
+    return forward
+
+
+def some_values(count: int) -> list[dict[str, float]]:
+    rng = np.random.default_rng(1)
+    return [
+        {k: v * np.exp(0.5 * rng.uniform(-1, 1)) for k, v in BASELINE.items()}
+        for _ in range(count)
+    ]
+
+
+def test_many_solutions_at_a_time_are_the_single_ones():
+    """On any complete basis: frequencies, pairing, and derivatives by the values."""
+    model, sensors = chain()
+    forward = forward_of(model, sensors)
+    rotation = np.linalg.qr(np.random.default_rng(2).standard_normal((N, N)))[0]
+    lean = LeanForward(forward, model.on(rotation))
+    values = some_values(7)
+    together = lean.prepare(values, slopes=True)
+    for got, value in zip(together, values, strict=True):
+        log_f, by_values = forward(value)
+        assert got == pytest.approx(log_f, abs=1e-9)
+        assert lean(value)[1] == pytest.approx(by_values, rel=1e-6, abs=1e-14)
+        K, M = model.stiffness(value), model.mass(value)
+        exact = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[1:5]) / (2 * np.pi)
+        assert np.exp(np.sort(got)) == pytest.approx(exact, rel=1e-8)
+
+
+def stiffer(name: str, spread: float) -> Effect:
+    def apply(values, theta, condition):
+        values[name] *= theta["factor"]
+
+    return Effect(name, "", (Prior("factor", 1.0, spread),), apply)
+
+
+def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
+    model, sensors = chain()
+    forward = forward_of(model, sensors)
+    hypothesis = Hypothesis((stiffer("right.G", 0.5), stiffer("tip", 0.5)), (stiffer("rho", 0.01),))
+    truth = hypothesis.values(np.array([0.4, 0.8, -0.6]), 1.0, BASELINE)
+    log_f = forward(truth)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
+    evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003)
+    found = fit(hypothesis, forward, evidence, BASELINE)
+    lean = nested_evidence(found, forward, evidence, BASELINE)
+    assert 0 < lean.model_error < 0.1 * 0.003
+
+    class Whole(Forward):
+        """The same frequencies, of a model that cannot be made leaner."""
+
+        def __init__(self):
+            self.model = type("Model", (), {"parameters": model.parameters})
+
+        def __call__(self, values):
+            return forward(values)
+
+    whole = nested_evidence(found, Whole(), evidence, BASELINE, n_live=80, seed=5, slopes="exact")
+    assert whole.model_error == 0.0
+    error = np.hypot(lean.error, whole.error)
+    assert abs(lean.log_evidence - whole.log_evidence) < 4 * error < 0.5
+    assert lean.mean == pytest.approx(whole.mean, abs=0.3 * whole.sd.max())
+
+
+def test_all_kinds_of_data_are_as_predicted_one_by_one():
+    """Frequencies, damping and shapes at two levels of a lossy effect, on a complete basis."""
+    model, sensors = chain()
+    forward = forward_of(model, sensors)
+    lossy = Effect(
+        "lossy", "", (Prior("factor", 1.0, 0.5), Prior("eta", 0.01, 0.5)),
+        lambda values, theta, level: values.update({"right.G": 1e9 * theta["factor"] * level}),
+        loss=lambda theta, level, hz: {"right.G": theta["eta"] * level},
+    )  # fmt: skip
+    hypothesis = Hypothesis((lossy,), conditions=(1.0, 2.0), modes=tuple("abcd"), damped=True)
+    measured = forward.reference / np.sqrt(np.mean(forward.reference**2, axis=0))
+    evidence = Evidence(
+        np.array([1.0, 2.0]), np.zeros((2, 4)), np.full((2, 4), 0.003), 0.003,
+        log_damping=np.full((2, 4), np.log(0.003)), shapes=measured, near=np.eye(N), shape_row=1,
+    )  # fmt: skip
+    d = len(hypothesis.priors)
+    z = list(0.5 * np.random.default_rng(4).standard_normal((3, d)))
+    problem = _Marginal(fit(hypothesis, forward, evidence, BASELINE), evidence, BASELINE)
+    problem.use(LeanForward(forward, model.on(np.eye(N))), "exact", np.zeros((1, 2)))
+    for got, point in zip(problem._together(z), z, strict=True):
+        expected, _ = predict(hypothesis, forward, evidence, point, BASELINE)
+        assert len(expected) == 8 + 8 + 4 * N
+        assert got == pytest.approx(expected, abs=1e-6)
+
+
+def test_constant_mass_is_taken_out():
+    """What the mass does not depend on needs no generalised problem; the same frequencies."""
+    model, sensors = chain()
+    stiff = freeze(model, ["left.G", "right.G", "k"], BASELINE)
+    forward = Forward(stiff, sensors, 4, 8, forward_of(model, sensors).reference)
+    lean = LeanForward(forward, stiff)
+    assert lean.model.mass() == pytest.approx(np.eye(N), abs=1e-12)
+    values = [{name: v[name] for name in stiff.parameters} for v in some_values(5)]
+    found = lean.prepare(values, slopes=True)
+    for got, value in zip(found, values, strict=True):
+        K, M = (model.stiffness({**BASELINE, **value}), model.mass(BASELINE))
+        exact = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[1:5]) / (2 * np.pi)
+        assert np.exp(np.sort(got)) == pytest.approx(exact, rel=1e-8)
+        assert lean(value)[1] == pytest.approx(forward(value)[1], rel=1e-6, abs=1e-14)
+    # Values of parameters that it does not have are left aside.
+    lean.release()
+    assert lean({**BASELINE, **values[0]})[0] == pytest.approx(found[0], abs=1e-9)

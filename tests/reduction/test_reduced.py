@@ -1,0 +1,219 @@
+"""Parametric reduced models against the full models they stand for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.stats import qmc
+
+from fenics_joints.errors import InputError
+from fenics_joints.meshes import lap_plates
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
+from fenics_joints.structure.components import Parameter, PointMass, Spring, joint, part
+from fenics_joints.structure.points import Sensors, observe_slopes
+from fenics_joints.structure.structure import Structure
+
+N_MODES = 12
+#: Low and high of every parameter, log-uniform but for nu and the travel.
+RANGES = {
+    "plates.E": (6e10, 8e10),
+    "plates.nu": (0.2, 0.35),
+    "plates.thickness": (0.9, 1.1),
+    "layer.E": (1e7, 1e10),
+    "layer.G": (1e7, 1e10),
+    "tip.mass": (0.005, 0.05),
+    "tip.travel": (0.0, 0.1),
+    "cord.stiffness": (1e3, 1e5),
+}
+TRAVEL = {"tip": RANGES["tip.travel"]}
+SENSORS = Sensors(np.array([[0.02, 0.04, 0.008], [0.3, 0.01, 0.016]]), [0.0, 0.0, 1.0])
+
+
+def build(comm=MPI.COMM_SELF):
+    plates = part(
+        "plates", ("plate_1", "plate_2"),
+        E="plates.E", nu="plates.nu", rho=2750.0, stretch="plates.thickness",
+    )  # fmt: skip
+    layer = joint("layer", ("joint_near", "joint_away"), E="layer.E", G="layer.G")
+    return Structure(
+        lap_plates(comm, element_size=0.02, n_thickness=1),
+        [plates, layer],
+        [Parameter(n, (a * b) ** 0.5 or 0.05, log=False) for n, (a, b) in RANGES.items()],
+        masses=[PointMass("tip", "tip.mass", (0.01, 0.03, 0.0), travel="tip.travel")],
+        springs=[Spring("cord", "cord.stiffness", (0.02, 0.0, 0.004), (0.0, 1.0, 0.0))],
+    )
+
+
+def samples(count, seed):
+    """Values of all parameters, spread over their ranges."""
+    unit = qmc.Sobol(len(RANGES), seed=seed).random_base2(4)[:count]
+    low, high = np.array(list(RANGES.values())).T
+    place = low * (high / np.maximum(low, 1e-9)) ** unit
+    place[:, low == 0] = (high * unit)[:, low == 0]
+    return [dict(zip(RANGES, map(float, row), strict=True)) for row in place]
+
+
+@pytest.fixture(scope="module")
+def full():
+    return build()
+
+
+@pytest.fixture(scope="module")
+def checks(full):
+    return [(p, solve_modes(full, p, n_modes=N_MODES)) for p in samples(4, seed=11)]
+
+
+def errors(model, checks):
+    """Relative frequency errors of elastic modes at all checks, shape (n,)."""
+    found = []
+    for point, exact in checks:
+        modes = solve_modes(model, point, n_modes=N_MODES)
+        elastic = slice(exact.n_rigid, N_MODES)
+        found.append(modes.frequencies_hz[elastic] / exact.frequencies_hz[elastic] - 1)
+    return np.concatenate(found)
+
+
+def test_reduced_frequencies_bound_the_full_from_above_and_converge(full, checks):
+    """Rayleigh and Ritz: a subspace can only be too stiff; more samples, less error."""
+    worst = []
+    for count in (2, 8, 16):
+        found = errors(reduce(full, samples(count, seed=1), N_MODES, travel=TRAVEL), checks)
+        assert found.min() > -1e-7
+        worst.append(found.max())
+    assert worst[1] < 0.3 * worst[0] and worst[2] < worst[1]
+    assert worst[2] < 1e-3
+
+
+def test_a_sample_is_reproduced(full):
+    """Frequencies, gradients, shapes at sensors and mass are the full model's at a sample."""
+    point = samples(1, seed=5)[0]
+    model = reduce(full, [{}, point], N_MODES, travel=TRAVEL)
+    exact, small = (solve_modes(m, point, n_modes=N_MODES) for m in (full, model))
+    assert small.n_rigid == exact.n_rigid == 5
+    elastic = np.arange(5, N_MODES - 1)
+    assert small.frequencies_hz[elastic] == pytest.approx(exact.frequencies_hz[elastic], rel=1e-6)
+    scale = np.array([point[n] for n in full.parameters]) / exact.eigenvalues[elastic][:, None]
+    difference = (small.gradients(elastic) - exact.gradients(elastic)) * scale
+    assert np.abs(difference).max() < 1e-3
+    assert np.abs(small.at(SENSORS)[:, elastic]) == pytest.approx(
+        np.abs(exact.at(SENSORS)[:, elastic]), rel=1e-3, abs=1e-3
+    )
+    assert model.total_mass(point) == pytest.approx(full.total_mass(point), rel=1e-12)
+
+
+def test_reduced_matrices_are_the_projected_ones_at_any_values(full):
+    """Also far from every sample: the laws' terms are exact, the travel's spline nearly so."""
+    model = reduce(full, [{}], N_MODES, travel=TRAVEL)
+    for point in samples(3, seed=3):
+        for reduced, assembled in (
+            (model.stiffness(point), full.stiffness(point)),
+            (model.mass(point), full.mass(point)),
+        ):
+            projected = model.project(assembled)
+            assert np.abs(reduced - projected).max() < 1e-5 * np.abs(projected).max()
+
+
+@pytest.mark.parametrize("law", ["uncoupled", "isotropic", "constrained"])
+def test_terms_of_the_laws_reproduce_the_assembled_stiffness(law):
+    """On vectors that were never modes: the terms are an identity of matrices."""
+    rng = np.random.default_rng(2)
+    plates = part("plates", ("plate_1", "plate_2"), E="E", nu="nu", rho="rho", stretch="s")
+    layer = joint(
+        "layer", ("joint_near", "joint_away"), law=law, E="l.E", G="l.G", rho="l.rho", stretch="l.s"
+    )
+    names = ("E", "nu", "rho", "s", "l.E", "l.G", "l.rho", "l.s")
+    model = Structure(
+        lap_plates(MPI.COMM_SELF, element_size=0.04, n_thickness=1),
+        [plates, layer],
+        [Parameter(n, 0.3) for n in names],
+        degree=1,
+    )
+    vectors = []
+    for _ in range(6):
+        x = model.mass({"l.G": 1.0}).createVecRight()
+        x.array[:] = rng.standard_normal(x.local_size)
+        vectors.append(x)
+    small = ReducedStructure(model, vectors)
+    for _ in range(4):
+        G = 10 ** rng.uniform(6, 10)
+        drawn = (
+            rng.uniform(6e10, 2e11), rng.uniform(-0.2, 0.45), rng.uniform(1e3, 8e3),
+            rng.uniform(0.5, 2.0), G * rng.uniform(1.0, 2.9), G, rng.uniform(0, 1e3),
+            rng.uniform(0.2, 3.0),
+        )  # fmt: skip
+        point = dict(zip(names, drawn, strict=True))
+        for reduced, assembled in (
+            (small.stiffness(point), small.project(model.stiffness(point))),
+            (small.mass(point), small.project(model.mass(point))),
+        ):
+            assert reduced == pytest.approx(assembled, rel=1e-8, abs=1e-9 * np.abs(assembled).max())
+
+
+def test_moving_mass_is_where_it_says(full):
+    """The spline over the travel against rows located anew, and its slope against differences."""
+    model = reduce(full, [{}], N_MODES, travel=TRAVEL)
+    u = model.basis[0]
+    for travel in (0.0137, 0.0561, 0.0999):
+        at, slope = model.affine.masses[0](travel)
+        located = model.point_rows((0.01 + travel, 0.03, 0.0))[0]
+        assert at == pytest.approx(located, abs=1e-4 * np.abs(located).max())
+        assert u.array_r.any()
+        near = [model.affine.masses[0](travel + d)[0] for d in (-1e-6, 1e-6)]
+        assert slope == pytest.approx((near[1] - near[0]) / 2e-6, rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.parallel
+def test_slopes_at_sensors_are_differences_of_what_they_read():
+    """Of the modes' shapes, within cells, each sensor along its own way."""
+    model = build(MPI.COMM_WORLD)
+    modes = solve_modes(model, n_modes=8)
+    points = np.array([[0.031, 0.037, 0.0021], [0.287, 0.011, 0.0127]])
+    reads, ways = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]), np.array([[2.0, 0, 0], [0, 3, 4]])
+    slopes = observe_slopes(model, modes.shapes, Sensors(points, reads), ways)
+    step = 1e-6 * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    ahead, behind = (modes.at(Sensors(points + s * step, reads)) for s in (1, -1))
+    assert slopes == pytest.approx((ahead - behind) / 2e-6, rel=1e-6, abs=1e-6)
+    assert np.abs(slopes).max() > 1.0
+    with pytest.raises(InputError, match="expected non-zero vectors"):
+        observe_slopes(model, modes.shapes, Sensors(points, reads), [0.0, 0.0, 0.0])
+
+
+def test_enriched_basis_holds_the_new_modes(full, checks):
+    model = reduce(full, samples(2, seed=1), N_MODES, travel=TRAVEL)
+    point, exact = checks[0]
+    before = errors(model, checks[:1]).max()
+    richer = enrich(model.full, model.basis, exact.shapes, TRAVEL)
+    assert richer.n_dofs > model.n_dofs
+    assert np.abs(errors(richer, checks[:1])).max() < min(1e-4, 0.05 * before)
+    # What it knew before it still knows.
+    assert errors(richer, checks[1:]).max() <= errors(model, checks[1:]).max() + 1e-9
+    assert point == exact.given
+
+
+def test_bad_input_is_named(full):
+    with pytest.raises(InputError, match="samples: expected at least one"):
+        reduce(full, [], N_MODES)
+    with pytest.raises(InputError, match=r"tip.travel: a reduced model needs the range"):
+        reduce(full, [{}], N_MODES)
+    model = reduce(full, [{}], N_MODES, travel=TRAVEL)
+    with pytest.raises(InputError, match=f"n_modes = 100: expected at most {model.n_dofs}"):
+        solve_modes(model, n_modes=100)
+    with pytest.raises(InputError, match=r"plates.nu = 0.6 is out of range"):
+        model.stiffness({"plates.nu": 0.6})
+    with pytest.raises(InputError, match="'E' does not exist"):
+        model.mass({"E": 1.0})
+
+
+@pytest.mark.parallel
+def test_two_ranks_reduce_to_the_same_frequencies():
+    point = samples(1, seed=9)[0]
+    alone, together = (
+        solve_modes(reduce(build(c), [{}, point], N_MODES, travel=TRAVEL), point, n_modes=N_MODES)
+        for c in (MPI.COMM_SELF, MPI.COMM_WORLD)
+    )
+    elastic = slice(5, N_MODES - 1)
+    assert together.frequencies_hz[elastic] == pytest.approx(
+        alone.frequencies_hz[elastic], rel=1e-6
+    )

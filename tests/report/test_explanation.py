@@ -1,0 +1,323 @@
+"""A diagnosis in words: on results made by hand, whose right sentences are known."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+pytest.importorskip("dolfinx")
+
+from fenics_joints.case.case import load_case
+from fenics_joints.diagnosis.evidence.nested import Nested
+from fenics_joints.diagnosis.result import (
+    Diagnosis,
+    EffectResult,
+    HypothesisResult,
+    Separation,
+    Silent,
+    ZoneShare,
+)
+from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
+from fenics_joints.diagnosis.where.location import Location
+from fenics_joints.diagnosis.where.patches import PatchMap
+from fenics_joints.diagnosis.where.where import Attribution, ZoneTest
+from fenics_joints.measurements.gap import Gap
+from fenics_joints.report import html as report
+from fenics_joints.report import terminal as summary
+from fenics_joints.report.assumptions import assumptions
+from fenics_joints.report.explanation import explain, zone_words
+
+TORQUES, MODES = np.array([5.0, 20.0]), ("bending 1", "bending 2", "bending 3")
+TEST = np.array([[400.0, 900.0, 2000.0], [410.0, 910.0, 2050.0]])
+
+
+def zone(name: str, share: float, p: float, rest: float, **changes) -> ZoneTest:
+    values = dict(
+        zone=name, dof=2, statistic=200 * share, p=p / 3, p_adjusted=p, share=share, rest_p=rest,
+        visibility=4.0, change=(1.0, 0.0), minmax=9.0, minmax_dof=2, minmax_p=0.2,
+        minmax_p_adjusted=0.6, separable=True,
+    )  # fmt: skip
+    return ZoneTest(**{**values, **changes})
+
+
+def location(**changes) -> Location:
+    """A joint that explains nearly all, plates that explain some; frequencies and shapes."""
+    corner = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
+    vertices = np.stack([corner + [i, 0, 0] for i in range(4)]) * [0.05, 0.05, 0.01]
+    values = dict(
+        regions=(zone("plates", 0.31, 0.2, 1e-9), zone("the_lap", 0.94, 1e-12, 0.4, minmax=60.0,
+                 minmax_p=1e-9, minmax_p_adjusted=2e-9), zone("ropes", 0, 1, 0, dof=0)),
+        zones=(zone("plates", 0.31, 0.2, 1e-9), zone("the_lap_b1_r2", 0.6, 1e-7, 0.01),
+               zone("the_lap_b2_r1", 0.9, 1e-11, 0.3, alike=("the_lap_b1_r1",))),
+        attribution=(
+            Attribution("mode", "bending 1", 4.0, 4, 0.41),
+            Attribution("mode", "bending 2", 150.0, 4, 1e-30),
+            Attribution("mode", "bending 3", 46.0, 4, 2e-9),
+            Attribution("condition", "5", 130.0, 6, 1e-20),
+            Attribution("condition", "20", 70.0, 6, 1e-9),
+            Attribution("kind", "frequencies", 194.0, 6, 1e-30),
+            Attribution("kind", "shapes", 6.0, 6, 0.42),
+        ),
+        patches=PatchMap(
+            (zone("plates 1", 0.2, 0.5, 1e-9), zone("the_lap 1", 0.9, 1e-9, 0.3)),
+            ("plates", "the_lap"), np.array([[0.05, 0.02, 0.0], [0.15, 0.025, 0.01]]),
+            np.ones(2), np.zeros((0, 3)), vertices=vertices, patch=np.array([0, 0, 1, 1]),
+        ),
+        constitutive=None, misfit=200.0, n_data=12,
+    )  # fmt: skip
+    return Location(**{**values, **changes})
+
+
+def fold(name: str, **changes) -> Fold:
+    values = dict(
+        name=name, n=2, chosen="joint normal compliance", placebo_chosen="modulus error",
+        before=0.2, after=0.02, placebo=0.12, noise=0.005, shrink=0.92,
+        shrink_interval=(0.85, 0.97), placebo_shrink=0.41, predicted_after=(0.01, 0.03),
+        predicted_shrink=(0.8, 1.0), covered=True, shrink_covered=True, entries_covered=1.0,
+        weights={},
+    )  # fmt: skip
+    return Fold(**{**values, **changes})
+
+
+def shrinkage(**changes) -> Shrinkage:
+    folds = [
+        fold("mode bending 1"),
+        fold("mode bending 2", after=0.05, shrink=0.77, covered=False, entries_covered=0.5),
+        fold("torque 5 N·m"),
+    ]
+    values = dict(
+        before=0.2, after=0.033, placebo=0.12, noise=0.005, shrink=0.856,
+        shrink_interval=(0.79, 0.93), placebo_shrink=0.41, placebo_interval=(0.3, 0.5),
+        excess=0.446, excess_interval=(0.31, 0.58), claimed=True, coverage=2 / 3,
+        shrink_coverage=1.0, entries_coverage=5 / 6, folds=folds,
+    )  # fmt: skip
+    return Shrinkage(**{**values, **changes})
+
+
+def parameter(effect, name, value, low, high, unit="", nuisance=False, z=0.3) -> dict:
+    return {
+        "effect": effect, "name": name, "value": value, "low": low, "high": high, "unit": unit,
+        "nuisance": nuisance, "prior_sigmas": z,
+    }  # fmt: skip
+
+
+def diagnosis(**changes) -> Diagnosis:
+    """A joint that gives way along or across, which are one class; a modulus that does not."""
+    normal, along = "joint normal compliance (joint)", "joint tangential compliance (joint)"
+    family = "joint normal compliance or joint tangential compliance"
+    hypotheses = [
+        HypothesisResult("joint normal compliance", (normal,), 0.66, 42.0, 0.011, 0.4, [
+            parameter(normal, "k_n", 6.6e11, 5.1e11, 8.6e11, "Pa/m"),
+            parameter("rho of plates (plates)", "factor", 1.02, 1.01, 1.03, "", True, 2.4),
+        ]),
+        HypothesisResult("joint tangential compliance", (along,), 0.30, 41.2, 0.012, 0.3),
+        HypothesisResult("modulus error", ("modulus error (plate_1)",), 0.033, 39.0, 0.031, 0.02),
+        HypothesisResult("no gap", (), 0.001, 35.5, 0.2, 1e-9),
+        HypothesisResult("none of these", (), 0.006, 37.3, 0.004, 0.9),
+    ]  # fmt: skip
+    values = dict(
+        title="Plates", verdict="cause", summary="", condition=("torque", "N·m"),
+        before=Gap(TORQUES, MODES, TEST, 1.2 * TEST), after=Gap(TORQUES, MODES, TEST, 1.011 * TEST),
+        noise=0.005, heldout_before=0.2, heldout_after=0.033, placebo_after=0.12,
+        placebo="modulus error", folds=[], validation=None,
+        where=[ZoneShare("the_lap", 0.88), ZoneShare("plates", 0.07),
+               ZoneShare("unexplained", 0.05)],
+        effects=[
+            EffectResult("joint normal compliance", "joint", 0.66, family, True),
+            EffectResult("joint tangential compliance", "joint", 0.30, family, True),
+            EffectResult("modulus error", "plate_1", 0.033, "modulus error (plate_1)", True),
+            EffectResult("temperature", "all parts", 0.0, "temperature", False),
+            EffectResult("none of these", "", 0.006, "none of these", True),
+            EffectResult("no gap", "", 0.001, "no gap", True),
+        ],
+        hypotheses=hypotheses,
+        separations=[Separation(family, ("a", "b"), "an axial mode", 3.4)],
+        cells=None, model_error=1e-5, model={"dofs": 12345},
+        silent=(Silent("micro-slip in the joint", "the test is by torque"),),
+        location=location(), shrinkage=shrinkage(),
+    )  # fmt: skip
+    return Diagnosis(**{**values, **changes})
+
+
+def point(d: Diagnosis, question: str) -> str:
+    return {p.question: p.answer for p in explain(d).points}[question]
+
+
+def test_three_sentences_of_a_cause():
+    words = explain(diagnosis())
+    assert words.where == (
+        "The misfit is in the frequencies, not in the shapes; a change in the lap alone would "
+        "explain 94 % of the misfit, by chance less than one in a million; of the gap in frequency "
+        "the leading explanation puts 88 % in the lap."
+    )
+    # 0.66 over 0.033, the best hypothesis without either of the class.
+    assert words.which == (
+        "Joint normal compliance (66.0 %) or joint tangential compliance (30.0 %), which this test "
+        "cannot tell apart, 96.0 %; the closest rival, modulus error (plate 1), is 20 times less "
+        "probable."
+    )
+    assert words.how_far == (
+        "On held-out data the gap goes from 20.00 % to 3.30 %: 86 % of what noise lets go is gone "
+        "(S*, 90 %: 79 to 93 %), 45 points more than the best wrong effect (90 %: 31 to 58); 2 of "
+        "3 folds ended in the interval stated before."
+    )
+
+
+def test_where_says_what_else_would_do_and_what_would_not():
+    both = (zone("plates", 0.9, 1e-3, 0.2), zone("the_lap", 0.94, 1e-12, 0.4))
+    assert (
+        "but so would one in plates (90 %)"
+        in explain(diagnosis(location=location(regions=both))).where
+    )
+    neither = (zone("plates", 0.4, 1e-3, 1e-5), zone("the_lap", 0.5, 1e-12, 1e-4))
+    alone = explain(diagnosis(location=location(regions=neither))).where
+    assert "no change of one region alone explains it, at most 50 %" in alone
+    silent = (zone("plates", 0.4, 0.3, 0.5), zone("the_lap", 0.5, 0.06, 0.5))
+    nothing = explain(diagnosis(location=location(regions=silent))).where
+    assert "no region of the model explains more than chance" in nothing
+    assert explain(diagnosis(location=None)).where.startswith("Of the gap in frequency")
+
+
+def test_a_cause_in_the_test_is_not_put_into_the_structure():
+    effect = EffectResult("sensor mis-scaled", "sensor 3", 0.97, "sensor mis-scaled", True)
+    key = "sensor mis-scaled (sensor 3)"
+    d = diagnosis(
+        effects=[effect],
+        hypotheses=[HypothesisResult("sensor mis-scaled", (key,), 0.97, 3.0, 0.01, 0.3)],
+    )
+    words = explain(d)
+    assert words.where.startswith("In the test, not in the structure: sensor 3; ")
+    assert words.which.startswith("Sensor mis-scaled (sensor 3), 97.0 %")
+    assert "echo" in point(d, "In which part?")
+
+
+def test_two_causes_name_the_rival_that_lacks_one():
+    pair = ("joint normal compliance (joint)", "modulus error (plate_1)")
+    hypotheses = [
+        HypothesisResult("both", pair, 0.9, 50.0, 0.01, 0.5),
+        HypothesisResult("one", pair[1:], 0.03, 46.6, 0.02, 0.2),
+        HypothesisResult("other", pair[:1], 1e-9, 30.0, 0.05, 1e-5),
+    ]
+    effects = [
+        EffectResult("joint normal compliance", "joint", 0.9, "joint", True),
+        EffectResult("modulus error", "plate_1", 0.93, "modulus error (plate_1)", True),
+    ]
+    d = diagnosis(hypotheses=hypotheses, effects=effects)
+    assert explain(d).which == (
+        "Two causes: modulus error (plate 1), 93.0 %; and joint normal compliance, 90.0 %; the "
+        "closest rival, modulus error (plate 1), is 30 times less probable."
+    )
+    why = point(d, "Why this and not another?")
+    assert "without modulus error (plate 1), joint normal compliance, leaves 5.00 %" in why
+    assert [float(x) for x in re.findall(r"ln evidence is ([\d.]+)", why)] == [20.0, 3.4]
+
+
+def test_other_verdicts_have_sentences_of_their_own():
+    h = diagnosis().hypotheses
+    none = [h[3], replace(h[3], label="no gap", probability=0.97)]
+    words = explain(diagnosis(verdict="no gap", hypotheses=none[1:]))
+    assert words.where.endswith("would make a misfit of 12, and there is one of 200.")
+    assert words.which.startswith("None is needed: the nominal model within its tolerances has 97")
+
+    unknown = [replace(h[4], probability=0.98), replace(h[0], probability=0.01, p_value=1e-8)]
+    words = explain(diagnosis(verdict="unknown", hypotheses=unknown))
+    assert words.which == (
+        "None of the 4 effects that were considered explains the test: the best, joint normal "
+        "compliance, leaves a gap of 1.10 % and would give such a misfit with p below 0.001; that "
+        "it is something else has 98.0 %."
+    )
+    assert explain(diagnosis(verdict="ambiguous")).which.startswith(
+        "Undecided between joint normal"
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"claimed": False, "excess_interval": (-0.1, 0.9)}, "not surely more than the best wrong"),
+        ({"shrink": -0.3, "shrink_interval": (-0.6, -0.1)}, "it grows, by 30 % of what noise"),
+        ({"shrink": np.nan}, "already as good as noise allows"),
+        ({"folds": []}, "On held-out data the gap goes from 20.00 % to 3.30 %."),
+    ],
+)
+def test_how_far_says_when_it_is_no_evidence(changes, said):
+    assert said in explain(diagnosis(shrinkage=shrinkage(**changes))).how_far
+
+
+def test_doubts_are_told_and_only_where_there_are_any():
+    clean = [replace(h, parameters=[]) for h in diagnosis().hypotheses]
+    good = dict(hypotheses=clean, shrinkage=shrinkage(coverage=1.0))
+    assert explain(diagnosis(**good)).doubts == ()
+
+    bad = [replace(clean[0], at_bound=("k_n",), p_value=0.02), *clean[1:]]
+    low = shrinkage(shrink=0.2, coverage=0.5, claimed=False)
+    nested = {clean[0].effects[0]: Nested(42.0, 0.7, 900, np.zeros(1), np.ones(1), 0.0, 1.0)}
+    d = diagnosis(hypotheses=bad, shrinkage=low, model_error=0.004, nested=nested)
+    doubts = " ".join(explain(d).doubts)
+    for words in (
+        "p = 0.020", "limit of their range: k_n", "the best wrong effect does nearly as well",
+        "80 % remains on held-out data", "Only 50 % of the folds", "up to 0.400 %", "0.5 in some",
+    ):  # fmt: skip
+        assert words in doubts
+    (far,) = explain(diagnosis(shrinkage=shrinkage(coverage=1.0))).doubts
+    assert far == "Far from what was expected in any case: rho of plates (plates) (+2.4 s.d.)."
+
+
+def test_points_hold_the_numbers_behind_the_sentences():
+    d = diagnosis()
+    assert "frequencies 194 for 6, shapes 6 for 6" in point(d, "Is there more than chance?")
+    data = point(d, "In which data?")
+    # Bending 1 alone is within chance; both torques are not.
+    assert "Of 3 modes these misfit by more than chance: bending 2 and bending 3." in data
+    assert "All 2 values of the torque misfit by more than chance, most of them 5 N·m." in data
+    part = point(d, "In which part?")
+    assert "asks for a change in the lap." in part
+    assert "the lap, bolt 2, ring 1 explains most, which this test does not tell from" in part
+    assert "1 explain more than chance and 1 could each be the only one" in part
+    assert "(150, 25, 10) mm in the lap" in part
+    without = diagnosis(location=location(patches=None))
+    assert "patches" not in point(without, "In which part?")
+    assert "of the misfit in frequency" not in report.diagnosis_html(without)
+    assert "k_n = 660 GPa/m (510 to 860 GPa/m)" in point(d, "What was fitted?")
+    told = point(d, "What can these data not tell?")
+    assert "an axial mode (3.4 s.d.)" in told and "temperature" in told and "micro-slip" in told
+    assert "mode bending 2, from 20.00 % to 5.00 %" in point(d, "Does it predict?")
+
+
+def test_zone_names_in_words():
+    assert zone_words("away_b3_r2") == "away, bolt 3, ring 2"
+    assert zone_words("the_lap_r1") == "the lap, ring 1"
+    assert zone_words("plate_1") == "plate 1"
+
+
+def test_page_and_terminal_lead_with_the_sentences():
+    key = "joint normal compliance (joint)"
+    d = diagnosis(nested={key: Nested(42.0, 0.05, 900, np.zeros(1), np.ones(1), 0.0, 1.0)})
+    page, words = report.diagnosis_html(d), explain(d)
+    assert "42.0 ± 0.05" in page and "41.2</td>" in page
+    assert page.index(words.where) < page.index(words.which) < page.index(words.how_far)
+    assert page.index(words.how_far) < page.index('id="words"') < page.index('id="tests"')
+    for table in ("tests", "zones", "folds", "shrinkage"):
+        assert f'id="{table}"' in page
+    assert "1.00 % to 3.00 %: missed" in page
+    assert "not seen by this test" in page
+
+    console = Console(width=80, record=True, file=io.StringIO())
+    summary.diagnosis(console, d)
+    text = " ".join(console.export_text().split())
+    assert text.startswith(f"Plates: CAUSE Where. {words.where} Which. {words.which} How far. ")
+
+
+def test_assumptions_are_those_of_the_case(write_case, tmp_path):
+    case = load_case(write_case(tmp_path))
+    rows = dict(assumptions(case, case.measurements()))
+    text = (tmp_path / "case.toml").read_text(encoding="utf-8")
+    noise = float(re.search(r'^noise = "([\d.]+) %"', text, re.M)[1])
+    assert float(rows["noise of a frequency"].split()[0]) == pytest.approx(noise)
+    assert rows["the nominal model's joints"].startswith("as one with the parts")
+    assert any("E 1.5 %" in value for value in rows.values())

@@ -1,0 +1,413 @@
+"""Reports and summaries: what a page shows is what the result holds, and a page stands alone."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from html.parser import HTMLParser
+from types import SimpleNamespace
+
+import basix.ufl
+import matplotlib.image
+import numpy as np
+import pytest
+from dolfinx import fem
+from mpi4py import MPI
+from rich.console import Console
+
+from fenics_joints import formatting
+from fenics_joints.diagnosis.result import (
+    CellMap,
+    Diagnosis,
+    EffectResult,
+    HypothesisResult,
+    Separation,
+    ZoneShare,
+)
+from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.gap import Gap
+from fenics_joints.meshes import lap_plates
+from fenics_joints.modal.sensitivity import Identifiability
+from fenics_joints.report import html as report
+from fenics_joints.report import mesh_pictures
+from fenics_joints.report import terminal as summary
+from fenics_joints.report.explanation import explain
+from fenics_joints.report.motion import corner_motion
+
+VOID = {"meta", "link", "br", "img", "hr", "input"}
+MODES = ("bending 1", "bending <2>")
+TORQUES = np.array([2.0, 10.0, 22.0])
+TEST = np.array([[375.04, 962.47], [412.56, np.nan], [424.80, 1012.51]])
+
+
+class Page(HTMLParser):
+    """Tags, ids, references, and the text of the cells of each table; fails on bad nesting."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.open, self.ids, self.references, self.tags = [], [], [], []
+        self.tables: dict[str, list[list[str]]] = {}
+        self.rows, self.texts, self.cell = [], {}, None
+        self.feed(text)
+        self.close()
+        assert self.open == [], f"not closed: {self.open}"
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.tags.append((tag, attrs))
+        if "id" in attrs:
+            self.ids.append(attrs["id"])
+        self.references += [v for k, v in attrs.items() if k in ("src", "href", "xlink:href")]
+        if tag not in VOID:
+            self.open.append((tag, attrs.get("id")))
+        if tag == "table":
+            self.rows = self.tables.setdefault(attrs.get("id") or attrs.get("class"), [])
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+            self.cell = True
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open, f"closes <{tag}>, which is not open"
+        was, _ = self.open.pop()
+        assert was == tag, f"<{was}> closed by </{tag}>"
+        if tag in ("td", "th"):
+            self.cell = None
+
+    def handle_data(self, data):
+        if self.cell:
+            self.rows[-1][-1] += data
+        for _, name in self.open:
+            if name:
+                self.texts[name] = self.texts.get(name, "") + data
+
+    def column(self, table: str, i: int) -> list[str]:
+        """Texts of a column, without the heading's row; short rows are left out."""
+        return [" ".join(row[i].split()) for row in self.tables[table][1:] if len(row) > i]
+
+
+def gap(factor: float) -> Gap:
+    return Gap(TORQUES, MODES, TEST, factor * np.nan_to_num(TEST, nan=990.0))
+
+
+def fitted(name, value, low, high, unit, nuisance=False, z=0.4) -> dict:
+    return {
+        "effect": "joint", "name": name, "value": value, "low": low, "high": high, "unit": unit,
+        "nuisance": nuisance, "prior_sigmas": z,
+    }  # fmt: skip
+
+
+def cells() -> CellMap:
+    """Two plates with a layer between them, one cell each in height."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(3), indexing="ij"))
+    corner = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
+    blocks = []
+    for low, high in ((0.0, 8.0), (8.0, 8.5), (8.5, 16.5)):
+        block = 20.0 * corner[None] + 20.0 * np.stack([x, y, 0 * x], axis=1)[:, None]
+        block[..., 2] = np.where(corner[None, :, 2] > 0, high, low)
+        blocks.append(block)
+    region = np.repeat([0, 1, 0], len(x))
+    density = np.concatenate([np.full(len(x), -0.2), np.linspace(0.4, 1, len(x)), 0.0 * x])
+    return CellMap(1e-3 * np.concatenate(blocks), region, ("plates", "layer"), density)
+
+
+def shrinkage() -> Shrinkage:
+    fold = Fold(
+        "torque 2", 2, "normal compliance", "modulus", 0.31, 0.019, 0.104, 0.008, 0.96,
+        (0.9, 0.99), 0.68, (0.012, 0.031), (0.93, 0.99), True, True, 1.0, {},
+    )  # fmt: skip
+    return Shrinkage(before=0.1981, after=0.0142, placebo=0.0731, noise=0.0083, folds=[fold])
+
+
+def diagnosis(**changes) -> Diagnosis:
+    compliance = [
+        fitted("k_n", 6.6e11, 5.1e11, 8.6e11, "Pa/m"),
+        fitted("mass", 0.0203, 0.0185, 0.0222, "kg", nuisance=True, z=-2.6),
+    ]
+    first = EffectResult("normal compliance", "joint", 0.61, "compliance", True)
+    second = EffectResult("tangential compliance", "joint", 0.35, "compliance", True)
+    values = dict(
+        title="Plates <b>& bolts</b>", verdict="cause", summary="The joint gives way.",
+        condition=("torque", "N·m"), before=gap(1.2), after=gap(1.01), noise=0.0083,
+        heldout_before=0.1981, heldout_after=0.0142, placebo_after=0.0731, placebo="modulus",
+        folds=[], shrinkage=shrinkage(),
+        validation=(gap(1.19), gap(0.98)),
+        where=[ZoneShare("joint", 0.943), ZoneShare("plates", 0.032),
+               ZoneShare("unexplained", 0.025)],
+        effects=[first, second, EffectResult("none of these", "", 1e-5, "none of these", True)],
+        hypotheses=[
+            HypothesisResult("normal compliance", ("normal compliance (joint)",), 0.6, 41.25,
+                             0.0101, 0.41, compliance),
+            HypothesisResult("tangential compliance", ("tangential compliance (joint)",), 0.34,
+                             40.68, 0.0123, 0.2, [], ("k_t",)),
+            HypothesisResult("normal compliance + tangential compliance",
+                             ("normal compliance (joint)", "tangential compliance (joint)"), 0.01,
+                             37.05, 0.01, 0.4),
+            HypothesisResult("none of these", (), 1e-5, 30.0, 0.004, 0.9),
+        ],
+        separations=[Separation("compliance", ("normal", "tangential"), "an axial mode", 2.3263)],
+        cells=cells(), model_error=3.1e-5, model={"dofs": 21345, "seconds": 41.3},
+    )  # fmt: skip
+    return Diagnosis(**{**values, **changes})
+
+
+def update(**changes) -> SimpleNamespace:
+    one = Gap(TORQUES[:1], MODES, TEST[:1], 1.02 * TEST[:1])
+    fits = [
+        {"condition": t, "parameters": {"near.E": 1e8 * t**0.5}, "sd": {"near.E": 0.08},
+         "frequencies_hz": list(TEST[i]), "errors_percent": [0.5, None if i == 1 else -0.25],
+         "held_out": i == 1}
+        for i, t in enumerate(TORQUES)
+    ]  # fmt: skip
+    values = dict(
+        title="Plates", condition=("torque", "N·m"), at=2.0, message="Converged.", iterations=7,
+        parameters=[{"name": "near.E", "value": 8.63e8, "unit": "Pa", "sd": 0.081, "start": 3e9}],
+        gap_before=Gap(TORQUES[:1], MODES, TEST[:1], 1.1 * TEST[:1]), gap_after=one,
+        published={"source": "paper", "parameters": {"near.E": 8.7e8}, "model_hz": [380.0, 970.0],
+                   "frequencies_hz": [375.0, None], "errors_percent": [1.3333, None]},
+        identifiability=Identifiability(("near.E",), 1.0, 1.0, np.array([0.1]), np.ones(1), ()),
+        torque_fits=fits,
+        curves=[{"name": "near.E", "form": "a (T/T0)^b", "T0": 4.0, "a": 2e8, "b": 0.5}],
+        curve_gap_fitted=0.0091, curve_gap_heldout=0.0113, curve_gap_validation=None,
+        curve_frequencies=gap(1.005), validation=None, model={"dofs": 21345},
+    )  # fmt: skip
+    return SimpleNamespace(**{**values, **changes})
+
+
+def modes_page_text() -> str:
+    shape = mesh_pictures.mode_shape(cells().vertices, cells().vertices, (0, 0, 1), "m7", "shape")
+    return report.modes_html(
+        "Plates <i>", [0.0, 0.0, 423.123, 800.5], 2, [False, False, True, False], dofs=21345,
+        shapes=[report.ModePicture(3, 423.123, shape)],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: report.diagnosis_html(diagnosis(), log_sd=np.full((3, 2), 0.01)),
+        lambda: report.update_html(update()),
+        modes_page_text,
+    ],
+    ids=["diagnosis", "update", "modes"],
+)
+def test_page_is_well_formed_and_stands_alone(make):
+    text = make()
+    page = Page(text)
+    assert len(page.ids) == len(set(page.ids))
+    inside = {f"#{name}" for name in page.ids}
+    assert all(r.startswith("data:") or r in inside for r in page.references)
+    assert not {"script", "link", "iframe"} & {tag for tag, _ in page.tags}
+    assert "url(http" not in text and "@import" not in text
+    pictures = [attrs for tag, attrs in page.tags if tag == "svg"]
+    assert pictures and all(a["role"] == "img" and len(a["aria-label"]) > 4 for a in pictures)
+    sizes = [len(svg) for svg in re.findall(r"<svg .*?</svg>", text, flags=re.DOTALL)]
+    assert max(sizes) < 300_000
+
+
+def test_diagnosis_page_shows_the_numbers_of_the_result():
+    d = diagnosis()
+    page = Page(report.diagnosis_html(d))
+    keys = ("gap-before", "gap-after", "gap-heldout", "gap-placebo", "gap-noise")
+    shown = [float(page.texts[key].split()[0]) / 100 for key in keys]
+    expected = [d.before.rms, d.after.rms, d.heldout_after, d.placebo_after, d.noise]
+    np.testing.assert_allclose(shown, expected, atol=5.1e-5)
+
+    assert page.column("shares", 0) == ["joint", "plates", "unexplained"]
+    assert page.column("shares", 1) == ["94.3 %", "3.2 %", "2.5 %"]
+    # 0.6 + 0.34 + 0.01 for the class: one hypothesis holds both of its effects.
+    assert page.column("effects", 3) == ["95.0 %", "61.0 %", "35.0 %", "< 0.1 %"]
+    assert page.column("hypotheses", 1) == ["60.0 %", "34.0 %", "1.0 %", "< 0.1 %"]
+    assert page.column("hypotheses", 3) == ["0.0", "0.6", "4.2", "11.2"]
+    assert page.column("hypotheses", 6) == ["–", "k_t", "–", "–"]
+    assert page.tables["fitted"][1:] == [["joint", "k_n", "660 GPa/m", "510 to 860 GPa/m", "+0.40"]]
+    assert page.column("nuisances", 2) == ["20.3 g"]
+    assert page.column("separations", 4) == ["1.0 %"]
+    assert page.column("folds", 2)[:2] == ["31.00 %", "19.81 %"]
+    assert page.column("folds", 4)[0] == "1.20 % to 3.10 %"
+
+    frequencies = page.tables["frequencies"]
+    measured = [row[2] for row in frequencies if len(row) == 7 and "Hz" not in row[2]]
+    both = [formatting.MISSING if np.isnan(f) else f"{f:.2f}" for f in TEST.ravel()]
+    assert measured == both + both  # validation, then all
+    heat = [row for row in page.tables["heat"] if row[0] == "10 N·m"]
+    assert [row[1] for row in heat] == ["+20.0 %", "+1.0 %"]
+    assert [row[2] for row in heat] == [formatting.MISSING] * 2
+
+
+def test_titles_and_names_are_escaped():
+    text = report.diagnosis_html(diagnosis())
+    assert "Plates &lt;b&gt;&amp; bolts&lt;/b&gt;" in text
+    assert "<b>& bolts" not in text and "bending <2>" not in text
+
+
+@pytest.mark.parametrize("verdict", ["cause", "no gap", "unknown", "ambiguous"])
+def test_every_verdict_without_validation_and_map(verdict):
+    d = diagnosis(verdict=verdict, validation=None, cells=None, shrinkage=None, separations=[])
+    page = Page(report.diagnosis_html(d))
+    said = [f"{name}. {sentence}" for name, sentence in explain(d).sentences]
+    assert page.texts["verdict"].split() == " ".join([report.VERDICTS[verdict], *said]).split()
+    assert "validation" not in page.ids and "folds" not in page.tables
+    console = Console(width=80, record=True, file=io.StringIO())
+    summary.diagnosis(console, d)
+    assert verdict.upper() in console.export_text()
+
+
+def test_update_page_shows_the_numbers_of_the_result():
+    page = Page(report.update_html(update()))
+    row = page.tables["values"][1]
+    assert row == ["near.E", "3.00 GPa", "863 MPa", "8.1 %", "870 MPa"]
+    assert page.column("published", 3) == ["+1.33 %", formatting.MISSING]
+    # The curve goes through the points that were made on it: 2e8 (T / 4)^0.5 = 1e8 T^0.5.
+    (panel,) = report.parameter_rows(update())
+    x, line = panel["curve"]
+    np.testing.assert_allclose(np.interp(panel["x"], x, line), panel["value"], rtol=1e-3)
+    formula = {"name": "near.E", "form": "3 near.G s/(1 + s)", "T0": 4.0, "a": 2e8, "b": 0.5}
+    assert report.curve_line(formula, TORQUES) is None
+    x, line = report.curve_line({**formula, "samples": [[2.0, 5.0], [22.0, 6.0]]}, TORQUES)
+    assert list(x) == [2.0, 22.0] and list(line) == [5.0, 6.0]
+    assert page.column("fits", 0) == ["2 N·m", "10 N·m *", "22 N·m"]
+    assert page.column("fits", 3) == ["-0.25 %", formatting.MISSING, "-0.25 %"]
+    assert page.texts["gap-before"] == "10.00 %" and page.texts["gap-after"] == "2.00 %"
+    bare = update(torque_fits=[], curves=[], curve_frequencies=None, published=None)
+    assert "fits" not in Page(report.update_html(bare)).tables
+
+
+def test_modes_page_says_what_the_test_saw():
+    page = Page(modes_page_text())
+    assert page.column("modes", 1) == ["0.00", "0.00", "423.12", "800.50"]
+    kinds = ["rigid body", "rigid body", "seen by the test", "not seen by the test"]
+    assert page.column("modes", 2) == kinds
+    assert page.texts["visible"] == "1"
+
+
+def large_diagnosis() -> Diagnosis:
+    """More of everything than a screen holds, with long names."""
+    effects = [
+        EffectResult(f"an effect with quite a long name, number {i} [b]", "joint", 0.1,
+                     f"class {i // 2}", True)
+        for i in range(14)
+    ]  # fmt: skip
+    splits = [
+        Separation(f"class {i}", ("a", "b"), "a measurement that takes " + 8 * "many words ", 1.5)
+        for i in range(5)
+    ]
+    parameters = [fitted(f"away.k_{i}", 6.6e11, 5.1e9, 8.6e12, "Pa/m") for i in range(9)]
+    lead = HypothesisResult("lead", ("x",), 0.9, 1.0, 0.01, 0.4, parameters, ("away.k_0",) * 9)
+    where = [ZoneShare(f"region_{i}", 0.1) for i in range(10)]
+    return diagnosis(
+        summary="A long verdict. " * 18, effects=effects, separations=splits, hypotheses=[lead],
+        where=where,
+    )  # fmt: skip
+
+
+def test_summaries_fit_a_screen():
+    kinds = report.mode_kinds(40, 6, None)
+    shows = [
+        lambda c: summary.diagnosis(c, diagnosis()),
+        lambda c: summary.diagnosis(c, large_diagnosis()),
+        lambda c: summary.update(c, update()),
+        lambda c: summary.modes(c, "Plates", np.arange(40.0), kinds, 99),
+    ]
+    for show in shows:
+        for width in (80, 100):
+            console = Console(width=width, record=True, file=io.StringIO())
+            show(console)
+            lines = console.export_text().splitlines()
+            assert len(lines) <= 40 and max(map(len, lines)) <= width
+
+
+def images_of(svg: str) -> list[np.ndarray]:
+    """The rasterised parts of a picture, RGBA."""
+    found = re.findall(r"data:image/png;base64,([^\"]+)", svg)
+    return [matplotlib.image.imread(io.BytesIO(base64.b64decode(code))) for code in found]
+
+
+def test_cell_map_shows_levels_in_their_colours():
+    upper, layer, lower, _bar = images_of(mesh_pictures.cell_map(cells()))
+
+    def mean(image):
+        return image[image[..., 3] > 0.9][:, :3].mean(axis=0)
+
+    # Red where softer closes the gap, blue where stiffer, near white where nothing does.
+    assert mean(layer)[0] > mean(layer)[2] + 0.2
+    assert mean(lower)[2] > mean(lower)[0] + 0.05
+    assert np.ptp(mean(upper)) < 0.05
+
+
+def test_mode_shape_is_coloured_along_the_direction():
+    x = cells().vertices
+    tilt = np.zeros_like(x)
+    tilt[..., 2] = x[..., 0] - x[..., 0].mean()
+    (image,) = images_of(mesh_pictures.mode_shape(x, tilt, (0, 0, 1), "m", "tilt"))
+    rows = image[image.shape[0] // 2]
+    seen = rows[rows[:, 3] > 0.9]
+    left, right = (np.median(part, axis=0) for part in (seen[: len(seen) // 4], seen[-20:]))
+    assert left[2] > left[0] + 0.2 and right[0] > right[2] + 0.2
+    (still,) = images_of(mesh_pictures.mode_shape(x, tilt, (0, 1, 0), "m", "tilt"))
+    faces = still[still[..., 3] > 0.9][:, :3]
+    assert np.median(np.ptp(faces, axis=1)) < 0.05  # nothing moves along y
+
+
+def test_cells_of_another_shape_are_refused():
+    with pytest.raises(InputError, match="6 corners"):
+        mesh_pictures.cell_map(CellMap(np.zeros((2, 6, 3)), np.zeros(2, int), ("a",), np.zeros(2)))
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (6.6e11, "Pa/m", "660 GPa/m"),
+        (0.16, "kg", "160 g"),
+        (999.6, "N/m", "1.00 kN/m"),
+        (0.012, "m", "12.0 mm"),
+        (20.0, "N·m", "20.0 N·m"),
+        (2750.0, "kg/m3", "2750 kg/m³"),
+        (0.42, "", "0.420"),
+        (-3.2e-9, "", "-3.20e-9"),
+        (float("nan"), "Pa", "–"),
+    ],
+)
+def test_quantities(value, unit, text):
+    assert formatting.quantity(value, unit) == text
+
+
+def test_the_leader_is_the_best_hypothesis_that_says_something():
+    """``Diagnosis.after`` is its gap, also when "none of these" is more probable."""
+    named = diagnosis().hypotheses[0]
+    unknown = HypothesisResult("none of these", (), 0.9, 50.0, 0.004, 0.9)
+    d = diagnosis(verdict="unknown", hypotheses=[unknown, named])
+    page = Page(report.diagnosis_html(d))
+    assert page.column("nuisances", 2) == ["20.3 g"]
+    console = Console(width=80, record=True, file=io.StringIO())
+    summary.diagnosis(console, d)
+    assert "660 GPa/m" in console.export_text()
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_motion_of_corners_is_the_field_there(cell):
+    """A linear field, which every element holds, is known at the corners without any element."""
+    msh = lap_plates(MPI.COMM_WORLD, element_size=0.04, n_thickness=1, zone=0.0, cell=cell).mesh
+    family = "S" if cell == "hexahedron" else "Lagrange"
+    element = basix.ufl.element(family, cell, 2)
+    V = fem.functionspace(msh, basix.ufl.element(family, cell, 2, shape=(3,)))
+    A = np.array([[1.0, 2.0, -1.0], [0.5, 0.0, 3.0], [-2.0, 1.0, 0.25]])
+    u = fem.Function(V)
+    u.interpolate(lambda x: A @ x)
+    structure = SimpleNamespace(V=V, mesh=msh, element=element)
+    n = V.dofmap.index_map.size_local * 3
+    vertices, motions = corner_motion(structure, [SimpleNamespace(array_r=u.x.array[:n])])
+    if msh.comm.rank == 0:
+        assert len(vertices) == msh.topology.index_map(3).size_global
+        np.testing.assert_allclose(motions[0], vertices @ A.T, atol=1e-12)
+        volume = np.ptp(vertices.reshape(-1, 3), axis=0)
+        np.testing.assert_allclose(volume, [0.32, 0.08, 0.0165])

@@ -1,0 +1,196 @@
+"""The ``fenics-joints`` command: files, exit codes, messages, and how it stops."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+import dolfinx.jit
+from mpi4py import MPI
+
+from fenics_joints import __version__, files
+from fenics_joints.case.build import build_structure
+from fenics_joints.case.case import load_case
+from fenics_joints.cli import main
+from fenics_joints.commands import modes as mode_list
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.structure.points import Sensors
+
+serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """Runs the command in this process; returns its exit code."""
+
+    def call(*arguments) -> int:
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "argv", ["fenics-joints", *map(str, arguments)])
+            # The command silences the other ranks; pytest wants its own streams back.
+            patch.setattr(sys, "stdout", sys.stdout)
+            patch.setattr(sys, "stderr", sys.stderr)
+            with pytest.raises(SystemExit) as end:
+                main()
+        return end.value.code or 0
+
+    return call
+
+
+@pytest.mark.smoke
+@pytest.mark.parallel
+def test_modes(shared_tmp_path, write_case, run, capfd):
+    """Frequencies of any number of ranks are those that one rank finds without the command."""
+    comm = MPI.COMM_WORLD
+    if comm.rank == 0:
+        write_case(shared_tmp_path)
+    comm.barrier()
+    out = shared_tmp_path / "modes.json"
+    assert run("modes", shared_tmp_path, "--json", out) == 0
+    comm.barrier()
+    content = json.loads(out.read_text())
+    case = load_case(shared_tmp_path)
+    structure = build_structure(case, MPI.COMM_SELF)
+    modes = solve_modes(structure, n_modes=14)
+    assert content["version"] == __version__ and content["title"] == "Lap plates"
+    assert content["rigid_body_modes"] == 6 and content["frequencies_hz"][:6] == [0.0] * 6
+    assert content["dofs"] == structure.V.dofmap.index_map.size_global * 3
+    assert content["frequencies_hz"][6:] == pytest.approx(modes.frequencies_hz[6:], rel=1e-8)
+    # What the test could see, by another way: torsion and in-plane bending do not move the middle
+    # line out of plane, compared with the plates' edge in all directions.
+    x = np.repeat([0.0, 0.06, 0.26, 0.32], 3)
+    edge = np.column_stack([x, np.zeros(12), np.where(x < 0.2, 0.0, 0.0165)])
+    everywhere = np.linalg.norm(modes.at(Sensors(edge, np.tile(np.eye(3), (4, 1)))), axis=0)
+    line = np.linalg.norm(modes.at(case.sensors()), axis=0)
+    assert content["visible"] == [False] * 6 + (line > 0.1 * everywhere)[6:].tolist()
+    again = shared_tmp_path / "iterative.json"
+    assert run("modes", shared_tmp_path, "--iterative", "--json", again) == 0
+    comm.barrier()
+    frequencies = json.loads(again.read_text())["frequencies_hz"]
+    assert frequencies == pytest.approx(content["frequencies_hz"], rel=1e-8)
+    said = capfd.readouterr()
+    if comm.rank == 0:
+        assert f"{content['frequencies_hz'][6]:.2f}" in said.out and "wrote" in said.out
+        assert "solving 14 modes" in said.err
+    else:
+        assert not said.out and not said.err
+
+
+@serial
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["modes", "{}/nowhere"], 1, ["nowhere", "no such file"]),
+        (["modes", "{}", "--json", "{}/none/a.json"], 1, ["--json", "no folder"]),
+        (["modes", "{}", "--report", "{}"], 1, ["--report", "is a folder"]),
+        (["modes", "{}", "--json", "{}/a", "--report", "{}/a"], 1, ["--json's file too"]),
+        (["modes", "{}", "-n", "0"], 2, ["-n"]),
+        (["modes"], 2, ["CASE"]),
+        (["mods", "{}"], 2, ["mods"]),
+        (["--version"], 0, [__version__]),
+    ],
+)
+def test_exit_codes(tmp_path, write_case, run, capfd, monkeypatch, arguments, code, said):
+    def never(*_):
+        raise AssertionError("the work began")
+
+    monkeypatch.setattr(mode_list, "build_structure", never)
+    write_case(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    assert run(*(a.format(tmp_path) for a in arguments)) == code
+    streams = capfd.readouterr()
+    assert "Traceback" not in streams.err
+    for fragment in said:
+        assert fragment in streams.err + streams.out
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@serial
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (KeyboardInterrupt(), 130, "stopped"),
+        (RuntimeError("broken"), 1, "unexpected RuntimeError: broken"),
+    ],
+)
+def test_failure_during_the_work(tmp_path, write_case, run, capfd, monkeypatch, error, code, said):
+    """No file is left, not even the form compiler's half-made one, which would block next time."""
+
+    def fail(*_, **__):
+        (cache / "libffcx_forms_half.c").touch()
+        raise error
+
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    for name in ("libffcx_forms_whole.c", "libffcx_forms_whole.c.cached"):
+        (cache / name).touch()
+    monkeypatch.setattr(dolfinx.jit, "get_options", lambda: {"cache_dir": str(cache)})
+    monkeypatch.setattr(mode_list, "solve_modes", fail)
+    monkeypatch.setattr(mode_list, "build_structure", lambda *_: type("S", (), {"n_dofs": 1}))
+    write_case(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    assert run("modes", tmp_path, "--json", tmp_path / "out.json") == code
+    streams = capfd.readouterr()
+    assert said in streams.err and "Traceback" not in streams.err and not streams.out
+    assert sorted(tmp_path.rglob("*")) == before
+    run("modes", tmp_path, "--debug")
+    assert ("Traceback" in capfd.readouterr().err) == (code == 1)
+
+
+@serial
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
+def test_old_file_survives_a_failed_write(tmp_path, monkeypatch, error):
+    def fail(*_):
+        raise error
+
+    target = tmp_path / "out.json"
+    files.write_text(target, "old")
+    monkeypatch.setattr(files.os, "fsync", fail)
+    with pytest.raises((KeyboardInterrupt, files.InputError)):
+        files.write_text(target, "new")
+    assert target.read_text() == "old" and list(tmp_path.iterdir()) == [target]
+
+
+ONE_RANK_FAILS = """
+from mpi4py import MPI
+from fenics_joints.errors import InputError
+from fenics_joints.parallel import guarded
+with guarded():
+    if MPI.COMM_WORLD.rank == 1:
+        raise InputError("only here")
+    MPI.COMM_WORLD.barrier()
+"""
+
+
+@serial
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="needs mpirun")
+def test_a_rank_that_fails_alone_ends_the_others(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(ONE_RANK_FAILS)
+    command = ["mpirun", "-n", "2", sys.executable, str(script)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode != 0
+    assert done.stderr.count("error (on rank 1): only here") == 1
+
+
+@serial
+def test_help_is_quick():
+    """Showing help loads neither DOLFINx nor the case's machinery."""
+    code = (
+        "import sys; sys.argv = ['fenics-joints', 'modes', '--help']\n"
+        "from fenics_joints.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
+        "print([m for m in ('dolfinx', 'mpi4py', 'fenics_joints.case.case') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert "frequencies_hz" in done.stdout and done.stdout.rstrip().endswith("[]")
+    module = [sys.executable, "-m", "fenics_joints", "--version"]
+    assert __version__ in subprocess.run(module, capture_output=True, text=True).stdout

@@ -1,0 +1,243 @@
+"""The launcher ``with-fenicsx``, run by bash against stand-ins for mmdebstrap and bubblewrap.
+
+The stand-ins do the little that the launcher can see: mmdebstrap writes a small tar, bubblewrap
+runs what follows ``--``. Everything else (bash, tar, flock, signals, renames) is real.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TOOLS = (
+    "bash sh env cat cut awk sed grep ls mkdir rm mv chmod cksum mktemp df du tail sleep tar uname "
+    "id dirname flock true"
+).split()
+MISSING = [tool for tool in TOOLS if shutil.which(tool) is None]
+pytestmark = pytest.mark.skipif(
+    bool(MISSING) or not sys.platform.startswith("linux"), reason=f"needs Linux and {MISSING}"
+)
+
+MMDEBSTRAP = """#!/bin/sh
+echo build >>"$RECORD"
+echo "I: pretending" >&2
+sleep "${STUB_SECONDS:-0}"
+if [ -n "$STUB_FAILURE" ]; then echo "$STUB_FAILURE" >&2; exit 1; fi
+mkdir -p "$TMPDIR/r/usr/bin" "$TMPDIR/r/etc" "$TMPDIR/r/dev"
+tar -c -C "$TMPDIR/r" .
+"""
+BWRAP = """#!/bin/sh
+while [ "$1" != -- ]; do shift; done
+shift
+case "$1 $2 $3" in
+  *python3*"-m venv") for venv; do :; done
+    mkdir -p "$venv/lib/python3.13/site-packages" "$venv/bin" ;;
+  *python3*"-m pip") echo pip >>"$RECORD" ;;
+  *python3*) echo "ok /usr|/usr/dolfinx|0.9.0" ;;
+  *) "$@"; exit $? ;;
+esac
+"""
+
+
+class Machine:
+    """A machine with an empty cache, a checkout and only the stand-ins and tools on its PATH."""
+
+    def __init__(self, place: Path) -> None:
+        self.bin, self.checkout = place / "bin", place / "checkout"
+        self.cache, self.record = place / "cache" / "fenics-joints", place / "record"
+        self.bin.mkdir()
+        self.checkout.mkdir()
+        self.record.touch()
+        for tool in TOOLS:
+            (self.bin / tool).symlink_to(shutil.which(tool))
+        self.install("mmdebstrap", MMDEBSTRAP)
+        self.install("bwrap", BWRAP)
+        self.install("id", "#!/bin/sh\necho 0\n")
+        for name in ("with-fenicsx", "pyproject.toml"):
+            shutil.copy(REPOSITORY / name, self.checkout / name)
+
+    def install(self, name: str, script: str) -> None:
+        (self.bin / name).unlink(missing_ok=True)
+        (self.bin / name).write_text(script)
+        (self.bin / name).chmod(0o755)
+
+    def start(self, *command: str, **environment: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [self.checkout / "with-fenicsx", *command],
+            env={
+                "PATH": str(self.bin),
+                "HOME": str(self.checkout.parent),
+                "XDG_CACHE_HOME": str(self.cache.parent),
+                "RECORD": str(self.record),
+                **environment,
+            },
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def run(self, *command: str, stdin: str = "", **environment: str) -> tuple[int, str, str]:
+        process = self.start(*command, **environment)
+        out, err = process.communicate(stdin, timeout=60)
+        return process.returncode, out, err
+
+    def count(self, word: str) -> int:
+        return self.record.read_text().split().count(word)
+
+    def roots(self) -> list[Path]:
+        return sorted((self.cache / "roots").glob("*")) + sorted((self.cache / "roots").glob(".*"))
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path)
+
+
+def wait_for(condition, seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited too long"
+        time.sleep(0.02)
+
+
+def test_command_gets_stdin_arguments_and_passes_its_status(machine: Machine) -> None:
+    status, out, err = machine.run("sh", "-c", 'cat; echo "$1"; exit 7', "-", "a b", stdin="in\n")
+    assert (status, out) == (7, "in\na b\n")
+    assert "making a private Debian trixie root" in err
+    # Everything is there now: silence, and nothing is made again.
+    assert machine.run("sh", "-c", "exit 3") == (3, "", "")
+    assert (machine.count("build"), machine.count("pip")) == (1, 1)
+
+
+@pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_interrupted_build_is_never_used(machine: Machine, kill: signal.Signals) -> None:
+    process = machine.start("true", STUB_SECONDS="60")
+    wait_for(lambda: machine.count("build") == 1)
+    process.send_signal(kill)
+    if kill != signal.SIGKILL:
+        process.communicate(timeout=20)
+        assert process.returncode == 128 + kill
+        assert machine.roots() == []
+    assert machine.run("true")[0] == 0
+    assert machine.count("build") == 2
+    assert [(root / ".ready").exists() for root in machine.roots()] == [True]
+    process.communicate(timeout=20)
+
+
+def test_two_starts_build_once(machine: Machine) -> None:
+    first = machine.start("sh", "-c", "echo one", STUB_SECONDS="1")
+    wait_for(lambda: machine.count("build") == 1)
+    status, out, err = machine.run("sh", "-c", "echo two", STUB_SECONDS="1")
+    assert (status, out, "waiting for it" in err) == (0, "two\n", True)
+    assert first.communicate(timeout=20)[0] == "one\n"
+    assert (machine.count("build"), machine.count("pip")) == (1, 1)
+
+
+def test_ordinary_user_without_tools_gets_the_line_to_run(machine: Machine) -> None:
+    (machine.bin / "bwrap").unlink()
+    machine.install("id", "#!/bin/sh\necho 1000\n")
+    machine.install("apt-get", '#!/bin/sh\necho apt >>"$RECORD"\n')
+    status, out, err = machine.run("true")
+    assert (status, out, machine.count("apt")) == (1, "", 0)
+    assert "sudo apt-get install bubblewrap mmdebstrap" in err
+    assert "missing" in err and "bwrap" in err and "conda" in err
+
+
+def test_root_user_installs_the_tools(machine: Machine) -> None:
+    (machine.bin / "mmdebstrap").rename(machine.bin / "package")
+    script = '#!/bin/sh\ncase $1 in install) mv "$BIN/package" "$BIN/mmdebstrap" ;; esac\n'
+    machine.install("apt-get", script)
+    status, _, err = machine.run("true", BIN=str(machine.bin))
+    assert status == 0
+    assert "installing bubblewrap mmdebstrap" in err
+
+
+def test_failed_build_says_why_and_leaves_nothing(machine: Machine) -> None:
+    status, _, err = machine.run("true", STUB_FAILURE="E: Could not resolve 'deb.debian.org'")
+    assert status == 69
+    assert "no network" in err and "Could not resolve" in err
+    assert machine.roots() == []
+
+
+def test_signal_to_the_launcher_reaches_the_command(machine: Machine) -> None:
+    assert machine.run("true")[0] == 0
+    script = 'trap "echo cleaned; exit 3" INT; echo up >>"$RECORD"; while :; do sleep 0.05; done'
+    process = machine.start("sh", "-c", script)
+    wait_for(lambda: machine.count("up") == 1)
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=20)[0] == "cleaned\n"
+    assert process.returncode == 3
+
+
+def test_new_dependency_makes_a_new_environment_and_gone_checkouts_lose_theirs(
+    machine: Machine,
+) -> None:
+    assert machine.run("true")[0] == 0
+    project = machine.checkout / "pyproject.toml"
+    text = project.read_text()
+    project.write_text(text.replace("[tool.ruff]", "[tool.ruff]\npreview = true"))
+    assert machine.run("true")[0] == 0
+    assert machine.count("pip") == 1  # settings of tools change nothing
+    project.write_text(text.replace("dependencies = [", 'dependencies = [\n  "attrs",', 1))
+    assert machine.run("true")[0] == 0
+    assert machine.count("pip") == 2
+    machine.checkout = shutil.move(machine.checkout, machine.checkout.with_name("moved"))
+    assert machine.run("true")[0] == 0
+    assert (machine.count("build"), machine.count("pip")) == (1, 3)
+    assert len(list((machine.cache / "venvs").iterdir())) == 1
+
+
+def fake_fenicsx(machine: Machine, version: str, scalar: str) -> None:
+    """Let the machine's ``python3`` see packages that say they are FEniCSx."""
+    site = machine.checkout.parent / "site"
+    info = f"fenics_dolfinx-{version}.dist-info"
+    for name in ("dolfinx", "mpi4py", "petsc4py", "slepc4py", info):
+        (site / name).mkdir(parents=True)
+        (site / name / "__init__.py").touch()
+    (site / "petsc4py" / "PETSc.py").write_text(f"import numpy\nScalarType = numpy.{scalar}\n")
+    (site / "slepc4py" / "SLEPc.py").touch()
+    metadata = site / f"fenics_dolfinx-{version}.dist-info" / "METADATA"
+    metadata.write_text(f"Metadata-Version: 2.1\nName: fenics-dolfinx\nVersion: {version}\n")
+    script = f'#!/bin/sh\nPYTHONPATH="{site}" exec "{sys.executable}" "$@"\n'
+    machine.install("python3", script)
+
+
+@pytest.mark.parametrize(
+    ("version", "scalar", "words"),
+    [
+        ("0.8.0", "float64", "DOLFINx 0.8.0, supported are 0.9 to 0.11"),
+        ("0.12.0.dev0", "float64", "DOLFINx 0.12.0.dev0, supported are 0.9 to 0.11"),
+        ("0.10.0", "complex128", "complex scalars"),
+    ],
+)
+def test_unfit_active_environment_falls_through(
+    machine: Machine, version: str, scalar: str, words: str
+) -> None:
+    fake_fenicsx(machine, version, scalar)
+    status, out, err = machine.run("sh", "-c", "echo inside")
+    assert (status, out, machine.count("build")) == (0, "inside\n", 1)
+    assert words in err
+
+
+def test_fit_active_environment_is_named_and_explicit_suite_skips_it(machine: Machine) -> None:
+    fake_fenicsx(machine, "0.10.0", "float64")
+    assert machine.run("--where")[1].startswith(f"active: {machine.bin}/python3 (DOLFINx 0.10.0)")
+    assert "private root: " in machine.run("--where", FENICSX_SUITE="sid")[1]
+
+
+def test_clean_removes_roots_and_environments(machine: Machine) -> None:
+    assert machine.run("true")[0] == 0
+    status, _, err = machine.run("--clean")
+    assert (status, machine.roots()) == (0, [])
+    assert "MB freed" in err
+    assert os.listdir(machine.cache) == ["lock"]

@@ -1,0 +1,213 @@
+"""Time integration against closed forms, other integrators, and energy."""
+
+import numpy as np
+import pytest
+import ufl
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.integrate import solve_ivp
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.harmonic import solve_backbone
+from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
+from fenics_joints.interfaces.motion import FullModel, SparsePoints
+from fenics_joints.joint_laws import Iwan, JointLaw, Segalman
+from fenics_joints.transient.transient import solve_transient, steady_harmonics, stepped_sine
+
+
+class Slider(JointLaw):
+    """A Jenkins element in one direction, written as a user would."""
+
+    def state_size(self, n_slip):
+        return n_slip
+
+    def element(self, normal, slip, state, p):
+        trial = p["k"] * (slip[0] - state[0])
+        slides = ufl.gt(abs(trial), p["s"])
+        traction = ufl.conditional(slides, p["s"] * ufl.sign(trial), trial)
+        new = ufl.conditional(slides, slip[0] - traction / p["k"], state[0])
+        return 0, ufl.as_vector([traction]), ufl.as_vector([new])
+
+
+def oscillator(k=1.0, c=0.02, law=None):
+    joint = () if law is None else (InterfacePoints("joint", law, np.ones((1, 1, 1)), np.ones(1)),)
+    return InterfaceModel(
+        M=np.eye(1), K=np.array([[k]]), C=np.array([[c]]), interfaces=joint,
+        forces={"push": np.ones(1)}, sensors={"mass": np.ones(1)},
+    )  # fmt: skip
+
+
+def chain(comm=None, n=6):
+    """Masses in a row, clamped at one end, with a slider across every spring: dense or shared."""
+    K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    K[-1, -1] = 1
+    M, C = np.diag(np.linspace(1, 2, n)), 0.01 * K
+    rows = np.eye(n) - np.eye(n, k=-1)
+    law, weights = Slider(k=[0.6, 0.4], s=[0.02, 0.05]), np.linspace(1, 2, n)
+    end = np.eye(n)[-1]
+    if comm is None:
+        joint = InterfacePoints("joint", law, rows[:, None, :], weights)
+        return InterfaceModel(M, K, (joint,), C, {"end": end}, {"end": end})
+    share = PETSc.Vec().createMPI(n, comm=comm)
+    first, last = share.getOwnershipRange()
+
+    def shared(array):
+        A = PETSc.Mat().createAIJ(((last - first, n),) * 2, nnz=n, comm=comm)
+        for i in range(first, last):
+            at = np.flatnonzero(array[i]).astype(np.int32)
+            A.setValues([i], at, array[i, at])
+        A.assemble()
+        return A
+
+    share.array[:] = end[first:last]
+    joint = SparsePoints("joint", law, shared(rows), weights[first:last], 1)
+    return FullModel(shared(M), shared(K), (joint,), shared(C), {"end": share}, {"end": share})
+
+
+@pytest.mark.smoke
+def test_free_decay_converges_with_second_order():
+    errors, other = [], []
+    for step in (0.1, 0.05, 0.025):
+        n_steps = round(20 / step)
+        run = solve_transient(oscillator(), step=step, n_steps=n_steps, initial=([1.0], None, None))
+        t, w = run.times, np.sqrt(1 - 1e-4)
+        exact = np.exp(-0.01 * t) * (np.cos(w * t) + 0.01 / w * np.sin(w * t))
+        errors.append(np.abs(run.displacements["mass"] - exact).max())
+        by_force = -run.displacements["mass"] - 0.02 * run.velocities["mass"]
+        other.append(np.abs(run.accelerations["mass"] - by_force).max())
+    assert np.diff(np.log2(errors)) == pytest.approx([-2, -2], abs=0.1)
+    # The method's acceleration is that of a time (1 - r) / (1 + r) steps away, r = 0.9.
+    assert other == pytest.approx(np.array([0.1, 0.05, 0.025]) * 0.1 / 1.9, rel=0.05)
+
+
+def test_ring_down_of_a_linear_oscillator_has_its_frequency_and_damping():
+    run = solve_transient(oscillator(), step=0.02, n_steps=3000, initial=([1.0], None, None))
+    decay = run.ring_down("mass")
+    assert decay.frequencies_hz * 2 * np.pi == pytest.approx(np.sqrt(1 - 1e-4), rel=1e-4)
+    assert decay.damping == pytest.approx(0.01, rel=1e-3)
+
+
+def test_ring_down_of_a_slipping_joint_follows_the_nonlinear_mode():
+    """Frequency and damping over amplitude: by decay, and by the mode of harmonic balance.
+
+    With forty sliders both are smooth; each cycle of the decay has a range of amplitudes.
+    """
+    law = Iwan(Segalman(1.0, 1.0, -0.5, 0.5), 40, amplitudes=(0.02, 1.4))
+    model = oscillator(c=0.002, law=law)
+    run = solve_transient(model, step=0.02, n_steps=15000, initial=([0.7], None, None))
+    decay = run.ring_down("mass")
+    mode = solve_backbone(model, (0.05, 0.7), harmonics=3, samples=256)
+    size = np.log(mode.amplitude("mass"))
+    inside = (decay.amplitudes > 0.06) & (decay.amplitudes < 0.6)
+    at = np.log(decay.amplitudes[inside])
+    frequency = np.interp(at, size, mode.frequencies_hz)
+    damping = np.interp(at, size, mode.damping_ratios)
+    assert np.sum(inside) > 10 and damping.max() > 3 * damping.min()
+    assert decay.frequencies_hz[inside] == pytest.approx(frequency, rel=5e-3)
+    assert decay.damping[inside] == pytest.approx(damping, rel=0.1)
+    assert np.mean(decay.damping[inside] / damping) == pytest.approx(1, abs=0.03)
+
+
+def test_slider_agrees_with_an_integrator_that_stops_at_every_change_of_stick_and_slip():
+    law = Slider(k=[1.0], s=[0.1])
+    step, n = 0.01, 4000
+    push = lambda t: 0.15 * np.cos(1.3 * t)  # noqa: E731
+    run = solve_transient(oscillator(law=law), step=step, n_steps=n, loads={"push": push})
+    exact = _by_events(push, run.times)
+    scale = np.abs(exact).max()
+    assert np.abs(run.displacements["mass"] - exact).max() < 2e-3 * scale
+
+
+def _by_events(push, times):
+    """Jenkins oscillator as a sequence of smooth motions between changes of stick and slip."""
+    t, y, found = 0.0, np.zeros(3), np.zeros(len(times))  # displacement, velocity, slider
+    slipping = 0.0
+    while t < times[-1]:
+
+        def rate(t, y, sign=slipping):
+            force = 0.1 * sign if sign else y[0] - y[2]
+            return [y[1], push(t) - 0.02 * y[1] - y[0] - force, y[1] if sign else 0.0]
+
+        def change(t, y, sign=slipping):
+            return y[1] * sign if sign else 0.1 - abs(y[0] - y[2])
+
+        change.terminal, change.direction = True, -1
+        part = solve_ivp(
+            rate, (t, times[-1]), y, events=change, dense_output=True, rtol=1e-9, atol=1e-11
+        )
+        inside = (times >= t) & (times <= part.t[-1])
+        found[inside] = part.sol(times[inside])[0]
+        t, y = part.t[-1], part.y[:, -1]
+        slipping = 0.0 if slipping else float(np.sign(y[0] - y[2]))
+    return found
+
+
+def test_work_of_the_load_is_stored_or_dissipated():
+    run = solve_transient(
+        chain(), step=0.02, n_steps=2500, loads={"end": lambda t: 0.2 * np.sin(0.3 * t)}
+    )
+    spent = run.energy + run.damped + run.joint_work["joint"]
+    assert np.abs(spent - run.work).max() < 1e-3 * run.work.max()
+    assert run.joint_work["joint"][-1] > 0.1 * run.work[-1]
+
+
+@pytest.mark.parallel
+def test_full_model_on_any_number_of_ranks_is_the_dense_one():
+    loads = {"end": lambda t: 0.2 * np.sin(0.3 * t)}
+    runs = [
+        solve_transient(model, step=0.1, n_steps=200, loads=loads)
+        for model in (chain(), chain(MPI.COMM_WORLD))
+    ]
+    for key in ("displacements", "accelerations"):
+        dense, shared = (getattr(run, key)["end"] for run in runs)
+        assert shared == pytest.approx(dense, abs=1e-9 * np.abs(dense).max())
+    assert runs[1].joint_work["joint"] == pytest.approx(runs[0].joint_work["joint"], abs=1e-10)
+    assert runs[1].energy == pytest.approx(runs[0].energy, abs=1e-10)
+
+
+def test_a_run_goes_on_from_where_another_ended():
+    loads = {"end": lambda t: 0.2 * np.sin(0.3 * t)}
+    whole = solve_transient(chain(), step=0.05, n_steps=600, loads=loads)
+    first = solve_transient(chain(), step=0.05, n_steps=300, loads=loads)
+    rest = solve_transient(
+        chain(), step=0.05, n_steps=300, loads=loads, initial=first.final, start=15.0
+    )
+    # The method starts anew with its own acceleration: the same to its order.
+    scale = np.abs(whole.displacements["end"]).max()
+    assert rest.displacements["end"][-1] == pytest.approx(
+        whole.displacements["end"][-1], abs=1e-3 * scale
+    )
+
+
+def test_stepped_sine_of_a_linear_oscillator_is_its_receptance():
+    frequencies = np.array([0.13, 0.155, 0.17])
+    found, _ = stepped_sine(
+        oscillator(c=0.1), "push", 2.0, frequencies, sensor="mass", steps_per_period=200,
+        tolerance=1e-5,
+    )  # fmt: skip
+    w = 2 * np.pi * frequencies
+    exact = 2.0 / (1 - w**2 + 0.1j * w)
+    assert found[:, 1] - 1j * found[:, 2] == pytest.approx(exact, rel=2e-3)
+
+
+def test_steady_harmonics_of_a_known_signal():
+    t = np.linspace(0, 3, 1201)
+    y = 0.3 + 2 * np.cos(2 * np.pi * 2 * t) - 0.5 * np.sin(3 * 2 * np.pi * 2 * t)
+    assert steady_harmonics(t, y, 2.0, 3) == pytest.approx([0.3, 2, 0, 0, 0, 0, -0.5], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [({"step": 0.0}, "step"), ({"n_steps": 0}, "n_steps"), ({"sensors": ["tip"]}, "no 'tip'")],
+)
+def test_bad_input_is_named(wrong, message):
+    with pytest.raises(InputError, match=message):
+        solve_transient(oscillator(), **({"step": 0.1, "n_steps": 1} | wrong))
+
+
+def test_a_step_that_does_not_converge_is_said_with_its_time():
+    with pytest.raises(ConvergenceError, match="t = 0"):
+        solve_transient(
+            chain(), step=0.1, n_steps=50, loads={"end": lambda t: np.sin(t)},
+            petsc_options={"snes_max_it": 1, "snes_rtol": 1e-30, "snes_stol": 0, "snes_atol": 0},
+        )  # fmt: skip
