@@ -303,7 +303,7 @@ def _prepare(comm, path: Path, json: Path | None, report: Path | None) -> Case:
     from fenics_joints.case.case import load_case
     from fenics_joints.errors import InputError
     from fenics_joints.files import check_writable
-    from fenics_joints.meshes.tagged import on_root
+    from fenics_joints.parallel import on_root
 
     def read() -> Case:
         if json is not None:
@@ -321,7 +321,7 @@ def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
     """Write and show; then fail, where the outcome says that it is none."""
     from fenics_joints.errors import ConvergenceError
     from fenics_joints.files import write_text
-    from fenics_joints.meshes.tagged import on_root
+    from fenics_joints.parallel import on_root
 
     def write() -> None:
         from rich.console import Console

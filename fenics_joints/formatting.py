@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from fenics_joints.meshes import Ring
 
 __all__ = [
     "MISSING", "condition_value", "extents", "hertz", "interval", "mode_kinds", "number", "p_value",
-    "percent", "prefixed", "probability", "quantity", "ring_row", "spread",
+    "percent", "prefixed", "probability", "quantity", "spread",
 ]  # fmt: skip
 
 #: Shown where there is no number.
@@ -60,14 +56,6 @@ def extents(size_m: Sequence[float]) -> str:
     """The extents of a body, m, in the unit that suits the largest: ``200 x 160 x 171 mm``."""
     factor, unit = prefixed(max(size_m), "m")
     return " x ".join(number(float(s) * factor) for s in size_m) + f" {unit}"
-
-
-def ring_row(ring: Ring) -> tuple[str, ...]:
-    """A bolt's ring in a table: name, centre, thickness and radii in mm, and the parts joined."""
-    centre = ", ".join(f"{round(1e3 * float(c), 1) + 0.0:.1f}" for c in ring.centre)
-    radii = f"{1e3 * ring.r_nei:.3g} to {1e3 * ring.r_wai:.3g}"
-    thickness = number(1e3 * ring.thickness)
-    return ring.name, centre, thickness, radii, ", ".join((*ring.lower, *ring.upper))
 
 
 def prefixed(value: float, unit: str, digits: int = 3) -> tuple[float, str]:

@@ -1,4 +1,4 @@
-"""Failures of a command: one clear message, an exit code, and no rank left waiting."""
+"""Ranks that fail together: one clear message, an exit code, and none left waiting."""
 
 from __future__ import annotations
 
@@ -6,13 +6,19 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from fenics_joints.errors import JointsError
 
-__all__ = ["guarded"]
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+__all__ = ["guarded", "on_root"]
+
+T = TypeVar("T")
 
 #: How long a failed rank waits for the others to fail too, in seconds.
 _PATIENCE = 2.0
@@ -20,6 +26,28 @@ _PATIENCE = 2.0
 
 class _Terminated(BaseException):
     """The process was asked to end (SIGTERM), as mpirun does to its ranks on Ctrl-C."""
+
+
+def on_root(comm: MPI.Intracomm, build: Callable[[], T]) -> T | None:
+    """Call ``build`` on rank 0 only; if it raises, raise the same on every rank.
+
+    Args:
+        comm: Communicator; the call is collective.
+        build: Function without arguments.
+
+    Returns:
+        What ``build`` returned on rank 0, None on the others.
+    """
+    result, error = None, None
+    if comm.rank == 0:
+        try:
+            result = build()
+        except Exception as caught:
+            error = caught
+    error = comm.bcast(error, root=0)
+    if error is not None:
+        raise error
+    return result
 
 
 @contextmanager

@@ -13,7 +13,8 @@ from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import disc_grid, flat_lists, graded_lines, grid_lines, tensor_grid
 from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.skin import add_faces, exterior_facets
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
+from fenics_joints.parallel import on_root
 
 __all__ = ["bolted_plates", "bolted_plates_section"]
 

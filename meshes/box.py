@@ -10,7 +10,8 @@ from mpi4py import MPI
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import tensor_grid
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
+from fenics_joints.parallel import on_root
 
 __all__ = ["box"]
 

@@ -26,7 +26,8 @@ from fenics_joints.meshes.cad_shapes import (
 )
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.gmsh_model import gmsh_model
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
+from fenics_joints.parallel import on_root
 
 __all__ = ["read_step"]
 

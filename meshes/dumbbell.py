@@ -11,7 +11,8 @@ from mpi4py import MPI
 from fenics_joints.meshes.arguments import is_count, is_positive, requirement
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import disc_grid, grid_lines, o_grid, tensor_grid
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
+from fenics_joints.parallel import on_root
 
 __all__ = ["dumbbell"]
 

@@ -12,7 +12,8 @@ from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import flat_lists, grid_lines, tensor_grid
 from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.skin import add_faces, exterior_facets, facets_between
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
+from fenics_joints.parallel import on_root
 
 __all__ = ["lap_beam", "lap_beam_section"]
 

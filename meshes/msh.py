@@ -15,7 +15,8 @@ from fenics_joints.meshes.arguments import is_positive
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.gmsh_model import gmsh_model
 from fenics_joints.meshes.rings import ring_centres
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute, on_root
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
+from fenics_joints.parallel import on_root
 
 __all__ = ["read_msh"]
 

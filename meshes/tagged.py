@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import dolfinx.mesh
 import numpy as np
@@ -13,10 +12,7 @@ from mpi4py import MPI
 from fenics_joints import _compat
 from fenics_joints.errors import MeshError
 
-__all__ = ["MeshLists", "TaggedMesh", "distribute", "extent", "limits", "on_root"]
-
-T = TypeVar("T")
-
+__all__ = ["MeshLists", "TaggedMesh", "distribute", "extent", "limits"]
 
 @dataclass(frozen=True)
 class TaggedMesh:
@@ -112,28 +108,6 @@ class MeshLists:
     cell_names: dict[str, int]
     facet_names: dict[str, int]
     points: dict[str, np.ndarray] = field(default_factory=dict)
-
-
-def on_root(comm: MPI.Intracomm, build: Callable[[], T]) -> T | None:
-    """Call ``build`` on rank 0 only; if it raises, raise the same on every rank.
-
-    Args:
-        comm: Communicator; the call is collective.
-        build: Function without arguments.
-
-    Returns:
-        What ``build`` returned on rank 0, None on the others.
-    """
-    result, error = None, None
-    if comm.rank == 0:
-        try:
-            result = build()
-        except Exception as caught:
-            error = caught
-    error = comm.bcast(error, root=0)
-    if error is not None:
-        raise error
-    return result
 
 
 def distribute(comm: MPI.Intracomm, lists: MeshLists | None) -> TaggedMesh:

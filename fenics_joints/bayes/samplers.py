@@ -15,7 +15,7 @@ from fenics_joints.bayes.chains import Chains
 from fenics_joints.bayes.posterior import Posterior
 from fenics_joints.bayes.walks import Ensembles, Independence, RandomWalk, generator
 from fenics_joints.errors import InputError
-from fenics_joints.meshes.tagged import on_root
+from fenics_joints.parallel import on_root
 
 __all__ = ["SAMPLERS", "Settings", "Task", "grow", "sample"]
 

@@ -11,7 +11,7 @@ from fenics_joints.beams.element import joint_matrices, mass_matrices, stiffness
 from fenics_joints.beams.laws import BEAM_MASSES
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.modal.modes import Modes
-from fenics_joints.reduction.affine import number
+from fenics_joints.structure.values import number
 
 __all__ = ["JOINT_KEYS", "BeamCells", "beam_cells", "cell_energies", "log_slopes"]
 

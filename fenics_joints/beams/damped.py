@@ -15,8 +15,8 @@ from scipy.optimize import least_squares
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.reduction.affine import number
 from fenics_joints.response.complex_modes import ComplexModes, solve_complex_modes
+from fenics_joints.structure.values import number
 
 __all__ = ["DampingFit", "SlipTable", "identify_damping", "slip_table"]
 

@@ -11,13 +11,14 @@ from fenics_joints.beams.assembly import Assembly
 from fenics_joints.beams.components import Beam, Clamp, GenericJoint, Held, LumpedMass
 from fenics_joints.beams.layout import lay_out
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm, number
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.structure.components import Parameter, Spring
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.rows import PlaceRows
+from fenics_joints.structure.values import number
 
 __all__ = ["BeamStructure"]
 

@@ -163,7 +163,7 @@ class StepMesh(MeshFile):
     def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh; ``folder`` is the case's. Collective."""
         from fenics_joints.meshes import read_step
-        from fenics_joints.meshes.tagged import on_root
+        from fenics_joints.parallel import on_root
 
         given = self.model_dump(exclude={"file", "degree", "size", "bolts"}, exclude_none=True)
         given["joint"] = self.joint or ("layer" if self.bolts is None else "rings")

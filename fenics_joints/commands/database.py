@@ -178,7 +178,7 @@ def sweep(
         from fenics_joints.database.store import Store
         from fenics_joints.database.sweep import grid
         from fenics_joints.database.sweep import sweep as run_sweep
-        from fenics_joints.meshes.tagged import on_root
+        from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
 
         comm = MPI.COMM_WORLD
@@ -275,7 +275,7 @@ def _on_one_rank(run, debug: bool, *outputs: Path | None) -> None:
         from mpi4py import MPI
 
         from fenics_joints.files import check_writable
-        from fenics_joints.meshes.tagged import on_root
+        from fenics_joints.parallel import on_root
 
         def checked() -> None:
             for path in outputs:

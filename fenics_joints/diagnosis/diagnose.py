@@ -30,7 +30,7 @@ from fenics_joints.diagnosis.where.location import locate_gap
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Gap
-from fenics_joints.meshes.tagged import on_root
+from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.surrogate import crossing_names
 

@@ -25,7 +25,7 @@ from dolfinx import fem, io
 
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable, write_text
-from fenics_joints.meshes.tagged import on_root
+from fenics_joints.parallel import on_root
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
 from fenics_joints.preload.result import ContactState, PreloadResult
 

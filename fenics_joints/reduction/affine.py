@@ -13,54 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fenics_joints.errors import InputError
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import Law
+from fenics_joints.structure.values import number, parameter_values, slopes
 
-__all__ = [
-    "AffinePencil",
-    "MassTerm",
-    "RegionTerm",
-    "SpringTerm",
-    "number",
-    "parameter_values",
-    "slopes",
-]
-
-_COMPLEX_STEP = 1e-30
-
-
-def parameter_values(
-    parameters: Mapping[str, Parameter], given: Mapping[str, float] | None
-) -> dict[str, float]:
-    """All parameters' values: the nominal ones, with ``given`` put in.
-
-    Raises:
-        InputError: If ``given`` names an unknown parameter or has a value that is not finite.
-    """
-    values = {name: p.value for name, p in parameters.items()}
-    for name, value in (given or {}).items():
-        if name not in values:
-            raise InputError(
-                f"parameter {name!r} does not exist; expected one of: {', '.join(values)}."
-            )
-        if not np.isfinite(value):
-            raise InputError(f"parameter {name} = {value}: expected a finite number.")
-        values[name] = float(value)
-    return values
-
-
-def number(value: float | str, values: Mapping[str, float]) -> float:
-    """A component's number: itself, or the value of the parameter that it names."""
-    return values[value] if isinstance(value, str) else float(value)
-
-
-def slopes(function, q: Mapping[str, float], key: str) -> np.ndarray:
-    """Derivative of ``function(q)`` by one property, by a complex step: exact to round-off."""
-    step = {k: complex(value) for k, value in q.items()}
-    step[key] += 1j * _COMPLEX_STEP
-    return np.imag(function(step)) / _COMPLEX_STEP
-
+__all__ = ["AffinePencil", "MassTerm", "RegionTerm", "SpringTerm"]
 
 @dataclass(frozen=True)
 class RegionTerm:

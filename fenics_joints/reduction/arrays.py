@@ -10,11 +10,12 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import SHIFT_SHARE, dense_modes
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm, number, slopes
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.rows import PlaceRows
+from fenics_joints.structure.values import number, slopes
 
 __all__ = ["ArrayModel"]
 

@@ -16,20 +16,14 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.eigensolver import without_zeros
-from fenics_joints.reduction.affine import (
-    AffinePencil,
-    MassTerm,
-    RegionTerm,
-    SpringTerm,
-    number,
-    slopes,
-)
+from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.snapshots import dense_columns, project
 from fenics_joints.reduction.surrogate import line_of
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import Sensors, observe_slopes
 from fenics_joints.structure.structure import Structure
+from fenics_joints.structure.values import number, slopes
 
 __all__ = ["FreeTerms"]
 

@@ -16,10 +16,10 @@ from scipy.optimize import linear_sum_assignment
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import mac
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.affine import slopes
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.narrow import pod
 from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.structure.values import slopes
 
 __all__ = ["LeanForward", "arrays_of", "frequency_error", "lean_forward", "modes_at"]
 

@@ -15,8 +15,9 @@ from scipy.stats import qmc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.affine import AffinePencil, number
+from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.structure.values import number
 
 __all__ = ["Narrow", "freeze", "narrow", "pod"]
 

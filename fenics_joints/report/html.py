@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 import fenics_joints
 from fenics_joints import formatting
-from fenics_joints.formatting import extents, mode_kinds, ring_row
+from fenics_joints.formatting import extents, mode_kinds
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.report import beam_pictures, diagnosis_pictures, mesh_pictures
 from fenics_joints.report import style as pictures
@@ -446,7 +446,8 @@ def modes_html(
     return render(
         "modes.html", title=title, rows=rows, n_rigid=n_rigid, dofs=dofs, shapes=pictures_,
         sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
-        size=extents(size_m) if len(size_m) else "", rings=[ring_row(ring) for ring in rings],
+        size=extents(size_m) if len(size_m) else "",
+        rings=[pictures.ring_row(ring) for ring in rings],
     )  # fmt: skip
 
 

@@ -19,11 +19,11 @@ from fenics_joints.formatting import (
     percent,
     probability,
     quantity,
-    ring_row,
     spread,
 )
 from fenics_joints.report.explanation import explain
 from fenics_joints.report.reading import by_effect, by_reason, effect_classes, leading, plain
+from fenics_joints.report.style import ring_row
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis

@@ -19,11 +19,11 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from fenics_joints.modal.eigensolver import product
-from fenics_joints.reduction.affine import slopes
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.loads import unit_loads
 from fenics_joints.structure.points import PointRows, Sensors
 from fenics_joints.structure.structure import Structure
+from fenics_joints.structure.values import slopes
 
 __all__ = [
     "DampedPencil", "MatrixForm", "RowForm", "Term", "imaginary", "linear", "point_loads",

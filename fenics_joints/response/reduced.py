@@ -15,10 +15,10 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, count_rigid, inverted_modes
-from fenics_joints.reduction.affine import parameter_values
 from fenics_joints.response.modal_basis import ModalPencil
 from fenics_joints.response.pencil import Term, imaginary, linear
 from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.values import parameter_values
 
 __all__ = ["reduced_pencil"]
 

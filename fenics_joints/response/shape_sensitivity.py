@@ -28,9 +28,9 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import Modes
-from fenics_joints.reduction.affine import parameter_values
 from fenics_joints.response.complement import complement
 from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.values import parameter_values
 
 __all__ = [
     "CLOSE", "SplitModes", "clusters", "mac_gradients", "shape_gradients", "span_gradients",

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.affine import number
+from fenics_joints.structure.values import number
 
 __all__ = ["Damping"]
 

@@ -21,7 +21,6 @@ from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.forms import circumference
 from fenics_joints.meshes.tagged import TaggedMesh, limits
-from fenics_joints.reduction.affine import parameter_values
 from fenics_joints.structure.components import (
     ElasticSupport,
     Parameter,
@@ -33,6 +32,7 @@ from fenics_joints.structure.components import (
 from fenics_joints.structure.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
 from fenics_joints.structure.points import PointRows, Sensors, locate, observe
 from fenics_joints.structure.properties import PropertyField
+from fenics_joints.structure.values import parameter_values
 
 __all__ = ["Structure"]
 

@@ -25,7 +25,8 @@ from fenics_joints.meshes import (
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import flat_lists, tensor_grid
 from fenics_joints.meshes.skin import add_faces, facets_between
-from fenics_joints.meshes.tagged import MeshLists, distribute, on_root
+from fenics_joints.meshes.tagged import MeshLists, distribute
+from fenics_joints.parallel import on_root
 
 COMM = MPI.COMM_WORLD
 X, Y = graded_lines([0, 0.5, 1], [0.1, 0.3, 0.1]), np.array([0, 0.2, 0.5, 0.6])

@@ -12,7 +12,8 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import bolted_plates_section, separate, stacked_blocks
 from fenics_joints.meshes.plane import flat_lists, tensor_grid
 from fenics_joints.meshes.skin import add_faces, exterior_facets
-from fenics_joints.meshes.tagged import distribute, on_root
+from fenics_joints.meshes.tagged import distribute
+from fenics_joints.parallel import on_root
 from fenics_joints.preload import (
     BeamBolt,
     Contact,

@@ -20,10 +20,10 @@ from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import Case
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.errors import InputError
-from fenics_joints.meshes.tagged import on_root
+from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.affine import number
 from fenics_joints.structure.components import Parameter
+from fenics_joints.structure.values import number
 from fenics_joints.units import parameter_unit
 from fenics_joints.updating.log_scale import LogScale
 

@@ -31,7 +31,7 @@ from fenics_joints.commands.bayes.model import CaseModel, case_model
 from fenics_joints.commands.bayes.page import BayesReport, Predicted
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import check_writable
-from fenics_joints.meshes.tagged import on_root
+from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
 __all__ = ["run_bayes"]

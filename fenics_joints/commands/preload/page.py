@@ -9,7 +9,7 @@ import numpy as np
 from fenics_joints.commands.preload.run import bolt_axes
 from fenics_joints.commands.preload.summary import area
 from fenics_joints.formatting import quantity
-from fenics_joints.preload.pictures import pressure_map, pressure_profile, status_map
+from fenics_joints.report.contact_pictures import pressure_map, pressure_profile, status_map
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import CHOSEN, PLACEBO, new_figure, style, to_svg
 

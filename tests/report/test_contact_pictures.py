@@ -13,7 +13,7 @@ from mpi4py import MPI
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import c_beams, stacked_blocks
 from fenics_joints.preload import OPEN, SLIP, STICK, Contact, ContactState, PreloadModel
-from fenics_joints.preload.pictures import pressure_map, pressure_profile, status_map
+from fenics_joints.report.contact_pictures import pressure_map, pressure_profile, status_map
 from fenics_joints.structure.components import part
 from fenics_joints.structure.structure import Structure
 

@@ -1,0 +1,118 @@
+"""The house: what may import what. Reads the sources; imports none of them."""
+
+from __future__ import annotations
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = {"fenics_joints": "fenics_joints", "forms": "fenics_joints.forms",
+           "meshes": "fenics_joints.meshes"}  # fmt: skip
+
+#: Rooms from the bottom to the top; those in one line do not know each other.
+ORDER = (
+    ("hall",),
+    ("forms", "meshes"),
+    ("structure",),
+    ("modal",),
+    ("joint_laws", "preload", "response"),
+    ("measurements",),
+    ("reduction",),
+    ("beams",),
+    ("interfaces",),
+    ("harmonic", "transient", "random_fields"),
+    ("updating",),
+    ("bayes", "database"),
+    ("case",),
+    ("diagnosis",),
+    ("report",),
+    ("commands",),
+    ("cli",),
+)
+FLOOR = {room: floor for floor, rooms in enumerate(ORDER) for room in rooms}
+HALL = {
+    "__init__", "__main__", "_compat", "cli", "errors", "files", "formatting", "parallel",
+    "progress", "units",
+}  # fmt: skip
+
+#: Arrows that still go the wrong way. This list only shrinks.
+EXCEPTIONS: set[tuple[str, str]] = {
+    (f"fenics_joints.{upper}", f"fenics_joints.{lower}")
+    for upper, lower in (
+        ("diagnosis.plan.candidates", "report.reading"),
+        ("diagnosis.plan.planned", "report.reading"),
+        ("diagnosis.plan.result", "report.reading"),
+        ("reduction.surrogate", "interfaces.files"),
+        ("report.html", "commands.modes"),
+        ("updating.updating", "case.build"),
+        ("updating.updating", "case.case"),
+    )
+}
+
+
+def modules() -> dict[str, Path]:
+    """Every module of the package by its dotted name."""
+    found = {}
+    for folder, package in SOURCES.items():
+        for path in (ROOT / folder).rglob("*.py"):
+            parts = path.relative_to(ROOT / folder).with_suffix("").parts
+            found[".".join((package, *(p for p in parts if p != "__init__")))] = path
+    return found
+
+
+def imports(name: str, path: Path, known: dict[str, Path]) -> set[str]:
+    """Modules of the package that a file imports, wherever it does so."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if alias.name in known}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: expected no relative import"
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                found |= {full if full in known else node.module} & known.keys()
+    return found - {name}
+
+
+def room(name: str) -> str:
+    """The room of a module: its first folder; the command line is above all, others in the hall."""
+    first = name.split(".")[1] if "." in name else "__init__"
+    if first in ("cli", "__main__"):
+        return "cli"
+    return "hall" if first in HALL else first
+
+
+KNOWN = modules()
+GRAPH = {name: imports(name, path, KNOWN) for name, path in KNOWN.items()}
+
+
+def circle(graph: dict[str, set[str]]) -> list[str]:
+    """Modules that import each other in a circle, or none."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
+def test_the_hall_is_small_and_every_room_is_known():
+    hall = {path.stem for path in (ROOT / "fenics_joints").glob("*.py")}
+    assert hall <= HALL and len(hall) <= 10
+    unknown = {room(name) for name in KNOWN} - FLOOR.keys()
+    assert not unknown, f"rooms without a place in the order: {unknown}"
+
+
+def test_imports_go_down_only():
+    up = {
+        (name, target)
+        for name, targets in GRAPH.items()
+        for target in targets
+        if room(name) != room(target) and FLOOR[room(target)] >= FLOOR[room(name)]
+    }
+    assert up - EXCEPTIONS == set(), "imports against the order of the rooms"
+    assert EXCEPTIONS - up == set(), "exceptions that are none any more: take them off the list"
+
+
+def test_no_circle():
+    assert not circle(GRAPH)
