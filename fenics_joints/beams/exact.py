@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.beams import BeamStructure
+from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.measurements.gap import VISIBLE, pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.arrays import ArrayModel

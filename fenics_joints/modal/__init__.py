@@ -1,0 +1,23 @@
+"""Natural frequencies, mode shapes, and what they say of the parameters."""
+
+from fenics_joints.modal.eigensolver import EigenResult, EigenSolver, count_below, solve_pencil
+from fenics_joints.modal.iterative import IterativeEigenSolver
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.modal.sensitivity import (
+    Identifiability,
+    frequency_sensitivity,
+    identifiability,
+)
+
+__all__ = [
+    "EigenResult",
+    "EigenSolver",
+    "Identifiability",
+    "IterativeEigenSolver",
+    "Modes",
+    "count_below",
+    "frequency_sensitivity",
+    "identifiability",
+    "solve_modes",
+    "solve_pencil",
+]

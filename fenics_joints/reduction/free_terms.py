@@ -21,7 +21,7 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.snapshots import dense_columns, project
 from fenics_joints.reduction.surrogate import line_of
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
-from fenics_joints.structure.points import Sensors, observe_slopes
+from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 from fenics_joints.structure.values import number, slopes
 
@@ -221,7 +221,7 @@ class FreeTerms:
         rows = shifts = None
         if sensors is not None:
             rows = full.observe(basis, sensors)
-            shifts = observe_slopes(full, basis, sensors, line_of(sensors.points))
+            shifts = full.observe_slopes(basis, sensors, line_of(sensors.points))
         Z.destroy()
         moving = AffinePencil(self.parameters, regions, springs, masses)
         rest = self.total_mass() - moving.total_mass(moving.values())

@@ -20,7 +20,7 @@ from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
-from fenics_joints.structure.points import Sensors, observe_slopes
+from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["Forward", "Surrogate", "crossing_names", "line_of"]
@@ -324,7 +324,7 @@ class Surrogate:
         if self.sensors is not None:
             rows = self.full.observe(model.basis, self.sensors)
             line = line_of(self.sensors.points)
-            shifts = observe_slopes(self.full, model.basis, self.sensors, line)
+            shifts = self.full.observe_slopes(model.basis, self.sensors, line)
         return ArrayModel(model.affine, model.scale_hz, rows, shifts)
 
 

@@ -1,0 +1,31 @@
+"""What a model is made of, and K(p) and M(p) of a solid one with joints."""
+
+from fenics_joints.structure.components import (
+    ElasticSupport,
+    Parameter,
+    PointMass,
+    Region,
+    Spring,
+    Support,
+    joint,
+    part,
+    transition,
+)
+from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+
+__all__ = [
+    "Damping",
+    "ElasticSupport",
+    "Parameter",
+    "PointMass",
+    "Region",
+    "Sensors",
+    "Spring",
+    "Structure",
+    "Support",
+    "joint",
+    "part",
+    "transition",
+]

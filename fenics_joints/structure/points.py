@@ -6,8 +6,7 @@ basis-function values times DOFs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import basix.ufl
 import numpy as np
@@ -18,10 +17,7 @@ from petsc4py import PETSc
 from fenics_joints._compat import coordinate_map, geometry_dofmap
 from fenics_joints.errors import InputError
 
-if TYPE_CHECKING:
-    from fenics_joints.structure.structure import Structure
-
-__all__ = ["PointRows", "Sensors", "locate", "observe", "observe_slopes"]
+__all__ = ["PointRows", "Sensors", "locate", "observe"]
 
 
 @dataclass(frozen=True)
@@ -172,31 +168,3 @@ def observe(rows: PointRows, directions: np.ndarray, vectors: list[PETSc.Vec], V
         result[rows.index, column] = np.einsum("pi,pi->p", at_points, directions[rows.index])
     V.mesh.comm.Allreduce(MPI.IN_PLACE, result)
     return result
-
-
-def observe_slopes(
-    structure: Structure, basis: list[PETSc.Vec], sensors: Sensors, directions: np.ndarray
-) -> np.ndarray:
-    """Change of what sensors read of displacement vectors per metre that they move. Collective.
-
-    The sensors keep the directions in which they measure. On a face between cells, across which
-    the gradient jumps, the slope is that in one of them.
-
-    Args:
-        structure: The full model.
-        basis: Vectors over its displacement space, owned entries.
-        sensors: The sensors where they stand.
-        directions: Where each moves, shape (n_sensors, gdim) or (gdim,); of any length.
-
-    Returns:
-        Shape (n_sensors, len(basis)), 1/m, equal on all ranks.
-
-    Raises:
-        InputError: If a direction is zero, or a sensor outside the mesh.
-    """
-    gdim = structure.gdim
-    towards = Sensors(sensors.points[:, :gdim], np.atleast_2d(directions)[:, :gdim]).directions
-    rows = structure.rows(sensors.points, "sensor")
-    along = np.einsum("pnj,pj->pn", rows.gradients, towards[rows.index])
-    turned = replace(rows, values=along)
-    return observe(turned, sensors.directions[:, :gdim], list(basis), structure.V)

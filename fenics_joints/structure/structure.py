@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
+from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from fenics_joints._compat import geometry_dofmap
@@ -555,6 +556,29 @@ class Structure:
         """Displacement shapes at sensors, shape (n_sensors, n_shapes), equal on all ranks."""
         rows = self.rows(sensors.points, "sensor")
         return observe(rows, sensors.directions[:, : self.gdim], list(shapes), self.V)
+
+    def observe_slopes(self, shapes, sensors: Sensors, directions: ArrayLike) -> np.ndarray:
+        """Change of what sensors read of displacements per metre that they move. Collective.
+
+        The sensors keep the directions in which they measure. On a face between cells, across which
+        the gradient jumps, the slope is that in one of them.
+
+        Args:
+            shapes: Displacement vectors, owned entries.
+            sensors: The sensors where they stand.
+            directions: Where each moves, shape (n_sensors, gdim) or (gdim,); of any length.
+
+        Returns:
+            Shape (n_sensors, n_shapes), 1/m, equal on all ranks.
+
+        Raises:
+            InputError: If a direction is zero, or a sensor outside the mesh.
+        """
+        gdim = self.gdim
+        towards = Sensors(sensors.points[:, :gdim], np.atleast_2d(directions)[:, :gdim]).directions
+        rows = self.rows(sensors.points, "sensor")
+        turned = replace(rows, values=np.einsum("pnj,pj->pn", rows.gradients, towards[rows.index]))
+        return observe(turned, sensors.directions[:, :gdim], list(shapes), self.V)
 
     def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
         """Frequency, Hz, at which the body would breathe if it grew evenly in all directions.

@@ -24,7 +24,7 @@ from fenics_joints.structure.components import (
     joint,
     part,
 )
-from fenics_joints.structure.points import Sensors, observe_slopes
+from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 
 AXIS = np.array([1.0, 0.0, 0.0])
@@ -59,7 +59,7 @@ def make(comm):
     )
     small = reduce(full, [NOMINAL, ELSEWHERE], 8, travel={"tip": (0.0, 0.1)})
     rows = full.observe(small.basis, SENSORS)
-    shifts = observe_slopes(full, small.basis, SENSORS, AXIS)
+    shifts = full.observe_slopes(small.basis, SENSORS, AXIS)
     return small, ArrayModel(small.affine, small.scale_hz, rows, shifts)
 
 

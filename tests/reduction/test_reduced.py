@@ -12,7 +12,7 @@ from fenics_joints.meshes import lap_plates
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
 from fenics_joints.structure.components import Parameter, PointMass, Spring, joint, part
-from fenics_joints.structure.points import Sensors, observe_slopes
+from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 
 N_MODES = 12
@@ -171,13 +171,13 @@ def test_slopes_at_sensors_are_differences_of_what_they_read():
     modes = solve_modes(model, n_modes=8)
     points = np.array([[0.031, 0.037, 0.0021], [0.287, 0.011, 0.0127]])
     reads, ways = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]]), np.array([[2.0, 0, 0], [0, 3, 4]])
-    slopes = observe_slopes(model, modes.shapes, Sensors(points, reads), ways)
+    slopes = model.observe_slopes(modes.shapes, Sensors(points, reads), ways)
     step = 1e-6 * ways / np.linalg.norm(ways, axis=1, keepdims=True)
     ahead, behind = (modes.at(Sensors(points + s * step, reads)) for s in (1, -1))
     assert slopes == pytest.approx((ahead - behind) / 2e-6, rel=1e-6, abs=1e-6)
     assert np.abs(slopes).max() > 1.0
     with pytest.raises(InputError, match="expected non-zero vectors"):
-        observe_slopes(model, modes.shapes, Sensors(points, reads), [0.0, 0.0, 0.0])
+        model.observe_slopes(modes.shapes, Sensors(points, reads), [0.0, 0.0, 0.0])
 
 
 def test_enriched_basis_holds_the_new_modes(full, checks):
