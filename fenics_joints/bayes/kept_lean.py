@@ -12,7 +12,7 @@ import numpy as np
 
 from fenics_joints.bayes.model import Frequencies, ReducedCheck
 from fenics_joints.errors import InputError
-from fenics_joints.interfaces.files import read_array_model, write_array_model
+from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.lean import LeanForward
 from fenics_joints.reduction.surrogate import Forward
 from fenics_joints.structure.points import Sensors

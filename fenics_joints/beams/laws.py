@@ -14,9 +14,10 @@ import numpy as np
 
 from fenics_joints.beams.element import bending_number
 from fenics_joints.errors import InputError
+from fenics_joints.reduction.files import register
 from fenics_joints.structure.laws import Law
 
-__all__ = ["AXIAL", "BEAM", "BEAM_LAWS", "BEAM_MASSES", "LAPPED", "SECTION", "SLAP", "SLIP"]
+__all__ = ["AXIAL", "BEAM", "BEAM_MASSES", "LAPPED", "SECTION", "SLAP", "SLIP"]
 
 #: Properties of a beam's region: E, Pa; nu; rho, kg/m3; stretch and width, actual over nominal
 #: height and breadth; height, breadth and length of the element, m; shear coefficient; offset of
@@ -146,5 +147,5 @@ AXIAL = _law(
     "axial", ("k_axial", "axial"), lambda q: np.array([q["k_axial"] * q["axial"]]), _check_axial,
     lambda q: 0.0 * q["k_axial"],
 )  # fmt: skip
-#: The laws by their names, for files.
-BEAM_LAWS = {law.name: law for law in (BEAM, LAPPED, *BEAM_MASSES, SLAP, SLIP, AXIAL)}
+
+register(BEAM, LAPPED, *BEAM_MASSES, SLAP, SLIP, AXIAL)

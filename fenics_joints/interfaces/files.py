@@ -1,50 +1,20 @@
-"""Reduced models with nonlinear interfaces as HDF5 files, which need no mesh to be read.
-
-A file holds plain arrays and text in groups that follow the objects' attributes; nothing in it is
-run. A law of one's own is found by its class, whose module must have been imported before reading.
-"""
+"""Reduced models with nonlinear interfaces as HDF5 files, see `fenics_joints.reduction.files`."""
 
 from __future__ import annotations
 
-import json
-import os
-from collections.abc import Iterator, Mapping
-from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
-
-from fenics_joints.beams.laws import BEAM_LAWS
-from fenics_joints.errors import InputError
-from fenics_joints.files import check_writable
+import fenics_joints.beams.laws  # noqa: F401, files may hold them
 from fenics_joints.interfaces.model import InterfacePoints
 from fenics_joints.interfaces.reduced import LayerTerm, ReducedInterfaceModel
-from fenics_joints.joint_laws.iwan import Backbone
-from fenics_joints.joint_laws.kernel import LawKernel
-from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.laws import LINEAR_LAWS, Law
-from fenics_joints.structure.rows import PlaceRows
+from fenics_joints.parallel import on_root
+from fenics_joints.reduction.files import read_model, register, write_model
 
-__all__ = [
-    "read_array_model", "read_interface_model", "write_array_model", "write_interface_model",
-]  # fmt: skip
+__all__ = ["read_interface_model", "write_interface_model"]
 
 _FORMAT = "fenics_joints interface model"
-_ARRAYS = "fenics_joints reduced model"
-_VERSION = 1
-_LAWS = {**LINEAR_LAWS, **BEAM_LAWS}
-_CLASSES = {
-    c.__name__: c
-    for c in (
-        AffinePencil, ArrayModel, InterfacePoints, LayerTerm, MassTerm, Parameter,
-        PlaceRows, ReducedInterfaceModel, RegionTerm, SpringTerm,
-    )
-}  # fmt: skip
-#: What is not written: a mesh does not belong in the file.
-_LEFT_OUT = {"source"}
+
+register(InterfacePoints, LayerTerm, ReducedInterfaceModel)
 
 
 def write_interface_model(model: ReducedInterfaceModel, path: str | Path) -> None:
@@ -57,176 +27,16 @@ def write_interface_model(model: ReducedInterfaceModel, path: str | Path) -> Non
     Raises:
         InputError: If it cannot be written, or a law has an attribute that no file can hold.
     """
-    comm = model.source.full.comm if model.source is not None else None
-    message = None
-    if comm is None or comm.rank == 0:
-        try:
-            _write(model, Path(path), _FORMAT)
-        except InputError as error:
-            message = str(error)
-    message = message if comm is None else comm.bcast(message)
-    if message:
-        raise InputError(message)
-
-
-def write_array_model(model: ArrayModel, path: str | Path) -> None:
-    """Write a linear reduced model to an HDF5 file, whole or not at all; on one rank.
-
-    Raises:
-        InputError: If it cannot be written.
-    """
-    _write(model, Path(path), _ARRAYS)
-
-
-def read_array_model(path: str | Path) -> ArrayModel:
-    """Read what `write_array_model` wrote. Any rank may do so by itself.
-
-    Raises:
-        InputError: As `read_interface_model`.
-    """
-    return _read(Path(path), _ARRAYS, ArrayModel)
-
-
-def _write(model, path: Path, what: str) -> None:
-    import h5py
-
-    path = check_writable(path, "model file").resolve()
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with h5py.File(part, "w") as file:
-            file.attrs["format"], file.attrs["version"] = what, _VERSION
-            _encode(file, "model", model)
-        os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error})") from error
-    finally:
-        part.unlink(missing_ok=True)
+    if model.source is None:
+        write_model(model, path, _FORMAT)
+    else:
+        on_root(model.source.full.comm, lambda: write_model(model, path, _FORMAT))
 
 
 def read_interface_model(path: str | Path) -> ReducedInterfaceModel:
     """Read a model that `write_interface_model` wrote. Any rank may do so by itself.
 
     Raises:
-        InputError: If there is no such file, it is of another kind, damaged or newer than this
-            version, or one of its laws is not known.
+        InputError: As `fenics_joints.reduction.files.read_model`.
     """
-    return _read(Path(path), _FORMAT, ReducedInterfaceModel)
-
-
-def _read(path: Path, what: str, kind: type):
-    import h5py
-
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; expected a reduced model in HDF5.")
-    try:
-        with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != what:
-                nonlinear = " with nonlinear interfaces" if what == _FORMAT else ""
-                raise InputError(f"{path}: is no reduced model{nonlinear}.")
-            version = int(file.attrs["version"])
-            if version > _VERSION:
-                raise InputError(
-                    f"{path}: has version {version} of the format; expected at most {_VERSION}. "
-                    "A newer fenics_joints reads it."
-                )
-            model = _decode(file, "model")
-    except InputError as error:
-        raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
-    except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: is damaged, or no HDF5 file ({error})") from error
-    if not isinstance(model, kind):
-        raise InputError(f"{path}: holds {type(model).__name__}; expected a reduced model.")
-    return model
-
-
-# -- a tree of groups ------------------------------------------------------------------------------
-
-
-def _encode(parent, name: str, value) -> None:
-    """Write one value: an array as a dataset, a plain one as an attribute, the rest as a group."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, np.ndarray):
-        parent.create_dataset(name, data=value)
-    elif value is None or isinstance(value, bool | int | float | str):
-        parent.attrs[name] = json.dumps(value)
-    elif isinstance(value, Law):
-        parent.attrs[name] = json.dumps({"linear law": value.name})
-    elif isinstance(value, Mapping):
-        _encode_group(parent, name, "mapping", list(value), value.values())
-    elif isinstance(value, list | tuple):
-        _encode_group(parent, name, "sequence", len(value), value)
-    else:
-        kind, content = _content(value)
-        _encode_group(parent, name, kind, list(content), content.values())
-
-
-def _encode_group(parent, name: str, kind: str, keys, values) -> None:
-    group = parent.create_group(name)
-    group.attrs["kind"], group.attrs["keys"] = kind, json.dumps(keys)
-    for i, value in enumerate(values):
-        _encode(group, str(i), value)
-
-
-def _content(value) -> tuple[str, dict]:
-    """Class and attributes of an object."""
-    cls = type(value)
-    if isinstance(value, JointLaw):
-        kept = {k: v for k, v in vars(value).items() if not isinstance(v, LawKernel)}
-        return f"law {cls.__module__}.{cls.__qualname__}", kept
-    if isinstance(value, Backbone):
-        return f"backbone {cls.__module__}.{cls.__qualname__}", _fields(value)
-    if _CLASSES.get(cls.__name__) is cls:
-        return cls.__name__, _fields(value)
-    raise InputError(
-        f"{value!r}: {cls.__name__} cannot be written to a file; expected numbers, text, arrays, "
-        "laws and backbones."
-    )
-
-
-def _fields(value) -> dict:
-    return {f.name: getattr(value, f.name) for f in fields(value) if f.name not in _LEFT_OUT}
-
-
-def _decode(parent, name: str):
-    if name in parent.attrs:
-        value = json.loads(parent.attrs[name])
-        return _LAWS[value["linear law"]] if isinstance(value, dict) else value
-    item = parent[name]
-    if "kind" not in item.attrs:
-        return item[()]
-    kind, keys = item.attrs["kind"], json.loads(item.attrs["keys"])
-    if kind == "sequence":
-        return tuple(_decode(item, str(i)) for i in range(keys))
-    content = {key: _decode(item, str(i)) for i, key in enumerate(keys)}
-    return content if kind == "mapping" else _object(kind, content)
-
-
-def _object(kind: str, content: dict):
-    if kind in _CLASSES:
-        return _CLASSES[kind](**content)
-    what, _, name = kind.partition(" ")
-    cls = _find({"law": JointLaw, "backbone": Backbone}[what], name)
-    if what == "backbone":
-        return cls(**content)
-    law = object.__new__(cls)
-    vars(law).update(content)
-    JointLaw.__init__(law, **content["parameters"])
-    return law
-
-
-def _find(base: type, name: str) -> type:
-    """A class of this name among those that have been imported."""
-    # The suite's own.
-    import fenics_joints.joint_laws.library  # noqa: F401
-
-    for cls in _subclasses(base):
-        if f"{cls.__module__}.{cls.__qualname__}" == name:
-            return cls
-    raise InputError(f"{name} is not known here; expected its module to be imported before.")
-
-
-def _subclasses(base: type) -> Iterator[type]:
-    for cls in base.__subclasses__():
-        yield cls
-        yield from _subclasses(cls)
+    return read_model(path, _FORMAT, ReducedInterfaceModel)

@@ -1,0 +1,18 @@
+"""Random stiffnesses of joints, and what they do to frequencies (seed 002)."""
+
+from fenics_joints.random_fields.fields import FieldMap, KarhunenLoeve, RandomField, karhunen_loeve
+from fenics_joints.random_fields.propagation import (
+    Moments,
+    propagate_samples,
+    propagate_sensitivities,
+)
+
+__all__ = [
+    "FieldMap",
+    "KarhunenLoeve",
+    "Moments",
+    "RandomField",
+    "karhunen_loeve",
+    "propagate_samples",
+    "propagate_sensitivities",
+]

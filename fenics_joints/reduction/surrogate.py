@@ -12,13 +12,13 @@ from petsc4py import PETSc
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import InputError
 from fenics_joints.files import write_arrays
-from fenics_joints.interfaces.files import read_array_model, write_array_model
 from fenics_joints.measurements.gap import VISIBLE, Pairing, pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.modal.sensitivity import frequency_sensitivity
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure

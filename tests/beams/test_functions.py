@@ -8,8 +8,8 @@ import scipy.linalg
 
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint
 from fenics_joints.errors import InputError
-from fenics_joints.interfaces.files import read_array_model, write_array_model
 from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.damping import Damping

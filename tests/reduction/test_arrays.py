@@ -11,10 +11,10 @@ import scipy.linalg
 from mpi4py import MPI
 
 from fenics_joints.errors import InputError
-from fenics_joints.interfaces.files import read_array_model, write_array_model
 from fenics_joints.meshes import lap_plates
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.reduced import reduce
 from fenics_joints.structure.components import (
     ElasticSupport,

@@ -7,9 +7,9 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.interfaces.files import read_array_model, write_array_model
 from fenics_joints.meshes import dumbbell, lap_plates
 from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.frf_basis import checked_frf_model, frf_basis, frf_error
 from fenics_joints.reduction.reduced import reduce
 from fenics_joints.response.complex_modes import solve_complex_modes

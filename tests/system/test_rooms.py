@@ -43,7 +43,6 @@ EXCEPTIONS: set[tuple[str, str]] = {
         ("diagnosis.plan.candidates", "report.reading"),
         ("diagnosis.plan.planned", "report.reading"),
         ("diagnosis.plan.result", "report.reading"),
-        ("reduction.surrogate", "interfaces.files"),
         ("report.html", "commands.modes"),
         ("updating.updating", "case.build"),
         ("updating.updating", "case.case"),
