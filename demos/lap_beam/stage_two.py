@@ -17,8 +17,8 @@ from scipy.optimize import least_squares
 from fenics_joints.harmonic import solve_harmonic
 from fenics_joints.harmonic.identify import LawParameters, identify, predict
 from fenics_joints.harmonic.loops import read_loops
+from fenics_joints.interfaces import reduce_layers, with_modal_damping
 from fenics_joints.interfaces.model import InterfaceModel
-from fenics_joints.interfaces.reduction import reduce_layers, with_modal_damping
 from fenics_joints.joint_laws import Iwan, IwanLayer, RichardAbbott
 from fenics_joints.measurements.curves import read_curves
 from fenics_joints.meshes.lap_beam import lap_beam

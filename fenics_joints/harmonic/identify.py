@@ -19,9 +19,11 @@ from scipy.optimize import least_squares, minimize
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import json_text, write_text
-from fenics_joints.harmonic import HarmonicResult, Settings, solve_harmonic
+from fenics_joints.harmonic.continuation import Settings
 from fenics_joints.harmonic.fourier import basis, differentiated
+from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.loops import MeasuredLoop
+from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.measurements.curves import MeasuredCurves

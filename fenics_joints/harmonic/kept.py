@@ -27,6 +27,7 @@ MODEL_FILE = "model.h5"
 _SAID, _FOUND = 1e-6, 1e-4
 _MODES = 6
 
+
 def kept_model(
     model: ReducedInterfaceModel, folder: Path, band: tuple[float, float], comm: MPI.Intracomm
 ) -> ReducedInterfaceModel:

@@ -1,0 +1,26 @@
+"""Structures whose joints are nonlinear, on few degrees of freedom or in full.
+
+`reduce_layers` makes thin layers nonlinear, `reduce_contacts` zero-thickness contacts; both give a
+`ReducedInterfaceModel`, which harmonic balance and time integration work on, which takes the calls
+of a linear structure for small vibrations, and whose linear parameters can still be changed.
+`full_layers` is the same model, not reduced.
+"""
+
+from fenics_joints.interfaces.contacts import reduce_contacts
+from fenics_joints.interfaces.files import read_interface_model
+from fenics_joints.interfaces.full import full_layers
+from fenics_joints.interfaces.layers import reduce_layers
+from fenics_joints.interfaces.loading import condense, loading_shapes
+from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
+from fenics_joints.interfaces.motion import FullModel
+from fenics_joints.interfaces.reduced import (
+    ReducedInterfaceModel,
+    with_modal_damping,
+    with_rayleigh_damping,
+)
+
+__all__ = [
+    "FullModel", "InterfaceModel", "InterfacePoints", "ReducedInterfaceModel", "condense",
+    "full_layers", "loading_shapes", "read_interface_model", "reduce_contacts", "reduce_layers",
+    "with_modal_damping", "with_rayleigh_damping",
+]  # fmt: skip

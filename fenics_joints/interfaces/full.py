@@ -35,7 +35,7 @@ def full_layers(
 ) -> FullModel:
     """A structure whose thin layers follow nonlinear laws, not reduced. Collective.
 
-    Arguments as `interfaces.reduction.reduce_layers`, which makes the reduced model of
+    Arguments as `interfaces.reduce_layers`, which makes the reduced model of
     the same equations. A millionth of the layer's shear stiffness stays, which holds the nodes
     within the layer: its points do not feel them.
 

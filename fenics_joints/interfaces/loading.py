@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.interfaces.motion import FullModel, SparseMotion, motion_of
-from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.modal.options import petsc_defaults, reason_of
 
 __all__ = ["condense", "loading_shapes"]
 
@@ -85,7 +85,7 @@ def loading_shapes(
         if failed and not found:
             raise ConvergenceError(
                 f"the static response to {pending[0]:g} times the load was not found; expected a "
-                "smaller first step", _reason(snes),
+                "smaller first step", reason_of(snes),
             )  # fmt: skip
         compliance = u.dot(whole) / pending[0]
         first = first or compliance
@@ -102,13 +102,6 @@ def loading_shapes(
         last = pending.pop(0)
     snes.destroy(), matrix.destroy()
     return found
-
-
-def _reason(snes: PETSc.SNES) -> str:
-    for name, value in vars(PETSc.SNES.ConvergedReason).items():
-        if value == snes.getConvergedReason() and not name.startswith("_"):
-            return name.lower().replace("_", " ")
-    return str(snes.getConvergedReason())
 
 
 def condense(

@@ -80,7 +80,6 @@ __all__ = [
     "HarmonicStress",
     "Iwan",
     "IwanLayer",
-    "IwanLayer",
     "JointField",
     "JointLaw",
     "LawKernel",

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.joint_laws.field import JointField
-from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.modal.options import petsc_defaults, reason_of
 
 __all__ = ["QuasiStatic", "QuasiStaticHistory", "solve_quasi_static"]
 
@@ -140,12 +140,11 @@ class QuasiStatic:
         rtol = self.solver.getTolerances()[0]
         self.solver.setTolerances(atol=max(self._atol, rtol * self._largest))
         self.solver.solve(None, self._x)
-        reason = self.solver.getConvergedReason()
         norms = np.array(self.solver.getConvergenceHistory()[0])
-        if reason < 0:
+        if self.solver.getConvergedReason() < 0:
             self.u.x.array[:] = before
             raise ConvergenceError(
-                "a load step did not converge: try smaller steps", _reason_name(reason)
+                "a load step did not converge: try smaller steps", reason_of(self.solver)
             )
         self._set(self._x)
         self.residuals = norms[-(self.solver.getIterationNumber() + 1) :]
@@ -224,11 +223,3 @@ def _energies(joints: Sequence[JointField]) -> tuple[float, float, float]:
 
 def _total(comm: MPI.Intracomm, form: fem.Form) -> float:
     return float(comm.allreduce(np.real(fem.assemble_scalar(form)), op=MPI.SUM))
-
-
-def _reason_name(reason: int) -> str:
-    """PETSc's name of a reason."""
-    for name, value in vars(PETSc.SNES.ConvergedReason).items():
-        if value == reason and not name.startswith("_"):
-            return name
-    return str(reason)

@@ -26,6 +26,7 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.modal.options import reason_of
 
 __all__ = [
     "DEFAULT_SHIFT",
@@ -172,8 +173,7 @@ class EigenSolver:
         ksp = self._eps.getST().getKSP()
         ksp.matSolve(right, left)
         if ksp.getConvergedReason() < 0:
-            reason = _name(PETSc.KSP.ConvergedReason, ksp.getConvergedReason())
-            raise ConvergenceError("the linear solve with K - shift M failed", reason)
+            raise ConvergenceError("the linear solve with K - shift M failed", reason_of(ksp))
         found = left.getDenseArray().copy(order="F")
         right.destroy(), left.destroy()
         return found
@@ -276,8 +276,7 @@ class EigenSolver:
             raise ConvergenceError("SLEPc could not solve K x = lambda M x", str(error)) from error
         found = eps.getConverged()
         if found < self.n:
-            reason = _name(SLEPc.EPS.ConvergedReason, eps.getConvergedReason())
-            raise ConvergenceError(f"{found} of {self.n} modes converged", reason)
+            raise ConvergenceError(f"{found} of {self.n} modes converged", reason_of(eps))
         values = np.array([np.real(eps.getEigenvalue(i)) for i in range(self.n)])
         order = np.argsort(values)
         X = np.empty((K.getLocalSize()[0], self.n), dtype=PETSc.ScalarType, order="F")
@@ -372,7 +371,7 @@ class _Operator:
         self._ksp.matSolve(right, left)
         self.seconds += time.perf_counter() - begin
         if self._ksp.getConvergedReason() < 0:
-            reason = _name(PETSc.KSP.ConvergedReason, self._ksp.getConvergedReason())
+            reason = reason_of(self._ksp)
             raise ConvergenceError("the linear solve with K - shift M failed", reason)
         self.calls += 1
         self.columns += block.shape[1]
@@ -550,9 +549,8 @@ def _set_up(ksp: PETSc.KSP) -> float:
         _give_room(ksp)
     except PETSc.Error as error:
         raise ConvergenceError(advice, str(error)) from error
-    reason = ksp.getPC().getFailedReason()
-    if reason:
-        raise ConvergenceError(advice, _name(PETSc.PC.FailedReason, reason))
+    if ksp.getPC().getFailedReason():
+        raise ConvergenceError(advice, reason_of(ksp.getPC()))
     return time.perf_counter() - begin
 
 
@@ -599,9 +597,3 @@ def _check_pencil(K: PETSc.Mat, M: PETSc.Mat, n: int, initial) -> None:
     for vector in initial or ():
         if vector.getSizes() != K.getSizes()[0]:
             raise InputError(f"an initial vector has {vector.getSize()} rows, K {K.getSize()[0]}")
-
-
-def _name(enum, value: int) -> str:
-    """PETSc's or SLEPc's name of a reason."""
-    names = [key for key, number in vars(enum).items() if number == value and key[0] != "_"]
-    return names[0] if names else str(value)

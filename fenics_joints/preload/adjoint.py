@@ -23,17 +23,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.modal.options import last_line, petsc_defaults
 from fenics_joints.preload.patch import contour_area
 from fenics_joints.preload.result import PreloadResult
+from fenics_joints.preload.system import FACTOR_OPTIONS
 
 __all__ = ["Gradient", "PreloadAdjoint", "area_gradient", "force_gradient", "pressure_gradient"]
 
-_OPTIONS = {
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_14": "40",
-}
 #: Residual, relative to the right-hand side, above which the tangent counts as singular.
 _ACCURACY = 1e-8
 
@@ -86,16 +82,9 @@ class PreloadAdjoint:
         ksp.setOptionsPrefix(prefix)
         ksp.setOperators(self._J)
         given = {k: v for k, v in self.solver.petsc_options.items() if not k.startswith("snes")}
-        options = PETSc.Options(prefix)
-        ours = {k: v for k, v in (_OPTIONS | given).items() if not options.hasName(k)}
-        try:
-            for key, value in ours.items():
-                options.setValue(key, value)
+        with petsc_defaults(prefix, {**FACTOR_OPTIONS, "pc_type": "lu", **given}):
             ksp.setFromOptions()
             ksp.setUp()
-        finally:
-            for key in ours:
-                options.delValue(key)
         return ksp
 
     def destroy(self) -> None:
@@ -173,7 +162,7 @@ class PreloadAdjoint:
             raise ConvergenceError(
                 "the adjoint of the preload was not solved: the tangent of the contact is "
                 "singular, as where a friction limit leaves a part without hold.",
-                str(error).strip().splitlines()[-1],
+                last_line(error),
             ) from error
         # A factorisation that fails leaves infinities, not an exception.
         off = g.duplicate()

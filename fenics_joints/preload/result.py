@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import fem
@@ -16,9 +15,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK, Pairs
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.patch import contour_area, largest_radius, mean_within
-
-if TYPE_CHECKING:
-    from fenics_joints.preload.solve import PreloadSolver
+from fenics_joints.preload.system import PreloadSystem
 
 __all__ = ["ContactState", "PreloadResult"]
 
@@ -121,7 +118,7 @@ class PreloadResult:
 
     def __init__(
         self,
-        solver: PreloadSolver,
+        solver: PreloadSystem,
         pairs: Pairs,
         forces: Mapping[str, float],
         x: PETSc.Vec,

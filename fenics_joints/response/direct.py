@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.modal.options import last_line, petsc_defaults
 from fenics_joints.response.pencil import DampedPencil
 
 __all__ = ["DynamicStiffness"]
@@ -155,7 +155,7 @@ class DynamicStiffness:
             try:
                 self._ksp.setUp()
             except PETSc.Error as error:
-                raise self._error(str(error).strip().splitlines()[-1]) from error
+                raise self._error(last_line(error)) from error
         if self._ksp.getPC().getFailedReason():
             raise self._error(f"PC failure {self._ksp.getPC().getFailedReason()}")
 

@@ -1,0 +1,14 @@
+"""Time integration of structures with nonlinear joints, and what a ring-down tells."""
+
+from fenics_joints.transient.ring_down import RingDown, ring_down
+from fenics_joints.transient.transient import (
+    TransientResult,
+    solve_transient,
+    steady_harmonics,
+    stepped_sine,
+)
+
+__all__ = [
+    "RingDown", "TransientResult", "ring_down", "solve_transient", "steady_harmonics",
+    "stepped_sine",
+]  # fmt: skip

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.interfaces.motion import DenseMotion, SparseMotion, motion_of
-from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.modal.options import last_line, petsc_defaults, reason_of
 from fenics_joints.transient.ring_down import RingDown, ring_down
 
 __all__ = ["TransientResult", "solve_transient", "steady_harmonics", "stepped_sine"]
@@ -247,9 +247,9 @@ class _Integration:
         try:
             ts.solve(u)
         except PETSc.Error as error:
-            raise self._failed(str(error).strip().splitlines()[-1]) from error
+            raise self._failed(last_line(error)) from error
         if ts.getConvergedReason() < 0:
-            raise self._failed(_reason(ts))
+            raise self._failed(reason_of(ts))
         u, v = ts.getSolution2()
         return record.result((u.copy(), v.copy(), self.states), ts.getSNESIterations())
 
@@ -306,13 +306,6 @@ def _newmark_gamma(options: PETSc.Options) -> float:
     """
     radius = options.getReal("ts_alpha_radius", 1.0)
     return options.getReal("ts_alpha_gamma", 0.5 + (1 - radius) / (1 + radius))
-
-
-def _reason(ts: PETSc.TS) -> str:
-    for name, value in vars(PETSc.TS.ConvergedReason).items():
-        if value == ts.getConvergedReason() and not name.startswith("_"):
-            return name.lower().replace("_", " ")
-    return str(ts.getConvergedReason())
 
 
 # -- steady states ---------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from fenics_joints.harmonic.backbone import _FreeMode, _PhaseResonance
 from fenics_joints.harmonic.constant_response import ConstantResponse
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import CoulombStick, Iwan, JointLaw, Segalman
-from fenics_joints.transient.transient import solve_transient, steady_harmonics
+from fenics_joints.transient import solve_transient, steady_harmonics
 
 BAND = (0.5 / (2 * np.pi), 3 / (2 * np.pi))
 CUBIC, FORCE, DAMPING = 1.0, 0.05, 0.02  # of the Duffing oscillator

@@ -12,13 +12,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.interfaces.files import read_interface_model
-from fenics_joints.interfaces.reduction import (
+from fenics_joints.interfaces import (
     reduce_contacts,
     reduce_layers,
     with_modal_damping,
     with_rayleigh_damping,
 )
+from fenics_joints.interfaces.files import read_interface_model
 from fenics_joints.joint_laws.iwan import RichardAbbott
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.joint_laws.library import Iwan

@@ -12,7 +12,7 @@ from fenics_joints.harmonic import solve_backbone
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.interfaces.motion import FullModel, SparsePoints
 from fenics_joints.joint_laws import Iwan, JointLaw, Segalman
-from fenics_joints.transient.transient import solve_transient, steady_harmonics, stepped_sine
+from fenics_joints.transient import solve_transient, steady_harmonics, stepped_sine
 
 
 class Slider(JointLaw):

@@ -12,14 +12,14 @@ from fenics_joints.case.build import build_preload, build_structure
 from fenics_joints.case.case import Case
 from fenics_joints.case.harmonic import CoulombSection
 from fenics_joints.errors import InputError
-from fenics_joints.interfaces.full import full_layers
-from fenics_joints.interfaces.loading import loading_shapes
-from fenics_joints.interfaces.reduction import (
+from fenics_joints.interfaces import (
     ReducedInterfaceModel,
     reduce_contacts,
     reduce_layers,
     with_modal_damping,
 )
+from fenics_joints.interfaces.full import full_layers
+from fenics_joints.interfaces.loading import loading_shapes
 from fenics_joints.joint_laws import CoulombStick, JointLaw
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.preload import ContactState, PreloadSolver
