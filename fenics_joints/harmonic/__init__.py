@@ -31,6 +31,6 @@ __all__ = [
     "LawParameters", "Loops", "MeasuredLoop", "Peak", "Periodic", "Prediction", "Problem",
     "ResponseGradient", "Settings", "default_samples", "floquet_exponents", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
-    "solve_backbone", "solve_constant_response", "solve_harmonic", "solve_phase_resonance", "stable",
-    "static_state",
+    "solve_backbone", "solve_constant_response", "solve_harmonic", "solve_phase_resonance",
+    "stable", "static_state",
 ]  # fmt: skip

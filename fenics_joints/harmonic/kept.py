@@ -14,8 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import InputError
-from fenics_joints.interfaces.files import read_interface_model
-from fenics_joints.interfaces.reduced import ReducedInterfaceModel
+from fenics_joints.interfaces.reduced import ReducedInterfaceModel, read_interface_model
 from fenics_joints.modal.modes import solve_modes
 
 __all__ = ["MODEL_FILE", "kept_model"]

@@ -1,28 +1,27 @@
-"""Reduced models with nonlinear interfaces whose linear parameters live on, and their damping."""
+"""Reduced models with nonlinear interfaces whose linear parameters live on, and their files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import scipy.linalg
 
+import fenics_joints.beams.laws  # noqa: F401, files may hold them
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.parallel import on_root
 from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.files import read_model, register, write_model
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.points import Sensors
 
-__all__ = [
-    "LayerTerm",
-    "ReducedInterfaceModel",
-    "with_modal_damping",
-    "with_rayleigh_damping",
-]
+__all__ = ["LayerTerm", "ReducedInterfaceModel", "read_interface_model"]
+
+_FORMAT = "fenics_joints interface model"
 
 
 @dataclass(frozen=True)
@@ -176,10 +175,18 @@ class ReducedInterfaceModel(InterfaceModel):
         )
 
     def write(self, path: str | Path) -> None:
-        """Write the model to an HDF5 file, see `fenics_joints.interfaces.files`."""
-        from fenics_joints.interfaces.files import write_interface_model
+        """Write the model to an HDF5 file, whole or not at all. Collective if it has its mesh.
 
-        write_interface_model(self, path)
+        Args:
+            path: The file; one that exists is replaced.
+
+        Raises:
+            InputError: If it cannot be written, or a law has an attribute that no file can hold.
+        """
+        if self.source is None:
+            write_model(self, path, _FORMAT)
+        else:
+            on_root(self.source.full.comm, lambda: write_model(self, path, _FORMAT))
 
 
 def _stretching(points: InterfacePoints, layer: LayerTerm, s: float, shapes) -> np.ndarray:
@@ -192,56 +199,13 @@ def _stretching(points: InterfacePoints, layer: LayerTerm, s: float, shapes) -> 
     return energy + 2 * s * np.einsum("p,pik,pik->k", layer.volumes, change, stress)
 
 
-def with_modal_damping(
-    model: InterfaceModel, ratios: float | Sequence[float], rest: float = 0.0
-) -> InterfaceModel:
-    """The model with viscous damping of its modes at rest, C = M Phi diag(2 zeta omega) Phi^T M.
+register(InterfacePoints, LayerTerm, ReducedInterfaceModel)
 
-    Args:
-        model: The model.
-        ratios: Damping ratio of all modes, or of the first ones, rigid-body modes included.
-        rest: Ratio of the modes beyond those.
+
+def read_interface_model(path: str | Path) -> ReducedInterfaceModel:
+    """Read a model that `ReducedInterfaceModel.write` wrote. Any rank may do so by itself.
 
     Raises:
-        InputError: If a ratio is negative, or there are more of them than modes.
+        InputError: As `fenics_joints.reduction.files.read_model`.
     """
-    n = model.n_dofs
-    zeta = np.full(n, float(ratios if np.ndim(ratios) == 0 else rest))
-    if np.ndim(ratios):
-        ratios = np.asarray(ratios, dtype=float)
-        if len(ratios) > n:
-            raise InputError(f"ratios: {len(ratios)} of them; expected at most {n}, one per mode.")
-        zeta[: len(ratios)] = ratios
-    if not np.all(np.isfinite(zeta) & (zeta >= 0)):
-        raise InputError(f"ratios = {ratios}, rest = {rest}: expected damping ratios >= 0.")
-    K, M = model.stiffness_at_rest(), model.M
-    # Scaled by the diagonal and inverted, K + s M is positive definite also for a free body.
-    s = 1e-6 * np.trace(K) / np.trace(M)
-    inverse, X = scipy.linalg.eigh(M, K + s * M)
-    inverse, X = inverse[::-1], X[:, ::-1]
-    # 2 zeta omega / mu with x^T (K + s M) x = 1, mu = x^T M x = 1 / (omega^2 + s).
-    omega = np.sqrt(np.maximum(1.0 - s * inverse, 0.0))
-    # A direction without mass moves with the others' forces; damping of it has no meaning.
-    heavy = inverse > 1e-14 * inverse[0]
-    weight = np.divide(2 * zeta * omega, np.abs(inverse) ** 1.5, out=np.zeros(n), where=heavy)
-    MX = M @ X
-    return replace(model, C=(MX * weight) @ MX.T)
-
-
-def with_rayleigh_damping(
-    model: InterfaceModel, mass: float = 0.0, stiffness: float = 0.0
-) -> InterfaceModel:
-    """The model with C = mass M + stiffness K, K that of small vibrations at rest.
-
-    Args:
-        model: The model.
-        mass: Factor of the mass, 1/s.
-        stiffness: Factor of the stiffness, s.
-
-    Raises:
-        InputError: If a factor is negative or not finite.
-    """
-    for key, value in (("mass", mass), ("stiffness", stiffness)):
-        if not (np.isfinite(value) and value >= 0):
-            raise InputError(f"{key} = {value}: expected a number >= 0.")
-    return replace(model, C=mass * model.M + stiffness * model.stiffness_at_rest())
+    return read_model(path, _FORMAT, ReducedInterfaceModel)

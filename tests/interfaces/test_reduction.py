@@ -18,7 +18,7 @@ from fenics_joints.interfaces import (
     with_modal_damping,
     with_rayleigh_damping,
 )
-from fenics_joints.interfaces.files import read_interface_model
+from fenics_joints.interfaces.reduced import read_interface_model
 from fenics_joints.joint_laws.iwan import RichardAbbott
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.joint_laws.library import Iwan
