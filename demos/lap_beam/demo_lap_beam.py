@@ -27,11 +27,11 @@ from mpi4py import MPI
 
 from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import load_case
+from fenics_joints.commands.update import sweep
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.modal.sensitivity import frequency_sensitivity, identifiability
-from fenics_joints.updating import updating
 
 comm = MPI.COMM_WORLD
 here = Path(__file__).parent
@@ -125,7 +125,7 @@ assert np.all(np.abs(added / test - 1) < 0.017)
 # The model without masses has to make the joint give way without limit to come down to the test.
 
 for words, case in (("without masses", nominal), ("with 7 g and 10 g", with_masses)):
-    found = updating.run(case, comm)
+    found = sweep.run(case, comm)
     say(
         "",
         f"updated {words}: {100 * found.gap_before.rms:.1f} % -> {100 * found.gap_after.rms:.1f} %",

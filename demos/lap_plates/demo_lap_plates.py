@@ -27,10 +27,10 @@ from mpi4py import MPI
 
 from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import load_case
+from fenics_joints.commands.update import sweep
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.updating import updating
 
 comm = MPI.COMM_WORLD
 case = load_case(Path(__file__).parent)
@@ -90,7 +90,7 @@ assert np.all(np.abs(ours / printed - 1) < 0.015)
 # parameters meet four frequencies here, and the weakest direction says which of them these
 # frequencies do not determine.
 
-updated = updating.run(case, comm)
+updated = sweep.run(case, comm)
 theirs = np.array([0.49, 2.42, -0.69, -0.53])  # Table 7, error after updating, %
 errors = 100 * updated.gap_after.relative[0]
 say("", row("error before updating, %", 100 * updated.gap_before.relative[0]))

@@ -4,7 +4,7 @@ Each specimen has parameters of its own, which scatter about the structure's,
 
     x_s ~ N(mu, Sigma),    ln f_s = g(x_s) + b + e_s,    e_s ~ N(0, tau^2 I),
 
-with x the logarithms of the parameters (`updating.log_scale.LogScale`). Sigma is the scatter
+with x the logarithms of the parameters (`updating.coordinates.LogScale`). Sigma is the scatter
 of the specimens, which more of them do not make smaller; the posterior of mu is the lack of
 knowledge, which they do. The frequencies of one specimen correlate, because they share x_s; the
 product of one distribution per frequency (seed 002, eq. 8) cannot say that. b, if there is any, is

@@ -13,7 +13,7 @@ from fenics_joints.bayes.densities import log_pdf
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import interval
 from fenics_joints.structure.components import Parameter
-from fenics_joints.updating.log_scale import LogScale
+from fenics_joints.updating.coordinates import LogScale
 
 __all__ = ["KINDS", "Prior", "density", "default_density"]
 

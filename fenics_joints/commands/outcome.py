@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from fenics_joints.commands.preload.cutoff import CutoffReport
     from fenics_joints.commands.update.page import CombinedOutcome
+    from fenics_joints.commands.update.sweep import UpdateReport
     from fenics_joints.diagnosis import Diagnosis
-    from fenics_joints.updating.updating import UpdateReport
 
 __all__ = ["run_diagnose", "run_update"]
 
@@ -63,15 +63,15 @@ class UpdateOutcome:
 
     def html(self) -> str:
         """The page."""
-        from fenics_joints.report.html import update_html
+        from fenics_joints.commands.update.sweep_page import update_html
 
         return update_html(self.result, log_sd=self.log_sd)
 
     def show(self, console: Console) -> None:
         """The summary."""
-        from fenics_joints.report.terminal import update
+        from fenics_joints.commands.update.sweep_page import show_update
 
-        update(console, self.result)
+        show_update(console, self.result)
 
 
 def run_diagnose(
@@ -98,6 +98,6 @@ def run_update(
         from fenics_joints.commands.preload.cutoff import run_cutoff
 
         return run_cutoff(case, comm, progress)
-    from fenics_joints.updating.updating import run
+    from fenics_joints.commands.update.sweep import run
 
     return UpdateOutcome(run(case, comm, progress), case.measurements().log_sd())

@@ -39,11 +39,10 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.where.patches import PatchMap
     from fenics_joints.diagnosis.where.where import ZoneTest
     from fenics_joints.meshes import Ring
-    from fenics_joints.updating.updating import UpdateReport
 
 __all__ = [
-    "ModePicture", "diagnosis_html", "facts", "modes_html", "modes_page", "render", "svg",
-    "update_html",
+    "ModePicture", "diagnosis_html", "facts", "heat_map", "modes_html", "modes_page", "render",
+    "svg",
 ]  # fmt: skip
 
 #: Verdicts as headings.
@@ -106,13 +105,14 @@ class HeatCell:
     style: str
 
 
-def heat_map(gap: Gap, largest: float) -> list[list[HeatCell]]:
+def heat_map(gap: Gap, largest: float | None = None) -> list[list[HeatCell]]:
     """Relative errors as coloured cells, shape (n, m).
 
     Args:
         gap: The gap.
-        largest: Relative error that gets the full colour.
+        largest: Relative error that gets the full colour; by default its own largest.
     """
+    largest = _largest(gap) if largest is None else largest
     return [[_heat_cell(e, largest) for e in row] for row in np.atleast_2d(gap.relative)]
 
 
@@ -302,97 +302,6 @@ def _fact(key: str, value) -> str:
         return f"{value:.1f}"
     whole = float(value).is_integer()
     return f"{int(value):,}".replace(",", "\N{NO-BREAK SPACE}") if whole else f"{value:.4g}"
-
-
-# -- update ----------------------------------------------------------------------------------------
-
-
-def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
-    """The result of an update as a page.
-
-    Args:
-        u: The result.
-        log_sd: Standard deviations of the measured ln f over the torques, shape (n, m).
-
-    Returns:
-        HTML without any reference to other files.
-    """
-    curves = None
-    if u.curve_frequencies is not None:
-        curves = svg(
-            pictures.frequency_panels(
-                None, u.curve_frequencies, u.condition, labels=("", "model on the curves"),
-                log_sd=log_sd, held_out=_held_out(u),
-                validation=None if u.validation is None else (None, u.validation),
-            )
-        )  # fmt: skip
-    panels = parameter_rows(u)
-    identifiability = u.identifiability
-    return render(
-        "update.html",
-        u=u,
-        published=u.published,
-        facts=facts(u.model),
-        weakest=sorted(
-            zip(identifiability.names, np.asarray(identifiability.weakest), strict=True),
-            key=lambda pair: -abs(pair[1]),
-        ),
-        units={p["name"]: p["unit"] for p in u.parameters},
-        panels=svg(pictures.parameter_panels(panels, u.condition)) if panels else None,
-        curves=curves,
-        curve_heat=None
-        if u.curve_frequencies is None
-        else heat_map(u.curve_frequencies, _largest(u.curve_frequencies)),
-    )
-
-
-def _held_out(u: UpdateReport) -> np.ndarray:
-    """Which rows of the curve's frequencies were left out of the curves, shape (n,)."""
-    left = {fit["condition"] for fit in u.torque_fits if fit["held_out"]}
-    return np.array([condition in left for condition in u.curve_frequencies.conditions])
-
-
-def parameter_rows(u: UpdateReport) -> list[dict]:
-    """What `pictures.parameter_panels` draws, a row for each parameter."""
-    if len(u.torque_fits) < 2:
-        return []
-    fits = sorted(u.torque_fits, key=lambda fit: fit["condition"])
-    x = np.array([fit["condition"] for fit in fits], dtype=float)
-    by_name = {curve["name"]: curve for curve in u.curves}
-    rows = []
-    for parameter in u.parameters:
-        name = parameter["name"]
-        rows.append(
-            {
-                "name": name,
-                "unit": parameter["unit"],
-                "x": x,
-                "value": np.array([fit["parameters"][name] for fit in fits]),
-                "sd": np.array([fit["sd"].get(name, np.nan) for fit in fits], dtype=float),
-                "held_out": np.array([bool(fit["held_out"]) for fit in fits]),
-                "curve": curve_line(by_name.get(name), x),
-            }
-        )
-    return rows
-
-
-def curve_line(curve: Mapping | None, x: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Points on a parameter's curve, or None if it is not known how it runs.
-
-    Args:
-        curve: Row of ``UpdateReport.curves``. Its ``samples``, pairs (condition, value), are taken
-            if it has any; a pure power law is evaluated; other formulas are not guessed at.
-        x: Conditions to span, shape (n,), ascending.
-    """
-    if curve is None:
-        return None
-    if curve.get("samples"):
-        points = np.asarray(curve["samples"], dtype=float)
-        return points[:, 0], points[:, 1]
-    if curve["form"] != "a (T/T0)^b" or np.any(x <= 0):
-        return None
-    fine = np.geomspace(x[0], x[-1], 60)
-    return fine, curve["a"] * (fine / curve["T0"]) ** curve["b"]
 
 
 # -- modes -----------------------------------------------------------------------------------------

@@ -19,7 +19,6 @@ from fenics_joints.formatting import (
     percent,
     probability,
     quantity,
-    spread,
 )
 from fenics_joints.report.explanation import explain
 from fenics_joints.report.reading import by_effect, by_reason, effect_classes, leading, plain
@@ -28,9 +27,8 @@ from fenics_joints.report.style import ring_row
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
     from fenics_joints.meshes import Ring
-    from fenics_joints.updating.updating import UpdateReport
 
-__all__ = ["diagnosis", "modes", "new_table", "say", "update"]
+__all__ = ["diagnosis", "modes", "more", "new_table", "say"]
 
 #: Rows of each table, so that all of it fits on a screen.
 _REGIONS, _EFFECTS, _PARAMETERS, _MODES, _RINGS = 3, 4, 3, 26, 16
@@ -132,7 +130,7 @@ def _which(console: Console, d: Diagnosis) -> None:
             _effect_row(table, name, group.letter, effect.probability)
         shown += len(group.effects[:left])
         left -= len(group.effects)
-    _more(table, len(d.effects) - shown)
+    more(table, len(d.effects) - shown)
     console.print(table)
     letters = {group.name: group.letter for group in classes if group.letter}
     for s in [s for s in d.separations if s.class_name in letters][:2]:
@@ -162,51 +160,15 @@ def _lead(console: Console, d: Diagnosis) -> None:
             name = Text(p["name"], no_wrap=True)
             table.add_row(name, value, span, _line("" if i else plain(effect)))
         left -= len(rows)
-    _more(table, -left)
+    more(table, -left)
     if table.rows:
         console.print(table)
 
 
-def _more(table: Table, n: int) -> None:
+def more(table: Table, n: int) -> None:
+    """A last row that says how many were left out."""
     if n > 0:
         table.add_row(f"and {n} more", style="dim")
-
-
-def update(console: Console, u: UpdateReport) -> None:
-    """Print the update: parameters, frequencies before and after, and the curves' gaps."""
-    at = condition_value(u.at, u.condition[1])
-    say(console, f"{u.title}: update at {u.condition[0]} {at}", "bold")
-    gaps = f"gap {percent(u.gap_before.rms)} -> {percent(u.gap_after.rms)}"
-    say(console, f"{gaps} in {u.iterations} model evaluations. {u.message}")
-    console.print()
-    table = new_table("parameter", ">start", ">identified", ">s.d.")
-    for p in u.parameters[: 2 * _PARAMETERS]:
-        start, value = (quantity(p[key], p["unit"]) for key in ("start", "value"))
-        table.add_row(Text(p["name"]), start, value, spread(p["sd"]))
-    _more(table, len(u.parameters) - 2 * _PARAMETERS)
-    console.print(table)
-    console.print()
-    table = new_table("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after")
-    old, new = u.gap_before, u.gap_after
-    for j, mode in enumerate(new.mode_names[:10]):
-        table.add_row(
-            Text(mode), hertz(new.test_hz[0, j]), hertz(old.model_hz[0, j]),
-            hertz(new.model_hz[0, j]), percent(old.relative[0, j], sign=True),
-            percent(new.relative[0, j], sign=True),
-        )  # fmt: skip
-    _more(table, len(new.mode_names) - 10)
-    console.print(table)
-    if u.identifiability.undetermined:
-        words = ", ".join(u.identifiability.undetermined)
-        say(console, f"not determined by these data: {words}", "yellow")
-    if u.curves:
-        console.print()
-        gap = f"fitted {percent(u.curve_gap_fitted)}"
-        if u.curve_gap_heldout is not None:
-            gap += f", held out {percent(u.curve_gap_heldout)}"
-        if u.curve_gap_validation is not None:
-            gap += f", validation {percent(u.curve_gap_validation)}"
-        say(console, f"curves over the {u.condition[0]}: gap {gap}")
 
 
 def modes(

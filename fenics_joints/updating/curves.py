@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fenics_joints.reduction.surrogate import Forward
-from fenics_joints.updating.log_scale import LogScale
+from fenics_joints.updating.coordinates import LogScale
 
 __all__ = ["CurveFit", "fit_curves"]
 

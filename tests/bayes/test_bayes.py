@@ -25,7 +25,7 @@ from fenics_joints.bayes.priors import density
 from fenics_joints.bayes.walks import RandomWalk, generator
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.structure.components import Parameter
-from fenics_joints.updating.log_scale import LogScale
+from fenics_joints.updating.coordinates import LogScale
 
 pytest.importorskip("arviz")
 

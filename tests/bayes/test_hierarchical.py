@@ -18,7 +18,7 @@ from fenics_joints.bayes.straight import Straight, curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError
 from fenics_joints.structure.components import Parameter
-from fenics_joints.updating.log_scale import LogScale
+from fenics_joints.updating.coordinates import LogScale
 
 pytest.importorskip("arviz")
 

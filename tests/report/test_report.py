@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import re
-from html.parser import HTMLParser
 from types import SimpleNamespace
 
 import basix.ufl
@@ -13,6 +12,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from dolfinx import fem
+from html_page import Page, check_page
 from mpi4py import MPI
 from rich.console import Console
 
@@ -29,69 +29,15 @@ from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.meshes import lap_plates
-from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.report import html as report
 from fenics_joints.report import mesh_pictures
 from fenics_joints.report import terminal as summary
 from fenics_joints.report.explanation import explain
 from fenics_joints.report.motion import corner_motion
 
-VOID = {"meta", "link", "br", "img", "hr", "input"}
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])
 TEST = np.array([[375.04, 962.47], [412.56, np.nan], [424.80, 1012.51]])
-
-
-class Page(HTMLParser):
-    """Tags, ids, references, and the text of the cells of each table; fails on bad nesting."""
-
-    def __init__(self, text: str):
-        super().__init__()
-        self.open, self.ids, self.references, self.tags = [], [], [], []
-        self.tables: dict[str, list[list[str]]] = {}
-        self.rows, self.texts, self.cell = [], {}, None
-        self.feed(text)
-        self.close()
-        assert self.open == [], f"not closed: {self.open}"
-
-    def handle_starttag(self, tag, attrs):
-        attrs = dict(attrs)
-        self.tags.append((tag, attrs))
-        if "id" in attrs:
-            self.ids.append(attrs["id"])
-        self.references += [v for k, v in attrs.items() if k in ("src", "href", "xlink:href")]
-        if tag not in VOID:
-            self.open.append((tag, attrs.get("id")))
-        if tag == "table":
-            self.rows = self.tables.setdefault(attrs.get("id") or attrs.get("class"), [])
-        if tag == "tr":
-            self.rows.append([])
-        if tag in ("td", "th"):
-            self.rows[-1].append("")
-            self.cell = True
-
-    def handle_startendtag(self, tag, attrs):
-        self.handle_starttag(tag, attrs)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag):
-        assert self.open, f"closes <{tag}>, which is not open"
-        was, _ = self.open.pop()
-        assert was == tag, f"<{was}> closed by </{tag}>"
-        if tag in ("td", "th"):
-            self.cell = None
-
-    def handle_data(self, data):
-        if self.cell:
-            self.rows[-1][-1] += data
-        for _, name in self.open:
-            if name:
-                self.texts[name] = self.texts.get(name, "") + data
-
-    def column(self, table: str, i: int) -> list[str]:
-        """Texts of a column, without the heading's row; short rows are left out."""
-        return [" ".join(row[i].split()) for row in self.tables[table][1:] if len(row) > i]
 
 
 def gap(factor: float) -> Gap:
@@ -159,29 +105,6 @@ def diagnosis(**changes) -> Diagnosis:
     return Diagnosis(**{**values, **changes})
 
 
-def update(**changes) -> SimpleNamespace:
-    one = Gap(TORQUES[:1], MODES, TEST[:1], 1.02 * TEST[:1])
-    fits = [
-        {"condition": t, "parameters": {"near.E": 1e8 * t**0.5}, "sd": {"near.E": 0.08},
-         "frequencies_hz": list(TEST[i]), "errors_percent": [0.5, None if i == 1 else -0.25],
-         "held_out": i == 1}
-        for i, t in enumerate(TORQUES)
-    ]  # fmt: skip
-    values = dict(
-        title="Plates", condition=("torque", "N·m"), at=2.0, message="Converged.", iterations=7,
-        parameters=[{"name": "near.E", "value": 8.63e8, "unit": "Pa", "sd": 0.081, "start": 3e9}],
-        gap_before=Gap(TORQUES[:1], MODES, TEST[:1], 1.1 * TEST[:1]), gap_after=one,
-        published={"source": "paper", "parameters": {"near.E": 8.7e8}, "model_hz": [380.0, 970.0],
-                   "frequencies_hz": [375.0, None], "errors_percent": [1.3333, None]},
-        identifiability=Identifiability(("near.E",), 1.0, 1.0, np.array([0.1]), np.ones(1), ()),
-        torque_fits=fits,
-        curves=[{"name": "near.E", "form": "a (T/T0)^b", "T0": 4.0, "a": 2e8, "b": 0.5}],
-        curve_gap_fitted=0.0091, curve_gap_heldout=0.0113, curve_gap_validation=None,
-        curve_frequencies=gap(1.005), validation=None, model={"dofs": 21345},
-    )  # fmt: skip
-    return SimpleNamespace(**{**values, **changes})
-
-
 def modes_page_text() -> str:
     shape = mesh_pictures.mode_shape(cells().vertices, cells().vertices, (0, 0, 1), "m7", "shape")
     return report.modes_html(
@@ -194,23 +117,12 @@ def modes_page_text() -> str:
     "make",
     [
         lambda: report.diagnosis_html(diagnosis(), log_sd=np.full((3, 2), 0.01)),
-        lambda: report.update_html(update()),
         modes_page_text,
     ],
-    ids=["diagnosis", "update", "modes"],
+    ids=["diagnosis", "modes"],
 )
 def test_page_is_well_formed_and_stands_alone(make):
-    text = make()
-    page = Page(text)
-    assert len(page.ids) == len(set(page.ids))
-    inside = {f"#{name}" for name in page.ids}
-    assert all(r.startswith("data:") or r in inside for r in page.references)
-    assert not {"script", "link", "iframe"} & {tag for tag, _ in page.tags}
-    assert "url(http" not in text and "@import" not in text
-    pictures = [attrs for tag, attrs in page.tags if tag == "svg"]
-    assert pictures and all(a["role"] == "img" and len(a["aria-label"]) > 4 for a in pictures)
-    sizes = [len(svg) for svg in re.findall(r"<svg .*?</svg>", text, flags=re.DOTALL)]
-    assert max(sizes) < 300_000
+    check_page(make())
 
 
 def test_diagnosis_page_shows_the_numbers_of_the_result():
@@ -261,26 +173,6 @@ def test_every_verdict_without_validation_and_map(verdict):
     assert verdict.upper() in console.export_text()
 
 
-def test_update_page_shows_the_numbers_of_the_result():
-    page = Page(report.update_html(update()))
-    row = page.tables["values"][1]
-    assert row == ["near.E", "3.00 GPa", "863 MPa", "8.1 %", "870 MPa"]
-    assert page.column("published", 3) == ["+1.33 %", formatting.MISSING]
-    # The curve goes through the points that were made on it: 2e8 (T / 4)^0.5 = 1e8 T^0.5.
-    (panel,) = report.parameter_rows(update())
-    x, line = panel["curve"]
-    np.testing.assert_allclose(np.interp(panel["x"], x, line), panel["value"], rtol=1e-3)
-    formula = {"name": "near.E", "form": "3 near.G s/(1 + s)", "T0": 4.0, "a": 2e8, "b": 0.5}
-    assert report.curve_line(formula, TORQUES) is None
-    x, line = report.curve_line({**formula, "samples": [[2.0, 5.0], [22.0, 6.0]]}, TORQUES)
-    assert list(x) == [2.0, 22.0] and list(line) == [5.0, 6.0]
-    assert page.column("fits", 0) == ["2 N·m", "10 N·m *", "22 N·m"]
-    assert page.column("fits", 3) == ["-0.25 %", formatting.MISSING, "-0.25 %"]
-    assert page.texts["gap-before"] == "10.00 %" and page.texts["gap-after"] == "2.00 %"
-    bare = update(torque_fits=[], curves=[], curve_frequencies=None, published=None)
-    assert "fits" not in Page(report.update_html(bare)).tables
-
-
 def test_modes_page_says_what_the_test_saw():
     page = Page(modes_page_text())
     assert page.column("modes", 1) == ["0.00", "0.00", "423.12", "800.50"]
@@ -314,7 +206,6 @@ def test_summaries_fit_a_screen():
     shows = [
         lambda c: summary.diagnosis(c, diagnosis()),
         lambda c: summary.diagnosis(c, large_diagnosis()),
-        lambda c: summary.update(c, update()),
         lambda c: summary.modes(c, "Plates", np.arange(40.0), kinds, 99),
     ]
     for show in shows:

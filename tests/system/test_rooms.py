@@ -44,8 +44,6 @@ EXCEPTIONS: set[tuple[str, str]] = {
         ("diagnosis.plan.planned", "report.reading"),
         ("diagnosis.plan.result", "report.reading"),
         ("report.html", "commands.modes"),
-        ("updating.updating", "case.build"),
-        ("updating.updating", "case.case"),
     )
 }
 

@@ -25,7 +25,7 @@ from fenics_joints.progress import Progress
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.values import number
 from fenics_joints.units import parameter_unit
-from fenics_joints.updating.log_scale import LogScale
+from fenics_joints.updating.coordinates import LogScale
 
 __all__ = ["CaseModel", "case_model", "case_prior"]
 
