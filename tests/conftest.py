@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
-#: For what several tests share that is no fixture, and for the benchmarks.
-sys.path[:0] = [str(Path(__file__).parent / "helpers"), str(Path(__file__).parents[1])]
+#: For what several tests share that is no fixture, and for the benchmarks. The latter last: an
+#: installed package goes before the sources beside this folder.
+sys.path.insert(0, str(Path(__file__).parent / "helpers"))
+sys.path.append(str(Path(__file__).parents[1]))
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -61,7 +61,7 @@ class Machine:
         self.install("mmdebstrap", MMDEBSTRAP)
         self.install("bwrap", BWRAP)
         self.install("id", "#!/bin/sh\necho 0\n")
-        for name in ("with-fenicsx", "pyproject.toml"):
+        for name in ("with-fenicsx", "pyproject.toml", "setup.py"):
             shutil.copy(REPOSITORY / name, self.checkout / name)
 
     def install(self, name: str, script: str) -> None:
@@ -191,9 +191,12 @@ def test_new_dependency_makes_a_new_environment_and_gone_checkouts_lose_theirs(
     project.write_text(text.replace("dependencies = [", 'dependencies = [\n  "attrs",', 1))
     assert machine.run("true")[0] == 0
     assert machine.count("pip") == 2
+    (machine.checkout / "setup.py").open("a").write("# other folders\n")
+    assert machine.run("true")[0] == 0
+    assert machine.count("pip") == 3
     machine.checkout = shutil.move(machine.checkout, machine.checkout.with_name("moved"))
     assert machine.run("true")[0] == 0
-    assert (machine.count("build"), machine.count("pip")) == (1, 3)
+    assert (machine.count("build"), machine.count("pip")) == (1, 4)
     assert len(list((machine.cache / "venvs").iterdir())) == 1
 
 

@@ -1,0 +1,145 @@
+"""The sdist has all that its tests need, the wheel has all rooms and their data."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+# It builds in one process, in a copy of the checkout, without a network.
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes itself")
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+FILES = (
+    "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "README.md", "pyproject.toml", "setup.py",
+    "with-fenicsx",
+)  # fmt: skip
+#: Folders of the package, and where an installation has them.
+PACKAGES = {
+    "fenics_joints": "fenics_joints", "forms": "fenics_joints/forms",
+    "meshes": "fenics_joints/meshes",
+}  # fmt: skip
+FOLDERS = (*PACKAGES, ".ci", "benchmarks", "demos", "docs", "tests")
+
+IMPORT_ALL = """
+import importlib, json, pkgutil
+import fenics_joints
+names = [m.name for m in pkgutil.walk_packages(fenics_joints.__path__, "fenics_joints.")]
+names.remove("fenics_joints.__main__")
+for name in names:
+    importlib.import_module(name)
+print(json.dumps({name: importlib.import_module(name).__file__ for name in names}))
+"""
+COLLECT = "import sys, pytest; sys.exit(pytest.main(['--collect-only', '-q', *sys.argv[1:]]))"
+
+
+def run(*command: object, cwd: Path, **environment: str) -> str:
+    done = subprocess.run(
+        [str(word) for word in command], cwd=cwd, env={**os.environ, **environment},
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, f"{command}:\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def files(folder: Path) -> set[str]:
+    """Files below a folder, but for caches."""
+    return {
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that the unpacked sdist of this checkout is."""
+    place = tmp_path_factory.mktemp("sdist")
+    checkout = place / "checkout"
+    checkout.mkdir()
+    for name in FILES:
+        shutil.copy(REPOSITORY / name, checkout / name)
+    for name in FOLDERS:
+        shutil.copytree(REPOSITORY / name, checkout / name)
+    build = "from setuptools import build_meta; print(build_meta.build_sdist('..'))"
+    name = run(sys.executable, "-c", build, cwd=checkout).splitlines()[-1]
+    with tarfile.open(place / name) as archive:
+        archive.extractall(place, filter="data")
+    return place / name.removesuffix(".tar.gz")
+
+
+@pytest.fixture(scope="module")
+def wheel(sdist: Path) -> Path:
+    """The wheel made of the sdist."""
+    build = "from setuptools import build_meta; print(build_meta.build_wheel('..'))"
+    name = run(sys.executable, "-c", build, cwd=sdist).splitlines()[-1]
+    return sdist.parent / name
+
+
+@pytest.fixture(scope="module")
+def python(wheel: Path) -> Path:
+    """Python of a fresh virtual environment with the wheel, and with what this one has."""
+    venv = wheel.parent / "venv"
+    run(sys.executable, "-m", "venv", "--without-pip", "--system-site-packages", venv, cwd=Path())
+    python = venv / "bin" / "python3"
+    install = ("--no-deps", "--no-index", "--no-compile", "--disable-pip-version-check")
+    run(sys.executable, "-m", "pip", "--python", python, "install", *install, wheel, cwd=Path())
+    # By their paths alone: this environment's own .pth files would bring the checkout along.
+    places = [path for path in sys.path if path.endswith("-packages")]
+    (packages,) = (venv / "lib").glob("python3*/site-packages")
+    (packages / "packages_of_the_tests.pth").write_text("\n".join(places), encoding="utf-8")
+    return python
+
+
+def test_sdist_has_what_its_tests_need(sdist):
+    for folder in FOLDERS:
+        assert files(REPOSITORY / folder) - files(sdist / folder) == set(), folder
+    assert set(FILES) <= {path.name for path in sdist.iterdir()}
+    assert os.access(sdist / "with-fenicsx", os.X_OK)
+
+
+def test_wheel_has_every_file_of_the_package(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        found = {name for name in archive.namelist() if ".dist-info/" not in name}
+        (metadata,) = (n for n in archive.namelist() if n.endswith("/METADATA"))
+        text = archive.read(metadata).decode()
+    expected = {
+        f"{place}/{name}"
+        for folder, place in PACKAGES.items()
+        for name in files(REPOSITORY / folder)
+    }
+    assert found == expected
+    assert "License-Expression: MIT\n" in text and "License-File: LICENSE\n" in text
+
+
+def test_every_module_imports_from_the_wheel(python, tmp_path):
+    (tmp_path / "import_all.py").write_text(IMPORT_ALL, encoding="utf-8")
+    said = run(python, tmp_path / "import_all.py", cwd=tmp_path)
+    modules = json.loads(said.splitlines()[-1])
+    expected = {
+        f"{place}/{name}".removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+        for folder, place in PACKAGES.items()
+        for name in files(REPOSITORY / folder)
+        if name.endswith(".py")
+    }
+    assert modules.keys() == expected - {"fenics_joints", "fenics_joints.__main__"}
+    outside = {n for n, f in modules.items() if not f.startswith(str(python.parents[1]))}
+    assert not outside, "imported from somewhere else"
+
+
+def test_tests_of_the_sdist_collect_beside_the_installed_wheel(sdist, python, tmp_path):
+    """Each test finds its helpers, data and what it imports, without the checkout."""
+    (tmp_path / "collect.py").write_text(COLLECT, encoding="utf-8")
+    said = run(python, tmp_path / "collect.py", "-p", "no:cacheprovider", cwd=sdist)
+    assert "error" not in said.lower().splitlines()[-1]
