@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,11 +14,10 @@ from fenics_joints import __version__
 from fenics_joints.commands.database import app as database_app
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from fenics_joints.case.case import Case
+    from fenics_joints.commands.outcome import Outcome
 
-__all__ = ["Outcome", "app", "main"]
+__all__ = ["app", "main"]
 
 #: Where launchers say the rank, before MPI itself is started.
 _RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
@@ -41,19 +40,6 @@ ReportOption = Annotated[
     Path | None, typer.Option("--report", metavar="FILE", help="Write a page of HTML.")
 ]
 DebugOption = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
-
-
-class Outcome(Protocol):
-    """What a command made of a case."""
-
-    def json(self) -> dict[str, object]:
-        """The content of the JSON file. Called on every rank."""
-
-    def html(self) -> str:
-        """The page. Called on every rank."""
-
-    def show(self, console: Console) -> None:
-        """Print a summary of one screen. Called on rank 0."""
 
 
 @app.command()
@@ -85,7 +71,7 @@ def modes(
     """
 
     def run(case, comm, progress):
-        from fenics_joints.commands.modes import run_modes
+        from fenics_joints.commands.modes.run import run_modes
 
         method = "iterative" if iterative else "direct"
         return run_modes(case, comm, progress, n_modes=n, state=contacts, method=method)
@@ -169,7 +155,7 @@ def update(
             from fenics_joints.errors import InputError
 
             raise InputError(f"--keep {keep}: expected --bayes too; there are no chains without")
-        from fenics_joints.commands.outcome import run_update
+        from fenics_joints.commands.update.command import run_update
 
         return run_update(case, comm, progress)
 
@@ -211,7 +197,7 @@ def diagnose(
             from fenics_joints.commands.plan import run_plan
 
             return run_plan(case, comm, progress, keep=keep)
-        from fenics_joints.commands.outcome import run_diagnose
+        from fenics_joints.commands.diagnose.run import run_diagnose
 
         return run_diagnose(case, comm, progress, keep=keep)
 
@@ -294,7 +280,7 @@ def _command(
                 contents.append((json, json_text(outcome.json())))
             if report is not None:
                 progress.step("writing the report")
-                contents.append((report, outcome.html()))
+                contents.append((report, outcome.page()))
         _finish(comm, outcome, contents)
 
 
@@ -328,11 +314,10 @@ def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
 
         for path, text in contents:
             write_text(path, text)
-        outcome.show(Console())
+        outcome.summary(Console())
         for path, _ in contents:
             typer.echo(f"wrote {path}")
 
     on_root(comm, write)
-    failure = getattr(outcome, "failure", None)
-    if failure is not None:
-        raise ConvergenceError(failure)
+    if outcome.failure is not None:
+        raise ConvergenceError(outcome.failure)

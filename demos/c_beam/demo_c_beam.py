@@ -27,7 +27,7 @@ from mpi4py import MPI
 
 from fenics_joints.case.build import build_preload
 from fenics_joints.case.case import load_case
-from fenics_joints.commands.preload.cutoff import run_cutoff
+from fenics_joints.commands.cutoff.run import run_cutoff
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.preload.linear_joint import LinearJoint
 from fenics_joints.preload.torque import motosh_force
@@ -93,7 +93,7 @@ assert np.all(np.abs(ours / printed - 1) < 0.045)
 # contact at the case's 28 kN, and follows the six frequencies as facet after facet is lost. Either
 # a lost facet is open ("two" conditions) or it still slides ("three").
 
-found = run_cutoff(case, comm)
+found = run_cutoff(case, comm).result
 peak = found.contacts[0]["peak_pressure_pa"]
 say(
     "",

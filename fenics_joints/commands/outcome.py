@@ -1,103 +1,34 @@
-"""What the commands run: from a case to a result that knows its JSON, page and summary."""
+"""What every command hands to the command line."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from mpi4py import MPI
-
-from fenics_joints.case.case import Case
-from fenics_joints.progress import Progress
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from fenics_joints.commands.preload.cutoff import CutoffReport
-    from fenics_joints.commands.update.page import CombinedOutcome
-    from fenics_joints.commands.update.sweep import UpdateReport
-    from fenics_joints.diagnosis import Diagnosis
+__all__ = ["Outcome"]
 
-__all__ = ["run_diagnose", "run_update"]
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
-class DiagnosisOutcome:
-    """A diagnosis for the command line."""
+class Outcome(Generic[Result]):
+    """What a command made of a case, and how it is written; nothing is written before it is called.
 
-    result: Diagnosis
-    log_sd: object
-    assumed: Sequence[tuple[str, str]] = ()
+    Attributes:
+        result: What was found.
+        json: Makes the content of the JSON file. Called on every rank.
+        page: Makes the page of HTML. Called on every rank; what rank 0 makes is written.
+        summary: Prints one screen. Called on rank 0.
+        failure: Why the result may not be used, where it is none: the command ends with this error,
+            after all is written; None for a result.
+    """
 
-    def json(self) -> dict[str, object]:
-        """See `Diagnosis.to_json`; and the same in words."""
-        from fenics_joints.report.explanation import explain
-
-        return {**self.result.to_json(), "in_words": explain(self.result).to_json()}
-
-    def html(self) -> str:
-        """The page."""
-        from fenics_joints.report.html import diagnosis_html
-
-        return diagnosis_html(self.result, log_sd=self.log_sd, assumed=self.assumed)
-
-    def show(self, console: Console) -> None:
-        """The summary."""
-        from fenics_joints.report.terminal import diagnosis
-
-        diagnosis(console, self.result)
-
-
-@dataclass(frozen=True, eq=False)
-class UpdateOutcome:
-    """An updated model for the command line."""
-
-    result: UpdateReport
-    log_sd: object
-
-    def json(self) -> dict[str, object]:
-        """See `UpdateReport.to_json`."""
-        return self.result.to_json()
-
-    def html(self) -> str:
-        """The page."""
-        from fenics_joints.commands.update.sweep_page import update_html
-
-        return update_html(self.result, log_sd=self.log_sd)
-
-    def show(self, console: Console) -> None:
-        """The summary."""
-        from fenics_joints.commands.update.sweep_page import show_update
-
-        show_update(console, self.result)
-
-
-def run_diagnose(
-    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
-) -> DiagnosisOutcome:
-    """The ``diagnose`` command. Collective."""
-    from fenics_joints.diagnosis import diagnose
-    from fenics_joints.report.assumptions import assumptions
-
-    found, data = diagnose(case, comm, progress, keep=keep), case.measurements()
-    return DiagnosisOutcome(found, data.log_sd(), assumptions(case, data))
-
-
-def run_update(
-    case: Case, comm: MPI.Intracomm, progress: Progress
-) -> UpdateOutcome | CutoffReport | CombinedOutcome:
-    """The ``update`` command. Collective."""
-    if case.combined():
-        from fenics_joints.commands.update.page import CombinedOutcome
-        from fenics_joints.commands.update.run import run_combined
-
-        return CombinedOutcome(run_combined(case, comm, progress))
-    if case.update is not None and case.update.cutoff is not None:
-        from fenics_joints.commands.preload.cutoff import run_cutoff
-
-        return run_cutoff(case, comm, progress)
-    from fenics_joints.commands.update.sweep import run
-
-    return UpdateOutcome(run(case, comm, progress), case.measurements().log_sd())
+    result: Result
+    json: Callable[[], dict[str, object]] = field(repr=False)
+    page: Callable[[], str] = field(repr=False)
+    summary: Callable[[Console], None] = field(repr=False)
+    failure: str | None = None

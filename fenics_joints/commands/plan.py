@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Rectangle
 from rich.text import Text
 
+from fenics_joints.commands.outcome import Outcome
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.formatting import condition_value, percent, probability, quantity
 from fenics_joints.report.html import facts, render, svg
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.plan.result import Plan, PlannedEffect
     from fenics_joints.progress import Progress
 
-__all__ = ["PlanOutcome", "matrix_picture", "plan_html", "run_plan", "show_plan"]
+__all__ = ["matrix_picture", "plan_html", "run_plan", "show_plan"]
 
 #: Rows of each table on the terminal.
 _EFFECTS, _ADDITIONS = 12, 4
@@ -34,32 +34,16 @@ _EFFECTS, _ADDITIONS = 12, 4
 _NUMBERED = 26
 
 
-@dataclass(frozen=True, eq=False)
-class PlanOutcome:
-    """A plan for the command line."""
-
-    result: Plan
-
-    def json(self) -> dict[str, object]:
-        """See `Plan.to_json`."""
-        return self.result.to_json()
-
-    def html(self) -> str:
-        """The page."""
-        return plan_html(self.result)
-
-    def show(self, console: Console) -> None:
-        """The summary."""
-        show_plan(console, self.result)
-
-
 def run_plan(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
-) -> PlanOutcome:
+) -> Outcome[Plan]:
     """The ``diagnose --plan`` command. Collective."""
     from fenics_joints.diagnosis.plan.planned import plan
 
-    return PlanOutcome(plan(case, comm, progress, keep=keep))
+    found = plan(case, comm, progress, keep=keep)
+    return Outcome(
+        found, found.to_json, lambda: plan_html(found), lambda console: show_plan(console, found)
+    )
 
 
 # -- the page --------------------------------------------------------------------------------------

@@ -14,7 +14,6 @@ from markupsafe import Markup
 
 import fenics_joints
 from fenics_joints import formatting
-from fenics_joints.formatting import extents, mode_kinds
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.report import beam_pictures, diagnosis_pictures, mesh_pictures
 from fenics_joints.report import style as pictures
@@ -33,17 +32,12 @@ from fenics_joints.report.reading import (
 )
 
 if TYPE_CHECKING:
-    from fenics_joints.commands.modes import ModeList
     from fenics_joints.diagnosis.result import CellMap, Diagnosis
     from fenics_joints.diagnosis.where.location import Location
     from fenics_joints.diagnosis.where.patches import PatchMap
     from fenics_joints.diagnosis.where.where import ZoneTest
-    from fenics_joints.meshes import Ring
 
-__all__ = [
-    "ModePicture", "diagnosis_html", "facts", "heat_map", "modes_html", "modes_page", "render",
-    "svg",
-]  # fmt: skip
+__all__ = ["HeatCell", "diagnosis_html", "facts", "heat_map", "render", "svg"]
 
 #: Verdicts as headings.
 VERDICTS = {
@@ -304,102 +298,3 @@ def _fact(key: str, value) -> str:
     return f"{int(value):,}".replace(",", "\N{NO-BREAK SPACE}") if whole else f"{value:.4g}"
 
 
-# -- modes -----------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class ModePicture:
-    """A mode shape for the page.
-
-    Attributes:
-        number: Number of the mode, from 1, rigid-body modes counted.
-        frequency_hz: Its frequency.
-        svg: The picture, from `mesh_pictures.mode_shape`.
-    """
-
-    number: int
-    frequency_hz: float
-    svg: str
-
-
-def modes_html(
-    title: str,
-    frequencies_hz: Sequence[float],
-    n_rigid: int,
-    visible: Sequence[bool] | None,
-    *,
-    dofs: int,
-    shapes: Sequence[ModePicture] = (),
-    size_m: Sequence[float] = (),
-    rings: Sequence[Ring] = (),
-) -> str:
-    """Modes as a page.
-
-    Args:
-        title: The case's title.
-        frequencies_hz: Natural frequencies, Hz, rigid-body modes first, shape (n,).
-        n_rigid: Number of rigid-body modes.
-        visible: Whether the test could see each mode, shape (n,); None if that is not known.
-        dofs: Degrees of freedom.
-        shapes: Pictures of mode shapes.
-        size_m: Extents of the mesh, m.
-        rings: Bolts' rings in it.
-    """
-    rows = [
-        {"number": i + 1, "hz": float(f), "kind": kind}
-        for i, (f, kind) in enumerate(
-            zip(frequencies_hz, mode_kinds(len(frequencies_hz), n_rigid, visible), strict=True)
-        )
-    ]
-    pictures_ = [(shape, svg(shape.svg)) for shape in shapes]
-    return render(
-        "modes.html", title=title, rows=rows, n_rigid=n_rigid, dofs=dofs, shapes=pictures_,
-        sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
-        size=extents(size_m) if len(size_m) else "",
-        rings=[pictures.ring_row(ring) for ring in rings],
-    )  # fmt: skip
-
-
-def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
-    """The page of the ``modes`` command. Collective; empty on all ranks but the first.
-
-    Args:
-        result: The modes of a case.
-        n_shapes: How many shapes to show: the lowest that the test could see, or the lowest
-            elastic ones if the case does not say what it saw.
-    """
-    from fenics_joints.report.motion import corner_motion
-
-    modes, visible = result.modes, result.visible
-    elastic = np.arange(len(modes)) >= modes.n_rigid
-    wanted = np.flatnonzero(elastic if visible is None else visible)[:n_shapes]
-    structure, vectors = modes.model, [modes.shape(int(i)) for i in wanted]
-    dofs = structure.n_dofs
-    if hasattr(structure, "displacements"):
-        structure, vectors = structure.structure, structure.displacements(vectors)
-    vertices, motions = corner_motion(structure, vectors)
-    if not len(vertices):
-        return ""
-    sensors = result.case.sensors()
-    shapes = []
-    for i, motion in zip(wanted, motions, strict=True):
-        way = _mean_direction(sensors, motion)
-        hz = float(result.frequencies_hz[i])
-        alt = f"Mode shape {i + 1} at {hz:.2f} Hz, coloured by its motion along {way.tolist()}."
-        svg = mesh_pictures.mode_shape(vertices, motion, way, f"mode{i + 1}", alt)
-        shapes.append(ModePicture(int(i) + 1, hz, svg))
-    return modes_html(
-        result.case.title, result.frequencies_hz, modes.n_rigid, visible,
-        dofs=dofs, shapes=shapes, size_m=result.size_m, rings=result.rings,
-    )  # fmt: skip
-
-
-def _mean_direction(sensors, motion: np.ndarray) -> np.ndarray:
-    """Direction along which the sensors measure; the axis of the largest motion without any."""
-    if sensors is not None:
-        way = np.zeros(3)
-        mean = np.mean(sensors.directions, axis=0)
-        way[: len(mean)] = mean
-        if np.linalg.norm(way) > 0.5:
-            return np.round(way / np.linalg.norm(way), 6)
-    return np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]

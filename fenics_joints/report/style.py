@@ -18,16 +18,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from fenics_joints.formatting import number, percent, prefixed
+from fenics_joints.formatting import percent, prefixed
 
 if TYPE_CHECKING:
     from fenics_joints.measurements.gap import Gap
-    from fenics_joints.meshes import Ring
 
-__all__ = [
-    "frequency_panels", "gap_bars", "new_figure", "parameter_panels", "ring_row", "style",
-    "to_svg",
-]  # fmt: skip
+__all__ = ["frequency_panels", "gap_bars", "new_figure", "parameter_panels", "style", "to_svg"]
 
 #: Colours that the page replaces by its own, and those that suit light and dark pages alike.
 _INK, _MUTED, _LINE, _PAPER = "#1b2027", "#5b6470", "#d3d8de", "#fdfdfc"
@@ -323,11 +319,3 @@ def _parameter_panel(axes, row) -> None:
     axes.yaxis.set_minor_locator(NullLocator())
     axes.set_title(_with_unit(row["name"], unit), loc="left")
     axes.grid(axis="y")
-
-
-def ring_row(ring: Ring) -> tuple[str, ...]:
-    """A bolt's ring in a table: name, centre, thickness and radii in mm, and the parts joined."""
-    centre = ", ".join(f"{round(1e3 * float(c), 1) + 0.0:.1f}" for c in ring.centre)
-    radii = f"{1e3 * ring.r_nei:.3g} to {1e3 * ring.r_wai:.3g}"
-    thickness = number(1e3 * ring.thickness)
-    return ring.name, centre, thickness, radii, ", ".join((*ring.lower, *ring.upper))

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -13,8 +11,6 @@ from rich.text import Text
 
 from fenics_joints.formatting import (
     condition_value,
-    extents,
-    hertz,
     interval,
     percent,
     probability,
@@ -22,16 +18,14 @@ from fenics_joints.formatting import (
 )
 from fenics_joints.report.explanation import explain
 from fenics_joints.report.reading import by_effect, by_reason, effect_classes, leading, plain
-from fenics_joints.report.style import ring_row
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
-    from fenics_joints.meshes import Ring
 
-__all__ = ["diagnosis", "modes", "more", "new_table", "say"]
+__all__ = ["diagnosis", "more", "new_table", "say"]
 
 #: Rows of each table, so that all of it fits on a screen.
-_REGIONS, _EFFECTS, _PARAMETERS, _MODES, _RINGS = 3, 4, 3, 26, 16
+_REGIONS, _EFFECTS, _PARAMETERS = 3, 4, 3
 _STYLES = {"cause": "bold cyan", "no gap": "bold green", "ambiguous": "bold yellow"}
 _BAR = 20
 #: Lines of each of the three sentences, and how many doubts are told; the page has all.
@@ -171,46 +165,3 @@ def more(table: Table, n: int) -> None:
         table.add_row(f"and {n} more", style="dim")
 
 
-def modes(
-    console: Console,
-    title: str,
-    frequencies_hz: Sequence[float],
-    kinds: Sequence[str],
-    n_dofs: int,
-    size_m: Sequence[float] = (),
-    rings: Sequence[Ring] = (),
-) -> None:
-    """Print natural frequencies.
-
-    Args:
-        console: Where to.
-        title: The case's title.
-        frequencies_hz: Natural frequencies, Hz, shape (n,).
-        kinds: What each mode is, in words, length n; see `report.mode_kinds`.
-        n_dofs: Degrees of freedom.
-        size_m: Extents of the mesh, m.
-        rings: Bolts' rings in it.
-    """
-    say(console, title, "bold")
-    table = new_table(">mode", ">frequency, Hz", "what it is")
-    for i, (f, kind) in enumerate(zip(frequencies_hz, kinds, strict=True)):
-        if i == _MODES:
-            break
-        dim = kind.startswith(("rigid", "not"))
-        table.add_row(str(i + 1), hertz(float(np.real(f))), kind, style="dim" if dim else None)
-    console.print(table)
-    if len(frequencies_hz) > _MODES:
-        say(console, f"and {len(frequencies_hz) - _MODES} more", "dim")
-    if rings:
-        console.print(_ring_table(rings[:_RINGS]))
-        if len(rings) > _RINGS:
-            say(console, f"and {len(rings) - _RINGS} more", "dim")
-    size = f", {extents(size_m)}" if len(size_m) else ""
-    say(console, f"{n_dofs} degrees of freedom{size}")
-
-
-def _ring_table(rings: Sequence[Ring]) -> Table:
-    table = new_table("ring", ">centre, mm", ">thick, mm", ">radii, mm", "between")
-    for ring in rings:
-        table.add_row(*(Text(cell) for cell in ring_row(ring)))
-    return table

@@ -167,7 +167,7 @@ def test_command_samples_the_full_models_posterior(case, kept):
     from fenics_joints.commands.bayes.run import run_bayes
     from fenics_joints.progress import Progress
 
-    found = run_bayes(case, MPI.COMM_SELF, Progress(silent=True), keep=kept / "chains.nc")
+    found = run_bayes(case, MPI.COMM_SELF, Progress(silent=True), keep=kept / "chains.nc").result
     assert (kept / "chains.nc").is_file() and (kept / "chains.model.h5").is_file()
     chains = found.chains
     assert chains.names == ("near.G", "away.G") and chains.converged

@@ -12,7 +12,7 @@ from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import load_case
 from fenics_joints.case.model_damping import model_damping
 from fenics_joints.commands.harmonic.run import run_harmonic
-from fenics_joints.commands.modes import run_modes
+from fenics_joints.commands.modes.run import run_modes
 from fenics_joints.commands.preload.run import run_preload
 from fenics_joints.commands.update.run import run_combined
 from fenics_joints.errors import InputError
@@ -57,10 +57,11 @@ def test_update_identifies_slap_and_slip():
 def test_what_the_commands_say_of_beams():
     """`modes` lists and draws them; what needs a mesh or contacts is refused in words."""
     case, quiet = load_case(DEMO), Progress(silent=True)
-    found = run_modes(case, MPI.COMM_WORLD, quiet, n_modes=9)
+    outcome = run_modes(case, MPI.COMM_WORLD, quiet, n_modes=9)
+    found = outcome.result
     assert found.modes.n_rigid == 3
     np.testing.assert_allclose(found.size_m, [0.57, 0.021, 0.0212])
-    assert found.html().count("Mode shape") >= 6
+    assert outcome.page().count("Mode shape") >= 6
     # The drawn corners move as sensors there do.
     corners, motion = corner_motion(found.modes.model, [found.modes.shape(5)])
     sensors = Sensors(corners[::7].reshape(-1, 3), [1.0, 0, 1])

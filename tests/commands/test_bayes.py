@@ -77,17 +77,18 @@ def test_command(tmp_path_factory):
     assert content["model"]["frequency_error"] < 1e-4
     assert len(content["likelihood"]) == 5 and (folder / "chains.nc").is_file()
     if comm.rank == 0:
-        page, stream = found.html(), io.StringIO()
+        page, stream = found.page(), io.StringIO()
         assert page.count("<svg") == 6 and "R-hat" in page and "Not converged" not in page
-        found.show(Console(file=stream, width=100))
+        found.summary(Console(file=stream, width=100))
         assert "lap.k1" in stream.getvalue() and "new specimens scatter" in stream.getvalue()
 
 
 def test_without_specimens_and_held_modes(tmp_path):
     one_set = {SPECIMENS: "samples = 2500"}
     case = load_case(written(tmp_path, one_set))
-    found = run_bayes(case, MPI.COMM_SELF, Progress(silent=True))
-    assert found.predicted.check is None and found.html().count("<svg") == 4
+    outcome = run_bayes(case, MPI.COMM_SELF, Progress(silent=True))
+    found = outcome.result
+    assert found.predicted.check is None and outcome.page().count("<svg") == 4
     # Seed 002, Table 1: the updated model is within 0.15 % of the first five frequencies, and
     # 2.10 % below, 5.07 above and 2.50 below the others.
     rows = found.frequencies()

@@ -104,7 +104,7 @@ def write(folder: Path, text: str = LAYER, *edits: tuple[str, str]) -> Path:
 @pytest.mark.parallel
 def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(shared_tmp_path):
     case = load_case(write(shared_tmp_path))
-    report = run_harmonic(case, MPI.COMM_WORLD, QUIET)
+    report = run_harmonic(case, MPI.COMM_WORLD, QUIET).result
     small, large = report.facts
     built = harmonic_model(case, SELF, QUIET)
     modes = solve_modes(built.model, n_modes=3)
@@ -155,7 +155,7 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
     write(shared_tmp_path)
     if MPI.COMM_WORLD.size > 1:
         peaks = [level["peak"] for level in contents[0]["levels"]]
-        alone = run_harmonic(load_case(shared_tmp_path), SELF, QUIET)
+        alone = run_harmonic(load_case(shared_tmp_path), SELF, QUIET).result
         assert peaks == pytest.approx([f.amplitude for f in alone.facts], rel=1e-5)
     page = (shared_tmp_path / "first.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 4 and "10.0 N" in page
@@ -167,7 +167,8 @@ def test_identification_finds_the_strength_that_made_the_curves(tmp_path):
     one = '"0.01 N", "10 N"]', '"7 N", "10 N"]'
     no_backbone = "samples = 64", "samples = 64\nbackbone = false"
     true = ('S_y = "500 kPa"', 'S_y = "400 kPa"\nsliders = 30')
-    made = run_harmonic(load_case(write(tmp_path, LAYER, one, no_backbone, true)), SELF, QUIET)
+    true_case = load_case(write(tmp_path, LAYER, one, no_backbone, true))
+    made = run_harmonic(true_case, SELF, QUIET).result
     rows = ["level [N],frequency [Hz],amplitude [m/s2]"]
     for level, r in zip((7, 10), made.responses, strict=True):
         around = range(max(r.peak.index - 8, 0), r.peak.index + 9)
@@ -181,14 +182,15 @@ method = "gradient"
 """
     write(tmp_path, LAYER, one, no_backbone, ('measured = "frf.csv"\n', wanted))
     (tmp_path / "frf.csv").write_text("\n".join(rows), encoding="utf-8")
-    report = run_harmonic(load_case(tmp_path), SELF, QUIET)
+    outcome = run_harmonic(load_case(tmp_path), SELF, QUIET)
+    report = outcome.result
     (found,) = report.identified
     assert found.values["lap.S_y"] == pytest.approx(400e3, rel=0.02)
     assert found.start["lap.S_y"] == 500e3 and found.evaluations < 30
     unseen, fitted = report.predictions
     assert unseen.level == 7 and abs(unseen.amplitude_error) < 0.01
-    assert report.json()["identified"][0]["undetermined"] == []
-    assert "predicted" in report.html()
+    assert outcome.json()["identified"][0]["undetermined"] == []
+    assert "predicted" in outcome.page()
 
 
 @serial
@@ -196,7 +198,7 @@ def test_contact_with_friction_under_preload(tmp_path):
     # 120 N on beams of 6 mm open gaps of nanometres, which the smaller force must not close.
     levels = 'levels = ["0.01 N", "10 N"]', 'levels = ["0.00002 N", "3 N"]'
     case = load_case(write(tmp_path, CONTACT, levels))
-    report = run_harmonic(case, SELF, QUIET)
+    report = run_harmonic(case, SELF, QUIET).result
     (small, large), built = report.facts, report.built
     # Not all of the lap is pressed: the mode at rest is that of the closed part.
     assert small.frequency_hz == pytest.approx(built.frequencies_hz[built.mode], rel=1e-3)

@@ -141,7 +141,7 @@ def test_preload_command(shared_tmp_path, write_beams):
     comm.barrier()
     case = load_case(shared_tmp_path)
     found = run_preload(case, comm, Progress(silent=True), fields=shared_tmp_path / "p.xdmf")
-    page, facts = found.html(), found.json()
+    page, facts = found.page(), found.json()
     model = by_hand(MPI.COMM_SELF)
     state = solve_preload(model)["pads"]
     contact = facts["contacts"][0]

@@ -17,7 +17,7 @@ from rich.console import Console
 from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import load_case
 from fenics_joints.commands.update.data import combined_data
-from fenics_joints.commands.update.page import CombinedOutcome
+from fenics_joints.commands.update.page import combined_outcome
 from fenics_joints.commands.update.report import accuracy, in_words, start_words
 from fenics_joints.commands.update.run import run_combined
 from fenics_joints.errors import ConvergenceError, InputError
@@ -186,16 +186,16 @@ def test_predicts_what_it_did_not_see(everything):
 
 def test_tells_it(everything):
     """JSON, page and summary hold what was found."""
-    outcome = CombinedOutcome(everything)
+    outcome = combined_outcome(everything)
     data = json.loads(json.dumps(outcome.json(), allow_nan=False))
     assert data["method"] == "log" and data["parameters"][0]["determined"]
     assert data["modes"][4]["fitted"] is False and data["held_modes"][0]["name"] == "mode 5"
     assert data["functions_db"]["fitted_after"] == everything.functions.summary()["fitted_after"]
-    page = outcome.html()
+    page = outcome.page()
     for text in ('id="held-modes"', "4:+z by 1:+x", "joint.loss_factor", "MAC before"):
         assert text in page
     console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    outcome.show(console)
+    outcome.summary(console)
     shown = console.export_text()
     assert "mode 5 *" in shown and "held out" in shown
     assert max(len(line) for line in shown.splitlines()) <= 80 and shown.count("\n") < 40
@@ -284,8 +284,8 @@ modes = [{held}]
     assert log_sd == pytest.approx([2.3 / np.sqrt(2)] * 2, rel=0.3)
     assert report.update.identifiability.undetermined == ("joint.E", "joint.h")
     assert "update.regularisation = 2.3" in start_words(report)
-    outcome = CombinedOutcome(report)
-    assert 'id="pull"' in outcome.html() and outcome.json()["fit"]["regularisation"] == 2.3
+    outcome = combined_outcome(report)
+    assert 'id="pull"' in outcome.page() and outcome.json()["fit"]["regularisation"] == 2.3
 
 
 def test_a_start_beyond_its_bounds_is_refused(test_files):

@@ -17,7 +17,7 @@ from rich.console import Console
 from fenics_joints.beams.damped import identify_damping
 from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import load_case
-from fenics_joints.commands.update.page import CombinedOutcome
+from fenics_joints.commands.update.page import combined_outcome
 from fenics_joints.commands.update.run import run_combined
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.target import Target
@@ -119,19 +119,19 @@ def test_taken_by_default_where_damping_is_sought(measured, tmp_path):
     assert case.fitted_data() == ("frequencies", "damping")
     found = run_combined(case, MPI.COMM_WORLD)
     assert abs(found.parameters[2]["value"] / 0.15 - 1) < 0.05
-    outcome = CombinedOutcome(found)
+    outcome = combined_outcome(found)
     rows = json.loads(json.dumps(outcome.json(), allow_nan=False))["modes"]
     assert rows[3]["damping_test"] == pytest.approx(measured[3], rel=1e-6)
     after = 100 * (rows[3]["damping_after"] / measured[3] - 1)
     assert rows[3]["damping_error_after_percent"] == pytest.approx(after, abs=1e-4)
     assert rows[6]["damping_test"] is None and not rows[6]["damping_fitted"]
     assert outcome.json()["held_modes"][0]["damping_error_percent"] is None
-    page = outcome.html()
+    page = outcome.page()
     assert 'id="damping-ratios"' in page and 'id="damping-after"' in page
     assert "The error of the frequencies went from" in page
     assert "that of the damping ratios from" in page
     console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    outcome.show(console)
+    outcome.summary(console)
     shown = console.export_text()
     assert "frequencies and damping ratios" in shown and "damping ratio " in shown
     assert max(len(line) for line in shown.splitlines()) <= 80

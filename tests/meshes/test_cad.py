@@ -24,7 +24,7 @@ from step_files import (
 
 from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import load_case
-from fenics_joints.commands.modes import run_modes
+from fenics_joints.commands.modes.run import run_modes
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import check_contact, check_mesh, dumbbell, measure_ring, read_step
 from fenics_joints.modal.modes import solve_modes
@@ -272,8 +272,8 @@ def test_modes_say_what_was_found(tmp_path, capfd):
     assert found["rings"][2]["centre_m"] == pytest.approx([0.085, 0.015, 0.02035], abs=1e-9)
     assert found["rings"][0]["parts"] == ["bed", "column"]
     console = Console(record=True, width=80, file=io.StringIO())
-    result.show(console)
-    page = result.html()
+    result.summary(console)
+    page = result.page()
     assert '<b id="size">100 x 60.0 x 35.7 mm</b>' in page and '<b id="rings">4</b>' in page
     said = console.export_text()
     for what in ("100 x 60.0 x 35.7 mm", "ring_4", "85.0, 45.0, 20.4", "6 to 11", "bed, column"):

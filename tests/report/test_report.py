@@ -13,10 +13,14 @@ import numpy as np
 import pytest
 from dolfinx import fem
 from html_page import Page, check_page
+from markupsafe import Markup
 from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints import formatting
+from fenics_joints.commands.modes.page import ModePicture, modes_html
+from fenics_joints.commands.modes.result import ModeList
+from fenics_joints.commands.modes.summary import show_modes
 from fenics_joints.diagnosis.result import (
     CellMap,
     Diagnosis,
@@ -105,12 +109,22 @@ def diagnosis(**changes) -> Diagnosis:
     return Diagnosis(**{**values, **changes})
 
 
+class Modes(SimpleNamespace):
+    def __len__(self) -> int:
+        return len(self.frequencies_hz)
+
+
+def mode_list(frequencies_hz=(1e-6, 2e-6, 423.123, 800.5), n_rigid=2, seen=True) -> ModeList:
+    """Modes of which the test saw those below 500 Hz, if it is known what it saw."""
+    f = np.array(frequencies_hz)
+    modes = Modes(frequencies_hz=f, n_rigid=n_rigid, model=SimpleNamespace(n_dofs=21345))
+    case = SimpleNamespace(title="Plates <i>")
+    return ModeList(case, modes, np.where(f < 500, 1.0, 0.0) if seen else None)
+
+
 def modes_page_text() -> str:
     shape = mesh_pictures.mode_shape(cells().vertices, cells().vertices, (0, 0, 1), "m7", "shape")
-    return report.modes_html(
-        "Plates <i>", [0.0, 0.0, 423.123, 800.5], 2, [False, False, True, False], dofs=21345,
-        shapes=[report.ModePicture(3, 423.123, shape)],
-    )  # fmt: skip
+    return modes_html(mode_list(), [ModePicture(3, 423.123, Markup(shape))])
 
 
 @pytest.mark.parametrize(
@@ -202,11 +216,10 @@ def large_diagnosis() -> Diagnosis:
 
 
 def test_summaries_fit_a_screen():
-    kinds = report.mode_kinds(40, 6, None)
     shows = [
         lambda c: summary.diagnosis(c, diagnosis()),
         lambda c: summary.diagnosis(c, large_diagnosis()),
-        lambda c: summary.modes(c, "Plates", np.arange(40.0), kinds, 99),
+        lambda c: show_modes(c, mode_list(np.arange(40.0), 6, seen=False)),
     ]
     for show in shows:
         for width in (80, 100):

@@ -19,7 +19,7 @@ from fenics_joints import __version__, files
 from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import load_case
 from fenics_joints.cli import main
-from fenics_joints.commands import modes as mode_list
+from fenics_joints.commands.modes import run as mode_list
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.structure.points import Sensors
 

@@ -43,7 +43,6 @@ EXCEPTIONS: set[tuple[str, str]] = {
         ("diagnosis.plan.candidates", "report.reading"),
         ("diagnosis.plan.planned", "report.reading"),
         ("diagnosis.plan.result", "report.reading"),
-        ("report.html", "commands.modes"),
     )
 }
 

@@ -28,7 +28,10 @@ from fenics_joints.case.bayes import Bayes, bayes_data, specimens
 from fenics_joints.case.case import Case
 from fenics_joints.commands.bayes.held import Held, predict_held
 from fenics_joints.commands.bayes.model import CaseModel, case_model
-from fenics_joints.commands.bayes.page import BayesReport, Predicted
+from fenics_joints.commands.bayes.page import bayes_html
+from fenics_joints.commands.bayes.result import BayesReport, Predicted
+from fenics_joints.commands.bayes.summary import show_bayes
+from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import check_writable
 from fenics_joints.parallel import on_root
@@ -46,7 +49,7 @@ _OFFSET = 3.0
 
 def run_bayes(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
-) -> BayesReport:
+) -> Outcome[BayesReport]:
     """The ``update --bayes`` command. Collective.
 
     Args:
@@ -57,8 +60,8 @@ def run_bayes(
             model is kept beside it, with the ending ``.model.h5``.
 
     Returns:
-        The report; of chains that did not converge too, which then has a `BayesReport.failure` and
-        predicts nothing.
+        The report; of chains that did not converge too, which then is a failure and predicts
+        nothing.
 
     Raises:
         InputError: If the case, a prior or the data cannot be used; a distribution does not fit.
@@ -70,7 +73,11 @@ def run_bayes(
     with threadpool_limits(1):
         beside = None if keep is None else Path(keep).with_suffix(".model.h5")
         model = case_model(case, comm, progress, keep=beside)
-        return _Run(case, model, comm, progress, keep).report()
+        found = _Run(case, model, comm, progress, keep).report()
+    return Outcome(
+        found, found.to_json, lambda: bayes_html(found), lambda console: show_bayes(console, found),
+        found.failure,
+    )  # fmt: skip
 
 
 class _Run:

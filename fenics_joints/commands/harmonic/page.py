@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from fenics_joints.case.harmonic import identifiable
 from fenics_joints.commands.harmonic.model import SENSOR
+from fenics_joints.commands.harmonic.result import HarmonicReport
 from fenics_joints.formatting import hertz, number, percent, quantity
 from fenics_joints.measurements.curves import UNITS
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import new_figure, style, to_svg
-
-if TYPE_CHECKING:
-    from fenics_joints.commands.harmonic.run import HarmonicReport
 
 __all__ = ["harmonic_html", "interface_map", "loops_chart", "over_amplitude", "responses_chart"]
 

@@ -1,157 +1,40 @@
-"""Nonlinear frequency responses of a case at the levels of force that it names."""
+"""The ``harmonic`` command: nonlinear responses at the levels of force that a case names."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-import fenics_joints
 from fenics_joints.case.case import Case
 from fenics_joints.case.harmonic import IdentifySection, identification_start
 from fenics_joints.commands.harmonic.model import FORCE, SENSOR, HarmonicModel, harmonic_model
+from fenics_joints.commands.harmonic.page import harmonic_html
+from fenics_joints.commands.harmonic.result import HarmonicReport, LevelFacts
+from fenics_joints.commands.harmonic.summary import show_harmonic
+from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
-from fenics_joints.harmonic import Backbone, HarmonicResult, solve_backbone, solve_harmonic
-from fenics_joints.harmonic.identify import IdentificationResult, Prediction, identify, predict
+from fenics_joints.harmonic import HarmonicResult, solve_backbone, solve_harmonic
+from fenics_joints.harmonic.identify import IdentificationResult, identify, predict
 from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.loops import read_loops
-from fenics_joints.measurements.curves import UNITS, MeasuredCurves
+from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.progress import Progress
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-__all__ = ["HarmonicReport", "LevelFacts", "run_harmonic"]
+__all__ = ["run_harmonic"]
 
 #: The backbone reaches down to this share of the smallest response at resonance, and up to this
 #: multiple of the largest.
 _BELOW, _ABOVE = 0.1, 1.2
 
 
-@dataclass(frozen=True)
-class LevelFacts:
-    """What is said of one level.
-
-    Attributes:
-        level: Amplitude of the force, N.
-        frequency_hz: Of the highest response, Hz.
-        amplitude: The highest response, in SI units of the case's kind.
-        displacement: The same as a displacement, m.
-        damping_ratio: Work of the force per cycle there over 4 pi times the kinetic energy.
-        joint_energy: Energy per cycle that each joint takes there, J, by name.
-        turning_points: How often the branch turns back in frequency.
-        closure: How far the loops there are from closed, relative.
-        measured_hz: Frequency of the highest measured response, Hz; None without.
-        measured: The highest measured response; None without.
-    """
-
-    level: float
-    frequency_hz: float
-    amplitude: float
-    displacement: float
-    damping_ratio: float
-    joint_energy: dict[str, float]
-    turning_points: int
-    closure: float
-    measured_hz: float | None = None
-    measured: float | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class HarmonicReport:
-    """What the ``harmonic`` command found.
-
-    Attributes:
-        case: The case.
-        built: The reduced model.
-        responses: One for each level, in ascending order of the levels.
-        facts: Likewise.
-        backbone: Frequency and damping over amplitude, or None.
-        curves: What was measured, or None.
-        seconds: Time of the responses, s.
-        rank: Rank of this process: pictures are rank 0's.
-        identified: Parameters from the curve of one level, by each method; the responses are those
-            of the last.
-        predictions: What that model makes of every measured curve.
-    """
-
-    case: Case
-    built: HarmonicModel
-    responses: tuple[HarmonicResult, ...]
-    facts: tuple[LevelFacts, ...]
-    backbone: Backbone | None
-    curves: MeasuredCurves | None
-    seconds: float
-    rank: int
-    identified: tuple[IdentificationResult, ...] = ()
-    predictions: tuple[Prediction, ...] = ()
-
-    @property
-    def kind(self) -> str:
-        """``displacement``, ``velocity`` or ``acceleration``."""
-        return self.case.harmonic.response
-
-    def json(self) -> dict[str, object]:
-        """What ``--json`` writes.
-
-        Keys: ``version``, ``title``, ``dofs``, ``basis``, ``interface_points``,
-        ``frequencies_at_rest_hz``, ``response``, ``levels`` (each with the facts of `LevelFacts`
-        and its ``branch``), ``backbone``, ``identified`` and ``predictions``.
-        """
-        model = self.built.model
-        return {
-            "version": fenics_joints.__version__,
-            "title": self.case.title,
-            "dofs": self.built.n_dofs,
-            "basis": model.n_dofs,
-            "interface_points": {points.name: len(points) for points in model.interfaces},
-            "frequencies_at_rest_hz": self.built.frequencies_hz.tolist(),
-            "response": {"kind": self.kind, "unit": UNITS[self.kind]},
-            "levels": [
-                {**_plain(facts), "branch": response.to_dict()}
-                for facts, response in zip(self.facts, self.responses, strict=True)
-            ],
-            "backbone": None if self.backbone is None else self.backbone.to_dict(),
-            "identified": [found.to_dict() for found in self.identified],
-            "predictions": [made.to_dict() for made in self.predictions],
-        }
-
-    def html(self) -> str:
-        """What ``--report`` writes. Collective."""
-        from fenics_joints.commands.harmonic.page import harmonic_html
-
-        return harmonic_html(self)
-
-    def show(self, console: Console) -> None:
-        """Print the summary."""
-        from fenics_joints.commands.harmonic.summary import harmonic
-
-        harmonic(console, self)
-
-
-def _plain(facts: LevelFacts) -> dict:
-    return {
-        "level_n": facts.level,
-        "peak_hz": facts.frequency_hz,
-        "peak": facts.amplitude,
-        "peak_displacement_m": facts.displacement,
-        "damping_ratio": facts.damping_ratio,
-        "joint_energy_j": facts.joint_energy,
-        "turning_points": facts.turning_points,
-        "closure": facts.closure,
-        "measured_peak_hz": facts.measured_hz,
-        "measured_peak": facts.measured,
-    }
-
-
 def run_harmonic(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, branches: Path | None = None
-) -> HarmonicReport:
+) -> Outcome[HarmonicReport]:
     """Responses at all levels, and the backbone if the case wants it. Collective.
 
     Args:
@@ -170,7 +53,11 @@ def run_harmonic(
         built = replace(built, model=kept_model(built.model, _folder(branches), band, comm))
     # The matrices are small: threads only get in each other's way.
     with threadpool_limits(1):
-        return _solved(case, built, comm, progress, branches)
+        found = _solved(case, built, comm, progress, branches)
+    return Outcome(
+        found, found.to_json, lambda: harmonic_html(found),
+        lambda console: show_harmonic(console, found),
+    )  # fmt: skip
 
 
 def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> HarmonicReport:

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from rich.console import Console
 from rich.text import Text
 
 from fenics_joints.case.harmonic import identifiable
+from fenics_joints.commands.harmonic.result import HarmonicReport
 from fenics_joints.formatting import hertz, number, percent, quantity
 from fenics_joints.measurements.curves import UNITS
 from fenics_joints.report.terminal import new_table, say
 
-if TYPE_CHECKING:
-    from fenics_joints.commands.harmonic.run import HarmonicReport
-
-__all__ = ["harmonic"]
+__all__ = ["show_harmonic"]
 
 
-def harmonic(console: Console, r: HarmonicReport) -> None:
+def show_harmonic(console: Console, r: HarmonicReport) -> None:
     """Print the peaks of all levels, beside the measured ones."""
     title, model = r.case.title or r.case.path.parent.name, r.built.model
     say(console, f"{title}: response to sinusoidal forces", "bold")

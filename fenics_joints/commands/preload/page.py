@@ -1,27 +1,20 @@
-"""Pages and charts of a preload and of an update of the cut-off pressure."""
+"""The page of the ``preload`` command, and its parts on contacts."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from markupsafe import Markup
 
-from fenics_joints.commands.preload.run import bolt_axes
+from fenics_joints.commands.preload.contacts import bolt_axes
+from fenics_joints.commands.preload.result import PreloadReport
 from fenics_joints.commands.preload.summary import area
 from fenics_joints.formatting import quantity
-from fenics_joints.report.contact_pictures import pressure_map, pressure_profile, status_map
+from fenics_joints.preload import PreloadResult
+from fenics_joints.report.contact_pictures import pressure_map, pressure_profile
 from fenics_joints.report.html import render, svg
-from fenics_joints.report.style import CHOSEN, PLACEBO, new_figure, style, to_svg
+from fenics_joints.report.style import style, to_svg
 
-if TYPE_CHECKING:
-    from fenics_joints.commands.preload.cutoff import CutoffReport, SchemeReport
-    from fenics_joints.commands.preload.run import PreloadReport
-    from fenics_joints.preload import PreloadResult
-
-__all__ = ["cutoff_html", "frequencies_over_cutoff", "objective_over_cutoff", "preload_html"]
-
-_WORDS = {"two": "stuck or open", "three": "stuck, sliding or open"}
-_COLOURS = {"two": CHOSEN, "three": PLACEBO}
+__all__ = ["contact_pictures", "contact_rows", "forces_in_words", "picture", "preload_html"]
 
 
 def preload_html(p: PreloadReport) -> str:
@@ -30,53 +23,23 @@ def preload_html(p: PreloadReport) -> str:
     if p.result.model.comm.rank != 0:
         return ""
     return render(
-        "preload.html", p=p, title=p.case.title, contacts=_contact_rows(p.contacts),
-        pictures=_contact_pictures(p.result, centres), forces=_forces(p.result),
+        "preload.html", p=p, title=p.case.title, contacts=contact_rows(p.contacts),
+        pictures=contact_pictures(p.result, centres), forces=forces_in_words(p.result),
     )  # fmt: skip
 
 
-def cutoff_html(u: CutoffReport) -> str:
-    """The page of an update of the cut-off. Collective; empty on all ranks but the first."""
-    centres = np.array(list(bolt_axes(u.result).values()))
-    if u.result.model.comm.rank != 0:
-        return ""
-    schemes = []
-    for s in u.schemes:
-        maps = [
-            (state.name, _picture(status_map(state, centres=centres), f"{s.scheme}{i}", _alt(s)))
-            for i, state in enumerate(s.states)
-        ]
-        schemes.append(
-            {
-                "r": s,
-                "words": _WORDS[s.scheme],
-                "frequencies": svg(frequencies_over_cutoff(u, s)),
-                "maps": maps,
-                "area": area(s.area),
-            }
-        )
-    return render(
-        "cutoff.html", u=u, title=u.case.title, schemes=schemes, forces=_forces(u.result),
-        objective=svg(objective_over_cutoff(u)), contacts=_contact_rows(u.contacts),
-        whole=area(u.whole_area), pictures=_contact_pictures(u.result, centres),
-        stuck=float(np.sum(np.abs(u.stuck_hz / u.test_hz - 1))),
-    )  # fmt: skip
-
-
-def _alt(s: SchemeReport) -> str:
-    return f"Condition of the contact at the best cut-off, {quantity(s.cutoff, 'Pa')}."
-
-
-def _forces(result: PreloadResult) -> str:
+def forces_in_words(result: PreloadResult) -> str:
+    """The bolts' forces by name."""
     return ", ".join(f"{name} {quantity(f, 'N')}" for name, f in result.forces.items())
 
 
-def _picture(figure, name: str, alt: str):
+def picture(figure, name: str, alt: str) -> Markup:
+    """A figure of `contact_pictures` as ``<svg>``."""
     with style():
         return svg(to_svg(figure, name, alt))
 
 
-def _contact_pictures(result: PreloadResult, centres) -> list[tuple[str, object]]:
+def contact_pictures(result: PreloadResult, centres) -> list[tuple[str, object]]:
     """The pressure in plan, and along the first direction of the face, of each contact."""
     found = []
     if result.model.structure.gdim < 3:
@@ -90,16 +53,16 @@ def _contact_pictures(result: PreloadResult, centres) -> list[tuple[str, object]
         line = pressure_profile(state, centres=centres, direction=direction)
         found.append(
             (f"{state.name}: pressure in plan",
-             _picture(plan, f"plan{i}", f"{words} in plan; peak {peak}."))
+             picture(plan, f"plan{i}", f"{words} in plan; peak {peak}."))
         )  # fmt: skip
         found.append(
             (f"{state.name}: pressure of all pairs along {'xyz'[along]}",
-             _picture(line, f"line{i}", f"{words} along {'xyz'[along]}."))
+             picture(line, f"line{i}", f"{words} along {'xyz'[along]}."))
         )  # fmt: skip
     return found
 
 
-def _contact_rows(contacts: list[dict]) -> list[dict]:
+def contact_rows(contacts: list[dict]) -> list[dict]:
     """Facts of each contact in words."""
     rows = []
     for c in contacts:
@@ -118,54 +81,3 @@ def _contact_rows(contacts: list[dict]) -> list[dict]:
         facts += [(f"{word} pairs", str(c[word])) for word in ("open", "slip", "stick")]
         rows.append({"name": c["name"], "facts": facts})
     return rows
-
-
-def frequencies_over_cutoff(u: CutoffReport, s: SchemeReport) -> str:
-    """Frequencies over the cut-off pressure with the measured ones (seed 004, figs. 10, 11)."""
-    x = s.sweep.cutoffs / 1e6
-    with style():
-        figure = new_figure(7.6, 4.6)
-        axes = figure.subplots()
-        for j, name in enumerate(u.mode_names):
-            line = axes.plot(x, s.sweep.frequencies_hz[:, j], lw=1.5, color=_shade(j))[0]
-            axes.axhline(u.test_hz[j], color=_shade(j), lw=1.1, ls=(0, (5, 3)))
-            axes.annotate(
-                name, (x[0], s.sweep.frequencies_hz[0, j]), xytext=(4, 4),
-                textcoords="offset points", fontsize=8.5,
-            )  # fmt: skip
-            if s.crossings[j] is not None:
-                axes.plot(s.crossings[j] / 1e6, u.test_hz[j], "o", ms=4.5, color=line.get_color())
-        axes.axvline(s.cutoff / 1e6, color=_COLOURS[s.scheme], lw=1.0)
-        axes.set(xlabel="cut-off pressure, MPa", ylabel="frequency, Hz")
-        axes.margins(x=0)
-        alt = (
-            f"Frequencies over the cut-off pressure, {_WORDS[s.scheme]}; dashed: measured; best at "
-            f"{quantity(s.cutoff, 'Pa')}."
-        )
-        return to_svg(figure, f"hz-{s.scheme}", alt)
-
-
-def _shade(j: int) -> str:
-    return ("#2b7bba", "#8d949e", "#6b7f94", "#4d9a6a", "#7a5aa6", "#c2571a")[j % 6]
-
-
-def objective_over_cutoff(u: CutoffReport) -> str:
-    """Sum of the relative errors over the cut-off pressure (seed 004, fig. 12)."""
-    with style():
-        figure = new_figure(7.6, 3.2)
-        axes = figure.subplots()
-        for s in u.schemes:
-            x, colour = s.sweep.cutoffs / 1e6, _COLOURS[s.scheme]
-            axes.plot(x, 100 * s.objective_all, color=colour, lw=1.6, label=_WORDS[s.scheme])
-            axes.plot(s.cutoff / 1e6, 100 * s.objective, "o", color=colour, ms=5)
-            steps = np.array(s.minimum.visited)
-            axes.plot(x[steps], 100 * s.objective_all[steps], "|", color=colour, ms=9)
-        axes.set(xlabel="cut-off pressure, MPa", ylabel="sum of relative errors, %")
-        # Where almost nothing is stuck any more the error has no bounds of interest.
-        axes.set_ylim(0, 250 * max(s.objective_all[0] for s in u.schemes))
-        axes.margins(x=0)
-        axes.legend(loc="best")
-        words = "; ".join(
-            f"{_WORDS[s.scheme]}: least at {quantity(s.cutoff, 'Pa')}" for s in u.schemes
-        )
-        return to_svg(figure, "objective", f"Sum of relative errors over the cut-off. {words}.")

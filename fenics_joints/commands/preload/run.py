@@ -1,148 +1,34 @@
-"""The contacts of a case under its bolts' preload, and what that does to the frequencies."""
+"""The ``preload`` command: contacts under the bolts' preload, and what it does to frequencies."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 
-import fenics_joints
 from fenics_joints.case.build import build_preload
 from fenics_joints.case.case import Case
+from fenics_joints.commands.outcome import Outcome
+from fenics_joints.commands.preload.contacts import bolt_axes, contact_facts
+from fenics_joints.commands.preload.page import preload_html
+from fenics_joints.commands.preload.result import PreloadReport
+from fenics_joints.commands.preload.summary import show_preload
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.preload import OPEN, SLIP, STICK, ContactState, PreloadResult, PreloadSolver
+from fenics_joints.preload import PreloadSolver
+from fenics_joints.preload.fields import write
 from fenics_joints.preload.linear_joint import LinearJoint, status_conditions
-from fenics_joints.preload.patch import largest_radius
 from fenics_joints.progress import Progress
 
-if TYPE_CHECKING:
-    from rich.console import Console
+__all__ = ["run_preload"]
 
-__all__ = ["PreloadReport", "bolt_axes", "contact_facts", "run_preload"]
-
-#: Pressure, Pa, that bounds the contact radius (seed 000, eq. 10).
-LIMIT = 1e6
+#: Elastic modes whose frequencies are compared.
 _ELASTIC = 6
-
-
-@dataclass(frozen=True, eq=False)
-class PreloadReport:
-    """What the ``preload`` command found.
-
-    Attributes:
-        case: The case.
-        result: The preload state.
-        contacts: A dict of facts for each contact, see `contact_facts`.
-        stuck_hz: Elastic frequencies with all contacts fully stuck, Hz, (n,).
-        preloaded_hz: Elastic frequencies with each pair as the preload leaves it, Hz, (n,).
-        written: Files of fields.
-    """
-
-    case: Case
-    result: PreloadResult
-    contacts: list[dict]
-    stuck_hz: np.ndarray
-    preloaded_hz: np.ndarray
-    written: tuple[Path, ...] = ()
-
-    def json(self) -> dict[str, object]:
-        """What ``--json`` writes.
-
-        Keys: ``version``, ``title``, ``dofs``, ``bolt_forces_n``, ``iterations``,
-        ``complementarity``, ``contacts`` (each with the keys of `contact_facts`), and
-        ``frequencies_hz`` with ``stuck`` and ``preloaded``.
-        """
-        return {
-            "version": fenics_joints.__version__,
-            "title": self.case.title,
-            "dofs": self.result.model.jumps.n,
-            "bolt_forces_n": dict(self.result.forces),
-            "iterations": self.result.iterations,
-            "complementarity": self.result.complementarity,
-            "contacts": self.contacts,
-            "frequencies_hz": {
-                "stuck": self.stuck_hz.tolist(),
-                "preloaded": self.preloaded_hz.tolist(),
-            },
-        }
-
-    def html(self) -> str:
-        """What ``--report`` writes."""
-        from fenics_joints.commands.preload.page import preload_html
-
-        return preload_html(self)
-
-    def show(self, console: Console) -> None:
-        """Print the summary."""
-        from fenics_joints.commands.preload.summary import preload
-
-        preload(console, self)
-
-
-def bolt_axes(result: PreloadResult) -> dict[str, np.ndarray]:
-    """A point on the axis of every bolt, m, (gdim,): the middle of its two faces. Collective."""
-    model = result.model
-    return {
-        bolt.name: 0.5 * (_middle(model.face(bolt.lower)) + _middle(model.face(bolt.upper)))
-        for bolt in model.bolts
-    }
-
-
-def _middle(face) -> np.ndarray:
-    return 0.5 * (face.points.min(axis=0) + face.points.max(axis=0))
-
-
-def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
-    """What is said of a contact.
-
-    Args:
-        state: The contact in its state.
-        axes: A point on each bolt's axis, by bolt.
-
-    Returns:
-        Keys ``name``; ``force_n``; ``peak_pressure_pa``, the largest of the facets' means, and
-        ``peak_nodal_pressure_pa``; ``mean_pressure_pa``, over the closed area; ``area_m2``, closed,
-        ``area_above_1_mpa_m2`` and ``whole_area_m2``; ``radius_m`` by bolt, the farthest place
-        nearest to that bolt with 1 MPa or more; ``open``, ``slip``, ``stick``: numbers of pairs.
-    """
-    force, area = state.normal_force, state.area
-    return {
-        "name": state.name,
-        "force_n": force,
-        "peak_pressure_pa": float(state.facet_pressure.max(initial=0.0)),
-        "peak_nodal_pressure_pa": float(state.pressure.max(initial=0.0)),
-        "mean_pressure_pa": force / area if area else 0.0,
-        "area_m2": area,
-        "area_above_1_mpa_m2": state.area_above(LIMIT),
-        "whole_area_m2": float(state.facet_area.sum()),
-        "radius_m": _radii(state, axes),
-        **{
-            word: int(np.sum(state.status == kind))
-            for word, kind in (("open", OPEN), ("slip", SLIP), ("stick", STICK))
-        },
-    }
-
-
-def _radii(state: ContactState, axes: dict[str, np.ndarray]) -> dict[str, float]:
-    """Contact radius at each bolt, of the pairs that are nearest to it."""
-    if not axes:
-        return {}
-    points = state.interface.points
-    distance = [np.linalg.norm(points - axis, axis=1) for axis in axes.values()]
-    nearest = np.argmin(distance, axis=0)
-    found = {}
-    for i, (name, axis) in enumerate(axes.items()):
-        own = np.where(nearest == i, state.pressure, 0.0)
-        found[name] = largest_radius(state.interface, own, LIMIT, axis)
-    return found
 
 
 def run_preload(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, fields: Path | None = None
-) -> PreloadReport:
+) -> Outcome[PreloadReport]:
     """Contacts at the case's bolt forces, and the frequencies about that state. Collective.
 
     Args:
@@ -168,13 +54,13 @@ def run_preload(
     )
     written = ()
     if fields is not None:
-        from fenics_joints.preload.fields import write
-
         progress.step(f"writing {fields}")
         written = tuple(write(result, fields))
-    return PreloadReport(
-        case, result, contacts, _elastic(stuck), _elastic(loose), written
-    )
+    found = PreloadReport(case, result, contacts, _elastic(stuck), _elastic(loose), written)
+    return Outcome(
+        found, found.to_json, lambda: preload_html(found),
+        lambda console: show_preload(console, found),
+    )  # fmt: skip
 
 
 def _elastic(modes) -> np.ndarray:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.damping import DampingTable, ratio_words
 from fenics_joints.commands.update.pictures import (
     convergence_chart,
@@ -37,7 +37,7 @@ from fenics_joints.measurements.gap import rms
 from fenics_joints.report.html import HeatCell, facts, render, svg
 from fenics_joints.report.terminal import new_table, say
 
-__all__ = ["CombinedOutcome", "combined_html", "show_combined"]
+__all__ = ["combined_html", "combined_outcome", "show_combined"]
 
 #: The method in words.
 METHODS = {
@@ -52,23 +52,12 @@ _KINDS = {
 _PARAMETERS, _MODES = 8, 10
 
 
-@dataclass(frozen=True, eq=False)
-class CombinedOutcome:
-    """An update on several kinds of data, for the command line."""
-
-    result: CombinedReport
-
-    def json(self) -> dict[str, object]:
-        """See `CombinedReport.json`."""
-        return self.result.json()
-
-    def html(self) -> str:
-        """The page."""
-        return combined_html(self.result)
-
-    def show(self, console: Console) -> None:
-        """The summary."""
-        show_combined(console, self.result)
+def combined_outcome(found: CombinedReport) -> Outcome[CombinedReport]:
+    """A combined update for the command line."""
+    return Outcome(
+        found, found.json, lambda: combined_html(found),
+        lambda console: show_combined(console, found),
+    )  # fmt: skip
 
 
 # -- page ------------------------------------------------------------------------------------------

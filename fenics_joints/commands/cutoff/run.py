@@ -4,170 +4,30 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-import fenics_joints
 from fenics_joints.case.build import build_preload
 from fenics_joints.case.case import Case
-from fenics_joints.commands.preload.run import bolt_axes, contact_facts
+from fenics_joints.commands.cutoff.page import cutoff_html
+from fenics_joints.commands.cutoff.result import CutoffReport, SchemeReport
+from fenics_joints.commands.cutoff.summary import show_cutoff
+from fenics_joints.commands.outcome import Outcome
+from fenics_joints.commands.preload.contacts import bolt_axes, contact_facts
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.preload import STICK, ContactState, PreloadModel, PreloadResult, PreloadSolver
+from fenics_joints.preload import STICK, PreloadModel, PreloadResult, PreloadSolver
 from fenics_joints.preload.linear_joint import LinearJoint, pair_conditions
 from fenics_joints.progress import Progress
-from fenics_joints.updating.cutoff import CutoffMinimum, CutoffModel, CutoffSweep, minimise, sweep
+from fenics_joints.updating.cutoff import CutoffModel, minimise, sweep
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-__all__ = ["CutoffReport", "SchemeReport", "crossing", "run_cutoff"]
+__all__ = ["crossing", "run_cutoff"]
 
 #: Change of ln f left after calibrating a parameter on a mode.
 _CALIBRATED = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class SchemeReport:
-    """One scheme of conditions over all cut-off pressures.
-
-    Attributes:
-        scheme: ``"two"`` or ``"three"`` conditions.
-        sweep: Frequencies at every cut-off.
-        best: Step of the least objective in the sweep.
-        objective_all: Objective at every step, (n_steps,).
-        minimum: The least objective found by full solutions alone.
-        crossings: Cut-off, Pa, at which each mode falls below its test frequency; None if never.
-        states: The contacts at the best cut-off, with each pair's condition as its status.
-        area: Area of the facets that are stuck there, m2.
-        sweep_solves: Full solutions of the sweep.
-        seconds: Time of the sweep.
-    """
-
-    scheme: str
-    sweep: CutoffSweep
-    best: int
-    objective_all: np.ndarray
-    minimum: CutoffMinimum
-    crossings: list[float | None]
-    states: list[ContactState]
-    area: float
-    sweep_solves: int
-    seconds: float
-
-    @property
-    def cutoff(self) -> float:
-        """Best cut-off pressure, Pa."""
-        return float(self.sweep.cutoffs[self.best])
-
-    @property
-    def objective(self) -> float:
-        """Sum of relative frequency errors there."""
-        return float(self.objective_all[self.best])
-
-    @property
-    def frequencies_hz(self) -> np.ndarray:
-        """Elastic frequencies there, Hz, (n,)."""
-        return self.sweep.frequencies_hz[self.best]
-
-    def to_json(self) -> dict:
-        """See `CutoffReport.json`."""
-        return {
-            "scheme": self.scheme,
-            "cutoff_pa": self.cutoff,
-            "objective": self.objective,
-            "frequencies_hz": self.frequencies_hz.tolist(),
-            "crossings_pa": self.crossings,
-            "stuck_area_m2": self.area,
-            "reduced_error": self.sweep.error,
-            "full_solutions": self.sweep_solves,
-            "seconds": self.seconds,
-            "minimum": {
-                "cutoff_pa": self.minimum.cutoff,
-                "objective": self.minimum.objective,
-                "frequencies_hz": self.minimum.frequencies_hz.tolist(),
-                "full_solutions": len(self.minimum.visited),
-            },
-            "sweep": {
-                "cutoffs_pa": self.sweep.cutoffs.tolist(),
-                "frequencies_hz": self.sweep.frequencies_hz.tolist(),
-                "objective": self.objective_all.tolist(),
-            },
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class CutoffReport:
-    """What ``fenics-joints update`` found for a case with ``[update.cutoff]``.
-
-    Attributes:
-        case: The case.
-        result: The preload state.
-        condition: Name, value and unit of the test's condition.
-        mode_names: Names of the test's modes.
-        test_hz: Measured frequencies, Hz, (n,).
-        stuck_hz: Those of the fully stuck model, (n,).
-        calibration: Keys parameter, mode, start, value, unit; None without.
-        contacts: Facts of each contact, see `preload_run.contact_facts`.
-        schemes: One for each scheme.
-        seconds: Time of the whole run.
-    """
-
-    case: Case
-    result: PreloadResult
-    condition: tuple[str, float, str]
-    mode_names: tuple[str, ...]
-    test_hz: np.ndarray
-    stuck_hz: np.ndarray
-    calibration: dict | None
-    contacts: list[dict]
-    schemes: list[SchemeReport]
-    seconds: float
-
-    @property
-    def whole_area(self) -> float:
-        """Area of the contacts, m2."""
-        return sum(c["whole_area_m2"] for c in self.contacts)
-
-    def json(self) -> dict[str, object]:
-        """What ``--json`` writes.
-
-        Keys: ``version``, ``title``, ``dofs``, ``bolt_forces_n``, ``condition``, ``modes``,
-        ``frequencies_hz`` (``test``, ``stuck``), ``calibration``, ``contacts`` and ``schemes``,
-        each with ``scheme``, ``cutoff_pa``, ``objective``, ``frequencies_hz``, ``crossings_pa``,
-        ``stuck_area_m2``, ``reduced_error``, ``full_solutions``, ``seconds``, ``minimum``, and
-        ``sweep`` with all cut-offs.
-        """
-        name, value, unit = self.condition
-        return {
-            "version": fenics_joints.__version__,
-            "title": self.case.title,
-            "dofs": self.result.model.jumps.n,
-            "bolt_forces_n": dict(self.result.forces),
-            "condition": {"name": name, "value": value, "unit": unit},
-            "modes": list(self.mode_names),
-            "frequencies_hz": {"test": self.test_hz.tolist(), "stuck": self.stuck_hz.tolist()},
-            "calibration": self.calibration,
-            "contacts": self.contacts,
-            "schemes": [scheme.to_json() for scheme in self.schemes],
-            "seconds": self.seconds,
-        }
-
-    def html(self) -> str:
-        """What ``--report`` writes."""
-        from fenics_joints.commands.preload.page import cutoff_html
-
-        return cutoff_html(self)
-
-    def show(self, console: Console) -> None:
-        """Print the summary."""
-        from fenics_joints.commands.preload.summary import cutoff
-
-        cutoff(console, self)
 
 
 def crossing(cutoffs: np.ndarray, frequencies_hz: np.ndarray, test_hz: float) -> float | None:
@@ -184,7 +44,9 @@ def crossing(cutoffs: np.ndarray, frequencies_hz: np.ndarray, test_hz: float) ->
     return float(cutoffs[k - 1] + share * (cutoffs[k] - cutoffs[k - 1]))
 
 
-def run_cutoff(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> CutoffReport:
+def run_cutoff(
+    case: Case, comm: MPI.Intracomm, progress: Progress | None = None
+) -> Outcome[CutoffReport]:
     """Update the cut-off pressure of a case's contacts. Collective.
 
     Raises:
@@ -192,7 +54,11 @@ def run_cutoff(case: Case, comm: MPI.Intracomm, progress: Progress | None = None
         ConvergenceError: If a solution does not converge.
     """
     with threadpool_limits(1):
-        return _Run(case, comm, progress or Progress(silent=True)).report()
+        found = _Run(case, comm, progress or Progress(silent=True)).report()
+    return Outcome(
+        found, found.to_json, lambda: cutoff_html(found),
+        lambda console: show_cutoff(console, found),
+    )  # fmt: skip
 
 
 class _Run:

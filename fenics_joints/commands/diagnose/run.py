@@ -1,0 +1,40 @@
+"""The ``diagnose`` command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+from fenics_joints.case.case import Case
+from fenics_joints.commands.outcome import Outcome
+from fenics_joints.diagnosis import Diagnosis, diagnose
+from fenics_joints.progress import Progress
+from fenics_joints.report.assumptions import assumptions
+from fenics_joints.report.explanation import explain
+from fenics_joints.report.html import diagnosis_html
+from fenics_joints.report.terminal import diagnosis
+
+__all__ = ["run_diagnose"]
+
+
+def run_diagnose(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
+) -> Outcome[Diagnosis]:
+    """Where a case's model is wrong, which effect causes it, and how far the gap goes. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        keep: Folder of the reduced model and finished fits, which the next run goes on from.
+
+    Raises:
+        JointsError: If the case, the mesh or a solution fails.
+    """
+    found, data = diagnose(case, comm, progress, keep=keep), case.measurements()
+    return Outcome(
+        found, lambda: {**found.to_json(), "in_words": explain(found).to_json()},
+        lambda: diagnosis_html(found, log_sd=data.log_sd(), assumed=assumptions(case, data)),
+        lambda console: diagnosis(console, found),
+    )  # fmt: skip

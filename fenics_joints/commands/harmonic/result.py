@@ -1,0 +1,118 @@
+"""What the ``harmonic`` command found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import fenics_joints
+from fenics_joints.case.case import Case
+from fenics_joints.commands.harmonic.model import HarmonicModel
+from fenics_joints.harmonic import Backbone, HarmonicResult
+from fenics_joints.harmonic.identify import IdentificationResult, Prediction
+from fenics_joints.measurements.curves import UNITS, MeasuredCurves
+
+__all__ = ["HarmonicReport", "LevelFacts"]
+
+
+@dataclass(frozen=True)
+class LevelFacts:
+    """What is said of one level.
+
+    Attributes:
+        level: Amplitude of the force, N.
+        frequency_hz: Of the highest response, Hz.
+        amplitude: The highest response, in SI units of the case's kind.
+        displacement: The same as a displacement, m.
+        damping_ratio: Work of the force per cycle there over 4 pi times the kinetic energy.
+        joint_energy: Energy per cycle that each joint takes there, J, by name.
+        turning_points: How often the branch turns back in frequency.
+        closure: How far the loops there are from closed, relative.
+        measured_hz: Frequency of the highest measured response, Hz; None without.
+        measured: The highest measured response; None without.
+    """
+
+    level: float
+    frequency_hz: float
+    amplitude: float
+    displacement: float
+    damping_ratio: float
+    joint_energy: dict[str, float]
+    turning_points: int
+    closure: float
+    measured_hz: float | None = None
+    measured: float | None = None
+
+    def to_json(self) -> dict:
+        """See `HarmonicReport.to_json`."""
+        return {
+            "level_n": self.level,
+            "peak_hz": self.frequency_hz,
+            "peak": self.amplitude,
+            "peak_displacement_m": self.displacement,
+            "damping_ratio": self.damping_ratio,
+            "joint_energy_j": self.joint_energy,
+            "turning_points": self.turning_points,
+            "closure": self.closure,
+            "measured_peak_hz": self.measured_hz,
+            "measured_peak": self.measured,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicReport:
+    """What the ``harmonic`` command found.
+
+    Attributes:
+        case: The case.
+        built: The reduced model.
+        responses: One for each level, in ascending order of the levels.
+        facts: Likewise.
+        backbone: Frequency and damping over amplitude, or None.
+        curves: What was measured, or None.
+        seconds: Time of the responses, s.
+        rank: Rank of this process: pictures are rank 0's.
+        identified: Parameters from the curve of one level, by each method; the responses are those
+            of the last.
+        predictions: What that model makes of every measured curve.
+    """
+
+    case: Case
+    built: HarmonicModel
+    responses: tuple[HarmonicResult, ...]
+    facts: tuple[LevelFacts, ...]
+    backbone: Backbone | None
+    curves: MeasuredCurves | None
+    seconds: float
+    rank: int
+    identified: tuple[IdentificationResult, ...] = ()
+    predictions: tuple[Prediction, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """``displacement``, ``velocity`` or ``acceleration``."""
+        return self.case.harmonic.response
+
+    def to_json(self) -> dict[str, object]:
+        """What ``--json`` writes.
+
+        Keys: ``version``, ``title``, ``dofs``, ``basis``, ``interface_points``,
+        ``frequencies_at_rest_hz``, ``response``, ``levels`` (each with the facts of `LevelFacts`
+        and its ``branch``), ``backbone``, ``identified`` and ``predictions``.
+        """
+        model = self.built.model
+        return {
+            "version": fenics_joints.__version__,
+            "title": self.case.title,
+            "dofs": self.built.n_dofs,
+            "basis": model.n_dofs,
+            "interface_points": {points.name: len(points) for points in model.interfaces},
+            "frequencies_at_rest_hz": self.built.frequencies_hz.tolist(),
+            "response": {"kind": self.kind, "unit": UNITS[self.kind]},
+            "levels": [
+                {**facts.to_json(), "branch": response.to_dict()}
+                for facts, response in zip(self.facts, self.responses, strict=True)
+            ],
+            "backbone": None if self.backbone is None else self.backbone.to_dict(),
+            "identified": [found.to_dict() for found in self.identified],
+            "predictions": [made.to_dict() for made in self.predictions],
+        }

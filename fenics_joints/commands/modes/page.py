@@ -1,0 +1,84 @@
+"""The page of the ``modes`` command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from fenics_joints.commands.modes.result import ModeList, ring_row
+from fenics_joints.formatting import extents
+from fenics_joints.report.html import render, svg
+from fenics_joints.report.mesh_pictures import mode_shape
+from fenics_joints.report.motion import corner_motion
+
+__all__ = ["ModePicture", "modes_html", "modes_page"]
+
+
+@dataclass(frozen=True)
+class ModePicture:
+    """A mode shape for the page.
+
+    Attributes:
+        number: Number of the mode, from 1, rigid-body modes counted.
+        frequency_hz: Its frequency.
+        svg: The picture, from `mesh_pictures.mode_shape`.
+    """
+
+    number: int
+    frequency_hz: float
+    svg: Markup
+
+
+def modes_html(result: ModeList, shapes: Sequence[ModePicture] = ()) -> str:
+    """Modes as a page, with pictures of some of them."""
+    visible, frequencies = result.visible, result.frequencies_hz
+    return render(
+        "modes.html", title=result.case.title, n_rigid=result.modes.n_rigid,
+        rows=list(zip(frequencies, result.kinds(), strict=True)),
+        dofs=result.modes.model.n_dofs, shapes=shapes,
+        sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
+        size=extents(result.size_m) if len(result.size_m) else "",
+        rings=[ring_row(ring) for ring in result.rings],
+    )  # fmt: skip
+
+
+def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
+    """The page of the ``modes`` command. Collective; empty on all ranks but the first.
+
+    Args:
+        result: The modes of a case.
+        n_shapes: How many shapes to show: the lowest that the test could see, or the lowest
+            elastic ones if the case does not say what it saw.
+    """
+    modes, visible = result.modes, result.visible
+    elastic = np.arange(len(modes)) >= modes.n_rigid
+    wanted = np.flatnonzero(elastic if visible is None else visible)[:n_shapes]
+    structure, vectors = modes.model, [modes.shape(int(i)) for i in wanted]
+    if hasattr(structure, "displacements"):
+        structure, vectors = structure.structure, structure.displacements(vectors)
+    vertices, motions = corner_motion(structure, vectors)
+    if not len(vertices):
+        return ""
+    sensors = result.case.sensors()
+    shapes = []
+    for i, motion in zip(wanted, motions, strict=True):
+        way = _mean_direction(sensors, motion)
+        hz = float(result.frequencies_hz[i])
+        alt = f"Mode shape {i + 1} at {hz:.2f} Hz, coloured by its motion along {way.tolist()}."
+        picture = svg(mode_shape(vertices, motion, way, f"mode{i + 1}", alt))
+        shapes.append(ModePicture(int(i) + 1, hz, picture))
+    return modes_html(result, shapes)
+
+
+def _mean_direction(sensors, motion: np.ndarray) -> np.ndarray:
+    """Direction along which the sensors measure; the axis of the largest motion without any."""
+    if sensors is not None:
+        way = np.zeros(3)
+        mean = np.mean(sensors.directions, axis=0)
+        way[: len(mean)] = mean
+        if np.linalg.norm(way) > 0.5:
+            return np.round(way / np.linalg.norm(way), 6)
+    return np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]

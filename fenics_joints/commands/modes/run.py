@@ -1,0 +1,103 @@
+"""The ``modes`` command: natural frequencies and modes of a case's nominal model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mpi4py import MPI
+
+from fenics_joints.beams import BeamStructure
+from fenics_joints.case.build import build_preload, build_structure
+from fenics_joints.case.case import Case
+from fenics_joints.commands.modes.page import modes_page
+from fenics_joints.commands.modes.result import ModeList
+from fenics_joints.commands.modes.summary import show_modes
+from fenics_joints.commands.outcome import Outcome
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.meshes import Ring, TaggedMesh, measure_ring
+from fenics_joints.meshes.rings import ring_names
+from fenics_joints.meshes.tagged import limits
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.progress import Progress
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from fenics_joints.preload.linear_joint import LinearJoint
+
+__all__ = ["run_modes"]
+
+
+def run_modes(
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress,
+    *,
+    n_modes: int | None = None,
+    state: str = "stuck",
+    method: str = "direct",
+) -> Outcome[ModeList]:
+    """Modes of a case's nominal model. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        n_modes: Number of modes, rigid-body modes included; the case's ``diagnose.n_modes`` by
+            default.
+        state: What contacts are: ``"stuck"``, or as the ``"preload"`` leaves them.
+        method: ``"direct"`` or ``"iterative"``, see `solve_modes`; contacts need the direct one.
+
+    Raises:
+        JointsError: If the case, the mesh or the solution fails.
+    """
+    n_modes = case.diagnose.n_modes if n_modes is None else n_modes
+    progress.step("building the model")
+    if state != "stuck" and not case.contacts:
+        raise InputError(f"contacts = {state!r}: expected sections [contacts.NAME] in the case")
+    if case.contacts:
+        model = _preloaded(case, comm, progress, state)
+    else:
+        model = build_structure(case, comm)
+    progress.step(f"solving {n_modes} modes of {model.n_dofs} degrees of freedom")
+    modes = solve_modes(model, n_modes=n_modes, method=method)
+    sensors = case.sensors()
+    visibility = None if sensors is None else modes.visibility(sensors)
+    found = ModeList(case, modes, visibility, *_sizes(model))
+    return Outcome(
+        found, found.to_json, lambda: modes_page(found), lambda console: show_modes(console, found)
+    )
+
+
+def _sizes(model) -> tuple[np.ndarray, tuple[Ring, ...]]:
+    """Extents of a model, m, and the bolts' rings in it."""
+    if isinstance(model, BeamStructure):
+        return model.size_m, ()
+    tagged = getattr(model, "structure", model).tagged
+    low, high = limits(tagged)
+    return high - low, _rings(tagged)
+
+
+def _rings(tagged: TaggedMesh) -> tuple[Ring, ...]:
+    found = []
+    if tagged.mesh.geometry.dim == 3:
+        for name in ring_names(list(tagged.cell_names)):
+            try:
+                found.append(measure_ring(tagged, name))
+            except MeshError:
+                continue  # no flat layer: its joint's law may be for any shape
+    return tuple(found)
+
+
+def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) -> LinearJoint:
+    """The bodies of a case with linear contacts and its bolts."""
+    from fenics_joints.preload import solve_preload
+    from fenics_joints.preload.linear_joint import LinearJoint, status_conditions
+
+    if state not in ("stuck", "preload"):
+        raise InputError(f"contacts = {state!r}: expected 'stuck' or 'preload'.")
+    model = build_preload(case, comm)
+    if state == "stuck":
+        return LinearJoint(model)
+    progress.step("contact under preload")
+    return LinearJoint(model, status_conditions(solve_preload(model)))

@@ -1,0 +1,37 @@
+"""The modes of a case on the terminal."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.text import Text
+
+from fenics_joints.commands.modes.result import ModeList, ring_row
+from fenics_joints.formatting import extents, hertz
+from fenics_joints.report.terminal import new_table, say
+
+__all__ = ["show_modes"]
+
+#: Rows of each table, so that all of it fits on a screen.
+_MODES, _RINGS = 26, 16
+
+
+def show_modes(console: Console, result: ModeList) -> None:
+    """Print natural frequencies, the bolts' rings and the size of the model."""
+    say(console, f"{result.case.title or result.case.path.parent.name}: nominal model", "bold")
+    table = new_table(">mode", ">frequency, Hz", "what it is")
+    rows = list(zip(result.frequencies_hz, result.kinds(), strict=True))
+    for i, (f, kind) in enumerate(rows[:_MODES]):
+        dim = kind.startswith(("rigid", "not"))
+        table.add_row(str(i + 1), hertz(float(f)), kind, style="dim" if dim else None)
+    console.print(table)
+    if len(rows) > _MODES:
+        say(console, f"and {len(rows) - _MODES} more", "dim")
+    if result.rings:
+        table = new_table("ring", ">centre, mm", ">thick, mm", ">radii, mm", "between")
+        for ring in result.rings[:_RINGS]:
+            table.add_row(*(Text(cell) for cell in ring_row(ring)))
+        console.print(table)
+        if len(result.rings) > _RINGS:
+            say(console, f"and {len(result.rings) - _RINGS} more", "dim")
+    size = f", {extents(result.size_m)}" if len(result.size_m) else ""
+    say(console, f"{result.modes.model.n_dofs} degrees of freedom{size}")

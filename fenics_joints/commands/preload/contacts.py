@@ -1,0 +1,71 @@
+"""What is said of contacts in a preload state: pressures, areas, radii at the bolts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenics_joints.preload import OPEN, SLIP, STICK, ContactState, PreloadResult
+from fenics_joints.preload.patch import largest_radius
+
+__all__ = ["bolt_axes", "contact_facts"]
+
+#: Pressure, Pa, that bounds the contact radius (seed 000, eq. 10).
+LIMIT = 1e6
+
+
+def bolt_axes(result: PreloadResult) -> dict[str, np.ndarray]:
+    """A point on the axis of every bolt, m, (gdim,): the middle of its two faces. Collective."""
+    model = result.model
+    return {
+        bolt.name: 0.5 * (_middle(model.face(bolt.lower)) + _middle(model.face(bolt.upper)))
+        for bolt in model.bolts
+    }
+
+
+def _middle(face) -> np.ndarray:
+    return 0.5 * (face.points.min(axis=0) + face.points.max(axis=0))
+
+
+def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
+    """What is said of a contact.
+
+    Args:
+        state: The contact in its state.
+        axes: A point on each bolt's axis, by bolt.
+
+    Returns:
+        Keys ``name``; ``force_n``; ``peak_pressure_pa``, the largest of the facets' means, and
+        ``peak_nodal_pressure_pa``; ``mean_pressure_pa``, over the closed area; ``area_m2``, closed,
+        ``area_above_1_mpa_m2`` and ``whole_area_m2``; ``radius_m`` by bolt, the farthest place
+        nearest to that bolt with 1 MPa or more; ``open``, ``slip``, ``stick``: numbers of pairs.
+    """
+    force, area = state.normal_force, state.area
+    return {
+        "name": state.name,
+        "force_n": force,
+        "peak_pressure_pa": float(state.facet_pressure.max(initial=0.0)),
+        "peak_nodal_pressure_pa": float(state.pressure.max(initial=0.0)),
+        "mean_pressure_pa": force / area if area else 0.0,
+        "area_m2": area,
+        "area_above_1_mpa_m2": state.area_above(LIMIT),
+        "whole_area_m2": float(state.facet_area.sum()),
+        "radius_m": _radii(state, axes),
+        **{
+            word: int(np.sum(state.status == kind))
+            for word, kind in (("open", OPEN), ("slip", SLIP), ("stick", STICK))
+        },
+    }
+
+
+def _radii(state: ContactState, axes: dict[str, np.ndarray]) -> dict[str, float]:
+    """Contact radius at each bolt, of the pairs that are nearest to it."""
+    if not axes:
+        return {}
+    points = state.interface.points
+    distance = [np.linalg.norm(points - axis, axis=1) for axis in axes.values()]
+    nearest = np.argmin(distance, axis=0)
+    found = {}
+    for i, (name, axis) in enumerate(axes.items()):
+        own = np.where(nearest == i, state.pressure, 0.0)
+        found[name] = largest_radius(state.interface, own, LIMIT, axis)
+    return found

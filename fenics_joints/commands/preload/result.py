@@ -1,0 +1,56 @@
+"""What the ``preload`` command found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import fenics_joints
+from fenics_joints.case.case import Case
+from fenics_joints.preload import PreloadResult
+
+__all__ = ["PreloadReport"]
+
+
+@dataclass(frozen=True, eq=False)
+class PreloadReport:
+    """What the ``preload`` command found.
+
+    Attributes:
+        case: The case.
+        result: The preload state.
+        contacts: A dict of facts for each contact, see `contact_facts`.
+        stuck_hz: Elastic frequencies with all contacts fully stuck, Hz, (n,).
+        preloaded_hz: Elastic frequencies with each pair as the preload leaves it, Hz, (n,).
+        written: Files of fields.
+    """
+
+    case: Case
+    result: PreloadResult
+    contacts: list[dict]
+    stuck_hz: np.ndarray
+    preloaded_hz: np.ndarray
+    written: tuple[Path, ...] = ()
+
+    def to_json(self) -> dict[str, object]:
+        """What ``--json`` writes.
+
+        Keys: ``version``, ``title``, ``dofs``, ``bolt_forces_n``, ``iterations``,
+        ``complementarity``, ``contacts`` (each with the keys of `contact_facts`), and
+        ``frequencies_hz`` with ``stuck`` and ``preloaded``.
+        """
+        return {
+            "version": fenics_joints.__version__,
+            "title": self.case.title,
+            "dofs": self.result.model.jumps.n,
+            "bolt_forces_n": dict(self.result.forces),
+            "iterations": self.result.iterations,
+            "complementarity": self.result.complementarity,
+            "contacts": self.contacts,
+            "frequencies_hz": {
+                "stuck": self.stuck_hz.tolist(),
+                "preloaded": self.preloaded_hz.tolist(),
+            },
+        }
