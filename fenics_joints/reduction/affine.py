@@ -2,13 +2,15 @@
 
 The stiffness and mass of every region with uniform properties are linear in a few scalars
 (`structure.laws.Law.stiffness_terms`), those of springs and point masses in their number. What
-the sums need are projections on a basis, which are plain arrays.
+the sums need are projections on a basis, which are plain arrays. They are formed at one set of
+parameter values, or at many together (`AffinePencil.matrices`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,6 +20,12 @@ from fenics_joints.structure.laws import Law
 from fenics_joints.structure.values import number, parameter_values, slopes
 
 __all__ = ["AffinePencil", "MassTerm", "RegionTerm", "SpringTerm"]
+
+#: Sets of a law's values that are remembered.
+_MOST = 20000
+#: A parameter's values: a number, or one for each of many sets of values, (b,).
+Values = Mapping[str, float | np.ndarray]
+
 
 @dataclass(frozen=True)
 class RegionTerm:
@@ -39,13 +47,16 @@ class RegionTerm:
     inertia: np.ndarray
     volume: float
 
-    def values(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Property values, checked.
+    def values(self, values: Values) -> dict[str, float | np.ndarray]:
+        """Property values, checked; arrays where the parameters' are.
 
         Raises:
             InputError: If the law refuses them.
         """
+        shape = np.shape(next(iter(values.values()), 0.0))
         q = {key: number(self.properties[key], values) for key in self.law.properties}
+        if shape:
+            q = {key: np.broadcast_to(value, shape) for key, value in q.items()}
         self.law.check(self.name, q)
         return q
 
@@ -84,11 +95,102 @@ class MassTerm:
         spline = CubicSpline(self.stations, self.rows) if len(self.stations) > 1 else None
         object.__setattr__(self, "_spline", spline)
 
-    def __call__(self, travel: float) -> tuple[np.ndarray, np.ndarray]:
-        """The basis at the mass and its slope by the travel, each (gdim, n)."""
+    def __call__(self, travel: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The basis at the mass and its slope by the travel, each (gdim, n); (b, gdim, n) of
+        travels (b,)."""
         if self._spline is None:
             return self.rows[0], np.zeros_like(self.rows[0])
         return self._spline(travel), self._spline(travel, 1)
+
+
+class _Stack:
+    """Matrices of which a sum is made.
+
+    Attributes:
+        whole: The matrices, (n_terms, n, n).
+    """
+
+    def __init__(self, matrices: Sequence[np.ndarray], n: int):
+        self.n, self.whole = n, np.array(matrices, dtype=float).reshape(len(matrices), n, n)
+
+    @cached_property
+    def _indices(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.triu_indices(self.n)
+
+    @cached_property
+    def _upper(self) -> np.ndarray:
+        """The upper triangles as rows, (n_terms, n (n + 1) / 2): half the work for one sum."""
+        i, j = self._indices
+        return np.ascontiguousarray(self.whole[:, i, j])
+
+    def sum(self, factors: np.ndarray, rows=slice(None)) -> np.ndarray:
+        """The sum of factors times matrices, (n, n); of factors (n_terms, b) all b, (b, n, n).
+
+        Args:
+            factors: Of each matrix.
+            rows: Which of the matrices.
+        """
+        if factors.ndim == 1:
+            return self._unpacked(factors @ self._upper[rows])
+        flat = self.whole[rows].reshape(len(factors), self.n**2)
+        return (factors.T @ flat).reshape(-1, self.n, self.n)
+
+    def sums(self, factors: np.ndarray, rows) -> Iterator[np.ndarray]:
+        """`sum` of every column of the factors, one after the other."""
+        yield from map(self._unpacked, factors.T @ self._upper[rows])
+
+    def _unpacked(self, row: np.ndarray) -> np.ndarray:
+        full = np.empty((self.n, self.n))
+        full[self._indices] = row
+        full.T[self._indices] = row
+        return full
+
+    def squares(self, shapes: np.ndarray) -> np.ndarray:
+        """x^T A x of every column of the shapes and every matrix, (k, n_terms)."""
+        i, j = self._indices
+        packed = shapes[i] * shapes[j]
+        packed[i != j] *= 2.0
+        return packed.T @ self._upper.T
+
+    def times(self, shapes: np.ndarray) -> np.ndarray:
+        """A x of every matrix and every column, (n_terms, n, k)."""
+        return (self.whole.reshape(-1, self.n) @ shapes).reshape(-1, self.n, shapes.shape[1])
+
+
+@dataclass
+class _AtLaw:
+    """A law's scalars at values of its properties, and their derivatives, as they are asked for: of
+    a beam's dozen properties few are parameters."""
+
+    law: Law
+    q: Mapping[str, float | np.ndarray]
+    known: dict[str, tuple[np.ndarray, float]] = field(default_factory=dict)
+
+    @cached_property
+    def theta(self) -> np.ndarray:
+        """Of the stiffness, (n_terms,) or (n_terms, b)."""
+        return np.asarray(self.law.stiffness_terms(self.q), dtype=float)
+
+    @cached_property
+    def rho(self) -> float | np.ndarray:
+        """Of the mass."""
+        return self.law.inertia_terms(self.q)[0]
+
+    def slopes(self, key: str) -> tuple[np.ndarray, float]:
+        """Derivatives of the stiffness's and the mass's scalars by a property."""
+        if key not in self.known:
+            stiff = slopes(self.law.stiffness_terms, self.q, key) if len(self.theta) else self.theta
+            self.known[key] = stiff, slopes(self.law.inertia_terms, self.q, key)[0]
+        return self.known[key]
+
+
+def _column(numbers: Sequence[float | str], values: Values) -> np.ndarray:
+    """Components' numbers, (n,); (n, b) of values of shape (b,)."""
+    shape = np.shape(next(iter(values.values()), 0.0))
+    found = [number(value, values) for value in numbers]
+    if shape:
+        found = [np.broadcast_to(value, shape) for value in found]
+    return np.reshape(found, (len(found), *shape))
 
 
 @dataclass(frozen=True)
@@ -115,22 +217,193 @@ class AffinePencil:
         """See `parameter_values`."""
         return parameter_values(self.parameters, given)
 
-    def matrices(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """(K, M) at all parameters' values, each (n, n)."""
-        K, M = 0.0, 0.0
+    @cached_property
+    def n(self) -> int:
+        """Size of the basis."""
+        sized = [*(r.inertia for r in self.regions), *(self.fixed or ()),
+                 *(s.row for s in self.springs), *(m.rows for m in self.masses)]  # fmt: skip
+        return sized[0].shape[-1]
+
+    @cached_property
+    def rows(self) -> dict[str, slice]:
+        """Where each region's terms are among those of the stiffness."""
+        ends = np.cumsum([0, *(len(r.stiffness) for r in self.regions)]).tolist()
+        return {r.name: slice(*ends[i : i + 2]) for i, r in enumerate(self.regions)}
+
+    @cached_property
+    def _still(self) -> list[MassTerm]:
+        return [m for m in self.masses if not isinstance(m.travel, str)]
+
+    @cached_property
+    def _moving(self) -> list[MassTerm]:
+        return [m for m in self.masses if isinstance(m.travel, str)]
+
+    @cached_property
+    def _stiffness(self) -> _Stack:
+        """Terms of regions, then of springs."""
+        terms = [t for r in self.regions for t in r.stiffness]
+        springs = [s.share * np.outer(s.row, s.row) for s in self.springs]
+        return _Stack([*terms, *springs], self.n)
+
+    @cached_property
+    def _inertia(self) -> _Stack:
+        """Terms of regions, then of masses that stay."""
+        at = [m(float(m.travel))[0] for m in self._still]
+        still = [m.share * rows.T @ rows for m, rows in zip(self._still, at, strict=True)]
+        return _Stack([*(r.inertia for r in self.regions), *still], self.n)
+
+    # -- scalars ---------------------------------------------------------------------------------
+
+    @cached_property
+    def _known(self) -> dict[tuple, _AtLaw]:
+        return {}
+
+    def _at_law(self, region: RegionTerm, values: Values) -> _AtLaw:
+        """Remembered where values are numbers, since zones of a joint often share them."""
+        q = tuple(number(region.properties[key], values) for key in region.law.properties)
+        if values and np.ndim(next(iter(values.values()))):
+            return _AtLaw(region.law, region.values(values))
+        key = region.law.name, q
+        if key not in self._known:
+            if len(self._known) > _MOST:
+                self._known.clear()
+            self._known[key] = _AtLaw(region.law, region.values(values))
+        return self._known[key]
+
+    def _theta(self, at: Sequence[_AtLaw], values: Values) -> np.ndarray:
+        """Numbers before the terms of K, (n_terms,) or (n_terms, b)."""
+        return np.concatenate(
+            [*(each.theta for each in at), _column([s.stiffness for s in self.springs], values)]
+        )
+
+    def _rho(self, at: Sequence[_AtLaw], values: Values) -> np.ndarray:
+        """Numbers before the terms of M, likewise."""
+        still = _column([m.mass for m in self._still], values)
+        return np.concatenate([np.array([each.rho for each in at]), still]) if at else still
+
+    def _slopes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the scalars, each (n_terms, n_parameters); kept for the next call."""
+        key, last = tuple(values.values()), self.__dict__.get("_last")
+        if last is None or last[0] != key:
+            last = self.__dict__["_last"] = key, self._new_slopes(values)
+        return last[1]
+
+    def _new_slopes(self, values) -> tuple[np.ndarray, np.ndarray]:
+        position = {name: i for i, name in enumerate(self.parameters)}
+        by_theta, by_rho = (
+            np.zeros((len(s.whole), len(position))) for s in (self._stiffness, self._inertia)
+        )
+        end = 0
+        for i, region in enumerate(self.regions):
+            at, end = self._at_law(region, values), end + len(region.stiffness)
+            for key, name in region.properties.items():
+                if isinstance(name, str):
+                    stiff, heavy = at.slopes(key)
+                    by_theta[end - len(region.stiffness) : end, position[name]] += stiff
+                    by_rho[i, position[name]] += heavy
+        for row, spring in enumerate(self.springs, end):
+            if isinstance(spring.stiffness, str):
+                by_theta[row, position[spring.stiffness]] = 1.0
+        for row, mass in enumerate(self._still, len(self.regions)):
+            if isinstance(mass.mass, str):
+                by_rho[row, position[mass.mass]] = 1.0
+        return by_theta, by_rho
+
+    def _moved(self, values) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Index of a parameter, and A and B, (gdim, n), for dM/dp = A^T B + B^T A of what moves."""
+        position = {name: i for i, name in enumerate(self.parameters)}
+        for mass in self._moving:
+            at, slope = mass(values[mass.travel])
+            if isinstance(mass.mass, str):
+                yield position[mass.mass], 0.5 * mass.share * at, at
+            yield position[mass.travel], mass.share * number(mass.mass, values) * slope, at
+
+    # -- sums ------------------------------------------------------------------------------------
+
+    def matrices(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
+        """(K, M) at all parameters' values, each (n, n); (b, n, n) of values of shape (b,) each."""
+        at = [self._at_law(region, values) for region in self.regions]
+        K = self._stiffness.sum(self._theta(at, values))
+        M = self._inertia.sum(self._rho(at, values))
+        for mass in self._moving:
+            at, _ = mass(values[mass.travel])
+            weight = np.asarray(mass.share * number(mass.mass, values))
+            M += weight[..., None, None] * (np.swapaxes(at, -1, -2) @ at)
         if self.fixed is not None:
             K, M = K + self.fixed[0], M + self.fixed[1]
-        for region in self.regions:
-            q = region.values(values)
-            K = K + np.tensordot(region.law.stiffness_terms(q), region.stiffness, axes=1)
-            M = M + region.law.inertia_terms(q)[0] * region.inertia
-        for spring in self.springs:
-            k = spring.share * number(spring.stiffness, values)
-            K = K + k * np.outer(spring.row, spring.row)
-        for mass in self.masses:
-            at, _ = mass(number(mass.travel, values))
-            M = M + mass.share * number(mass.mass, values) * (at.T @ at)
         return K, M
+
+    def region_stiffness(self, name: str, values: Mapping[str, float]) -> np.ndarray:
+        """Stiffness of one region alone, (n, n)."""
+        region = next(r for r in self.regions if r.name == name)
+        return self._stiffness.sum(self._at_law(region, values).theta, self.rows[name])
+
+    def total_mass(self, values: Values) -> float | np.ndarray:
+        """Mass, kg, of regions, point masses and what is fixed; (b,) of values of shape (b,)."""
+        sizes = [*(r.volume for r in self.regions), *(m.share for m in self._still)]
+        rho = self._rho([self._at_law(region, values) for region in self.regions], values)
+        moving = sum(m.share * number(m.mass, values) for m in self._moving)
+        return self.fixed_mass + np.array(sizes) @ rho + moving
+
+    # -- derivatives -----------------------------------------------------------------------------
+
+    def gradients(self, shapes: np.ndarray, eigenvalues, values) -> np.ndarray:
+        """Derivatives of x^T (K - lambda M) x by every parameter, shape (k, n_parameters).
+
+        Args:
+            shapes: Vectors x as columns, (n, k).
+            eigenvalues: lambda of each, (k,).
+            values: All parameters' values.
+        """
+        stiff = self._stiffness.squares(shapes) @ self._slopes(values)[0]
+        lam = np.asarray(eigenvalues, dtype=float)
+        return stiff - lam[:, None] * self.mass_gradients(shapes, values)
+
+    def mass_gradients(self, shapes: np.ndarray, values) -> np.ndarray:
+        """Derivatives of x^T M x by every parameter, shape (k, n_parameters)."""
+        total = self._inertia.squares(shapes) @ self._slopes(values)[1]
+        for p, A, B in self._moved(values):
+            total[:, p] += 2 * np.sum((A @ shapes) * (B @ shapes), axis=0)
+        return total
+
+    def products(self, shapes: np.ndarray, eigenvalues, values) -> np.ndarray:
+        """(dK/dp - lambda dM/dp) x for every parameter, shape (k, n_parameters, n)."""
+        by_theta, by_rho = self._slopes(values)
+        lam = np.asarray(eigenvalues, dtype=float)
+        total = np.tensordot(self._stiffness.times(shapes), by_theta, axes=(0, 0))
+        heavy = np.tensordot(self._inertia.times(shapes), by_rho, axes=(0, 0))
+        for p, A, B in self._moved(values):
+            heavy[:, :, p] += A.T @ (B @ shapes) + B.T @ (A @ shapes)
+        total -= lam[None, :, None] * heavy
+        return total.transpose(1, 2, 0)
+
+    def slopes(
+        self, values: Mapping[str, float], apart: Sequence[str] = ()
+    ) -> Iterator[tuple[int, str, str | None, np.ndarray]]:
+        """dK/dp and dM/dp as matrices, of all parameters that change them.
+
+        Args:
+            values: All parameters' values.
+            apart: Regions whose share of dK/dp is wanted by itself.
+
+        Yields:
+            Index of the parameter; ``"K"`` or ``"M"``; a name from ``apart``, or None for the sum
+            of all others; the matrix, (n, n).
+        """
+        by_theta, by_rho = self._slopes(values)
+        others = np.ones(len(by_theta), dtype=bool)
+        for name in apart:
+            others[self.rows[name]] = False
+        groups = [("K", None, others, by_theta, self._stiffness)]
+        groups += [("K", name, self.rows[name], by_theta, self._stiffness) for name in apart]
+        groups += [("M", None, slice(None), by_rho, self._inertia)]
+        for kind, name, rows, by, stack in groups:
+            changed = np.flatnonzero(by[rows].any(axis=0))
+            for p, matrix in zip(changed.tolist(), stack.sums(by[rows][:, changed], rows),
+                                 strict=True):  # fmt: skip
+                yield p, kind, name, matrix
+        for p, A, B in self._moved(values):
+            yield p, "M", None, A.T @ B + B.T @ A
 
     def on(self, basis: np.ndarray) -> AffinePencil:
         """The same on fewer vectors, which are the columns of ``basis``, (n, k)."""
@@ -144,54 +417,3 @@ class AffinePencil:
         springs = [replace(s, row=s.row @ basis) for s in self.springs]
         masses = [replace(m, rows=m.rows @ basis) for m in self.masses]
         return replace(self, regions=regions, springs=springs, masses=masses, fixed=fixed)
-
-    def gradients(self, shapes: np.ndarray, eigenvalues, values) -> np.ndarray:
-        """Derivatives of x^T (K - lambda M) x by every parameter, shape (k, n_parameters).
-
-        Args:
-            shapes: Vectors x as columns, (n, k).
-            eigenvalues: lambda of each, (k,).
-            values: All parameters' values.
-        """
-        eigenvalues = np.asarray(eigenvalues, dtype=float)
-        position = {name: i for i, name in enumerate(self.parameters)}
-        gradient = np.zeros((len(eigenvalues), len(position)))
-        for region in self.regions:
-            self._region_gradient(gradient, position, region, shapes, eigenvalues, values)
-        for spring in self.springs:
-            if isinstance(spring.stiffness, str):
-                change = spring.share * (spring.row @ shapes) ** 2
-                gradient[:, position[spring.stiffness]] += change
-        for mass in self.masses:
-            if not isinstance(mass.mass, str) and not isinstance(mass.travel, str):
-                continue
-            at, slope = mass(number(mass.travel, values))
-            u = at @ shapes
-            if isinstance(mass.mass, str):
-                gradient[:, position[mass.mass]] -= eigenvalues * mass.share * np.sum(u**2, axis=0)
-            if isinstance(mass.travel, str):
-                m = mass.share * number(mass.mass, values)
-                moved = np.sum(u * (slope @ shapes), axis=0)
-                gradient[:, position[mass.travel]] -= 2 * eigenvalues * m * moved
-        return gradient
-
-    @staticmethod
-    def _region_gradient(gradient, position, region, shapes, eigenvalues, values) -> None:
-        named = {key: p for key, p in region.properties.items() if isinstance(p, str)}
-        if not named:
-            return
-        q = region.values(values)
-        stiff = np.sum((region.stiffness @ shapes) * shapes, axis=1)
-        heavy = np.sum((region.inertia @ shapes) * shapes, axis=0)
-        for key, name in named.items():
-            d_stiff = slopes(region.law.stiffness_terms, q, key)
-            d_heavy = slopes(region.law.inertia_terms, q, key)[0]
-            gradient[:, position[name]] += d_stiff @ stiff - eigenvalues * d_heavy * heavy
-
-    def total_mass(self, values: Mapping[str, float]) -> float:
-        """Mass, kg, of regions, point masses and what is fixed."""
-        total = self.fixed_mass
-        total += sum(m.share * number(m.mass, values) for m in self.masses)
-        for region in self.regions:
-            total += region.law.inertia_terms(region.values(values))[0] * region.volume
-        return float(total)

@@ -62,7 +62,6 @@ class LeanForward(Forward):
         if forward.further is not None:
             self.further = LeanForward(forward.further, model)
         self._ready: dict[tuple, tuple] = {}
-        self._terms = _Terms(model)
         names = list(model.parameters)
         self._pick = itemgetter(*names) if len(names) > 1 else lambda v: (v[names[0]],)
 
@@ -94,7 +93,7 @@ class LeanForward(Forward):
         self._shapes.clear()
         table = np.array(list(unique))
         values = dict(zip(self.model.parameters, table.T, strict=True))
-        eigenvalues, vectors = self._modes(values, len(table))
+        eigenvalues, vectors = self._modes(values)
         index, good = self._paired(values, eigenvalues, vectors)
         lam = np.where(good[:, None], np.take_along_axis(eigenvalues, index, axis=1), np.nan)
         with np.errstate(invalid="ignore"):
@@ -123,9 +122,9 @@ class LeanForward(Forward):
         except InputError:
             return nothing
 
-    def _modes(self, values, count) -> tuple[np.ndarray, np.ndarray]:
+    def _modes(self, values) -> tuple[np.ndarray, np.ndarray]:
         """Lowest eigenvalues, (b, n_modes), and M-normalised vectors, (b, n_dofs, n_modes)."""
-        K, M = self._terms.matrices(values, count)
+        K, M = self.model.pencil.matrices(values)
         if self._unit:
             eigenvalues, vectors = np.linalg.eigh(K)
             return eigenvalues[:, : self.n_modes], vectors[:, :, : self.n_modes]
@@ -149,7 +148,7 @@ class LeanForward(Forward):
         seen = np.arange(self.n_modes)[None, :] >= n_rigid[:, None]
         if self.sensors is not None:
             shapes = self.model.sensor_rows @ vectors
-            mass = self._terms.total_mass(values, b)
+            mass = self.model.pencil.total_mass(values)
             seen &= np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None]) > self.threshold
         good = np.sum(seen, axis=1) >= m
         index = np.zeros((b, m), dtype=int)
@@ -185,68 +184,6 @@ def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
     if _MARGIN * np.finfo(float).eps * highest > rigid:
         return None
     return model.on(inverse_root.T)
-
-
-class _Terms:
-    """An affine pencil at many values at a time."""
-
-    def __init__(self, model: ArrayModel):
-        self.pencil, self.n = model.pencil, model.n_dofs
-        regions, size = self.pencil.regions, self.n**2
-        self.stiff = np.concatenate([r.stiffness.reshape(-1, size) for r in regions])
-        self.heavy = np.array([r.inertia.ravel() for r in regions])
-
-    def matrices(self, values: Mapping[str, np.ndarray], count: int):
-        """K and M, (count, n, n) each, at parameter values of shape (count,) each."""
-        theta, rho = [], []
-        for region in self.pencil.regions:
-            q = self._properties(region, values, count)
-            region.law.check(region.name, q)
-            theta.append(region.law.stiffness_terms(q))
-            rho.append(region.law.inertia_terms(q))
-        K = np.concatenate(theta).T @ self.stiff
-        M = np.concatenate(rho).T @ self.heavy
-        K, M = K.reshape(count, self.n, self.n), M.reshape(count, self.n, self.n)
-        for spring in self.pencil.springs:
-            k = spring.share * _numbers(spring.stiffness, values, count)
-            K += k[:, None, None] * np.outer(spring.row, spring.row)
-        for mass in self.pencil.masses:
-            weight = mass.share * _numbers(mass.mass, values, count)
-            M += weight[:, None, None] * self._moved(mass, values)
-        if self.pencil.fixed is not None:
-            K, M = K + self.pencil.fixed[0], M + self.pencil.fixed[1]
-        return K, M
-
-    @staticmethod
-    def _moved(mass, values) -> np.ndarray:
-        """Projection of a unit point mass, (count, n, n) or (1, n, n)."""
-        if not isinstance(mass.travel, str):
-            at = mass.rows[:1]
-        else:
-            travels, back = np.unique(values[mass.travel], return_inverse=True)
-            at = np.array([mass(t)[0] for t in travels])[back]
-        return np.swapaxes(at, 1, 2) @ at
-
-    @staticmethod
-    def _properties(region, values, count) -> dict[str, np.ndarray]:
-        return {
-            key: _numbers(region.properties[key], values, count) for key in region.law.properties
-        }
-
-    def total_mass(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-        """Mass, kg, (count,)."""
-        total = np.full(count, self.pencil.fixed_mass)
-        for mass in self.pencil.masses:
-            total += mass.share * _numbers(mass.mass, values, count)
-        for region in self.pencil.regions:
-            q = self._properties(region, values, count)
-            total += region.law.inertia_terms(q)[0] * region.volume
-        return total
-
-
-def _numbers(value: float | str, values, count: int) -> np.ndarray:
-    """A component's number at each of the values."""
-    return values[value] if isinstance(value, str) else np.full(count, float(value))
 
 
 def lean_forward(

@@ -64,16 +64,15 @@ def freeze(
     masses = [put(m, ("mass", "travel")) for m in pencil.masses]
     moving = [m for m in masses if isinstance(m.mass, str) or isinstance(m.travel, str)]
     held = [m for m in masses if not any(m is other for other in moving)]
-    still = AffinePencil({}, rest, [s for s in springs if not isinstance(s.stiffness, str)], held,
-                         pencil.fixed, pencil.fixed_mass)  # fmt: skip
     zero = np.zeros((model.n_dofs, model.n_dofs))
-    fixed = tuple(zero + A for A in still.matrices({}))
+    still = AffinePencil({}, rest, [s for s in springs if not isinstance(s.stiffness, str)], held,
+                         pencil.fixed or (zero, zero), pencil.fixed_mass)  # fmt: skip
     parameters = {name: replace(model.parameters[name], value=values[name]) for name in free}
     return replace(
         model,
         pencil=AffinePencil(
             parameters, regions, [s for s in springs if isinstance(s.stiffness, str)], moving,
-            fixed, still.total_mass({}),
+            still.matrices({}), float(still.total_mass({})),
         ),
     )  # fmt: skip
 

@@ -68,6 +68,22 @@ def both():
     return make(MPI.COMM_SELF)
 
 
+def plain_sum(pencil, values):
+    """K and M term by term."""
+    K, M = (np.zeros((pencil.n, pencil.n)) for _ in range(2))
+    for region in pencil.regions:
+        q = region.values(values)
+        for factor, term in zip(region.law.stiffness_terms(q), region.stiffness, strict=True):
+            K += factor * term
+        M += region.law.inertia_terms(q)[0] * region.inertia
+    for spring in pencil.springs:
+        K += spring.share * values[spring.stiffness] * np.outer(spring.row, spring.row)
+    for mass in pencil.masses:
+        at, _ = mass(values[mass.travel] if isinstance(mass.travel, str) else mass.travel)
+        M += mass.share * values[mass.mass] * at.T @ at
+    return K, M
+
+
 @pytest.mark.parallel
 @pytest.mark.parametrize("comm", [MPI.COMM_WORLD], ids=["world"])
 def test_matrices_and_derivatives_are_the_structures(comm):
@@ -76,18 +92,26 @@ def test_matrices_and_derivatives_are_the_structures(comm):
     x = np.random.default_rng(1).standard_normal((small.n_dofs, 3))
     lam = np.array([1e4, 3e6, 2e8])
     for given in ({}, ELSEWHERE, {"layer.G": 4e8, "tip.travel": 0.01}):
-        for got, expected in (
-            (arrays.stiffness(given), small.stiffness(given)),
-            (arrays.mass(given), small.mass(given)),
-        ):
-            assert np.abs(got - expected).max() < 1e-12 * np.abs(expected).max()
+        values = arrays.values(given)
+        for model in (arrays, small):
+            for got, expected in zip(
+                (model.stiffness(given), model.mass(given)), plain_sum(arrays.pencil, values),
+                strict=True,
+            ):  # fmt: skip
+                assert np.abs(got - expected).max() < 1e-12 * np.abs(expected).max()
         gradients = small.pencil_gradients(x, lam, given)
         scale = np.abs(gradients).max(axis=0)
         assert np.all(scale > 0)
-        error = np.abs(arrays.pencil_gradients(x, lam, given) - gradients).max(axis=0)
-        assert np.all(error < 1e-9 * scale)
+        for i, name in enumerate(values):
+            step = 1e-4 * max(values[name], 0.01)
+            up, down = (
+                plain_sum(arrays.pencil, {**values, name: values[name] + s}) for s in (step, -step)
+            )
+            K, M = ((a - b) / (2 * step) for a, b in zip(up, down, strict=True))
+            change = np.sum(x * (K @ x), axis=0) - lam * np.sum(x * (M @ x), axis=0)
+            assert gradients[:, i] == pytest.approx(change, rel=1e-5, abs=1e-6 * scale[i])
         own = np.einsum("nk,kpn->kp", x, arrays.pencil_products(x, lam, given))
-        assert np.all(np.abs(own - gradients).max(axis=0) < 1e-5 * scale)
+        assert np.all(np.abs(own - gradients).max(axis=0) < 1e-10 * scale)
         assert arrays.total_mass(given) == pytest.approx(small.total_mass(given), rel=1e-12)
     assert np.array_equal(arrays.observe(x), small.observe(x, SENSORS))
     # The same on all ranks, to the last bit: what is fitted on one is fitted on all.
