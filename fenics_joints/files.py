@@ -11,7 +11,7 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 
-__all__ = ["check_writable", "json_text", "write_arrays", "write_text"]
+__all__ = ["check_writable", "json_text", "plain", "write_arrays", "write_text"]
 
 
 def check_writable(path: str | Path, what: str) -> Path:
@@ -85,6 +85,19 @@ def _replace(path: Path, text: str) -> None:
 def json_text(content: Mapping[str, object]) -> str:
     """Text of JSON; raises ValueError for nan or infinity, which JSON does not have."""
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def plain(value):
+    """Nested values as JSON has them: lists, Python's numbers, None for what is no number."""
+    if isinstance(value, dict):
+        return {key: plain(v) for key, v in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _is_stream(path: Path) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 __all__ = [
     "MISSING", "condition_value", "extents", "hertz", "interval", "mode_kinds", "number", "p_value",
-    "percent", "prefixed", "probability", "quantity", "spread",
+    "percent", "prefixed", "probability", "quantity", "spaced", "spread",
 ]  # fmt: skip
 
 #: Shown where there is no number.
@@ -130,3 +130,8 @@ def mode_kinds(n: int, n_rigid: int, visible: Sequence[bool] | None) -> list[str
         seen = list(visible)[n_rigid:]
         elastic = ["seen by the test" if s else "not seen by the test" for s in seen]
     return ["rigid body"] * n_rigid + elastic
+
+
+def spaced(name: str) -> str:
+    """A name from a case file in words: ``bolts_and_nuts`` is ``bolts and nuts``."""
+    return name.replace("_", " ")

@@ -1,4 +1,4 @@
-"""Ranks that fail together: one clear message, an exit code, and none left waiting."""
+"""Ranks that share work and fail together: one clear message, an exit code, none left waiting."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -16,9 +16,9 @@ from fenics_joints.errors import JointsError
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-__all__ = ["guarded", "on_root"]
+__all__ = ["guarded", "on_root", "spread"]
 
-T = TypeVar("T")
+T, Task, Result = TypeVar("T"), TypeVar("Task"), TypeVar("Result")
 
 #: How long a failed rank waits for the others to fail too, in seconds.
 _PATIENCE = 2.0
@@ -48,6 +48,49 @@ def on_root(comm: MPI.Intracomm, build: Callable[[], T]) -> T | None:
     if error is not None:
         raise error
     return result
+
+
+def spread(
+    comm: MPI.Intracomm,
+    tasks: Sequence[Task],
+    work: Callable[[Task], Result],
+    pack: Callable[[Result], object] | None = None,
+    unpack: Callable[[Task, object], Result] | None = None,
+) -> list[Result]:
+    """Results of ``work`` on every task, on all ranks, each done on one rank. Collective.
+
+    Args:
+        comm: Communicator.
+        tasks: The same on all ranks, in the same order.
+        work: What to do with a task, without communication.
+        pack: Makes a result something that can be sent; results may hold functions that cannot.
+        unpack: Makes it a result again, with the task.
+
+    Raises:
+        JointsError: What a task raised, on all ranks; RuntimeError for any other exception.
+    """
+    if comm.size == 1:
+        return [work(task) for task in tasks]
+    own, failure = {}, None
+    for i in range(comm.rank, len(tasks), comm.size):
+        try:
+            result = work(tasks[i])
+        except JointsError as error:
+            failure = error
+            break
+        except Exception as error:  # or the others would wait for ever
+            failure = RuntimeError(f"{type(error).__name__}: {error}")
+            failure.__cause__ = error
+            break
+        own[i] = result if pack is None else pack(result)
+    failures = [f for f in comm.allgather(failure) if f is not None]
+    if failures:
+        raise failures[0]
+    found = {i: r for part in comm.allgather(own) for i, r in part.items()}
+    ordered = [found[i] for i in range(len(tasks))]
+    if unpack is None:
+        return ordered
+    return [unpack(task, r) for task, r in zip(tasks, ordered, strict=True)]
 
 
 @contextmanager

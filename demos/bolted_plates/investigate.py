@@ -47,7 +47,9 @@ from rich.table import Table as RichTable
 from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.evidence.inference import Evidence, Fit, Hypothesis, fit
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import Fit, fit
 
 P_LIM = 1e6
 STEPS = np.array([0.62, 1.053, 0.911, 1.053, 1.053, 0.527, 1.34]) * 1e-3

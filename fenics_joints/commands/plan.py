@@ -11,10 +11,10 @@ from matplotlib.patches import Rectangle
 from rich.text import Text
 
 from fenics_joints.commands.outcome import Outcome
-from fenics_joints.diagnosis.evidence.classes import APART
-from fenics_joints.formatting import condition_value, percent, probability, quantity
+from fenics_joints.diagnosis.evidence.classes import APART, confusion
+from fenics_joints.formatting import condition_value, percent, probability, quantity, spaced
 from fenics_joints.report.html import facts, render, svg
-from fenics_joints.report.reading import by_reason, confusion, plain
+from fenics_joints.report.reading import by_reason
 from fenics_joints.report.style import CHOSEN, PLACEBO, new_figure, style, to_svg
 from fenics_joints.report.terminal import new_table, say
 
@@ -81,7 +81,7 @@ def _likeliest(p: Plan, i: int) -> tuple[str, float, float]:
 def matrix_picture(p: Plan) -> str:
     """The matrix of distances D, members of a class together, as ``<svg>``."""
     n = len(p.effects)
-    names = [plain(e.key) for e in p.effects]
+    names = [spaced(e.key) for e in p.effects]
     D = np.ma.masked_invalid(p.distances.copy())
     D[np.arange(n), np.arange(n)] = np.ma.masked
     colours = LinearSegmentedColormap.from_list(
@@ -144,7 +144,7 @@ def show_plan(console: Console, p: Plan) -> None:
     for i, e in enumerate(p.effects[:_EFFECTS]):
         name, d, chance = _likeliest(p, i)
         table.add_row(
-            places[e.key], Text(plain(e.key), no_wrap=True, overflow="ellipsis"),
+            places[e.key], Text(spaced(e.key), no_wrap=True, overflow="ellipsis"),
             e.letter or ("" if e.seen else "unseen"), f"{e.distance:.1f}", f"{d:.1f}",
             places.get(name, name), probability(chance), style=None if e.seen else "dim",
         )  # fmt: skip

@@ -1,7 +1,10 @@
 """Diagnosis of the sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
 
 from fenics_joints.diagnosis.diagnose import diagnose
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.result import Diagnosis
+from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, in_series, relative_error
+from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 
-__all__ = ["Diagnosis", "Effect", "Prior", "diagnose"]
+__all__ = [
+    "Diagnosis", "Effect", "EffectResult", "HypothesisResult", "Prior", "Silent", "diagnose",
+    "in_series", "relative_error",
+]  # fmt: skip

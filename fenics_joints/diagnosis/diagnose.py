@@ -18,19 +18,18 @@ from fenics_joints.diagnosis.evidence.nested import Nested, nested_evidence
 from fenics_joints.diagnosis.evidence.prediction import Prediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_best
 from fenics_joints.diagnosis.kept_fits import KeptFits
+from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.search import Search, with_evidence
 from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import Shrinkage, blinded, cross_validate, folds
-from fenics_joints.diagnosis.spread import spread
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
 from fenics_joints.diagnosis.where.localise import zone_shares
-from fenics_joints.diagnosis.where.location import locate_gap
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Gap
-from fenics_joints.parallel import on_root
+from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.surrogate import crossing_names
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fenics_joints.diagnosis.effects.effect import Silent
+from fenics_joints.diagnosis.evidence.nested import Nested
+from fenics_joints.diagnosis.location import Location
+from fenics_joints.diagnosis.shrinkage import Shrinkage
+from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
+from fenics_joints.files import plain
 from fenics_joints.measurements.gap import Gap
 
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.evidence.nested import Nested
-    from fenics_joints.diagnosis.shrinkage import Shrinkage
-    from fenics_joints.diagnosis.where.location import Location
-
-__all__ = [
-    "CellMap", "Diagnosis", "EffectResult", "HypothesisResult", "Separation", "Silent", "ZoneShare",
-    "plain",
-]  # fmt: skip
+__all__ = ["Diagnosis", "EffectResult", "HypothesisResult", "Separation"]
 
 
 @dataclass(frozen=True)
@@ -69,14 +66,6 @@ class HypothesisResult:
 
 
 @dataclass(frozen=True)
-class ZoneShare:
-    """Share of the measured gap that a region explains; all regions and the rest sum to 1."""
-
-    region: str
-    share: float
-
-
-@dataclass(frozen=True)
 class Separation:
     """A measurement that would tell the members of a class apart.
 
@@ -91,39 +80,6 @@ class Separation:
     members: tuple[str, ...]
     measurement: str
     distance: float
-
-
-@dataclass(frozen=True)
-class Silent:
-    """An effect of the library that this test can say nothing about.
-
-    Attributes:
-        effect: Its name.
-        reason: Why, and what it would need.
-    """
-
-    effect: str
-    reason: str
-
-
-@dataclass(frozen=True)
-class CellMap:
-    """Where stiffness would have to change to close the gap, cell by cell; on rank 0 only.
-
-    Attributes:
-        vertices: Corner coordinates of every cell, m, shape (n_cells, n_corners, 3).
-        region: Index into ``regions`` of every cell, shape (n_cells,).
-        regions: Names of the regions.
-        density: Reduction of the squared gap per relative loss of stiffness and per volume, scaled
-            to a largest magnitude of 1, shape (n_cells,); positive: the test wants it softer.
-        side_view: Whether they are elements of beams, to be seen from the side.
-    """
-
-    vertices: np.ndarray
-    region: np.ndarray
-    regions: tuple[str, ...]
-    density: np.ndarray
-    side_view: bool = False
 
 
 @dataclass(frozen=True)
@@ -275,19 +231,6 @@ class Diagnosis:
                 },
             }
         return plain(out)
-
-
-def plain(value):
-    """Nested values as JSON has them: lists, Python's numbers, None for what is no number."""
-    if isinstance(value, dict):
-        return {key: plain(v) for key, v in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [plain(v) for v in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _rows(array: np.ndarray) -> list:

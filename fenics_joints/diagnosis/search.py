@@ -17,8 +17,8 @@ from fenics_joints.diagnosis.evidence.screen import near_best, quick_evidence, w
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import Prepared
-from fenics_joints.diagnosis.spread import spread
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
+from fenics_joints.parallel import spread
 from fenics_joints.progress import Progress
 
 __all__ = ["Search"]

@@ -16,10 +16,11 @@ from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit, Forward, fit
+from fenics_joints.diagnosis.evidence.inference import Fit, fit
 from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.diagnosis.result import plain
-from fenics_joints.diagnosis.spread import spread
+from fenics_joints.files import plain
+from fenics_joints.parallel import spread
+from fenics_joints.reduction.surrogate import Forward
 
 __all__ = [
     "Fold", "Forecast", "Shrinkage", "blinded", "cross_validate", "folds", "forecast", "shrink",

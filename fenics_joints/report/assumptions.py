@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from fenics_joints.case.case import Case
-from fenics_joints.formatting import percent, quantity
+from fenics_joints.formatting import percent, quantity, spaced
 from fenics_joints.measurements.data import TestData
-from fenics_joints.report.reading import plain
 
 __all__ = ["assumptions"]
 
@@ -65,4 +64,4 @@ def _tolerances(case: Case) -> Iterator[tuple[str, str]]:
             each = {"": given} if isinstance(given, float) else dict(given or {})
             words = ", ".join(f"{key} {percent(x, 1)}".strip() for key, x in each.items() if x)
             if words:
-                yield f"{plain(name)} known within (one s.d.)", words
+                yield f"{spaced(name)} known within (one s.d.)", words

@@ -23,7 +23,7 @@ from fenics_joints.report.mesh_pictures import (
 from fenics_joints.report.style import new_figure, style, to_svg
 
 if TYPE_CHECKING:
-    from fenics_joints.diagnosis.result import CellMap
+    from fenics_joints.diagnosis.where.localise import CellMap
     from fenics_joints.diagnosis.where.patches import PatchMap
 
 __all__ = ["beam_cells", "beam_patches"]

@@ -21,6 +21,7 @@ from fenics_joints.formatting import (
     percent,
     probability,
     quantity,
+    spaced,
 )
 from fenics_joints.report.reading import (
     EffectClass,
@@ -28,15 +29,14 @@ from fenics_joints.report.reading import (
     effect_classes,
     leading,
     named,
-    plain,
     with_place,
 )
 
 if TYPE_CHECKING:
+    from fenics_joints.diagnosis.location import Location
     from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
     from fenics_joints.diagnosis.shrinkage import Shrinkage
-    from fenics_joints.diagnosis.where.location import Location
-    from fenics_joints.diagnosis.where.where import Attribution, ZoneTest
+    from fenics_joints.diagnosis.where.zone_tests import Attribution, ZoneTest
 
 __all__ = ["Explanation", "Point", "explain", "group_words", "in_words", "zone_words"]
 
@@ -131,12 +131,12 @@ def zone_words(name: str) -> str:
     """
     lap = re.fullmatch(r"(.+)_s(\d+)", name)
     if lap:
-        return f"{plain(lap[1])}, stretch {lap[2]}"
+        return f"{spaced(lap[1])}, stretch {lap[2]}"
     match = re.fullmatch(r"(.+?)(?:_b(\w+?))?_r(\d+)", name)
     if not match:
-        return plain(name)
+        return spaced(name)
     joint, bolt, ring = match.groups()
-    return ", ".join([plain(joint), *([f"bolt {bolt}"] if bolt else []), f"ring {ring}"])
+    return ", ".join([spaced(joint), *([f"bolt {bolt}"] if bolt else []), f"ring {ring}"])
 
 
 def _joined(words: Sequence[str], last: str = "and") -> str:
@@ -203,7 +203,7 @@ def _in_test(d: Diagnosis) -> str:
     inside = [c.effects[0] for c in sure if c.effects[0].name in _IN_TEST]
     if not inside:
         return ""
-    places = _joined([plain(e.region) for e in inside])
+    places = _joined([spaced(e.region) for e in inside])
     only = len(inside) == len(sure)
     return (
         f"in the test, not in the structure: {places}" if only else f"in part in the test: {places}"
@@ -245,15 +245,15 @@ def _by_tests(found: Location) -> str:
         first = telling[0]
         return (
             f"no change of one region alone explains it, at most {_share(first.share)} of the "
-            f"misfit, which {plain(first.zone)} could make"
+            f"misfit, which {spaced(first.zone)} could make"
         )
     first, others = alone[0], alone[1:]
     words = (
-        f"a change in {plain(first.zone)} alone would explain {_share(first.share)} of the "
+        f"a change in {spaced(first.zone)} alone would explain {_share(first.share)} of the "
         f"misfit, by chance {_chance(first.p_adjusted)}"
     )
     if others:
-        names = [f"{plain(t.zone)} ({_share(t.share)})" for t in others]
+        names = [f"{spaced(t.zone)} ({_share(t.share)})" for t in others]
         words += f", but so would one in {_shortened(names, 'or')}"
     return words
 
@@ -263,7 +263,7 @@ def _by_shares(d: Diagnosis) -> str:
     shares = [z for z in d.where if z.region != "unexplained" and z.share >= _SHARE]
     if not shares:
         return ""
-    items = [f"{_share(z.share)} in {plain(z.region)}" for z in shares]
+    items = [f"{_share(z.share)} in {spaced(z.region)}" for z in shares]
     return f"of the gap in frequency the leading explanation puts {_shortened(items)}"
 
 
@@ -462,7 +462,7 @@ def _in_which_part(d: Diagnosis) -> str:
     if _in_test(d):
         words.append("What a region seems to ask for may be the echo of what is wrong in the test.")
     elif needed:
-        names = _joined([plain(t.zone) for t in needed])
+        names = _joined([spaced(t.zone) for t in needed])
         words.append(f"Whatever the other regions do, the test asks for a change in {names}.")
     else:
         words.append("No region is needed whatever the others do.")
@@ -547,14 +547,14 @@ def _not_told(d: Diagnosis) -> str:
             words.append(f"Which of its class it is: {names}.")
     for s in d.separations:
         words.append(
-            f"What would split {plain(s.class_name)}: {s.measurement} ({s.distance:.1f} s.d.)."
+            f"What would split {spaced(s.class_name)}: {s.measurement} ({s.distance:.1f} s.d.)."
         )
     unseen = [e for c in _causes(d) for e in c.effects if not e.detectable]
     if unseen:
         names = _shortened([in_words(e) for e in unseen])
         words.append(f"Too small to be seen at their expected size: {names}.")
     if d.silent:
-        names = _shortened([plain(s.effect) for s in d.silent])
+        names = _shortened([spaced(s.effect) for s in d.silent])
         words.append(f"Nothing at all is said of {names}.")
     return " ".join(words)
 
@@ -599,7 +599,7 @@ def _doubts(d: Diagnosis) -> list[str]:
         if lead.at_bound:
             words.append(f"At a limit of their range: {_joined(lead.at_bound)}.")
         far = [p for p in lead.parameters if p["nuisance"] and abs(p["prior_sigmas"]) > _FAR]
-        items = [f"{plain(p['effect'])} ({p['prior_sigmas']:+.1f} s.d.)" for p in far]
+        items = [f"{spaced(p['effect'])} ({p['prior_sigmas']:+.1f} s.d.)" for p in far]
         if items:
             words.append(f"Far from what was expected in any case: {_shortened(items)}.")
     if s is not None and s.folds and d.verdict == "cause":

@@ -14,6 +14,8 @@ from markupsafe import Markup
 
 import fenics_joints
 from fenics_joints import formatting
+from fenics_joints.diagnosis.evidence.classes import confusion
+from fenics_joints.formatting import spaced
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.report import beam_pictures, diagnosis_pictures, mesh_pictures
 from fenics_joints.report import style as pictures
@@ -22,20 +24,19 @@ from fenics_joints.report.reading import (
     EffectClass,
     by_effect,
     by_reason,
-    confusion,
     effect_classes,
     leading,
     named,
-    plain,
     sampled,
     with_place,
 )
 
 if TYPE_CHECKING:
-    from fenics_joints.diagnosis.result import CellMap, Diagnosis
-    from fenics_joints.diagnosis.where.location import Location
+    from fenics_joints.diagnosis.location import Location
+    from fenics_joints.diagnosis.result import Diagnosis
+    from fenics_joints.diagnosis.where.localise import CellMap
     from fenics_joints.diagnosis.where.patches import PatchMap
-    from fenics_joints.diagnosis.where.where import ZoneTest
+    from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 
 __all__ = ["HeatCell", "diagnosis_html", "facts", "heat_map", "render", "svg"]
 
@@ -70,7 +71,7 @@ def _environment() -> jinja2.Environment:
         number=formatting.number,
         quantity=formatting.quantity,
         interval=formatting.interval,
-        plain=plain,
+        spaced=spaced,
         named=named,
         with_place=with_place,
         zone_words=zone_words,
@@ -282,7 +283,7 @@ def _with_error(d: Diagnosis) -> dict[str, object]:
 
 def facts(model: Mapping[str, object]) -> list[tuple[str, str]]:
     """Facts on a model for the page: names in words, and values."""
-    return [(_FACTS.get(key, plain(key)), _fact(key, value)) for key, value in model.items()]
+    return [(_FACTS.get(key, spaced(key)), _fact(key, value)) for key, value in model.items()]
 
 
 def _fact(key: str, value) -> str:

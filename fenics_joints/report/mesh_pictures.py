@@ -19,7 +19,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.report.style import new_figure, style, to_svg
 
 if TYPE_CHECKING:
-    from fenics_joints.diagnosis.result import CellMap
+    from fenics_joints.diagnosis.where.localise import CellMap
     from fenics_joints.diagnosis.where.patches import PatchMap
 
 __all__ = [

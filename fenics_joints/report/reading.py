@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING
 
 from fenics_joints.diagnosis.verdict import UNKNOWN
+from fenics_joints.formatting import spaced
 
 if TYPE_CHECKING:
+    from fenics_joints.diagnosis.effects.effect import Silent
     from fenics_joints.diagnosis.evidence.nested import Nested
-    from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult, Silent
+    from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 
 __all__ = [
-    "EffectClass", "by_effect", "by_reason", "confusion", "effect_classes", "leading", "named",
-    "plain", "sampled", "with_place",
+    "EffectClass", "by_effect", "by_reason", "effect_classes", "leading", "named",
+    "sampled", "with_place",
 ]  # fmt: skip
 
 
@@ -89,11 +90,6 @@ def sampled(d: Diagnosis, hypothesis: HypothesisResult) -> Nested | None:
     return d.nested.get(" + ".join(hypothesis.effects) or hypothesis.label)
 
 
-def confusion(distance: float) -> float:
-    """Probability of taking one of two causes for the other at a separation in s.d.: Phi(-D)."""
-    return 0.5 * math.erfc(distance / math.sqrt(2.0))
-
-
 def named(hypothesis: HypothesisResult) -> str:
     """A hypothesis by its effects, each with its place where the name does not say it."""
     return " + ".join(with_place(key) for key in hypothesis.effects) or hypothesis.label
@@ -101,13 +97,8 @@ def named(hypothesis: HypothesisResult) -> str:
 
 def with_place(key: str) -> str:
     """An effect's key, ``name (region)``, in words, the region where the name does not say it."""
-    name, bracket, region = plain(key).rpartition(" (")
+    name, bracket, region = spaced(key).rpartition(" (")
     region = region.rstrip(")")
     if not bracket or region in ("joint", "all parts") or region in name:
-        return name if bracket else plain(key)
+        return name if bracket else spaced(key)
     return f"{name} ({region})"
-
-
-def plain(name: str) -> str:
-    """A name from a case file in words: ``bolts_and_nuts`` is ``bolts and nuts``."""
-    return name.replace("_", " ")

@@ -15,9 +15,10 @@ from fenics_joints.formatting import (
     percent,
     probability,
     quantity,
+    spaced,
 )
 from fenics_joints.report.explanation import explain
-from fenics_joints.report.reading import by_effect, by_reason, effect_classes, leading, plain
+from fenics_joints.report.reading import by_effect, by_reason, effect_classes, leading
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.result import Diagnosis
@@ -103,7 +104,7 @@ def _print_at_most(console: Console, text: Text, lines: int) -> None:
 def _where(console: Console, d: Diagnosis) -> None:
     table = new_table("where", ">share", "")
     for zone in d.where[:_REGIONS]:
-        table.add_row(Text(plain(zone.region)), percent(zone.share, 1), _bar(zone.share))
+        table.add_row(Text(spaced(zone.region)), percent(zone.share, 1), _bar(zone.share))
     console.print(table)
     console.print()
 
@@ -152,7 +153,7 @@ def _lead(console: Console, d: Diagnosis) -> None:
             span = Text(interval(p["low"], p["high"], p["unit"]), no_wrap=True)
             value = quantity(p["value"], p["unit"])
             name = Text(p["name"], no_wrap=True)
-            table.add_row(name, value, span, _line("" if i else plain(effect)))
+            table.add_row(name, value, span, _line("" if i else spaced(effect)))
         left -= len(rows)
     more(table, -left)
     if table.rows:

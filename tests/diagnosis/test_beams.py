@@ -14,10 +14,10 @@ from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.effects.bolts import LOW_PRELOAD
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.nested import nested_evidence
+from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.diagnosis.where.beam_constitutive import beam_constitutive_error
-from fenics_joints.diagnosis.where.location import locate_gap
 from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes

@@ -25,20 +25,16 @@ from fenics_joints.diagnosis.effects.joint import (
     lost_beyond,
     pressed_by_bolts,
 )
-from fenics_joints.diagnosis.effects.library import (
-    bonded_values,
-    case_effects,
-    case_nuisances,
-    sample_ranges,
-    sample_values,
-)
+from fenics_joints.diagnosis.effects.library import case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
+from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
+from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.diagnosis.evidence.sensing import Sensing
 from fenics_joints.diagnosis.zones.joints import JointZones, joint_zones
+from fenics_joints.diagnosis.zones.nominal import bonded_values
 from fenics_joints.diagnosis.zones.places import joint_places
 from fenics_joints.errors import InputError
 from fenics_joints.forms import lame_from_moduli

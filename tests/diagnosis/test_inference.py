@@ -12,7 +12,9 @@ from scipy.stats import kstest, multivariate_normal, norm
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.effects.joint import compliance
 from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable, distance
-from fenics_joints.diagnosis.evidence.inference import Evidence, Hypothesis, fit
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.shrinkage import folds
 
 TORQUES = np.array([5.0, 10.0, 30.0])

@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import load_case
+from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import prepare
-from fenics_joints.diagnosis.where.location import locate_gap
 from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress

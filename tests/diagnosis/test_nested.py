@@ -10,7 +10,9 @@ from scipy.integrate import trapezoid
 from scipy.stats import multivariate_normal, norm
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.evidence.inference import Evidence, Hypothesis, fit
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.nested import nested_evidence
 
 TORQUES = np.array([5.0, 10.0, 30.0])

@@ -10,7 +10,9 @@ from linear_forward import Linear
 from scipy.stats import binom
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.evidence.inference import Evidence, Hypothesis, fit
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.shrinkage import blinded, cross_validate, folds, forecast
 
 TORQUES = np.array([5.0, 10.0, 20.0, 40.0])

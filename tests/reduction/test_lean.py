@@ -7,7 +7,9 @@ import pytest
 import scipy.linalg
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.evidence.inference import Evidence, Hypothesis, fit
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.nested import _Marginal, nested_evidence
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm

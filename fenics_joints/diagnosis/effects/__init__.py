@@ -1,0 +1,1 @@
+"""What a nominal model may lack: effects with parameters and priors, and the library of them."""

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.result import Silent
+from fenics_joints.diagnosis.effects.damping import has_damping
+from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent
 from fenics_joints.measurements.data import TestData
 
 __all__ = [
@@ -180,10 +180,3 @@ def amplitude_effects(
         reason = "the test has no damping ratio of any mode at two or more levels"
         silent.append(Silent(GROWING, reason))
     return tuple(effects), tuple(silent)
-
-
-def has_damping(data: TestData) -> bool:
-    """Whether the damping of some mode was measured at two or more levels."""
-    if not data.by_level or data.damping is None:
-        return False
-    return bool(np.any(np.sum(data.damping > 0, axis=0) > 1))

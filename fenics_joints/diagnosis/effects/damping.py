@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.amplitude import has_damping
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.measurements.data import TestData
 
-__all__ = ["HYSTERETIC", "VISCOUS", "has_ratios", "hysteretic_damping", "viscous_damping"]
+__all__ = [
+    "HYSTERETIC", "VISCOUS", "has_damping", "has_ratios", "hysteretic_damping", "viscous_damping",
+]  # fmt: skip
 
 HYSTERETIC = "joint hysteretic damping"
 VISCOUS = "joint viscous damping"
@@ -22,6 +23,13 @@ _FAMILY = "joint damping"
 _LOSS = (0.02, np.log(4.0), (1e-5, 2.0))
 #: Parameters of a layer.
 MODULI = ("E", "G")
+
+
+def has_damping(data: TestData) -> bool:
+    """Whether the damping of some mode was measured at two or more levels."""
+    if not data.by_level or data.damping is None:
+        return False
+    return bool(np.any(np.sum(data.damping > 0, axis=0) > 1))
 
 
 def has_ratios(data: TestData) -> bool:

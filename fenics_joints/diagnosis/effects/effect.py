@@ -26,9 +26,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.sensing import Sensing
+from fenics_joints.diagnosis.effects.sensing import Sensing
 
-__all__ = ["Effect", "Prior", "in_series", "relative_error"]
+__all__ = ["Effect", "Prior", "Silent", "in_series", "relative_error"]
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,19 @@ class Effect:
     def key(self) -> str:
         """Unique name."""
         return f"{self.name} ({self.region})" if self.region else self.name
+
+
+@dataclass(frozen=True)
+class Silent:
+    """An effect of the library that this test can say nothing about.
+
+    Attributes:
+        effect: Its name.
+        reason: Why, and what it would need.
+    """
+
+    effect: str
+    reason: str
 
 
 def in_series(values: dict[str, float], key: str, stiffness: float) -> None:

@@ -16,7 +16,7 @@ from fenics_joints.diagnosis.effects.damping import (
     hysteretic_damping,
     viscous_damping,
 )
-from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.lap import (
     KEYS,
     axial_error,
@@ -32,7 +32,6 @@ from fenics_joints.diagnosis.effects.library import (
     wanted_effects,
 )
 from fenics_joints.diagnosis.effects.rig import MISSED, missed_mode
-from fenics_joints.diagnosis.result import Silent
 from fenics_joints.diagnosis.zones.laps import LapZones, lap_as_one
 from fenics_joints.measurements.data import TestData
 

@@ -17,7 +17,7 @@ from fenics_joints.diagnosis.effects.damping import (
     hysteretic_damping,
     viscous_damping,
 )
-from fenics_joints.diagnosis.effects.effect import Effect, Prior, relative_error
+from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
 from fenics_joints.diagnosis.effects.joint import (
     compliance,
     graded_compliance,
@@ -40,10 +40,9 @@ from fenics_joints.diagnosis.effects.rig import (
     swapped_modes,
 )
 from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
-from fenics_joints.diagnosis.model.nominal import bonded_values, layer_thickness
-from fenics_joints.diagnosis.result import Silent
 from fenics_joints.diagnosis.zones.contacts import ContactZones
 from fenics_joints.diagnosis.zones.joints import JointZones
+from fenics_joints.diagnosis.zones.nominal import bonded_values, layer_thickness
 from fenics_joints.diagnosis.zones.places import JointPlaces, joint_places
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData

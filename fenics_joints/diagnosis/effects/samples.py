@@ -12,7 +12,7 @@ from fenics_joints.case.sections import AttachedMass
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.part import CAUSES
 from fenics_joints.diagnosis.effects.rig import MASS, SPRING
-from fenics_joints.diagnosis.model.nominal import bonded_values
+from fenics_joints.diagnosis.zones.nominal import bonded_values
 
 __all__ = ["sample_ranges", "sample_values"]
 

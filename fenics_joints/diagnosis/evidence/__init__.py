@@ -1,0 +1,7 @@
+"""The test as evidence: hypotheses, what they predict of it, their fits and their weights."""
+
+from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import Fit, fit
+
+__all__ = ["Evidence", "Fit", "Hypothesis", "evidence_of", "fit"]

@@ -8,21 +8,30 @@ standard deviations from the nominal one it is d sin(alpha) / 2, alpha the angle
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect
-from fenics_joints.diagnosis.evidence.inference import Evidence, Fit, Forward, Hypothesis
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.reduction.surrogate import Forward
 
-__all__ = ["APART", "classes", "detectable", "distance", "labels"]
+__all__ = ["APART", "classes", "confusion", "detectable", "distance", "labels"]
 
 #: 1 % confusion.
 APART = 2.33
 #: ln of the Bayes factor up to which the data leave two hypotheses undecided.
 UNDECIDED = np.log(100.0)
+
+
+def confusion(distance: float) -> float:
+    """Probability of taking one of two causes for the other at a separation in s.d.: Phi(-D)."""
+    return 0.5 * math.erfc(distance / math.sqrt(2.0))
 
 
 def distance(a: Fit, b: Fit, evidence: Evidence) -> float:

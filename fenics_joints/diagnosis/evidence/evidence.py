@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.amplitude import has_damping
+from fenics_joints.diagnosis.effects.damping import has_damping
 from fenics_joints.measurements.data import TestData
 
 __all__ = ["DAMPING", "FREQUENCY", "SHAPE", "Entries", "Evidence", "evidence_of"]

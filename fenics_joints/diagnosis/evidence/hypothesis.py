@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.evidence.sensing import Sensing
+from fenics_joints.diagnosis.effects.sensing import Sensing
 
 __all__ = ["Hypothesis"]
 

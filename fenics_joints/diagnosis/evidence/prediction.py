@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from fenics_joints.diagnosis.effects.sensing import Sensing
     from fenics_joints.diagnosis.evidence.evidence import Evidence
     from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-    from fenics_joints.diagnosis.evidence.sensing import Sensing
     from fenics_joints.reduction.surrogate import Forward
 
 __all__ = ["Prediction", "predict"]

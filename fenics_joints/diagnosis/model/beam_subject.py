@@ -12,16 +12,15 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.cells import JOINT_KEYS, BeamCells, beam_cells, log_slopes
 from fenics_joints.case.build_beams import build_beams
 from fenics_joints.case.case import Case
-from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.lap_library import beam_effects, beam_nuisances
-from fenics_joints.diagnosis.model.nominal import bonded_values
-from fenics_joints.diagnosis.result import CellMap, Silent
 from fenics_joints.diagnosis.where.beam_constitutive import beam_constitutive_error
 from fenics_joints.diagnosis.where.constitutive import ConstitutiveError
-from fenics_joints.diagnosis.where.localise import mean_residual
+from fenics_joints.diagnosis.where.localise import CellMap, mean_residual
 from fenics_joints.diagnosis.where.patches import Patches, PatchMap, split_tests
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.diagnosis.zones.laps import LapZones, lap_as_one, lap_zones
+from fenics_joints.diagnosis.zones.nominal import bonded_values
 from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Pairing

@@ -13,17 +13,13 @@ from scipy.stats import qmc
 from fenics_joints.beams.exact import ExactModel
 from fenics_joints.case.case import Case
 from fenics_joints.case.fingerprint import fingerprint
-from fenics_joints.diagnosis.effects.effect import Effect
-from fenics_joints.diagnosis.effects.library import (
-    by_preload,
-    sample_ranges,
-    sample_values,
-)
+from fenics_joints.diagnosis.effects.effect import Effect, Silent
+from fenics_joints.diagnosis.effects.library import by_preload
+from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.user import for_zones
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, zones_of_joints
-from fenics_joints.diagnosis.result import Silent
 from fenics_joints.diagnosis.zones.contacts import ContactZones
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress

@@ -12,18 +12,17 @@ from mpi4py import MPI
 from fenics_joints.case.build import build_mesh, build_structure
 from fenics_joints.case.case import Case
 from fenics_joints.case.mesh import OffsetBeamsMesh
-from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.library import case_effects, case_nuisances
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.model.nominal import bonded_values, layer_thickness
-from fenics_joints.diagnosis.result import CellMap, Silent
 from fenics_joints.diagnosis.where.constitutive import ConstitutiveError, constitutive_error
-from fenics_joints.diagnosis.where.localise import cell_map, merge_regions
+from fenics_joints.diagnosis.where.localise import CellMap, cell_map, merge_regions
 from fenics_joints.diagnosis.where.patches import PatchMap, patch_tests, patches
 from fenics_joints.diagnosis.where.zone_sensitivity import layer_interfaces
 from fenics_joints.diagnosis.zones.contacts import ContactZones, contact_zones
 from fenics_joints.diagnosis.zones.joints import JointZones, joint_zones
 from fenics_joints.diagnosis.zones.laps import LapZones
+from fenics_joints.diagnosis.zones.nominal import bonded_values, layer_thickness
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Pairing

@@ -12,7 +12,7 @@ from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import Prediction, predict
-from fenics_joints.diagnosis.plan.plan import Measurement, Signature, Study, groups
+from fenics_joints.diagnosis.plan.study import Measurement, Signature, Study, groups
 
 __all__ = [
     "ADDED_MASS", "DAMPING_NOISE", "MORE_MODES", "Addition", "Altered", "Candidate", "Joined",

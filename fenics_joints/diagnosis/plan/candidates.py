@@ -27,14 +27,13 @@ from fenics_joints.diagnosis.plan.added import (
     table,
     widened,
 )
-from fenics_joints.diagnosis.plan.plan import Measurement, Study, own_slice
-from fenics_joints.formatting import condition_value
+from fenics_joints.diagnosis.plan.study import Measurement, Study, own_slice
+from fenics_joints.formatting import condition_value, spaced
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.reduction.surrogate import Forward
-from fenics_joints.report.reading import plain
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["Candidates"]
@@ -265,11 +264,10 @@ class Candidates:
                 continue  # part of the structure: it cannot be taken off
             factor = 0.0 if key == "mass" else _SOFTER
             what = "without the" if key == "mass" else f"with a {1 / _SOFTER:.0f} times softer"
-            words = f"the shifts of the frequencies {what} {plain(name)}"
+            words = f"the shifts of the frequencies {what} {spaced(name)}"
             found.append(self._shifted(words, Altered(forward, {f"{name}.{key}": factor})))
         for name in case.springs:
-            words = (
-                f"the shifts of the frequencies with a {1 / _SOFTER:.0f} times softer {plain(name)}"
-            )
+            softer = f"{1 / _SOFTER:.0f} times softer {spaced(name)}"
+            words = f"the shifts of the frequencies with a {softer}"
             found.append(self._shifted(words, Altered(forward, {f"{name}.stiffness": _SOFTER})))
         return found

@@ -12,20 +12,18 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from fenics_joints.case.case import Case
-from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.rig import MISSED
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.plan.added import measurement, rank, table
 from fenics_joints.diagnosis.plan.candidates import Candidates
-from fenics_joints.diagnosis.plan.plan import Signature, Study, combination, groups
 from fenics_joints.diagnosis.plan.result import Plan, PlannedClass, PlannedEffect
-from fenics_joints.diagnosis.result import Silent
-from fenics_joints.formatting import number, quantity
+from fenics_joints.diagnosis.plan.study import Signature, Study, combination, groups
+from fenics_joints.formatting import number, quantity, spaced
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
-from fenics_joints.report.reading import plain
 
 __all__ = ["plan"]
 
@@ -186,11 +184,11 @@ def _in_words(signatures: Sequence[Signature], factors: np.ndarray) -> str:
     """A combination of changes that cancel, without what hardly counts."""
     order = [i for i in np.argsort(-np.abs(factors), kind="stable") if abs(factors[i]) >= _COUNTS]
     first = signatures[order[0]]
-    words = f"{plain(first.effect.key)} ({size_in_words(first)})"
+    words = f"{spaced(first.effect.key)} ({size_in_words(first)})"
     for i in order[1:]:
         sign = "+" if factors[i] > 0 else "\N{MINUS SIGN}"
         times = f"{number(abs(factors[i]), 2)} \N{MULTIPLICATION SIGN} "
-        name = plain(signatures[i].effect.key)
+        name = spaced(signatures[i].effect.key)
         words += f" {sign} {times}{name} ({size_in_words(signatures[i])})"
     return words
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import fenics_joints
-from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.diagnosis.effects.effect import Silent
+from fenics_joints.diagnosis.evidence.classes import APART, confusion
 from fenics_joints.diagnosis.plan.added import Addition
-from fenics_joints.diagnosis.result import Silent
-from fenics_joints.report.reading import confusion
 
 __all__ = ["Plan", "PlannedClass", "PlannedEffect"]
 

@@ -3,23 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.diagnosis.evidence.inference import Evidence, Fit, Forward
-from fenics_joints.diagnosis.evidence.sensing import in_order
-from fenics_joints.diagnosis.result import CellMap, ZoneShare
+from fenics_joints.diagnosis.effects.sensing import in_order
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
+from fenics_joints.reduction.surrogate import Forward
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["cell_map", "mean_residual", "merge_regions", "zone_shares"]
+__all__ = [
+    "CellMap", "ZoneShare", "cell_map", "mean_residual", "merge_regions", "zone_shares",
+]  # fmt: skip
 
 _STEPS = 12
 #: What a test that calls modes by wrong names explains of a gap.
 _TEST = "names of the modes"
+
+
+@dataclass(frozen=True)
+class ZoneShare:
+    """Share of the measured gap that a region explains; all regions and the rest sum to 1."""
+
+    region: str
+    share: float
+
+
+@dataclass(frozen=True)
+class CellMap:
+    """Where stiffness would have to change to close the gap, cell by cell; on rank 0 only.
+
+    Attributes:
+        vertices: Corner coordinates of every cell, m, shape (n_cells, n_corners, 3).
+        region: Index into ``regions`` of every cell, shape (n_cells,).
+        regions: Names of the regions.
+        density: Reduction of the squared gap per relative loss of stiffness and per volume, scaled
+            to a largest magnitude of 1, shape (n_cells,); positive: the test wants it softer.
+        side_view: Whether they are elements of beams, to be seen from the side.
+    """
+
+    vertices: np.ndarray
+    region: np.ndarray
+    regions: tuple[str, ...]
+    density: np.ndarray
+    side_view: bool = False
 
 
 def zone_shares(

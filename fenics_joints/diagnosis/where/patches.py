@@ -10,9 +10,9 @@ import numpy as np
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.diagnosis.effects.joint import compliance
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.model.nominal import layer_thickness
-from fenics_joints.diagnosis.where.where import ZoneTest, zone_tests
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED, EXPONENT, trend
+from fenics_joints.diagnosis.where.zone_tests import ZoneTest, zone_tests
+from fenics_joints.diagnosis.zones.nominal import layer_thickness
 from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import Pairing

@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import binom, kstest, ncx2
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.where.where import attribution, holm, zone_tests
 from fenics_joints.diagnosis.where.zone_sensitivity import layer_interfaces, zone_sensitivities
+from fenics_joints.diagnosis.where.zone_tests import attribution, holm, zone_tests
 from fenics_joints.errors import InputError
 
 TORQUES = np.array([5.0, 10.0, 20.0, 30.0])

@@ -11,8 +11,8 @@ from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.where.constitutive import ConstitutiveError
 from fenics_joints.diagnosis.where.patches import PatchMap
-from fenics_joints.diagnosis.where.where import Attribution, ZoneTest, attribution, zone_tests
 from fenics_joints.diagnosis.where.zone_sensitivity import given_way, zone_sensitivities
+from fenics_joints.diagnosis.where.zone_tests import Attribution, ZoneTest, attribution, zone_tests
 from fenics_joints.modal.modes import solve_modes
 
 __all__ = ["AXES", "Location", "locate_gap"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.diagnosis.spread import spread
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.parallel import spread
 
 pytestmark = pytest.mark.parallel
 

@@ -20,8 +20,8 @@ from scipy.linalg import solve_triangular
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.spread import spread
 from fenics_joints.errors import InputError
+from fenics_joints.parallel import spread
 
 if TYPE_CHECKING:
     from mpi4py import MPI
