@@ -133,7 +133,7 @@ class Signatures:
     def grids(self) -> list[tuple[_Sheet, np.ndarray]]:
         """Every sheet with its states, (k, l, m + n_s m)."""
         found = []
-        for sheet in _sheets(self.geometry):
+        for sheet in sheets_of(self.geometry):
             self.say(f"oracle: {sheet.name} of {self.geometry}, {sheet.region}")
             states = [
                 [
@@ -166,7 +166,7 @@ class Signatures:
         return found
 
 
-def _sheets(geometry: str) -> list[_Sheet]:
+def sheets_of(geometry: str) -> list[_Sheet]:
     """What is computed of a geometry, by the ranges that the generator draws from."""
     from benchmarks.blind import world
     from benchmarks.blind.world.effects import _SOFT, _TOTAL

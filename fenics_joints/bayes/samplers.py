@@ -26,7 +26,7 @@ _OTHER = {
 }  # fmt: skip
 SAMPLERS = ("metropolis", "prior_metropolis", "emcee")
 #: Steps between two places where the file may be written, and the time, s, after which it is.
-_CHUNK, _EVERY = 250, 5.0
+CHUNK, EVERY = 250, 5.0
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def grow(
         done += n
         if done > task.burn_in:
             parts.append((task.values(points), lps, accepted))
-        due = done >= task.n_steps or time.monotonic() - written > _EVERY
+        due = done >= task.n_steps or time.monotonic() - written > EVERY
         if keep is not None and comm.bcast(due):
             states = _in_order(comm, walk.states(), settings.chains)
             found = _joined(task, parts, done) if parts else None
@@ -199,7 +199,7 @@ def grow(
 def _next(done: int, task: Task) -> int:
     """Steps to the next place where the file may be written: never over the burn-in's end."""
     end = task.burn_in if done < task.burn_in else task.n_steps
-    return min(_CHUNK, end - done)
+    return min(CHUNK, end - done)
 
 
 def _in_order(comm, own: list, n_chains: int) -> list:

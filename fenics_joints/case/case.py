@@ -122,8 +122,12 @@ class Case(Section):
         return self._path.parent
 
     def diagnosed(self) -> Case:
-        """The case with the mesh that a diagnosis takes."""
-        return self if self._coarse is None else self.model_copy(update={"mesh": self._coarse})
+        """The case with the mesh that a diagnosis takes; of such a case, itself."""
+        if self._coarse is None:
+            return self
+        case = self.model_copy(update={"mesh": self._coarse})
+        case._coarse = None
+        return case
 
     def measurements(self) -> TestData:
         """The measured data.

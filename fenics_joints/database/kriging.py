@@ -95,7 +95,7 @@ class Kriging:
         self.members = tuple(members)
         self._varying = np.ptp(x, axis=0) > 0
         self._hull = Hull(x[:, self._varying])
-        self._processes = [self._process(m) for m in self.members]
+        self.processes = [self._process(m) for m in self.members]
 
     @classmethod
     def fit(
@@ -172,7 +172,7 @@ class Kriging:
         weights = np.array([m.weight for m in self.members])[:, None]
         each = [
             _leave_one_out(p, _scaled(z, z, m.scales), log_y)
-            for p, m in zip(self._processes, self.members, strict=True)
+            for p, m in zip(self.processes, self.members, strict=True)
         ]
         residual, sd = (np.array(a) for a in zip(*each, strict=True))
         mean = np.sum(weights * residual, axis=0)
@@ -249,7 +249,7 @@ class Kriging:
         samples = self.x[:, self._varying]
         weights = np.array([m.weight for m in self.members])[:, None]
         means, sds = [], []
-        for process, member in zip(self._processes, self.members, strict=True):
+        for process, member in zip(self.processes, self.members, strict=True):
             mean, sd = process.predict(_scaled(z, samples, member.scales), return_std=True)
             means.append(mean)
             sds.append(sd)

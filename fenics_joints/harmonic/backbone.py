@@ -96,7 +96,7 @@ def solve_backbone(
     sensor = check_sensor(model, sensor)
     row = model.row("sensors", sensor)
     omega, shape = _linear_mode(balance, near)
-    problem = _FreeMode(balance, row, omega, shape)
+    problem = FreeMode(balance, row, omega, shape)
     words = "mode", sensor, *amplitudes, near
     files = checkpoint, resume, fingerprint(balance, *words)
     return _solve(problem, amplitudes, sensor, None, settings, files, progress)
@@ -127,7 +127,7 @@ def solve_phase_resonance(
     sensor = check_sensor(model, sensor)
     rows = model.row("sensors", sensor), model.row("forces", force)
     omega, shape = _linear_mode(balance, near)
-    problem = _PhaseResonance(balance, *rows, omega, shape)
+    problem = PhaseResonance(balance, *rows, omega, shape)
     words = "phase resonance", sensor, force, *amplitudes, near
     files = checkpoint, resume, fingerprint(balance, *words)
     return _solve(problem, amplitudes, sensor, force, settings, files, progress)
@@ -256,7 +256,7 @@ class _Mode:
         return np.concatenate([np.full(len(z) - 3, size), ends])
 
 
-class _FreeMode(_Mode):
+class FreeMode(_Mode):
     """The extra number is the damping ratio: M x'' + C x' + K x + f - 2 zeta omega M x' = 0."""
 
     method = "epmc"
@@ -285,7 +285,7 @@ class _FreeMode(_Mode):
         J[:, -2] -= self.extra(Y, omega, 1.0)
 
 
-class _PhaseResonance(_Mode):
+class PhaseResonance(_Mode):
     """The extra number is the force over the amplitude; the motion is a quarter of a cycle late."""
 
     method = "phase resonance"

@@ -165,7 +165,7 @@ class _Loop:
 # -- the fit ---------------------------------------------------------------------------------------
 
 
-class _Fit:
+class CurveFit:
     """Residuals and their derivatives by ln of the parameters, and what they cost.
 
     Args:
@@ -391,12 +391,12 @@ def identify(
     if max_evaluations < 2:
         raise InputError(f"max_evaluations = {max_evaluations}: expected at least 2.")
     change = LawParameters(model) if isinstance(model, InterfaceModel) else model
-    data = _checked_data(curves, level, points, loops, sensor)
+    data = checked_data(curves, level, points, loops, sensor)
     options = {
         "harmonics": harmonics, "samples": samples, "static": static, "settings": settings,
         "comm": comm,
     }  # fmt: skip
-    fit = _Fit(change, start, data, force, options)
+    fit = CurveFit(change, start, data, force, options)
     x = np.log(list(start.values()))
     first = fit.objective(fit.residual(x))  # raises what is wrong with names and model
     search = _direct if method == "direct" else _gradient
@@ -404,7 +404,7 @@ def identify(
     return _finished(fit, method, start, first, x, (low, high), noise, message)
 
 
-def _direct(fit: _Fit, x, low, high, tolerance, most):
+def _direct(fit: CurveFit, x, low, high, tolerance, most):
     """Nelder and Mead's simplex on eq. 6."""
 
     def objective(x):
@@ -424,7 +424,7 @@ def _direct(fit: _Fit, x, low, high, tolerance, most):
     return found.x, str(found.message)
 
 
-def _gradient(fit: _Fit, x, low, high, tolerance, most):
+def _gradient(fit: CurveFit, x, low, high, tolerance, most):
     """Trust-region least squares with exact derivatives."""
     start, size = x, len(fit.residual(x))
 
@@ -488,7 +488,7 @@ def _checked_bounds(start: Mapping[str, float], bounds) -> tuple[np.ndarray, np.
     return low, high
 
 
-def _checked_data(curves, level, points, loops, sensor) -> list[_Curve | _Loop]:
+def checked_data(curves, level, points, loops, sensor) -> list[_Curve | _Loop]:
     found: list[_Curve | _Loop] = []
     if curves is not None:
         if level is None:

@@ -103,7 +103,7 @@ def _finish(result: PreloadResult, part: Path, path: Path) -> list[Path]:
     """Complete the files in ``part`` and move them into place; on rank 0."""
     files = _files(path)
     if path.suffix == ".xdmf":
-        _one_grid(part / path.name)
+        share_grid(part / path.name)
     write_text(part / files[-1].name, _contacts_xdmf(list(result.contacts.values())))
     for file in reversed(files):  # that of the bodies last: it refers to the heavy one
         if file.is_dir():
@@ -192,7 +192,7 @@ def _write_xdmf(fields: list[fem.Function], path: Path) -> None:
             writer.write_function(field)
 
 
-def _one_grid(path: Path) -> None:
+def share_grid(path: Path) -> None:
     """Put all fields on the one grid: DOLFINx gives each a copy, which ParaView shows apart."""
     tree = ElementTree.parse(path)
     domain = tree.getroot().find("Domain")

@@ -50,7 +50,7 @@ def write_stabilisation(
         raise InputError(f"picture {path}: cannot be written ({error.strerror})") from error
 
 
-def _levels(frequencies_hz: np.ndarray, room: float) -> list[int]:
+def label_levels(frequencies_hz: np.ndarray, room: float) -> list[int]:
     """Rows, from the top, in which labels stand beside none that they would cover."""
     rows: list[float] = []  # last label of each row
     found = []
@@ -80,7 +80,7 @@ def _draw(modes: IdentifiedModes):
         axes.scatter(
             poles.frequencies_hz[chosen], poles.order[chosen], label=label, zorder=3, **look
         )
-    levels = _levels(modes.frequencies_hz, _CROWDED * np.ptp(frfs.frequencies_hz))
+    levels = label_levels(modes.frequencies_hz, _CROWDED * np.ptp(frfs.frequencies_hz))
     for i, (f, down) in enumerate(zip(modes.frequencies_hz, levels, strict=True)):
         axes.axvline(f, color=NOISE, lw=1.0, zorder=2, label="mode" if i == 0 else None)
         axes.annotate(

@@ -206,8 +206,8 @@ def test_chains_are_kept_and_prolonged(kind, tmp_path_factory, monkeypatch):
     folder = comm.bcast(tmp_path_factory.mktemp("chains") if comm.rank == 0 else None)
     posterior, file = Posterior(prior(), linear, gaussian()), folder / "chains.nc"
     # Writings fall on the same steps, so that the random numbers do.
-    monkeypatch.setattr(samplers, "_CHUNK", 50)
-    monkeypatch.setattr(samplers, "_EVERY", 0.0)
+    monkeypatch.setattr(samplers, "CHUNK", 50)
+    monkeypatch.setattr(samplers, "EVERY", 0.0)
     walkers = 8 if kind == "emcee" else 1
     short, long = (Settings(kind, n * walkers, 100 * walkers, 3) for n in (200, 300))
 

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from fenics_joints.case.build import build_structure
 from fenics_joints.case.case import load_case
 from fenics_joints.commands.bayes import model as module
-from fenics_joints.commands.bayes.model import _within_laws, case_model, case_prior
+from fenics_joints.commands.bayes.model import case_model, case_prior, within_laws
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import solve_modes
@@ -79,7 +79,7 @@ def model_and_points(case):
     """A model of three points, and others with the full one's modes."""
     full = build_structure(case, MPI.COMM_WORLD)
     start = {**case.nominal(), **case.start()}
-    free = _within_laws([full.parameters[n] for n in case.update.parameters], start, full)
+    free = within_laws([full.parameters[n] for n in case.update.parameters], start, full)
     prior = case_prior(case, free, start, full)
     data = case.measurements()
     model = GreedyModel(

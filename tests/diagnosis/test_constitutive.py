@@ -104,8 +104,8 @@ def test_the_functional_is_at_its_least():
     system = TwoFields(model, None, sensors(), gamma)
     K, M, P = (A.convert("dense").getDenseArray().copy() for A in (system.K, system.M, system.P))
     s = shapes[:, 0] / np.sqrt(np.mean(shapes[:, 0] ** 2))
-    rho = system._trust(np.ones(len(s), bool), omega, 0.02)
-    fields = system._solve([s], np.ones(len(s), bool), omega, rho)
+    rho = system.trust(np.ones(len(s), bool), omega, 0.02)
+    fields = system.solve([s], np.ones(len(s), bool), omega, rho)
     u, lam = (x.array.copy() for x in fields[0])
 
     def functional(u, w):

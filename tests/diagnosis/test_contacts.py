@@ -27,19 +27,17 @@ DEMO = Path(__file__).resolve().parents[2] / "demos" / "c_beam"
 
 def on_mesh(degree: int, size: float, middle: float, **diagnose):
     """The demo's case on another mesh."""
-    case = load_case(DEMO)
+    case = load_case(DEMO).diagnosed()
     change = {
         "degree": degree, "element_size": size, "radial_size": size / 2, "middle_size": middle,
         "n_thickness": (1, 1),
     }  # fmt: skip
-    case = case.model_copy(
+    return case.model_copy(
         update={
             "mesh": case.mesh.model_copy(update=change),
             "diagnose": case.diagnose.model_copy(update=diagnose),
         }
     )
-    case._coarse = None
-    return case
 
 
 def elastic(model, given=None) -> np.ndarray:

@@ -91,7 +91,7 @@ def test_damping_counts_only_where_its_accuracy_is_known():
     by_level = evidence_of(levels, 0.01)
     assert by_level.log_damping is not None and by_level.damping_scatter == 0.0
     # Between levels nobody touched the structure: its model's error is the same.
-    C = by_level.full_covariance() - np.diag(by_level._noise() ** 2)
+    C = by_level.full_covariance() - np.diag(by_level.noise_sd() ** 2)
     assert C[0, 2] > 0.975 * C[0, 0]
 
 

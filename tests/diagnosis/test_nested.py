@@ -115,14 +115,14 @@ def test_two_modes_and_a_bend_against_a_grid(limit):
 
 def test_evidence_agrees_with_another_sampler():
     dynesty = pytest.importorskip("dynesty")
-    from fenics_joints.diagnosis.evidence.nested import _Marginal
+    from fenics_joints.diagnosis.evidence.nested import Marginal
 
     forward = Curved([[0.0, 0.05, 0.03], [0.0, 0.0, 0.02]], bend=[0.05, 0.04])
     evidence = evidence_of([[5.02, 5.03]] * 3, sd=0.004, discrepancy=0.003)
     hypothesis = Hypothesis((shift(0), shift(1)), (shift(2, 0.3),))
     found = fit(hypothesis, forward, evidence, forward.baseline, starts=[np.full(3, 0.3)])
     got = nested_evidence(found, forward, evidence, forward.baseline)
-    problem = _Marginal(found, evidence, forward.baseline)
+    problem = Marginal(found, evidence, forward.baseline)
     problem.use(forward, "exact", np.zeros((1, 2)))
     sampler = dynesty.NestedSampler(
         lambda z: float(problem.log_likelihood(z[None])[0]),

@@ -74,11 +74,11 @@ def test_patches_cover_the_structure_compactly_on_any_number_of_ranks(nominal):
 def test_patches_sensitivities_add_up_to_the_parameters(nominal):
     """All patches of a region softened together are its parameter: the sum of adjoints is the
     derivative of ln f by ln E and ln rho; a joint's is that of a compliant interface."""
-    from fenics_joints.diagnosis.where.patches import _columns
+    from fenics_joints.diagnosis.where.patches import patch_columns
 
     structure, modes, pairing = nominal
     split = patches(structure, 6)
-    columns = _columns(structure, modes, pairing, split)
+    columns = patch_columns(structure, modes, pairing, split)
     slope = frequency_sensitivity(modes, pairing.index)
     names = list(structure.parameters)
     own = np.array(split.region) == "plates"
@@ -96,19 +96,19 @@ def test_patches_sensitivities_add_up_to_the_parameters(nominal):
 
 def test_where_the_joint_gives_way_its_patches_add_up_too(nominal):
     """With the modes of a joint that gives way: more compliance by a hundredth, solved again."""
-    from fenics_joints.diagnosis.where.patches import _columns
+    from fenics_joints.diagnosis.where.patches import patch_columns
 
     structure, modes, pairing = nominal
     values = {"kE": 5e8, "kG": 5e8}
     soft = solve_modes(structure, values, n_modes=6 + MODES)
     split = patches(structure, 6)
-    found = _columns(structure, modes, pairing, split, (soft, pair_modes(soft, MODES)))
+    found = patch_columns(structure, modes, pairing, split, (soft, pair_modes(soft, MODES)))
     own = np.array(split.region) == "joint"
     more = solve_modes(structure, values | {"kG": 5e8 / 1.01}, n_modes=6 + MODES)
     change = np.log(more.frequencies_hz[6:] / soft.frequencies_hz[6:]) / np.log(1.01)
     assert found["joint"][own].sum(axis=0)[:, 1] == pytest.approx(change, rel=0.02, abs=1e-7)
     assert found["plates"][~own] == pytest.approx(
-        _columns(structure, modes, pairing, split)["plates"][~own], rel=1e-9
+        patch_columns(structure, modes, pairing, split)["plates"][~own], rel=1e-9
     )
 
 

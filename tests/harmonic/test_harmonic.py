@@ -21,7 +21,7 @@ from fenics_joints.harmonic import (
     stable,
     static_state,
 )
-from fenics_joints.harmonic.backbone import _FreeMode, _PhaseResonance
+from fenics_joints.harmonic.backbone import FreeMode, PhaseResonance
 from fenics_joints.harmonic.constant_response import ConstantResponse
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import CoulombStick, Iwan, JointLaw, Segalman
@@ -108,8 +108,8 @@ def test_jacobians_are_those_of_finite_differences(kind):
     problem, ends = {
         "forced": (ForcedResponse(balance, balance.load(row), 1.0), [0.9]),
         "response": (ConstantResponse(balance, row, row, 0.4, 2, 1.0), [0.3, 0.9]),
-        "mode": (_FreeMode(balance, row, 1.1, np.eye(3)[1]), [0.9, 0.03, -0.2]),
-        "phase": (_PhaseResonance(balance, row, row, 1.1, np.eye(3)[1]), [0.9, 0.3, -0.2]),
+        "mode": (FreeMode(balance, row, 1.1, np.eye(3)[1]), [0.9, 0.03, -0.2]),
+        "phase": (PhaseResonance(balance, row, row, 1.1, np.eye(3)[1]), [0.9, 0.3, -0.2]),
     }[kind]
     z = np.append(X.reshape(-1), ends)
     J = problem.evaluate(z)[1]

@@ -112,14 +112,14 @@ def test_sharpness_is_found_from_a_loop(curves, loop):
 
 def test_derivatives_pass_taylors_test(curves, loop):
     """What first-order derivatives leave falls as the step's square, for curve and loop alike."""
-    from fenics_joints.harmonic.identify import _checked_data, _Fit
+    from fenics_joints.harmonic.identify import CurveFit, checked_data
 
-    data = _checked_data(curves, LEVELS[-1], 9, [loop], "end")
+    data = checked_data(curves, LEVELS[-1], 9, [loop], "end")
     model, options = chain(), {"harmonics": 3, "settings": Settings(tolerance=1e-11)}
     (lap,) = model.interfaces
     cubic = replace(lap, law=CubicSpring(0.6, -0.02), rows=lap.rows[:, :1], normal=False)
     smooth = replace(model, interfaces=(cubic,))
-    fit = _Fit(LawParameters(smooth), ("lap.k1", "lap.k3"), data, "push", options)
+    fit = CurveFit(LawParameters(smooth), ("lap.k1", "lap.k3"), data, "push", options)
     fit.change = lambda values: LawParameters(smooth)({**values, "lap.k3": -values["lap.k3"]})
     x, direction = np.log([0.6, 0.02]), np.array([0.5, -1.0])
     left = []
@@ -130,7 +130,7 @@ def test_derivatives_pass_taylors_test(curves, loop):
         left.append([np.linalg.norm(part) for part in apart])
     assert np.diff(np.log2(left), axis=0) == pytest.approx(np.full((2, 2), -2.0), abs=0.1)
     # With sliders the response bends wherever one more begins to slip: differences of it.
-    fit = _Fit(LawParameters(model), TRUTH, data, "push", options)
+    fit = CurveFit(LawParameters(model), TRUTH, data, "push", options)
     x = np.log([0.15, 0.4, 2.0])
     fit.residual(x)
     J = fit.jacobian(x)

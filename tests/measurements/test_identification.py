@@ -14,7 +14,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.identification import identify_modes
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.report.stabilisation import _levels, write_stabilisation
+from fenics_joints.report.stabilisation import label_levels, write_stabilisation
 
 pytest.importorskip("sdypy.EMA")
 
@@ -83,7 +83,7 @@ def test_modes_closer_than_their_half_width():
 
 
 def test_labels_of_close_modes_stand_below_each_other():
-    assert _levels(np.array([10.0, 50.0, 50.5, 51.0, 53.0]), 1.8) == [0, 0, 1, 2, 0]
+    assert label_levels(np.array([10.0, 50.0, 50.5, 51.0, 53.0]), 1.8) == [0, 0, 1, 2, 0]
 
 
 def test_stated_deviations():

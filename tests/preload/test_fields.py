@@ -168,7 +168,7 @@ def test_nothing_is_left_of_a_failed_attempt(shared_tmp_path, monkeypatch):
     def fail(*_):
         raise OSError("no space left")
 
-    monkeypatch.setattr(fields, "_one_grid", fail)
+    monkeypatch.setattr(fields, "share_grid", fail)
     with pytest.raises(InputError, match="no space left"):
         fields.write(result, path)
     COMM.barrier()

@@ -10,7 +10,7 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
-from fenics_joints.diagnosis.evidence.nested import _Marginal, nested_evidence
+from fenics_joints.diagnosis.evidence.nested import Marginal, nested_evidence
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
@@ -136,9 +136,9 @@ def test_all_kinds_of_data_are_as_predicted_one_by_one():
     )  # fmt: skip
     d = len(hypothesis.priors)
     z = list(0.5 * np.random.default_rng(4).standard_normal((3, d)))
-    problem = _Marginal(fit(hypothesis, forward, evidence, BASELINE), evidence, BASELINE)
+    problem = Marginal(fit(hypothesis, forward, evidence, BASELINE), evidence, BASELINE)
     problem.use(LeanForward(forward, model.on(np.eye(N))), "exact", np.zeros((1, 2)))
-    for got, point in zip(problem._together(z), z, strict=True):
+    for got, point in zip(problem.predictions(z), z, strict=True):
         expected, _ = predict(hypothesis, forward, evidence, point, BASELINE)
         assert len(expected) == 8 + 8 + 4 * N
         assert got == pytest.approx(expected, abs=1e-6)

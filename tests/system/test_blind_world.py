@@ -14,11 +14,11 @@ pytest.importorskip("dolfinx")
 pytest.importorskip("gmsh")
 
 from benchmarks.blind import discrepancy, world
-from benchmarks.blind.reckoning import _sheets
+from benchmarks.blind.reckoning import sheets_of
 from benchmarks.blind.world import draw
 from benchmarks.blind.world.eigen import lowest_modes
 from benchmarks.blind.world.levels import gapping, slip
-from benchmarks.blind.world.model import _nominal, _Small, _Specimen, calibrate_levels
+from benchmarks.blind.world.model import Small, Specimen, calibrate_levels, nominal_specimen
 from benchmarks.blind.world.pressure import pressures
 from benchmarks.blind.world.rigs import RIGS
 from benchmarks.blind.world.whole import BONDED, Build, Whole
@@ -42,7 +42,7 @@ def test_shares_no_code_with_the_package():
 def test_the_oracle_knows_all_sizes_that_are_drawn(geometry):
     """Sizes that the generator draws against the ranges by which D is computed."""
     random, found = np.random.default_rng(0), {}
-    for sheet in _sheets(geometry):
+    for sheet in sheets_of(geometry):
         ends = [sheet.params(u, sheet.vs[0]) for u in sheet.span]
         key = next(iter(ends[0])) if sheet.name != "normal_and_tangential" else "k_t"
         found.setdefault((sheet.name, key), []).extend(end[key] for end in ends)
@@ -83,8 +83,8 @@ def test_joint_leaves_rigid_motions_free(lap_beam, build):
 def test_pressure_balances_the_bolt(lap_beam):
     p = pressures(lap_beam)[0]
     assert p.min() == 0.0
-    assert p @ lap_beam._weights == pytest.approx(1.0, rel=1e-3)
-    centre = (p * lap_beam._weights) @ lap_beam.points
+    assert p @ lap_beam.area_weights == pytest.approx(1.0, rel=1e-3)
+    centre = (p * lap_beam.area_weights) @ lap_beam.points
     # The lap is symmetric about the bolt, its beams' free ends are not.
     assert centre == pytest.approx([0.21, 0.0], abs=3e-4)
 
@@ -118,8 +118,8 @@ def test_slipping_mode_is_one_of_the_full_structure():
     effect = {"name": "micro_slip", "region": "joint", "params": {"mu": 0.3, "drop": 0.01}}
     spec = replace(world.nominal_spec("lap_beam", "level"), effects=[effect])
     top = calibrate_levels(spec, 0.01, (1.0, 2.0))[-1]
-    specimen = _Specimen(spec)
-    small = _Small(specimen, *_nominal("lap_beam"))
+    specimen = Specimen(spec)
+    small = Small(specimen, *nominal_specimen("lap_beam"))
     small.enrich([small.mode(j, top, 2.5e-3) for j in range(6)])
     for j in (1, 5):
         hz, damping, phi, q = small.mode(j, top, 2.5e-3)

@@ -119,3 +119,35 @@ def test_imports_in_the_diagnosis_go_down_only():
 
 def test_no_circle():
     assert not circle(GRAPH)
+
+
+def private(name: str) -> bool:
+    return name.startswith("_") and not name.endswith("__") and name != "_"
+
+
+def private_uses(path: Path) -> set[str]:
+    """Underscored names that a file takes from elsewhere: imports, attributes, patches of them."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) not in ("self", "cls"):
+            found.add(node.attr)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("setattr"):
+            found |= {a.value for a in node.args[1:2] if isinstance(a, ast.Constant)}
+    return {name for name in found if isinstance(name, str) and private(name)}
+
+
+def test_tests_and_demos_take_no_private_names():
+    files = [path for folder in ("tests", "demos") for path in (ROOT / folder).rglob("*.py")]
+    uses = {path.relative_to(ROOT).as_posix(): private_uses(path) for path in files}
+    assert {name: found for name, found in uses.items() if found} == {}
+
+
+def test_tests_mirror_the_rooms():
+    """A folder of tests is a room's, crosses rooms (``system``) or helps the others."""
+    folders = {
+        path.name for path in (ROOT / "tests").iterdir()
+        if path.is_dir() and path.name != "__pycache__"
+    }  # fmt: skip
+    assert folders <= FLOOR.keys() | {"system", "helpers"}

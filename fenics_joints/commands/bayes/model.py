@@ -96,7 +96,7 @@ def case_model(
     progress = progress or Progress(silent=True)
     progress.step("building the model")
     full, start = build_structure(case, comm), {**case.nominal(), **case.start()}
-    parameters = _within_laws([full.parameters[n] for n in case.update.parameters], start, full)
+    parameters = within_laws([full.parameters[n] for n in case.update.parameters], start, full)
     prior = case_prior(case, parameters, start, full)
     data = bayes_data(case)
     given = {"sensors": data.sensors, "n_test": len(data.mode_names),
@@ -116,7 +116,7 @@ def case_model(
                      frequencies.forward.model.n_dofs)  # fmt: skip
 
 
-def _within_laws(parameters: list[Parameter], start, model) -> list[Parameter]:
+def within_laws(parameters: list[Parameter], start, model) -> list[Parameter]:
     """The parameters, with bounds that keep each E below its G's limit where one of them is fixed.
 
     Where both are free the coordinates do that.

@@ -171,9 +171,9 @@ class Evidence:
                 local = local * self.along
             pairs = local[np.ix_(e.sensor, e.sensor)] * same_mode * error
             total = total + pairs * np.outer(is_shape, is_shape)
-        return total + np.diag(self._noise() ** 2)
+        return total + np.diag(self.noise_sd() ** 2)
 
-    def _noise(self) -> np.ndarray:
+    def noise_sd(self) -> np.ndarray:
         """Standard deviation of each entry from the instrument alone, (N,)."""
         e = self.entries
         sd = self.log_sd[e.row, e.mode]

@@ -117,7 +117,7 @@ def nested_evidence(
         ConvergenceError: If the sampler does not end.
     """
     started = time.perf_counter()
-    problem = _Marginal(fit, evidence, baseline)
+    problem = Marginal(fit, evidence, baseline)
     if problem.n_effects == 0:
         found = Nested(fit.log_evidence, 0.0, 0, np.zeros(0), np.zeros(0), 0.0, 0.0)
     else:
@@ -165,7 +165,7 @@ def _resample(points, weights, count, seed) -> np.ndarray:
     return points[np.random.default_rng(seed).choice(len(points), size=count, p=weights)]
 
 
-class _Marginal:
+class Marginal:
     """The likelihood of the effects' parameters, all others integrated out.
 
     Args:
@@ -296,10 +296,10 @@ class _Marginal:
     def _residuals(self, points: np.ndarray) -> np.ndarray:
         """Whitened residuals with the rest at its most probable values, (b, k)."""
         z = [self.full(point) for point in points]
-        predicted = self._together(z)[:, self.used]
+        predicted = self.predictions(z)[:, self.used]
         return self._whiten((predicted - self.evidence.data[self.used]).T).T
 
-    def _together(self, z: list[np.ndarray]) -> np.ndarray:
+    def predictions(self, z: list[np.ndarray]) -> np.ndarray:
         """Predictions at several z, (len(z), N); a lean model solves for all of them at once."""
         if not isinstance(self.forward, LeanForward):
             return np.array([self._predicted(each) for each in z])

@@ -271,7 +271,7 @@ class TwoFields:
         s = s / np.sqrt(np.mean(s[there] ** 2))
         rng = np.random.default_rng(len(s))
         loads = [s, *(noise * there * rng.standard_normal((draws, len(s))))]
-        fields = self._solve(loads, there, omega, self._trust(there, omega, noise))
+        fields = self.solve(loads, there, omega, self.trust(there, omega, noise))
         u, lam = fields[0]
         motion, error = self._energies(u, omega, split), self._energies(lam, omega, split)
         drawn = [self._energies(field, omega, split) for _, field in fields[1:]]
@@ -295,7 +295,7 @@ class TwoFields:
         for vector in (v for pair in fields for v in pair):
             vector.destroy()
 
-    def _trust(self, there, omega, noise) -> float:
+    def trust(self, there, omega, noise) -> float:
         """rho: noise at all sensors weighs as a hundredth of the energy of a motion like s.
 
         That energy is omega^2 times the modal mass, which is the structure's mass for a motion of
@@ -304,7 +304,7 @@ class TwoFields:
         mass = self.structure.total_mass(self.given)
         return _DOUBT * omega**2 * mass / (noise**2 * float(there.sum()))
 
-    def _solve(self, loads, there, omega: float, rho: float) -> list[tuple]:
+    def solve(self, loads, there, omega: float, rho: float) -> list[tuple]:
         """(u, lambda) for each s of ``loads``: vectors laid out like the rows of K."""
         W, whole = self._matrix(there, omega, rho)
         ksp = self._factorised(whole)

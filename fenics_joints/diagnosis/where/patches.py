@@ -226,7 +226,7 @@ def patch_tests(
         The tests on every rank; the cells to draw on rank 0 only.
     """
     split = patches(structure, n, merged)
-    columns = _columns(structure, modes, pairing, split, soft)
+    columns = patch_columns(structure, modes, pairing, split, soft)
     joints = {region.name for region in structure.regions if region.is_joint}
     tests = split_tests(split, columns, joints, evidence, residual, nuisance, by_torque)
     vertices, patch = _gathered(structure, split)
@@ -271,7 +271,7 @@ def split_tests(
     return zone_tests(residual[:count], sensitivities, nuisance, frequencies)
 
 
-def _columns(structure, modes, pairing, split: Patches, soft=None) -> dict[str, np.ndarray]:
+def patch_columns(structure, modes, pairing, split: Patches, soft=None) -> dict[str, np.ndarray]:
     """Change of ln f by an expected change in each patch: (P, m, 2) for each region's name."""
     by_key = _by_property(structure, modes, pairing, split)
     yielding = by_key if soft is None else _by_property(structure, *soft, split)
