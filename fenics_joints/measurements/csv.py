@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,12 +26,10 @@ from fenics_joints.measurements.records import (
     Dof,
     FRFRecord,
     Node,
+    Said,
     node_label,
 )
 from fenics_joints.response.units import a_kind, frf_unit, length_factor
-
-if TYPE_CHECKING:
-    from fenics_joints.measurements.files import Said
 
 __all__ = ["read_csv"]
 

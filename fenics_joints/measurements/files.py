@@ -3,52 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.frfs import MeasuredFRFs
-from fenics_joints.measurements.records import Contents, merge
-from fenics_joints.response.units import a_kind, checked_kind, frf_unit, length_factor
+from fenics_joints.measurements.records import Contents, Said, merge
 
-__all__ = ["Said", "read_frfs"]
+__all__ = ["read_frfs"]
 
 #: How names of files of each format end.
 _UFF = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")
-
-
-@dataclass(frozen=True)
-class Said:
-    """What a user says about files that do not say it themselves.
-
-    Attributes:
-        kind: ``receptance``, ``mobility`` or ``accelerance``; or None.
-        units: Unit of the functions, such as ``g/N``; it goes before what a file says. Or None.
-        length_unit: Unit of the nodes' coordinates; or None.
-        keys: Names of MATLAB variables, by those of `fenics_joints.measurements.mat.KEYS`.
-    """
-
-    kind: str | None = None
-    units: str | None = None
-    length_unit: str | None = None
-    keys: Mapping[str, str] = field(default_factory=dict)
-
-    def __post_init__(self):
-        if self.kind is not None:
-            checked_kind(self.kind)
-        if self.length_unit is not None:
-            try:
-                length_factor(self.length_unit)
-            except InputError as error:
-                raise InputError(f"length_unit = {self.length_unit!r}: {error}") from error
-        if self.units is None:
-            return
-        kind, _ = frf_unit(self.units)
-        if self.kind not in (None, kind):
-            raise InputError(
-                f"units = {self.units!r}: are those of {a_kind(kind)}, expected those of kind = "
-                f"{self.kind!r}"
-            )
 
 
 def read_frfs(

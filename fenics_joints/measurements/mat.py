@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.io
@@ -14,13 +13,11 @@ from fenics_joints.measurements.records import (
     Contents,
     FRFRecord,
     Node,
+    Said,
     as_dof,
     node_label,
 )
 from fenics_joints.response.units import MOTION, frf_unit, length_factor
-
-if TYPE_CHECKING:
-    from fenics_joints.measurements.files import Said
 
 __all__ = ["KEYS", "read_mat"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.frfs import MeasuredFRFs
-from fenics_joints.response.units import a_kind
+from fenics_joints.response.units import a_kind, checked_kind, frf_unit, length_factor
 
 __all__ = [
     "CoherenceRecord",
@@ -17,6 +17,7 @@ __all__ = [
     "Dof",
     "FRFRecord",
     "Node",
+    "Said",
     "as_dof",
     "merge",
     "node_label",
@@ -28,6 +29,40 @@ _REACTIVE = 0.15
 _NAMED = 12
 
 Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a user says about files that do not say it themselves.
+
+    Attributes:
+        kind: ``receptance``, ``mobility`` or ``accelerance``; or None.
+        units: Unit of the functions, such as ``g/N``; it goes before what a file says. Or None.
+        length_unit: Unit of the nodes' coordinates; or None.
+        keys: Names of MATLAB variables, by those of `fenics_joints.measurements.mat.KEYS`.
+    """
+
+    kind: str | None = None
+    units: str | None = None
+    length_unit: str | None = None
+    keys: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self):
+        if self.kind is not None:
+            checked_kind(self.kind)
+        if self.length_unit is not None:
+            try:
+                length_factor(self.length_unit)
+            except InputError as error:
+                raise InputError(f"length_unit = {self.length_unit!r}: {error}") from error
+        if self.units is None:
+            return
+        kind, _ = frf_unit(self.units)
+        if self.kind not in (None, kind):
+            raise InputError(
+                f"units = {self.units!r}: are those of {a_kind(kind)}, expected those of kind = "
+                f"{self.kind!r}"
+            )
 
 
 @dataclass(frozen=True)

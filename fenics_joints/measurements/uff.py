@@ -12,17 +12,21 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.records import CoherenceRecord, Contents, Dof, FRFRecord, Node
+from fenics_joints.measurements.records import (
+    CoherenceRecord,
+    Contents,
+    Dof,
+    FRFRecord,
+    Node,
+    Said,
+)
 from fenics_joints.response.units import MOTION, a_kind, frf_unit, length_factor, ratio_unit
 from fenics_joints.units import factor_to_si
-
-if TYPE_CHECKING:
-    from fenics_joints.measurements.files import Said
 
 __all__ = ["read_uff"]
 
