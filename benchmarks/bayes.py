@@ -33,9 +33,8 @@ from fenics_joints.bayes import (
     Settings,
     sample,
 )
+from fenics_joints.case import Case, build_structure, load_case
 from fenics_joints.case.bayes import bayes_data, specimens
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import Case, load_case
 from fenics_joints.commands.bayes.model import CaseModel, case_model
 from fenics_joints.modal.modes import solve_modes
 

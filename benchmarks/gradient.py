@@ -17,8 +17,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis.zones.nominal import bonded_values
 from fenics_joints.modal.modes import solve_modes
 

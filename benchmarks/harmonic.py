@@ -28,8 +28,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.harmonic import Balance, HarmonicResult, Settings, solve_harmonic
 from fenics_joints.interfaces import reduce_layers, with_modal_damping
 from fenics_joints.interfaces.full import full_layers

@@ -39,8 +39,7 @@ def solve(size: float, method: str, n_modes: int, output: Path) -> None:
     """What a user's script does, and what it took."""
     from mpi4py import MPI
 
-    from fenics_joints.case.build import build_structure
-    from fenics_joints.case.case import load_case
+    from fenics_joints.case import build_structure, load_case
     from fenics_joints.modal.modes import solve_modes
 
     comm = MPI.COMM_WORLD

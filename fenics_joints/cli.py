@@ -14,7 +14,7 @@ from fenics_joints import __version__
 from fenics_joints.commands.database import app as database_app
 
 if TYPE_CHECKING:
-    from fenics_joints.case.case import Case
+    from fenics_joints.case import Case
     from fenics_joints.commands.outcome import Outcome
 
 __all__ = ["app", "main"]
@@ -286,7 +286,7 @@ def _command(
 
 def _prepare(comm, path: Path, json: Path | None, report: Path | None) -> Case:
     """Check the outputs and read the case, on rank 0 for all."""
-    from fenics_joints.case.case import load_case
+    from fenics_joints.case import load_case
     from fenics_joints.errors import InputError
     from fenics_joints.files import check_writable
     from fenics_joints.parallel import on_root

@@ -18,8 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import world  # noqa: E402
 from world.cases import _write  # noqa: E402
 
-from fenics_joints.case.build import build_structure  # noqa: E402
-from fenics_joints.case.case import load_case  # noqa: E402
+from fenics_joints.case import build_structure, load_case  # noqa: E402
 from fenics_joints.diagnosis.zones.nominal import bonded_values
 from fenics_joints.measurements.gap import pair_modes  # noqa: E402
 from fenics_joints.modal.modes import solve_modes  # noqa: E402

@@ -28,16 +28,25 @@ from mpi4py import MPI
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
-from fenics_joints.bayes import FittedLikelihood, Posterior, Settings, sample
-from fenics_joints.bayes.calibration import calibrate, rank
-from fenics_joints.bayes.gibbs import Gibbs, Level
-from fenics_joints.bayes.hierarchical import Specimens, sample_hierarchy
-from fenics_joints.bayes.predictive import check_predictive, replicate
+from fenics_joints.bayes import (
+    FittedLikelihood,
+    Gibbs,
+    Level,
+    Posterior,
+    Settings,
+    Specimens,
+    calibrate,
+    check_predictive,
+    rank,
+    replicate,
+    sample,
+    sample_hierarchy,
+)
 from fenics_joints.bayes.simulated import FIGURE_7, anchored, simulate
 from fenics_joints.bayes.straight import curvature
 from fenics_joints.bayes.walks import generator
+from fenics_joints.case import load_case
 from fenics_joints.case.bayes import specimens
-from fenics_joints.case.case import load_case
 from fenics_joints.commands.bayes.model import case_model
 
 comm = MPI.COMM_WORLD

@@ -25,8 +25,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.beams.damped import identify_damping, slip_table
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update.run import run_combined
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.random_fields.fields import RandomField

@@ -22,8 +22,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.random_fields.fields import RandomField, karhunen_loeve
 from fenics_joints.random_fields.propagation import (
     Moments,

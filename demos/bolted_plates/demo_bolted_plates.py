@@ -28,7 +28,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from fenics_joints.database.analysis import BoltedPlates, solve_bolted_plates
+from fenics_joints.database import BoltedPlates, solve_bolted_plates
 
 comm = MPI.COMM_WORLD
 HOLE = 6.75e-3  # radius, m

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from fenics_joints.database.analysis import BoltedPlates, solve_bolted_plates
+from fenics_joints.database import BoltedPlates, solve_bolted_plates
 from fenics_joints.errors import JointsError
 
 BOLT = "M12"

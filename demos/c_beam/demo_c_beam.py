@@ -25,8 +25,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_preload
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_preload, load_case
 from fenics_joints.commands.cutoff.run import run_cutoff
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.preload.linear_joint import LinearJoint

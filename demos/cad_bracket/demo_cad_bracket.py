@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_mesh, build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_mesh, build_structure, load_case
 from fenics_joints.meshes import check_mesh, measure_ring
 from fenics_joints.modal.modes import solve_modes
 

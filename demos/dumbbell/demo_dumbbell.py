@@ -29,11 +29,10 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update.report import in_words
 from fenics_joints.commands.update.run import run_combined
-from fenics_joints.measurements.gap import mac, pair_modes
+from fenics_joints.measurements import mac, pair_modes
 from fenics_joints.modal.modes import solve_modes
 
 comm, here = MPI.COMM_WORLD, Path(__file__).resolve().parent

@@ -28,10 +28,8 @@ import numpy as np
 from mpi4py import MPI
 from scipy.stats import spearmanr
 
-from fenics_joints.case.build import build_mesh, build_structure
-from fenics_joints.case.case import load_case
-from fenics_joints.database.query import query
-from fenics_joints.database.store import seed_database
+from fenics_joints.case import build_mesh, build_structure, load_case
+from fenics_joints.database import query, seed_database
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.reduced import reduce
 from fenics_joints.report.motion import corner_motion

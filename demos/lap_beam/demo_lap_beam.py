@@ -25,11 +25,10 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update import sweep
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.measurements import pair_modes
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.modal.sensitivity import frequency_sensitivity, identifiability
 

@@ -43,7 +43,7 @@ from stage_two import (
 )  # fmt: skip
 
 from fenics_joints.harmonic.identify import predict
-from fenics_joints.measurements.curves import read_curves
+from fenics_joints.measurements import read_curves
 
 test, curves = read_test(), read_curves(HERE / "frf.csv", "acceleration")
 for level in curves.levels:

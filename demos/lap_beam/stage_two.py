@@ -20,7 +20,7 @@ from fenics_joints.harmonic.loops import read_loops
 from fenics_joints.interfaces import reduce_layers, with_modal_damping
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.joint_laws import Iwan, IwanLayer, RichardAbbott
-from fenics_joints.measurements.curves import read_curves
+from fenics_joints.measurements import read_curves
 from fenics_joints.meshes.lap_beam import lap_beam
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.modal.sensitivity import frequency_sensitivity

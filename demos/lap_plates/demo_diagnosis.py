@@ -27,7 +27,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case
 from fenics_joints.commands.plan import matrix_picture
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.plan.planned import plan

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, LumpedMass
-from fenics_joints.case.build import parameters
 from fenics_joints.case.case import Case
-from fenics_joints.case.sections import AXES, MassSection, SpringSection
+from fenics_joints.case.parameters import parameters
+from fenics_joints.case.sections import MassSection, SpringSection
 from fenics_joints.errors import InputError
 from fenics_joints.structure.components import Parameter, Spring
 
@@ -164,7 +164,7 @@ def _clamps(case: Case) -> list[Clamp]:
     return [
         Clamp(name, section.facets == "right", f"{name}.k_n", f"{name}.k_t")
         for name, section in case.supports.items()
-        if set(section.directions) == set(AXES)
+        if section.holds_all
     ]
 
 
@@ -173,10 +173,11 @@ def _held(case: Case, elastic: bool) -> list[Held]:
     x = {"left": 0.0, "right": sum(mesh.lengths) - sum(mesh.of("laps"))}
     found = []
     for section in case.supports.values():
-        every = set(section.directions) == set(AXES)
-        if every and elastic:
+        if section.holds_all and elastic:
             continue
-        motions = ("x", "z", "turn") if every else tuple(d for d in section.directions if d != "y")
+        motions = tuple(d for d in section.directions if d != "y")
+        if section.holds_all:
+            motions = "x", "z", "turn"
         if motions:
             found.append(Held(x[section.facets], motions))
     return found

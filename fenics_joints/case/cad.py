@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from fenics_joints.case.preload import known_thread
-from fenics_joints.case.sections import (
+from fenics_joints.case.values import (
     Count,
     Length,
     Positive,

@@ -126,7 +126,8 @@ def _check_data(case: Case) -> list[str]:
         "frequencies": (measured is None, "test.frequencies, or [test.frfs.identify]"),
         "shapes": (measured is None or measured.shapes is None, "test.shapes and [test.sees]"),
         "damping": (
-            not case.has_ratios(), "test.damping, with ratios at the condition of the update"
+            not case.has_ratios(),
+            "test.damping, with ratios at the condition of the update",
         ),
         "frfs": (case._frfs is None, "a section [test.frfs]"),
     }

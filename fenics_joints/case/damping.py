@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from fenics_joints.case.sections import Positive, Section, Share, listed, quantity
+from fenics_joints.case.values import Positive, Section, Share, listed, quantity
 
 if TYPE_CHECKING:
     from fenics_joints.structure.damping import Damping

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import TYPE_CHECKING
 
 from fenics_joints import __version__
+from fenics_joints.case.case import Case
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
-
-if TYPE_CHECKING:
-    from fenics_joints.case.case import Case
 
 __all__ = ["fingerprint"]
 

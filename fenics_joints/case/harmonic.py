@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from fenics_joints.case.messages import did_you_mean, said
-from fenics_joints.case.sections import (
+from fenics_joints.case.values import (
     Count,
     Direction,
     Modulus,
@@ -23,12 +23,11 @@ from fenics_joints.case.sections import (
 from fenics_joints.units import to_si
 
 if TYPE_CHECKING:
-    from fenics_joints.case.case import Case
     from fenics_joints.joint_laws import Backbone, JointLaw
 
 __all__ = [
     "CoulombSection", "HarmonicSection", "IdentifySection", "NonlinearSection", "Place",
-    "check_harmonic", "identifiable", "identification_start",
+    "identifiable",
 ]  # fmt: skip
 
 Force = quantity("N", 0, above=True)
@@ -199,6 +198,16 @@ class IdentifySection(Section):
     loops: str | None = None
     noise: Share = 0.01
 
+    def values(self, nonlinear: Mapping[str, NonlinearSection]) -> dict[str, float]:
+        """Values, SI, that the identification starts from, by parameter.
+
+        Args:
+            nonlinear: The laws of the case, by their name.
+        """
+        known = identifiable(nonlinear)
+        given = {name: to_si(value, known[name][1]) for name, value in self.start.items()}
+        return {name: given.get(name, known[name][0]) for name in self.parameters}
+
 
 class HarmonicSection(Section):
     """``[harmonic]``: what `fenics-joints harmonic` computes.
@@ -238,80 +247,10 @@ class HarmonicSection(Section):
         return self
 
 
-# -- checks ----------------------------------------------------------------------------------------
-
-
-def check_harmonic(case: Case) -> list[str]:
-    """What is wrong with a case's nonlinear joints and their response, a line each."""
-    errors = []
-    for name, section in case.nonlinear.items():
-        errors += _check_nonlinear(case, name, section)
-    if case.harmonic is None:
-        return errors
-    if not case.nonlinear:
-        errors.append("harmonic: expected a nonlinear joint, in a section [nonlinear.NAME]")
-    identify = case.harmonic.identify
-    known = identifiable(case)
-    for i, name in enumerate(identify.parameters if identify else ()):
-        if name not in known:
-            key = f"harmonic.identify.parameters[{i}]"
-            errors.append(said(key, name, f"no such parameter{did_you_mean(name, list(known))}"))
-    for name in identify.start if identify else ():
-        if name not in identify.parameters:
-            hint = did_you_mean(name, identify.parameters)
-            key = f"harmonic.identify.start.{name}"
-            value = identify.start[name]
-            errors.append(said(key, value, f"is not in identify.parameters{hint}"))
-    errors += _check_start(case, known) if identify else []
-    if identify is not None and case.harmonic.measured is None:
-        errors.append("harmonic.identify: expected measured curves, harmonic.measured = 'FILE.csv'")
-    return errors
-
-
-def _check_nonlinear(case: Case, name: str, section) -> list[str]:
-    key = f"nonlinear.{name}"
-    if name in case.contacts:
-        if section.needs_modulus():
-            what = "stress = 'shear' and an elastic modulus"
-            return [f"{key}: expected {what}, since a contact has no moduli of its own"]
-        if not isinstance(section, CoulombSection) and section.thickness is None:
-            return [f"{key}.thickness: expected that of the layer whose strain is slip / thickness"]
-        return []
-    if name not in case.joints:
-        known = did_you_mean(name, [*case.joints, *case.contacts])
-        return [f"{key}: no joint or contact has that name{known}"]
-    if isinstance(section, CoulombSection):
-        return [said(f"{key}.law", "coulomb", "expected a contact of that name, not a layer")]
-    if case.joints[name].law == "transition":
-        return [f"{key}: joints.{name} has law = 'transition', expected a layer with E and G"]
-    return []
-
-
-def _check_start(case: Case, known) -> list[str]:
-    errors, identify = [], case.harmonic.identify
-    for name, value in identify.start.items():
-        if name in known:
-            try:
-                to_si(value, known[name][1])
-            except ValueError as error:
-                errors.append(said(f"harmonic.identify.start.{name}", value, str(error)))
-    if identify.loops is not None and not (case.folder / identify.loops).is_file():
-        expected = f"no such file, expected a table at {case.folder / identify.loops}"
-        errors.append(said("harmonic.identify.loops", identify.loops, expected))
-    return errors
-
-
-def identification_start(case: Case) -> dict[str, float]:
-    """Values, SI, that the identification of a case starts from, by parameter."""
-    known, identify = identifiable(case), case.harmonic.identify
-    given = {name: to_si(value, known[name][1]) for name, value in identify.start.items()}
-    return {name: given.get(name, known[name][0]) for name in identify.parameters}
-
-
-def identifiable(case: Case) -> dict[str, tuple[float, str]]:
+def identifiable(nonlinear: Mapping[str, NonlinearSection]) -> dict[str, tuple[float, str]]:
     """Value and unit of every number of the nonlinear laws, by NAME.KEY."""
     found = {}
-    for name, section in case.nonlinear.items():
+    for name, section in nonlinear.items():
         for key, unit in section.units.items():
             value = getattr(section, key)
             if value is not None:

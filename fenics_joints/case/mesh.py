@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from fenics_joints.case.cad import STEP_SUFFIXES, MeshFile, StepMesh
-from fenics_joints.case.sections import Count, Gap, Length, Positive, Section, Size, listed
+from fenics_joints.case.values import Count, Gap, Length, Positive, Section, Size, listed
 from fenics_joints.errors import MeshError
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Discriminator, Tag, model_validator
 
-from fenics_joints.case.sections import (
+from fenics_joints.case.values import (
     Density,
     Direction,
     Length,

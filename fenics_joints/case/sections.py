@@ -1,138 +1,44 @@
-"""The sections of a case file as data, with their units and limits.
+"""The sections of a case file about the structure, and about what a diagnosis may assume.
 
 Each class is a table of the file and says in its docstring which. `case.case` puts them
-together and checks them against one another.
+together, and `case.checks` holds them against one another.
 """
 
 from __future__ import annotations
 
 import math
-import re
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    Tag,
-    model_validator,
-)
+from pydantic import Discriminator, Field, Tag, model_validator
 
+from fenics_joints.case.values import (
+    AXES,
+    Count,
+    Damper,
+    Density,
+    Direction,
+    Inertia,
+    Length,
+    Mass,
+    Modulus,
+    Names,
+    Point,
+    Poisson,
+    Positive,
+    Section,
+    Share,
+    Size,
+    Stiffness,
+    Turning,
+    ascending,
+)  # fmt: skip
 from fenics_joints.units import to_si
 
 __all__ = [
-    "AXES",
-    "Attached",
-    "AttachedMass",
-    "AttachedSpring",
-    "CutoffUpdate",
-    "Diagnose",
-    "FRFSection",
-    "Held",
-    "Joint",
-    "MassSection",
-    "Part",
-    "PlannedTest",
-    "Section",
-    "SpringSection",
-    "SupportSection",
-    "Test",
-    "Update",
-    "ValidationTest",
-    "ascending",
-    "listed",
-    "named",
-    "quantity",
-]
-
-_NAME = r"[A-Za-z][A-Za-z0-9_-]*"
-AXES = ("x", "y", "z")
-
-
-# -- values ----------------------------------------------------------------------------------------
-
-
-def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above: bool = False):
-    """The type of a float in SI ``unit`` from text; within limits, or above the lower one."""
-
-    def read(value: Any) -> float:
-        number = to_si(value, unit)
-        if not (number > least if above else number >= least) or number > most:
-            low = f"{'above' if above else 'at least'} {least:g} {unit}".rstrip()
-            high = f" and at most {most:g} {unit}".rstrip() if most < math.inf else ""
-            raise ValueError(f"expected {low}{high}")
-        return number
-
-    return Annotated[float, BeforeValidator(read)]
-
-
-def listed(value: Any) -> Any:
-    """A list, also of a single value."""
-    return value if isinstance(value, list) else [value]
-
-
-def _padded(vector: list[float]) -> tuple[float, ...]:
-    return tuple(vector) + (0.0,) * (3 - len(vector))
-
-
-def _nonzero(vector: list[float]) -> list[float]:
-    if not any(vector) or not all(math.isfinite(c) for c in vector):
-        raise ValueError("expected a finite vector that is not zero")
-    return vector
-
-
-def _parallel(a, b) -> bool:
-    """Whether two vectors in space span less than a thousandth of a right angle, about."""
-    cosine = sum(x * y for x, y in zip(a, b, strict=True)) / (math.hypot(*a) * math.hypot(*b))
-    return abs(cosine) > 1 - 1e-6
-
-
-def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
-    if not pair[0] < pair[1]:
-        raise ValueError("expected [low, high] with low < high")
-    return pair
-
-
-Length = quantity("m")
-Size = quantity("m", 0, above=True)
-Gap = quantity("m", 0)
-Modulus = quantity("Pa", 0, above=True)
-Density = quantity("kg/m3", 0, above=True)
-Mass = quantity("kg", 0, above=True)
-Stiffness = quantity("N/m", 0, above=True)
-Turning = quantity("N*m", 0, above=True)
-Damper = quantity("N*m*s", 0)
-Inertia = quantity("kg*m2", 0)
-Spacing = quantity("Hz", 0)
-Positive = quantity("", 0, above=True)
-Share = quantity("", 0)
-Poisson = quantity("", -0.999, 0.4999)
-Point = Annotated[list[Length], Field(min_length=2, max_length=3), AfterValidator(_padded)]
-Direction = Annotated[
-    list[float],
-    Field(min_length=2, max_length=3),
-    AfterValidator(_nonzero),
-    AfterValidator(_padded),
-]
-Names = Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
-Count = Annotated[int, Field(ge=1, strict=True)]
-
-
-def ascending(kind):
-    """The type of a pair [low, high] of a kind of number."""
-    return Annotated[tuple[kind, kind], AfterValidator(_ascending)]
-
-
-# -- sections --------------------------------------------------------------------------------------
-
-
-class Section(BaseModel):
-    """A table of the file; unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    "Attached", "AttachedMass", "AttachedSpring", "Diagnose", "Joint", "MassSection", "Part",
+    "SpringSection", "SupportSection", "with_average_densities",
+]  # fmt: skip
 
 
 class PartTolerance(Section):
@@ -252,7 +158,7 @@ class Joint(Section):
     With ``law = "transition"`` (seed 000) it has E, nu and its thickness ``h`` in place of G; the
     mesh's is ``meshed``, by default measured between the faces of each of its rings, and ``cells``
     may be a pattern such as ``ring_*``: rings with one set of parameters. Its density is zero
-    without ``rho``; with ``rho = "average"`` it is that of the bodies, see `case_densities`.
+    without ``rho``; with ``rho = "average"`` see `with_average_densities`.
 
     With ``law = "generic"`` (seed 002) it is a lap of beams (``builder = "offset_beams"``) with the
     stiffness of slap ``k1`` and of slip ``k2`` of each joint element, N m, the damping of slip
@@ -411,310 +317,10 @@ class SupportSection(Section):
     facets: str
     directions: list[Literal["x", "y", "z"]] = Field(["x", "y", "z"], min_length=1)
 
-
-class LineOfSensors(Section):
-    """``[test.sees]`` with sensors along an axis."""
-
-    along: Literal["x", "y", "z"]
-    positions: Annotated[list[Length], Field(min_length=1)]
-    at: dict[Literal["x", "y", "z"], Annotated[list[Length], BeforeValidator(listed)]] = {}
-    direction: Direction
-
-    @model_validator(mode="after")
-    def _one_for_each(self) -> LineOfSensors:
-        for axis, values in self.at.items():
-            if len(values) not in (1, len(self.positions)):
-                raise ValueError(
-                    f"at.{axis} has {len(values)} values: expected one, or {len(self.positions)}, "
-                    "one for each position"
-                )
-        return self
-
-    def points(self) -> list[tuple[float, ...]]:
-        """Positions, m, each of shape (3,)."""
-        n = len(self.positions)
-        at = {axis: values * (n if len(values) == 1 else 1) for axis, values in self.at.items()}
-        at[self.along] = self.positions
-        return list(zip(*(at.get(axis, [0.0] * n) for axis in AXES), strict=True))
-
-    def directions(self) -> list[tuple[float, ...]]:
-        """A direction for each point."""
-        return [self.direction] * len(self.positions)
-
-
-class ListOfSensors(Section):
-    """``[test.sees]`` with sensors anywhere, in one direction or each in its own."""
-
-    at_points: Annotated[list[Point], Field(min_length=1, alias="points")]
-    direction: Direction | None = None
-    each: Annotated[list[Direction] | None, Field(alias="directions")] = None
-
-    @model_validator(mode="after")
-    def _one_for_each(self) -> ListOfSensors:
-        if (self.direction is None) == (self.each is None):
-            raise ValueError("expected either direction or directions")
-        if self.each is not None and len(self.each) != len(self.at_points):
-            raise ValueError(f"expected {len(self.at_points)} directions, one for each point")
-        return self
-
-    def points(self) -> list[tuple[float, ...]]:
-        """Positions, m, each of shape (3,)."""
-        return self.at_points
-
-    def directions(self) -> list[tuple[float, ...]]:
-        """A direction for each point."""
-        return self.each or [self.direction] * len(self.at_points)
-
-
-def _sensors_kind(data: Any) -> str:
-    many = isinstance(data, dict) and "points" in data
-    return "<ListOfSensors>" if many else "<LineOfSensors>"
-
-
-Sees = Annotated[
-    Annotated[LineOfSensors, Tag("<LineOfSensors>")]
-    | Annotated[ListOfSensors, Tag("<ListOfSensors>")],
-    Discriminator(_sensors_kind),
-]
-
-
-class ValidationTest(Section):
-    """``[test.validation]``: data that is never fitted."""
-
-    frequencies: str
-    damping: str | None = None
-
-
-#: The head of a column, such as ``torque [N·m]``: a name and a unit.
-_COLUMN = r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*"
-
-
-class FRFSection(Section):
-    """``[test.frfs]``: measured frequency response functions, or ``frfs`` with a list of files.
-
-    ``kind``, ``units``, ``length_unit``, ``points`` (by node), ``directions`` (by node) and
-    ``keys`` are for what the files do not say: see `measurements.files.read_frfs`. ``at`` is
-    the condition at which they were measured, the last one by default. ``noise`` is their relative
-    standard deviation, 5 % by default; with ``averages``, their number, it comes from the measured
-    coherence instead.
-    """
-
-    class Identify(Section):
-        """``[test.frfs.identify]``: modes from the functions, in place of ``frequencies``.
-
-        ``near`` is about where they are, one for each mode; by default what is stable.
-        """
-
-        near: list[quantity("Hz", 0, above=True)] | None = None
-        order: Count = 30
-        max_damping: Positive = 0.1
-
-    files: Names
-    kind: Literal["receptance", "mobility", "accelerance"] | None = None
-    units: str | None = None
-    length_unit: str | None = None
-    points: dict[str, Point] = {}
-    directions: dict[str, Direction] = {}
-    keys: dict[str, str] = {}
-    band: ascending(Spacing) | None = None
-    at: float | None = None
-    noise: Positive | None = None
-    averages: Annotated[int, Field(ge=2, strict=True)] | None = None
-    identify: Identify | None = None
-
-    @model_validator(mode="after")
-    def _one_of_noise_and_averages(self) -> FRFSection:
-        if self.noise is not None and self.averages is not None:
-            raise ValueError("expected either noise or averages, which gives it by the coherence")
-        return self
-
-
-def _frf_files(value: Any) -> Any:
-    return {"files": value} if isinstance(value, list | str) else value
-
-
-class PlannedTest(Section):
-    """``[test.planned]``: a test that has not been made, for ``diagnose --plan``.
-
-    ``condition`` is written as the head of a column, ``"torque [N·m]"``, and ``modes`` are names,
-    or how many of the lowest that the sensors see.
-    """
-
-    condition: str | None = None
-    conditions: Annotated[list[float], BeforeValidator(listed), Field(min_length=1)] = [1.0]
-    modes: Count | Names
-    damping: bool = False
-    shapes: bool = False
-
-    @model_validator(mode="after")
-    def _clear(self) -> PlannedTest:
-        if self.condition is not None and not re.fullmatch(_COLUMN, self.condition):
-            raise ValueError(f"condition = {self.condition!r}: expected 'NAME [UNIT]'")
-        if self.condition is None and len(self.conditions) > 1:
-            raise ValueError("expected condition too, such as 'torque [N·m]'")
-        if len(set(self.conditions)) != len(self.conditions):
-            raise ValueError(f"conditions = {self.conditions}: expected each value once")
-        if not all(math.isfinite(c) for c in self.conditions):
-            raise ValueError(f"conditions = {self.conditions}: expected finite numbers")
-        if len(set(self.names())) != len(self.names()):
-            raise ValueError(f"modes = {self.modes}: expected each name once")
-        return self
-
-    def names(self) -> tuple[str, ...]:
-        """Names of the modes."""
-        if isinstance(self.modes, int):
-            return tuple(f"mode {i + 1}" for i in range(self.modes))
-        return tuple(self.modes)
-
-    def head(self) -> tuple[str, str]:
-        """Name and unit of the condition."""
-        if self.condition is None:
-            return "row", ""
-        name, unit = re.fullmatch(_COLUMN, self.condition).groups()
-        return name, (unit or "").strip()
-
-
-class Test(Section):
-    """``[test]``: the measured data and how good it is.
-
-    ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping
-    ratios (10 % unless given),
-    ``shape_noise`` that of a component of a shape, relative to the shape's root mean square, and
-    ``shapes_at`` the condition at which shapes were measured, the last one by default. A test that
-    has not been made yet has a section ``planned`` in place of ``frequencies``.
-    """
-
-    __test__ = False
-
-    frequencies: str | None = None
-    damping: str | None = None
-    shapes: str | None = None
-    condition: str | None = None
-    modes: Names | None = None
-    resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]
-    noise: Annotated[list[Share], BeforeValidator(listed)] = [0.0]
-    damping_noise: quantity("", 0, above=True) | None = None
-    shape_noise: quantity("", 0, above=True) = 0.05
-    shapes_at: float | None = None
-    frfs: Annotated[FRFSection, BeforeValidator(_frf_files)] | None = None
-    sees: Sees | None = None
-    validation: ValidationTest | None = None
-    planned: PlannedTest | None = None
-
-    @model_validator(mode="after")
-    def _measured_or_planned(self) -> Test:
-        if self.frequencies is None and self.planned is None and self.frfs is None:
-            raise ValueError("expected frequencies, frfs, or a section [test.planned]")
-        if (
-            self.frequencies is not None
-            and self.frfs is not None
-            and self.frfs.identify is not None
-        ):
-            raise ValueError("frfs.identify: expected it only without frequencies")
-        for key in ("damping", "shapes", "validation"):
-            if self.frequencies is None and getattr(self, key) is not None:
-                raise ValueError(f"{key}: expected frequencies too")
-        if self.planned is not None and self.planned.shapes and self.sees is None:
-            raise ValueError("planned.shapes: expected a section [test.sees] too")
-        return self
-
-
-class Published(Section):
-    """``[update.published]``: somebody's values and frequencies, to show beside one's own."""
-
-    source: str = ""
-    parameters: dict[str, float | str] = {}
-    frequencies: list[quantity("Hz", 0, above=True)] = []
-
-
-class CutoffUpdate(Section):
-    """``[update.cutoff]``: the pressure below which a contact is lost (seed 004).
-
-    ``calibrate`` first fits one parameter to one mode of the stuck model, which the contact hardly
-    moves: ``calibrate = { parameter = "beams.E", mode = "mode 10" }``.
-    """
-
-    class Calibrate(Section):
-        """``[update.cutoff.calibrate]``."""
-
-        parameter: str
-        mode: str
-
-    scheme: Literal["two", "three", "both"] = "both"
-    contacts: Names | None = None
-    calibrate: Calibrate | None = None
-    max_solves: Annotated[int, Field(ge=5, strict=True)] = 15
-
-
-def _lines(value: Any) -> Any:
-    if isinstance(value, list):
-        return [_line_hz(v) for v in value]
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise ValueError("expected a whole number of lines from 1 on, or a list of frequencies")
-    return value
-
-
-def _line_hz(value: Any) -> float:
-    hertz = to_si(value, "Hz")
-    if not hertz > 0:
-        raise ValueError("expected frequencies above 0 Hz")
-    return hertz
-
-
-class Held(Section):
-    """``[update.held]``: what no fit sees and the updated model must predict.
-
-    ``modes`` by name, with the functions' lines around them, or ``"each"``: every mode in turn,
-    predicted by a fit to all else; ``bands`` of frequency of the functions, and ``responses`` by
-    name.
-    """
-
-    modes: Names | None = None
-    bands: Annotated[list[ascending(Spacing)], Field(min_length=1)] | None = None
-    responses: Names | None = None
-
-
-class Update(Section):
-    """``[update]``: what `fenics-joints update` fits: ``parameters``, or the ``cutoff``.
-
-    ``regularisation`` is the standard deviation of the logarithm of every parameter about its
-    starting value: it holds what the data leave open, and is 2.3 (a factor of 10) by default.
-
-    ``data`` says what is fitted: any of ``"frequencies"``, ``"shapes"``, ``"damping"`` (ratios) and
-    ``"frfs"``; by default what there is, functions only with a section ``[damping]``, and ratios
-    only where a number of ``[damping]`` or the c of a lap is among ``parameters``, but none that
-    were identified from functions which are fitted themselves. ``method`` is ``"log"`` (logarithms
-    of functions at frequencies relative to the resonances) or ``"weighted"`` (seed 000, eqs. 15 to
-    20), whose steps ``step_limit`` limits, relative to each value; the seed does not. ``lines`` are
-    the lines of the functions that are fitted: how many, spread over flanks and antiresonances, or
-    which.
-    """
-
-    at: float | None = None
-    parameters: Names = []
-    start: dict[str, float | str] = {}
-    hold_out: list[float] = []
-    regularisation: Positive = 2.3
-    published: Published | None = None
-    cutoff: CutoffUpdate | None = None
-    data: Annotated[
-        list[Literal["frequencies", "shapes", "damping", "frfs"]], BeforeValidator(listed),
-        Field(min_length=1),
-    ] | None = None
-    method: Literal["log", "weighted"] | None = None
-    step_limit: Positive | None = None
-    lines: Annotated[int | list[float], BeforeValidator(_lines)] | None = None
-    held: Held | None = None
-
-    @model_validator(mode="after")
-    def _one_of_parameters_and_cutoff(self) -> Update:
-        if bool(self.parameters) == (self.cutoff is not None):
-            raise ValueError("expected either parameters or a section [update.cutoff]")
-        return self
-
-    def combined_keys(self) -> list[str]:
-        """Keys that the file gives and only a fit to several kinds of data has."""
-        return [k for k in ("data", "method", "lines", "held") if getattr(self, k) is not None]
+    @property
+    def holds_all(self) -> bool:
+        """Whether it holds all directions."""
+        return set(self.directions) == set(AXES)
 
 
 class Diagnose(Section):
@@ -746,16 +352,52 @@ class Diagnose(Section):
     patches: Annotated[int, Field(ge=0, le=200, strict=True)] = 12
 
 
-def _names(table: Any) -> Any:
-    for name in table if isinstance(table, dict) else ():
-        if not re.fullmatch(_NAME, name):
+def _parallel(a, b) -> bool:
+    """Whether two vectors in space span less than a thousandth of a right angle, about."""
+    cosine = sum(x * y for x, y in zip(a, b, strict=True)) / (math.hypot(*a) * math.hypot(*b))
+    return abs(cosine) > 1 - 1e-6
+
+
+def with_average_densities(raw: Any) -> Any:
+    """The raw case with every joint's ``rho = "average"`` as a number, kg/m3.
+
+    Seed 000, section 2, end: the layer's density is zero or the average of the two bodies'. What
+    else is wrong with the case is left for its other checks.
+
+    Raises:
+        ValueError: If it is no transition layer's, or parts of unlike densities are more than two.
+    """
+    joints = raw.get("joints") if isinstance(raw, Mapping) else None
+    if not isinstance(joints, Mapping):
+        return raw
+    wanted = {
+        name: dict(joint)
+        for name, joint in joints.items()
+        if isinstance(joint, Mapping) and joint.get("rho") == "average"
+    }
+    if not wanted:
+        return raw
+    for name, joint in wanted.items():
+        if joint.get("law") != "transition":
             raise ValueError(
-                f"the name {name!r} is not usable: expected letters, digits, _ and -, "
-                "starting with a letter"
+                f'joints.{name}.rho = "average": expected a density, or law = "transition"'
             )
-    return table
+        joint["rho"] = _average(f"joints.{name}.rho", raw.get("parts"))
+    return {**raw, "joints": {**joints, **wanted}}
 
 
-def named(kind):
-    """A table of sections with names of their own, such as ``[parts.NAME]``."""
-    return Annotated[dict[str, kind], BeforeValidator(_names)]
+def _average(key: str, parts: Any) -> float:
+    parts = parts.values() if isinstance(parts, Mapping) else ()
+    given = [p.get("rho") for p in parts if isinstance(p, Mapping)]
+    try:
+        densities = [float(to_si(rho, "kg/m3")) for rho in given]
+    except (ValueError, TypeError):
+        raise ValueError(f'{key} = "average": expected a density in every part') from None
+    if len(set(densities)) == 1:
+        return densities[0]
+    if len(densities) != 2:
+        raise ValueError(
+            f'{key} = "average": expected two parts, or parts of one density, so that it is clear '
+            "whose; give the density as a number"
+        )
+    return 0.5 * sum(densities)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     from rich.console import Console
 
-    from fenics_joints.case.case import Case
+    from fenics_joints.case import Case
     from fenics_joints.diagnosis.plan.result import Plan, PlannedEffect
     from fenics_joints.progress import Progress
 

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import classes, detectable
 from fenics_joints.diagnosis.evidence.inference import Fit

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.formatting import percent, quantity, spaced
 from fenics_joints.measurements.data import TestData
 

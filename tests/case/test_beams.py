@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
-from fenics_joints.case.model_damping import model_damping
+from fenics_joints.case import build_structure, load_case, model_damping
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.commands.modes.run import run_modes
 from fenics_joints.commands.preload.run import run_preload

@@ -12,8 +12,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import read_test_data
 from fenics_joints.meshes import box, lap_plates

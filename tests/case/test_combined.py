@@ -10,8 +10,7 @@ from dumbbell_case import SANDWICH
 
 pytest.importorskip("dolfinx")
 
-from fenics_joints.case.build import parameters
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case, parameters
 from fenics_joints.errors import InputError
 
 CASE = (

@@ -12,8 +12,7 @@ from mpi4py import MPI
 from rich.console import Console
 from typer.testing import CliRunner
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import app
 from fenics_joints.commands.bayes import run as bayes_run
 from fenics_joints.commands.bayes.model import case_model

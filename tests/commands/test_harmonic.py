@@ -13,7 +13,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 from typer.testing import CliRunner
 
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case
 from fenics_joints.cli import app
 from fenics_joints.commands.harmonic.model import harmonic_model
 from fenics_joints.commands.harmonic.run import run_harmonic

@@ -15,7 +15,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 from typer.testing import CliRunner
 
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case
 from fenics_joints.case.mesh import CBeamsMesh
 from fenics_joints.cli import app
 from fenics_joints.commands.preload.run import run_preload

@@ -14,8 +14,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 from rich.console import Console
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update.data import combined_data
 from fenics_joints.commands.update.page import combined_outcome
 from fenics_joints.commands.update.report import accuracy, in_words, start_words

@@ -15,8 +15,7 @@ from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints.beams.damped import identify_damping
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update.page import combined_outcome
 from fenics_joints.commands.update.run import run_combined
 from fenics_joints.errors import InputError

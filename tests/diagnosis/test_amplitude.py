@@ -18,7 +18,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.effects.amplitude import (
     NAMES,

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, LumpedMass
 from fenics_joints.beams.cells import beam_cells, cell_energies, log_slopes
 from fenics_joints.beams.laws import BEAM
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.effects.bolts import LOW_PRELOAD
 from fenics_joints.diagnosis.evidence.inference import fit

@@ -12,8 +12,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_preload, build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_preload, build_structure, load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.effects.joint import lost_contact
 from fenics_joints.diagnosis.zones.contacts import contact_zones

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 from virtual_plates import TORQUES, Measured, virtual_test, write_virtual_case
 
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import prepare

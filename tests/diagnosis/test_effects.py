@@ -13,8 +13,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_mesh, build_structure
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.diagnosis.effects import effect as effects_module
 from fenics_joints.diagnosis.effects.bolts import loose_bolt, low_preload
 from fenics_joints.diagnosis.effects.damping import hysteretic_damping, viscous_damping

@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 from scipy.optimize import brentq
 
-from fenics_joints.case.build import RIGID_SUPPORT, build_structure
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_structure
+from fenics_joints.case.parameters import RIGID_SUPPORT
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import box
 from fenics_joints.modal.modes import solve_modes

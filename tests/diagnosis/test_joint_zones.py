@@ -7,8 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.case.build import build_mesh, build_structure
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.errors import InputError
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.measurements.gap import pair_modes

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from scipy.stats import norm
 from typer.testing import CliRunner
 
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case
 from fenics_joints.cli import app
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import evidence_of

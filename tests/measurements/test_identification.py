@@ -8,8 +8,7 @@ import pytest
 import scipy.io
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.identification import identify_modes

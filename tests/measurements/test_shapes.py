@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.surrogate import Surrogate
 

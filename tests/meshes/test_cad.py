@@ -22,8 +22,7 @@ from step_files import (
     write_step,
 )
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.modes.run import run_modes
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import check_contact, check_mesh, dumbbell, measure_ring, read_step

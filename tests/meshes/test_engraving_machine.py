@@ -9,8 +9,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import check_mesh, engraving_machine
 from fenics_joints.modal.modes import solve_modes

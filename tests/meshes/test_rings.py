@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import layer_thickness, measure_ring, read_msh
 from fenics_joints.modal.modes import solve_modes

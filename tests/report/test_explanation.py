@@ -12,7 +12,7 @@ from rich.console import Console
 
 pytest.importorskip("dolfinx")
 
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case
 from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.nested import Nested
 from fenics_joints.diagnosis.location import Location

@@ -14,8 +14,7 @@ from mpi4py import MPI
 from scipy.integrate import quad
 
 from fenics_joints import forms
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import check_mesh, dumbbell
 from fenics_joints.modal.modes import solve_modes

@@ -22,7 +22,7 @@ from benchmarks.blind.world.model import Small, Specimen, calibrate_levels, nomi
 from benchmarks.blind.world.pressure import pressures
 from benchmarks.blind.world.rigs import RIGS
 from benchmarks.blind.world.whole import BONDED, Build, Whole
-from fenics_joints.case.case import load_case
+from fenics_joints.case import load_case
 
 WORLD = Path(world.__file__).parent
 BLIND = ("lap_plates", "c_beam", "lap_beam")

@@ -16,8 +16,7 @@ import dolfinx.jit
 from mpi4py import MPI
 
 from fenics_joints import __version__, files
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import main
 from fenics_joints.commands.modes import run as mode_list
 from fenics_joints.modal.modes import solve_modes

@@ -9,8 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_structure
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import solve_modes

@@ -15,10 +15,10 @@ from fenics_joints.bayes.priors import Prior, default_density, density
 from fenics_joints.bayes.solid_model import SolidModel
 from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.tested import ExactBeams
-from fenics_joints.case.bayes import Bayes, bayes_data, prior_numbers
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_structure
+from fenics_joints.case.bayes import bayes_data, prior_numbers
 from fenics_joints.case.fingerprint import fingerprint
+from fenics_joints.case.update import Bayes
 from fenics_joints.errors import InputError
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress

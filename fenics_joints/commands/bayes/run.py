@@ -24,8 +24,9 @@ from fenics_joints.bayes.predictive import (
     replicate,
 )
 from fenics_joints.bayes.samplers import Settings, sample
-from fenics_joints.case.bayes import Bayes, bayes_data, specimens
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
+from fenics_joints.case.bayes import bayes_data, specimens
+from fenics_joints.case.update import Bayes
 from fenics_joints.commands.bayes.held import Held, predict_held
 from fenics_joints.commands.bayes.model import CaseModel, case_model
 from fenics_joints.commands.bayes.page import bayes_html

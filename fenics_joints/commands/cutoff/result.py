@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import fenics_joints
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.preload import ContactState, PreloadResult
 from fenics_joints.updating.cutoff import CutoffMinimum, CutoffSweep
 

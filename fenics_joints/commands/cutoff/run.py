@@ -10,8 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-from fenics_joints.case.build import build_preload
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_preload
 from fenics_joints.commands.cutoff.page import cutoff_html
 from fenics_joints.commands.cutoff.result import CutoffReport, SchemeReport
 from fenics_joints.commands.cutoff.summary import show_cutoff

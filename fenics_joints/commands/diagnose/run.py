@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.diagnosis import Diagnosis, diagnose
 from fenics_joints.progress import Progress

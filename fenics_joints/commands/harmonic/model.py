@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.beams import refuse_beams
-from fenics_joints.case.build import build_preload, build_structure
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_preload, build_structure
+from fenics_joints.case.checks.beams import refuse_beams
 from fenics_joints.case.harmonic import CoulombSection
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces import (

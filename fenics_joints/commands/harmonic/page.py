@@ -70,7 +70,7 @@ def _rows(r: HarmonicReport) -> list[list[str]]:
 
 def _identified(r: HarmonicReport) -> list[list[str]]:
     """A row for each parameter and method."""
-    known, rows = identifiable(r.case), []
+    known, rows = identifiable(r.case.nonlinear), []
     for found in r.identified:
         for name, value in found.values.items():
             unit = known[name][1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import fenics_joints
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.commands.harmonic.model import HarmonicModel
 from fenics_joints.harmonic import Backbone, HarmonicResult
 from fenics_joints.harmonic.identify import IdentificationResult, Prediction

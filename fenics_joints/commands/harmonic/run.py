@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-from fenics_joints.case.case import Case
-from fenics_joints.case.harmonic import IdentifySection, identification_start
+from fenics_joints.case import Case
+from fenics_joints.case.harmonic import IdentifySection
 from fenics_joints.commands.harmonic.model import FORCE, SENSOR, HarmonicModel, harmonic_model
 from fenics_joints.commands.harmonic.page import harmonic_html
 from fenics_joints.commands.harmonic.result import HarmonicReport, LevelFacts
@@ -116,7 +116,7 @@ def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[Identif
         progress.step(f"identifying {', '.join(wanted.parameters)}, {method}")
         found.append(
             identify(
-                built.model, case.curves(), wanted.level, identification_start(case),
+                built.model, case.curves(), wanted.level, wanted.values(case.nonlinear),
                 method=method, points=wanted.points, noise=wanted.noise, loops=loops,
                 **_equations(case, comm),
             )

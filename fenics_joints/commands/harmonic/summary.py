@@ -48,7 +48,7 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
 
 def _identified(console: Console, r: HarmonicReport) -> None:
     """The parameters found, by each method."""
-    known = identifiable(r.case)
+    known = identifiable(r.case.nonlinear)
     for found in r.identified:
         console.print()
         say(console, f"identified from the curve at {quantity(found.level, 'N')}, {found.method}: "

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import fenics_joints
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.formatting import mode_kinds, number
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.meshes import Ring

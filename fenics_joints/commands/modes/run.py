@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.case.build import build_preload, build_structure
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_preload, build_structure
 from fenics_joints.commands.modes.page import modes_page
 from fenics_joints.commands.modes.result import ModeList
 from fenics_joints.commands.modes.summary import show_modes

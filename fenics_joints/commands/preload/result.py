@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import fenics_joints
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.preload import PreloadResult
 
 __all__ = ["PreloadReport"]

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_preload
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_preload
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.preload.contacts import bolt_axes, contact_facts
 from fenics_joints.commands.preload.page import preload_html

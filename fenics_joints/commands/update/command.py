@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.commands.cutoff.run import run_cutoff
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.page import combined_outcome

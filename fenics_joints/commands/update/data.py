@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.case.combined import EACH, held_lines
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData

@@ -10,9 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.tested import ExactCombinedModel
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import Case
-from fenics_joints.case.model_damping import model_damping
+from fenics_joints.case import Case, build_structure, model_damping
 from fenics_joints.commands.update.damping import DampingTable, HeldRatio
 from fenics_joints.commands.update.data import CombinedData, combined_data
 from fenics_joints.commands.update.report import CombinedReport, Functions, HeldMode, ModeTable

@@ -12,8 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.tested import ExactBeams
-from fenics_joints.case.build import build_structure
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_structure
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import Gap, rms
 from fenics_joints.modal.sensitivity import Identifiability

@@ -16,7 +16,7 @@ the test::
     )
 
 It goes in with ``diagnose(case, comm, extra=[delaminated])``. The parameters of a model are listed
-by `fenics_joints.case.build.parameters`, and a prior is log-normal unless it says otherwise.
+by `fenics_joints.case.parameters.parameters`, and a prior is log-normal unless it says otherwise.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.amplitude import amplitude_effects
 from fenics_joints.diagnosis.effects.bolts import LOW_PRELOAD, low_preload
 from fenics_joints.diagnosis.effects.damping import (

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.case.sections import AttachedMass
 from fenics_joints.diagnosis.effects.amplitude import NAMES, amplitude_effects
 from fenics_joints.diagnosis.effects.bolts import LOW_PRELOAD, loose_bolt, low_preload

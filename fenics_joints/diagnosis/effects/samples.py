@@ -7,7 +7,7 @@ from collections.abc import Container, Mapping, Sequence
 import numpy as np
 from scipy.stats import qmc
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.case.sections import AttachedMass
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.part import CAUSES

@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.beams.cells import JOINT_KEYS, BeamCells, beam_cells, log_slopes
+from fenics_joints.case import Case
 from fenics_joints.case.build_beams import build_beams
-from fenics_joints.case.case import Case
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.lap_library import beam_effects, beam_nuisances
 from fenics_joints.diagnosis.where.beam_constitutive import beam_constitutive_error

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from scipy.stats import qmc
 
 from fenics_joints.beams.exact import ExactModel
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.library import by_preload

@@ -9,8 +9,7 @@ from typing import Protocol
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.build import build_mesh, build_structure
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.mesh import OffsetBeamsMesh
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.library import case_effects, case_nuisances

@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.rig import MISSED
 from fenics_joints.diagnosis.evidence.classes import APART

@@ -17,8 +17,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.case.build import build_mesh, build_preload
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, build_mesh, build_preload
 from fenics_joints.case.sections import Joint, MassSection
 from fenics_joints.errors import InputError
 from fenics_joints.forms import lame_parameters

@@ -16,7 +16,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.case.sections import Joint
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh

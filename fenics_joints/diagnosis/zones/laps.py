@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.case import Case
 from fenics_joints.case.build_beams import ZonedLap, lap_axial, lap_name
-from fenics_joints.case.case import Case
 from fenics_joints.errors import InputError
 
 __all__ = ["LapZones", "lap_as_one", "lap_zones"]

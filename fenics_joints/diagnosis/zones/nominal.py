@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from fenics_joints.case.build import parameters
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case, parameters
 from fenics_joints.forms import lame_from_moduli, lame_parameters
 from fenics_joints.structure.structure import Structure
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.case.case import Case
+from fenics_joints.case import Case
 from fenics_joints.diagnosis.zones.joints import JointZones
 
 __all__ = ["JointPlaces", "joint_places"]

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from fenics_joints.case.case import Case
 from fenics_joints.case.mesh import OffsetBeamsMesh
 from fenics_joints.case.messages import said
 from fenics_joints.errors import InputError
-
-if TYPE_CHECKING:
-    from fenics_joints.case.case import Case
 
 __all__ = ["check_beams", "refuse_beams"]
 

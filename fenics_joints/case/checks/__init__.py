@@ -1,0 +1,1 @@
+"""What is wrong with a case across its sections, a line each."""

@@ -1,0 +1,80 @@
+"""Checks of ``[update.bayes]``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenics_joints.bayes.distributions import FAMILIES, FEWEST
+from fenics_joints.bayes.hierarchical import Specimens
+from fenics_joints.bayes.likelihood import GaussianLikelihood
+from fenics_joints.case.bayes import bayes_data, prior_numbers, specimens
+from fenics_joints.case.case import Case
+from fenics_joints.case.messages import did_you_mean, said
+from fenics_joints.errors import InputError
+
+__all__ = ["check_bayes"]
+
+
+def check_bayes(case: Case) -> list[str]:
+    """A line for each thing in [update.bayes] that cannot be used."""
+    bayes = None if case.update is None else case.update.bayes
+    if bayes is None:
+        return []
+    if case.update.cutoff is not None:
+        return ["update.bayes: expected none beside update.cutoff; it identifies parameters"]
+    errors = []
+    try:
+        bayes_data(case)
+    except InputError as error:
+        return [str(error)]
+    for name in bayes.priors:
+        if name not in case.update.parameters:
+            hint = did_you_mean(name, case.update.parameters)
+            errors.append(f"update.bayes.priors.{name}: is not in update.parameters{hint}")
+    for name in set(bayes.priors) & set(case.update.parameters):
+        try:
+            prior_numbers(case, name)
+        except InputError as error:
+            errors.append(f"update.bayes.priors.{name}: {error}")
+    errors += _unknown_distributions(bayes.distributions or ())
+    if not bayes.tolerance > 0:
+        errors.append(said("update.bayes.tolerance", bayes.tolerance, "expected above 0"))
+    samples, burn_in = bayes.length()
+    if burn_in >= samples:
+        errors.append(said("update.bayes.burn_in", burn_in, f"expected below samples = {samples}"))
+    if bayes.kind != "gaussian" and bayes.specimens is None:
+        expected = "expected update.bayes.specimens too, a table of their frequencies"
+        errors.append(said("update.bayes.likelihood", bayes.kind, expected))
+    if bayes.specimens is not None and case.test is not None:
+        try:
+            _check_likelihood(case)
+        except InputError as error:
+            errors.append(f"update.bayes.specimens: {error}")
+    return errors
+
+
+def _check_likelihood(case: Case) -> None:
+    """Refuse a table that the likelihood cannot use.
+
+    Raises:
+        InputError: For a bad table, or too few specimens, or scales that are not positive.
+    """
+    bayes, table, modes = case.update.bayes, specimens(case), bayes_data(case).mode_names
+    if bayes.kind == "hierarchical":
+        Specimens(modes, table, bayes.noise, bayes.noise_known, bayes.scatter)
+    elif bayes.kind == "gaussian":
+        GaussianLikelihood.from_specimens(modes, table)
+    else:
+        for mode, n in zip(modes, np.sum(np.isfinite(table), axis=0), strict=True):
+            if n < FEWEST:
+                raise InputError(
+                    f"{mode}: {n} measured frequencies: expected at least {FEWEST} for a "
+                    "distribution"
+                )
+
+
+def _unknown_distributions(names) -> list[str]:
+    return [
+        said("update.bayes.distributions", name, f"unknown{did_you_mean(name, list(FAMILIES))}")
+        for name in names if name not in FAMILIES
+    ]  # fmt: skip

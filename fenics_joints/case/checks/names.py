@@ -1,0 +1,82 @@
+"""Checks of a case's names: its own, and those of the mesh's groups."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+
+from fenics_joints.case.cad import MeshFile
+from fenics_joints.case.case import Case
+from fenics_joints.case.messages import did_you_mean, said
+from fenics_joints.case.sections import Joint, Part
+
+__all__ = ["check_mesh", "check_names", "matching", "unknown_groups"]
+
+
+def check_names(case: Case) -> list[str]:
+    seen: dict[str, str] = {}
+    errors = []
+    for table in ("parts", "joints", "contacts", "bolts", "masses", "springs", "attached"):
+        for name in getattr(case, table):
+            if name in seen:
+                errors.append(f"{table}.{name}: the name is used by {seen[name]}; expected another")
+            seen[name] = f"{table}.{name}"
+    for table in ("parts", "joints"):
+        for name, section in getattr(case, table).items():
+            errors += _check_bounds(f"{table}.{name}", section)
+    return errors
+
+
+def _check_bounds(key: str, section: Part | Joint) -> list[str]:
+    values = section.nominal() | ({"width": 1.0} if isinstance(section, Part) else {})
+    return [
+        said(f"{key}.bounds.{name}", list(pair), f"expected a range that holds {values[name]:g}")
+        for name, pair in section.bounds.model_dump(exclude_none=True).items()
+        if name in values and not pair[0] <= values[name] <= pair[1]
+    ]
+
+
+def check_mesh(case: Case) -> list[str]:
+    """Names of cells and facets against the builder's; a file's are checked when it is read."""
+    if isinstance(case.mesh, MeshFile):
+        file = case.folder / case.mesh.file
+        missing = said("mesh.file", case.mesh.file, f"no such file, expected a mesh at {file}")
+        return [] if file.is_file() else [missing]
+    return unknown_groups(case, *case.mesh.groups())
+
+
+def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
+    """A line for each group that the case names and the mesh does not have.
+
+    Args:
+        case: The case.
+        cells: Names of the mesh's groups of cells.
+        facets: Names of the mesh's groups of facets.
+    """
+    cells, facets = list(cells), list(facets)
+    named = [
+        (f"{table}.{name}.cells", cell, cells)
+        for table in ("parts", "joints")
+        for name, section in getattr(case, table).items()
+        for cell in section.cells
+        if not (getattr(section, "law", "") == "transition" and matching(cell, cells))
+    ] + [(f"supports.{name}.facets", s.facets, facets) for name, s in case.supports.items()]
+    named += [
+        (f"{table}.{name}.{side}", getattr(section, side), facets)
+        for table in ("contacts", "bolts")
+        for name, section in getattr(case, table).items()
+        for side in ("lower", "upper")
+    ]
+    return [
+        said(key, name, f"is not in the mesh{did_you_mean(name, there)}")
+        for key, name, there in named
+        if name not in there
+    ]
+
+
+def matching(pattern: str, names: Iterable[str]) -> list[str]:
+    """Those of the names of cells that a pattern such as ``ring_*`` stands for, in their order."""
+    names = list(names)
+    if pattern in names:
+        return [pattern]
+    return [name for name in names if fnmatchcase(name, pattern)]

@@ -1,0 +1,222 @@
+"""Read and check a case file and the measured data that it names."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from fenics_joints.case.case import Case
+from fenics_joints.case.checks.bayes import check_bayes
+from fenics_joints.case.checks.beams import check_beams
+from fenics_joints.case.checks.harmonic import check_harmonic
+from fenics_joints.case.checks.names import check_mesh, check_names
+from fenics_joints.case.checks.update import check_update
+from fenics_joints.case.combined import check_combined
+from fenics_joints.case.mesh import Mesh
+from fenics_joints.case.messages import case_error, describe, did_you_mean, said
+from fenics_joints.case.test import FRFSection, Test, ValidationTest
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.curves import read_curves
+from fenics_joints.measurements.data import TestData, read_table, read_test_data
+from fenics_joints.measurements.files import read_frfs
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["load_case"]
+
+
+def load_case(path: str | Path) -> Case:
+    """Read and check a case and its measured data. Needs no MPI.
+
+    Args:
+        path: The case file, or a folder with a ``case.toml``.
+
+    Raises:
+        InputError: Names the file and, for each error, the key, the value and what was expected.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "case.toml"
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected a case file or a folder with case.toml")
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as TOML ({error})") from error
+    try:
+        case = Case.model_validate(raw)
+    except ValidationError as error:
+        raise case_error(path, [describe(e, Case) for e in error.errors()]) from None
+    case._path = path
+    case._coarse = _diagnosed_mesh(case, raw)
+    errors = [*check_names(case), *check_mesh(case), *_read_tests(case), *_read_frfs(case)]
+    errors += check_update(case) if case.update else []
+    errors += [*check_bayes(case), *check_beams(case), *check_combined(case)]
+    errors += [*check_harmonic(case), *_read_curves(case)]
+    if errors:
+        raise case_error(path, errors)
+    return case
+
+
+def _diagnosed_mesh(case: Case, raw: dict) -> Mesh | None:
+    """The mesh with what [diagnose.mesh] changes."""
+    if not case.diagnose.mesh:
+        return None
+    changed = {**raw, "mesh": {**raw["mesh"], **case.diagnose.mesh}}
+    try:
+        return Case.model_validate(changed).mesh
+    except ValidationError as error:
+        lines = [describe(e, Case) for e in error.errors()]
+        raise case_error(case.path, [f"diagnose.{line}" for line in lines]) from None
+
+
+def _read_tests(case: Case) -> list[str]:
+    test = case.test
+    if test is None:
+        return []
+    try:
+        if test.planned is not None:
+            case._planned = _plan_test(case, test)
+        if test.frequencies is None:
+            return []
+        case._measured = _read_test(case, "test", test)
+        if test.validation is not None:
+            case._validation = _read_test(case, "test.validation", test.validation)
+    except InputError as error:
+        return [str(error)]
+    measured, validation = case._measured, case._validation
+    if validation is not None and measured.condition_unit != validation.condition_unit:
+        return [
+            f"test.validation: {test.condition} is in {validation.condition_unit!r}, "
+            f"expected {measured.condition_unit!r} as in test.frequencies"
+        ]
+    return []
+
+
+def _read_frfs(case: Case) -> list[str]:
+    section = None if case.test is None else case.test.frfs
+    if section is None:
+        return []
+    try:
+        frfs = read_frfs(
+            [case.folder / file for file in section.files], kind=section.kind, units=section.units,
+            length_unit=section.length_unit, points=section.points, directions=section.directions,
+            keys=section.keys,
+        )  # fmt: skip
+        case._frfs = frfs.band(*section.band) if section.band else frfs
+        if section.identify is not None:
+            case._measured = _identified(case, section)
+        elif section.at is not None and case._measured is not None:
+            case._measured.row(section.at)
+    except InputError as error:
+        return [f"test.frfs: {error}"]
+    return []
+
+
+def _identified(case: Case, section: FRFSection) -> TestData:
+    """The modes of the measured functions; noise that the case gives is of the test as a whole."""
+    # The libraries that it needs are an option.
+    from fenics_joints.measurements.identification import identify_modes
+
+    test, identify = case.test, section.identify
+    found = identify_modes(
+        case._frfs, near=identify.near, order=identify.order, max_damping=identify.max_damping
+    )
+    noise = _per_mode("noise", test.noise, len(found.frequencies_hz))
+    data = found.test_data(
+        test.modes, 1.0 if section.at is None else section.at, test.condition or "row", noise=noise
+    )
+    given = {"damping_noise": test.damping_noise}
+    if "shape_noise" in test.model_fields_set:
+        given["shape_noise"] = test.shape_noise
+    return replace(data, **{key: value for key, value in given.items() if value is not None})
+
+
+def _read_curves(case: Case) -> list[str]:
+    if case.harmonic is None or case.harmonic.measured is None:
+        return []
+    try:
+        curves = read_curves(case.folder / case.harmonic.measured, case.harmonic.response)
+    except InputError as error:
+        return [f"harmonic.measured: {error}"]
+    case._curves = curves
+    identify = case.harmonic.identify
+    if identify is not None and identify.level not in curves.levels:
+        there = ", ".join(f"{level:g} N" for level in curves.levels)
+        expected = f"not among the measured curves; expected one of: {there}"
+        return [said("harmonic.identify.level", identify.level, expected)]
+    return []
+
+
+def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
+    test = case.test
+    files = {}
+    for name in ("frequencies", "damping", "shapes"):
+        file = getattr(source, name, None)
+        files[name] = None if file is None else case.folder / file
+        if file is not None and not files[name].is_file():
+            expected = f"no such file, expected CSV or TOML at {files[name]}"
+            raise InputError(said(f"{key}.{name}", file, expected))
+    # Modes that are not named are all columns of the test; the validation must have the same.
+    modes = test.modes or (case._measured.mode_names if case._measured else None)
+    try:
+        data = read_test_data(
+            files["frequencies"], condition=test.condition, modes=modes, damping=files["damping"]
+        )
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
+    try:
+        return replace(
+            data,
+            resolution_hz=_per_mode("resolution", test.resolution, len(data.mode_names)),
+            noise=_per_mode("noise", test.noise, len(data.mode_names)),
+            damping_noise=test.damping_noise,
+            sensors=case.sensors(),
+            shapes=_read_shapes(files["shapes"], data.mode_names),
+            shape_noise=test.shape_noise,
+            shapes_at=test.shapes_at if files["shapes"] is not None else None,
+        )
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
+
+
+def _plan_test(case: Case, test: Test) -> TestData:
+    """The layout of the planned test, its values placeholders."""
+    names, (condition, unit) = test.planned.names(), test.planned.head()
+    conditions = sorted(test.planned.conditions)
+    values = np.ones((len(conditions), len(names)))
+    return TestData(
+        conditions, values, names, condition, unit,
+        damping=1e-3 * values if test.planned.damping else None,
+        resolution_hz=_per_mode("resolution", test.resolution, len(names)),
+        noise=_per_mode("noise", test.noise, len(names)),
+        damping_noise=test.damping_noise,
+        shape_noise=test.shape_noise,
+        sensors=case.sensors(),
+    )  # fmt: skip
+
+
+def _read_shapes(file: Path | None, modes) -> np.ndarray | None:
+    """Measured shapes: a row for each sensor, in their order, and a column for each mode."""
+    if file is None:
+        return None
+    table = read_table(file)
+    missing = [mode for mode in modes if mode not in table.names]
+    if missing:
+        hint = did_you_mean(missing[0], list(table.names))
+        raise InputError(f"shapes: {file}: no column for the mode {missing[0]!r}{hint}")
+    return table.values[:, [table.names.index(mode) for mode in modes]]
+
+
+def _per_mode(name: str, values: list[float], n: int) -> list[float] | float:
+    if len(values) not in (1, n):
+        expected = f"expected one value, or {n}: one for each of the modes"
+        raise InputError(said(f"test.{name}", values, expected))
+    return values if len(values) == n else values[0]

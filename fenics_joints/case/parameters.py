@@ -1,0 +1,105 @@
+"""The parameters of a case's structure, with their units and bounds."""
+
+from __future__ import annotations
+
+from fenics_joints.case.case import Case
+from fenics_joints.case.sections import Joint, MassSection, Part
+from fenics_joints.structure.components import Parameter
+from fenics_joints.units import parameter_unit
+
+__all__ = ["RIGID_SUPPORT", "parameters"]
+
+
+#: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
+_JOINT_MODULUS = (1e2, 1e14)
+#: How far a known property may be from its nominal value, as a factor.
+_KNOWN = 3.0
+_THICKNESS = (0.5, 2.0)
+#: How far the thickness of a transition layer may be from its nominal value, as a factor.
+_LAYER = 30.0
+#: How far the stiffness of a lap of beams may be from its nominal value, as a factor; most damping.
+_LAP, _DAMPER = 1e3, 1e3
+_NU = (0.0, 0.49)
+#: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
+#: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
+RIGID_SUPPORT = 1e19
+_SUPPORT = (1e6, 1e21)
+#: How far a damping value may be from its nominal one, as a factor; a ratio is at most 1.
+_DAMPING = 1e3
+#: How much heavier or stiffer than the case says something attached may be.
+_ATTACHED = {"mass": 10.0, "stiffness": 1e3}
+
+
+def parameters(
+    case: Case,
+    *,
+    attached: bool = False,
+    width: bool = False,
+    elastic_supports: bool = False,
+    damping: bool = False,
+) -> list[Parameter]:
+    """The parameters of a case's structure, with units and bounds, in order."""
+    bounds = _bounds(case)
+    values = case.nominal(attached, width)
+    if elastic_supports:
+        for name, section in case.supports.items():
+            if section.holds_all:
+                for key in ("k_n", "k_t"):
+                    values[f"{name}.{key}"] = RIGID_SUPPORT
+                    bounds[f"{name}.{key}"] = _SUPPORT
+    if damping and case.damping is not None:
+        for name, value in case.damping.nominal().items():
+            values[name] = value
+            high = value * _DAMPING
+            bounds[name] = value / _DAMPING, high if _unit(name) else min(high, max(1.0, value))
+    return [
+        Parameter(name, value, _unit(name), *bounds[name], log=_is_log(name, value))
+        for name, value in values.items()
+    ]
+
+
+def _unit(name: str) -> str:
+    return parameter_unit(name).replace("*", " ")
+
+
+def _is_log(name: str, value: float) -> bool:
+    return value > 0 and not name.endswith(".nu")
+
+
+def _bounds(case: Case) -> dict[str, tuple[float, float]]:
+    bounds = {}
+    for name, section in {**case.parts, **case.joints}.items():
+        given = section.bounds.model_dump(exclude_none=True)
+        values = section.nominal(width=True) if isinstance(section, Part) else section.nominal()
+        for key, value in values.items():
+            bounds[f"{name}.{key}"] = given.get(key) or _usual(section, key, value)
+    for name, section in {**case.masses, **case.springs}.items():
+        for key, value in section.nominal().items():
+            if key != "travel":
+                bounds[f"{name}.{key}"] = value / _ATTACHED[key], value * _ATTACHED[key]
+    for name, section in case.attached.items():
+        for key, value in section.nominal().items():
+            bounds[f"{name}.{key}"] = 0.0, value * _ATTACHED[key]
+    for name, section in {**case.masses, **case.attached}.items():
+        if isinstance(section, MassSection) and section.travel is not None:
+            bounds[f"{name}.travel"] = section.shift()
+    return bounds
+
+
+def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]:
+    """Bounds for a property whose section gives none."""
+    if key == "nu":
+        low, high = _NU
+    elif key in ("thickness", "width"):
+        low, high = _THICKNESS
+    elif isinstance(section, Joint) and key in ("E", "G"):
+        low, high = _JOINT_MODULUS
+    elif key in ("k1", "k2", "k_axial"):
+        low, high = value / _LAP, value * _LAP
+    elif key == "c":
+        low, high = 0.0, _DAMPER
+    elif key == "h":
+        low, high = value / _LAYER, value * _LAYER
+    else:
+        low, high = value / _KNOWN, value * _KNOWN
+    return min(low, value), max(high, value)

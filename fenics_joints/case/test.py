@@ -1,0 +1,234 @@
+"""The ``[test]`` section of a case file: what was measured, or is planned."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from fenics_joints.case.values import (
+    AXES,
+    Count,
+    Direction,
+    Length,
+    Names,
+    Point,
+    Positive,
+    Section,
+    Share,
+    Spacing,
+    ascending,
+    listed,
+    quantity,
+)
+
+__all__ = ["FRFSection", "PlannedTest", "Test", "ValidationTest"]
+
+
+class LineOfSensors(Section):
+    """``[test.sees]`` with sensors along an axis."""
+
+    along: Literal["x", "y", "z"]
+    positions: Annotated[list[Length], Field(min_length=1)]
+    at: dict[Literal["x", "y", "z"], Annotated[list[Length], BeforeValidator(listed)]] = {}
+    direction: Direction
+
+    @model_validator(mode="after")
+    def _one_for_each(self) -> LineOfSensors:
+        for axis, values in self.at.items():
+            if len(values) not in (1, len(self.positions)):
+                raise ValueError(
+                    f"at.{axis} has {len(values)} values: expected one, or {len(self.positions)}, "
+                    "one for each position"
+                )
+        return self
+
+    def points(self) -> list[tuple[float, ...]]:
+        """Positions, m, each of shape (3,)."""
+        n = len(self.positions)
+        at = {axis: values * (n if len(values) == 1 else 1) for axis, values in self.at.items()}
+        at[self.along] = self.positions
+        return list(zip(*(at.get(axis, [0.0] * n) for axis in AXES), strict=True))
+
+    def directions(self) -> list[tuple[float, ...]]:
+        """A direction for each point."""
+        return [self.direction] * len(self.positions)
+
+
+class ListOfSensors(Section):
+    """``[test.sees]`` with sensors anywhere, in one direction or each in its own."""
+
+    at_points: Annotated[list[Point], Field(min_length=1, alias="points")]
+    direction: Direction | None = None
+    each: Annotated[list[Direction] | None, Field(alias="directions")] = None
+
+    @model_validator(mode="after")
+    def _one_for_each(self) -> ListOfSensors:
+        if (self.direction is None) == (self.each is None):
+            raise ValueError("expected either direction or directions")
+        if self.each is not None and len(self.each) != len(self.at_points):
+            raise ValueError(f"expected {len(self.at_points)} directions, one for each point")
+        return self
+
+    def points(self) -> list[tuple[float, ...]]:
+        """Positions, m, each of shape (3,)."""
+        return self.at_points
+
+    def directions(self) -> list[tuple[float, ...]]:
+        """A direction for each point."""
+        return self.each or [self.direction] * len(self.at_points)
+
+
+def _sensors_kind(data: Any) -> str:
+    many = isinstance(data, dict) and "points" in data
+    return "<ListOfSensors>" if many else "<LineOfSensors>"
+
+
+Sees = Annotated[
+    Annotated[LineOfSensors, Tag("<LineOfSensors>")]
+    | Annotated[ListOfSensors, Tag("<ListOfSensors>")],
+    Discriminator(_sensors_kind),
+]
+
+
+class ValidationTest(Section):
+    """``[test.validation]``: data that is never fitted."""
+
+    frequencies: str
+    damping: str | None = None
+
+
+#: The head of a column, such as ``torque [N·m]``: a name and a unit.
+_COLUMN = r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*"
+
+
+class FRFSection(Section):
+    """``[test.frfs]``: measured frequency response functions, or ``frfs`` with a list of files.
+
+    ``kind``, ``units``, ``length_unit``, ``points`` (by node), ``directions`` (by node) and
+    ``keys`` are for what the files do not say: see `measurements.files.read_frfs`. ``at`` is
+    the condition at which they were measured, the last one by default. ``noise`` is their relative
+    standard deviation, 5 % by default; with ``averages``, their number, it comes from the measured
+    coherence instead.
+    """
+
+    class Identify(Section):
+        """``[test.frfs.identify]``: modes from the functions, in place of ``frequencies``.
+
+        ``near`` is about where they are, one for each mode; by default what is stable.
+        """
+
+        near: list[quantity("Hz", 0, above=True)] | None = None
+        order: Count = 30
+        max_damping: Positive = 0.1
+
+    files: Names
+    kind: Literal["receptance", "mobility", "accelerance"] | None = None
+    units: str | None = None
+    length_unit: str | None = None
+    points: dict[str, Point] = {}
+    directions: dict[str, Direction] = {}
+    keys: dict[str, str] = {}
+    band: ascending(Spacing) | None = None
+    at: float | None = None
+    noise: Positive | None = None
+    averages: Annotated[int, Field(ge=2, strict=True)] | None = None
+    identify: Identify | None = None
+
+    @model_validator(mode="after")
+    def _one_of_noise_and_averages(self) -> FRFSection:
+        if self.noise is not None and self.averages is not None:
+            raise ValueError("expected either noise or averages, which gives it by the coherence")
+        return self
+
+
+def _frf_files(value: Any) -> Any:
+    return {"files": value} if isinstance(value, list | str) else value
+
+
+class PlannedTest(Section):
+    """``[test.planned]``: a test that has not been made, for ``diagnose --plan``.
+
+    ``condition`` is written as the head of a column, ``"torque [N·m]"``, and ``modes`` are names,
+    or how many of the lowest that the sensors see.
+    """
+
+    condition: str | None = None
+    conditions: Annotated[list[float], BeforeValidator(listed), Field(min_length=1)] = [1.0]
+    modes: Count | Names
+    damping: bool = False
+    shapes: bool = False
+
+    @model_validator(mode="after")
+    def _clear(self) -> PlannedTest:
+        if self.condition is not None and not re.fullmatch(_COLUMN, self.condition):
+            raise ValueError(f"condition = {self.condition!r}: expected 'NAME [UNIT]'")
+        if self.condition is None and len(self.conditions) > 1:
+            raise ValueError("expected condition too, such as 'torque [N·m]'")
+        if len(set(self.conditions)) != len(self.conditions):
+            raise ValueError(f"conditions = {self.conditions}: expected each value once")
+        if not all(math.isfinite(c) for c in self.conditions):
+            raise ValueError(f"conditions = {self.conditions}: expected finite numbers")
+        if len(set(self.names())) != len(self.names()):
+            raise ValueError(f"modes = {self.modes}: expected each name once")
+        return self
+
+    def names(self) -> tuple[str, ...]:
+        """Names of the modes."""
+        if isinstance(self.modes, int):
+            return tuple(f"mode {i + 1}" for i in range(self.modes))
+        return tuple(self.modes)
+
+    def head(self) -> tuple[str, str]:
+        """Name and unit of the condition."""
+        if self.condition is None:
+            return "row", ""
+        name, unit = re.fullmatch(_COLUMN, self.condition).groups()
+        return name, (unit or "").strip()
+
+
+class Test(Section):
+    """``[test]``: the measured data and how good it is.
+
+    ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping
+    ratios (10 % unless given),
+    ``shape_noise`` that of a component of a shape, relative to the shape's root mean square, and
+    ``shapes_at`` the condition at which shapes were measured, the last one by default. A test that
+    has not been made yet has a section ``planned`` in place of ``frequencies``.
+    """
+
+    __test__ = False
+
+    frequencies: str | None = None
+    damping: str | None = None
+    shapes: str | None = None
+    condition: str | None = None
+    modes: Names | None = None
+    resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]
+    noise: Annotated[list[Share], BeforeValidator(listed)] = [0.0]
+    damping_noise: quantity("", 0, above=True) | None = None
+    shape_noise: quantity("", 0, above=True) = 0.05
+    shapes_at: float | None = None
+    frfs: Annotated[FRFSection, BeforeValidator(_frf_files)] | None = None
+    sees: Sees | None = None
+    validation: ValidationTest | None = None
+    planned: PlannedTest | None = None
+
+    @model_validator(mode="after")
+    def _measured_or_planned(self) -> Test:
+        if self.frequencies is None and self.planned is None and self.frfs is None:
+            raise ValueError("expected frequencies, frfs, or a section [test.planned]")
+        if (
+            self.frequencies is not None
+            and self.frfs is not None
+            and self.frfs.identify is not None
+        ):
+            raise ValueError("frfs.identify: expected it only without frequencies")
+        for key in ("damping", "shapes", "validation"):
+            if self.frequencies is None and getattr(self, key) is not None:
+                raise ValueError(f"{key}: expected frequencies too")
+        if self.planned is not None and self.planned.shapes and self.sees is None:
+            raise ValueError("planned.shapes: expected a section [test.sees] too")
+        return self

@@ -1,0 +1,198 @@
+"""The ``[update]`` section of a case file: what to fit, to what, and how."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+
+from fenics_joints.case.values import (
+    Names,
+    Positive,
+    Section,
+    Share,
+    Spacing,
+    ascending,
+    listed,
+    quantity,
+)
+from fenics_joints.units import to_si
+
+__all__ = ["Bayes", "CutoffUpdate", "Held", "PriorSection", "Update"]
+
+
+class Published(Section):
+    """``[update.published]``: somebody's values and frequencies, to show beside one's own."""
+
+    source: str = ""
+    parameters: dict[str, float | str] = {}
+    frequencies: list[quantity("Hz", 0, above=True)] = []
+
+
+class CutoffUpdate(Section):
+    """``[update.cutoff]``: the pressure below which a contact is lost (seed 004).
+
+    ``calibrate`` first fits one parameter to one mode of the stuck model, which the contact hardly
+    moves: ``calibrate = { parameter = "beams.E", mode = "mode 10" }``.
+    """
+
+    class Calibrate(Section):
+        """``[update.cutoff.calibrate]``."""
+
+        parameter: str
+        mode: str
+
+    scheme: Literal["two", "three", "both"] = "both"
+    contacts: Names | None = None
+    calibrate: Calibrate | None = None
+    max_solves: Annotated[int, Field(ge=5, strict=True)] = 15
+
+
+def _lines(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_line_hz(v) for v in value]
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError("expected a whole number of lines from 1 on, or a list of frequencies")
+    return value
+
+
+def _line_hz(value: Any) -> float:
+    hertz = to_si(value, "Hz")
+    if not hertz > 0:
+        raise ValueError("expected frequencies above 0 Hz")
+    return hertz
+
+
+class Held(Section):
+    """``[update.held]``: what no fit sees and the updated model must predict.
+
+    ``modes`` by name, with the functions' lines around them, or ``"each"``: every mode in turn,
+    predicted by a fit to all else; ``bands`` of frequency of the functions, and ``responses`` by
+    name.
+    """
+
+    modes: Names | None = None
+    bands: Annotated[list[ascending(Spacing)], Field(min_length=1)] | None = None
+    responses: Names | None = None
+
+
+class PriorSection(Section):
+    """A prior, such as ``{ kind = "normal", mean = "1763 N m", sd = "88 N m" }``.
+
+    `fenics_joints.bayes.priors.KINDS` says which numbers each kind needs.
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    kind: str
+
+
+def _a_table(value):
+    """A prior that is no table, in words."""
+    if not isinstance(value, dict | PriorSection):
+        such = '{ kind = "lognormal", median = 1, log_sd = 0.5 }'
+        raise ValueError(f"expected a table such as {such}")
+    return value
+
+
+#: Keys that a likelihood makes no use of.
+_WITHOUT_EFFECT = {
+    "gaussian": ("distributions", "scatter", "noise", "noise_known"),
+    "fitted": ("scatter", "noise", "noise_known", "discrepancy"),
+    "hierarchical": ("sampler",),
+}
+
+
+class Bayes(Section):
+    """``[update.bayes]``.
+
+    Without ``specimens`` the frequencies of the test are one set of data. With a table of them, a
+    row for each specimen and a column for each mode, the ``likelihood`` is ``hierarchical``
+    (scatter of the specimens and lack of knowledge apart), ``fitted`` (the paper's: the product of
+    a distribution for each mode) or ``gaussian`` (of the specimens' mean). ``noise`` is that of a
+    measured frequency of a specimen: the scale of its prior, or itself if ``noise_known``.
+    ``discrepancy`` is the relative error of frequencies that the best model may have, by default
+    that of ``[diagnose]``; the fitted likelihood has no place for it. ``tolerance`` is the largest
+    relative error of the reduced model's frequencies. A parameter without a prior has a lognormal
+    one about its start, as wide as the regularisation.
+    """
+
+    likelihood: Literal["gaussian", "fitted", "hierarchical"] | None = None
+    specimens: str | None = None
+    distributions: Names | None = None
+    sampler: Literal["metropolis", "prior_metropolis", "emcee"] = "metropolis"
+    samples: Annotated[int, Field(ge=10, strict=True)] | None = None
+    burn_in: Annotated[int, Field(ge=0, strict=True)] | None = None
+    chains: Annotated[int, Field(ge=2, strict=True)] = 4
+    seed: Annotated[int, Field(ge=0, strict=True)] = 1
+    discrepancy: Share | None = None
+    scatter: Share = 0.1
+    noise: Share = 0.001
+    noise_known: bool = False
+    tolerance: Share = 1e-4
+    priors: dict[str, Annotated[PriorSection, BeforeValidator(_a_table)]] = {}
+
+    @property
+    def kind(self) -> str:
+        """The likelihood, the default one put in."""
+        return self.likelihood or ("gaussian" if self.specimens is None else "hierarchical")
+
+    def length(self) -> tuple[int, int]:
+        """Samples and burn-in: the paper's 20,000 and 5,000, but fewer of the costlier Gibbs."""
+        samples = self.samples or (2000 if self.kind == "hierarchical" else 20000)
+        return samples, samples // 4 if self.burn_in is None else self.burn_in
+
+    def without_effect(self) -> list[str]:
+        """Keys that were given though the likelihood makes no use of them, in words."""
+        unused = [key for key in _WITHOUT_EFFECT[self.kind] if key in self.model_fields_set]
+        return [
+            f"update.bayes.{key} = {getattr(self, key)!r} has no effect with the {self.kind} "
+            "likelihood" for key in unused
+        ]  # fmt: skip
+
+
+class Update(Section):
+    """``[update]``: what `fenics-joints update` fits: ``parameters``, or the ``cutoff``.
+
+    ``regularisation`` is the standard deviation of the logarithm of every parameter about its
+    starting value: it holds what the data leave open, and is 2.3 (a factor of 10) by default.
+
+    ``data`` says what is fitted: any of ``"frequencies"``, ``"shapes"``, ``"damping"`` (ratios) and
+    ``"frfs"``; by default what there is, functions only with a section ``[damping]``, and ratios
+    only where a number of ``[damping]`` or the c of a lap is among ``parameters``, but none that
+    were identified from functions which are fitted themselves. ``method`` is ``"log"`` (logarithms
+    of functions at frequencies relative to the resonances) or ``"weighted"`` (seed 000, eqs. 15 to
+    20), whose steps ``step_limit`` limits, relative to each value; the seed does not. ``lines`` are
+    the lines of the functions that are fitted: how many, spread over flanks and antiresonances, or
+    which.
+    """
+
+    at: float | None = None
+    parameters: Names = []
+    start: dict[str, float | str] = {}
+    hold_out: list[float] = []
+    regularisation: Positive = 2.3
+    published: Published | None = None
+    cutoff: CutoffUpdate | None = None
+    data: (
+        Annotated[
+            list[Literal["frequencies", "shapes", "damping", "frfs"]],
+            BeforeValidator(listed),
+            Field(min_length=1),
+        ]
+        | None
+    ) = None
+    method: Literal["log", "weighted"] | None = None
+    step_limit: Positive | None = None
+    lines: Annotated[int | list[float], BeforeValidator(_lines)] | None = None
+    held: Held | None = None
+    bayes: Bayes | None = None
+
+    @model_validator(mode="after")
+    def _one_of_parameters_and_cutoff(self) -> Update:
+        if bool(self.parameters) == (self.cutoff is not None):
+            raise ValueError("expected either parameters or a section [update.cutoff]")
+        return self
+
+    def combined_keys(self) -> list[str]:
+        """Keys that the file gives and only a fit to several kinds of data has."""
+        return [k for k in ("data", "method", "lines", "held") if getattr(self, k) is not None]
