@@ -30,8 +30,8 @@ from fenics_joints.commands.update.run import run_combined
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.random_fields.fields import RandomField
 from fenics_joints.random_fields.propagation import propagate_samples, propagate_sensitivities
-from fenics_joints.reduction.narrow import narrow
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.batch import narrow
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.response.complex_modes import solve_complex_modes
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.structure.points import Sensors

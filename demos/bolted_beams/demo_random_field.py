@@ -29,8 +29,8 @@ from fenics_joints.random_fields.propagation import (
     propagate_samples,
     propagate_sensitivities,
 )
-from fenics_joints.reduction.narrow import narrow
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.batch import narrow
+from fenics_joints.reduction.forward import Forward
 
 comm = MPI.COMM_WORLD
 EPS, N = 0.034, 400

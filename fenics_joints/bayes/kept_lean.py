@@ -12,9 +12,9 @@ import numpy as np
 
 from fenics_joints.bayes.model import Frequencies, ReducedCheck
 from fenics_joints.errors import InputError
+from fenics_joints.reduction.batch import LeanForward
 from fenics_joints.reduction.files import read_array_model, write_array_model
-from fenics_joints.reduction.lean import LeanForward
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["read_lean", "write_lean"]
@@ -30,7 +30,7 @@ def write_lean(
     Args:
         path: The file.
         name: What it depends on, see `fenics_joints.case.fingerprint`.
-        frequencies: Of a `fenics_joints.reduction.lean.LeanForward`.
+        frequencies: Of a `fenics_joints.reduction.batch.LeanForward`.
         check: Against the full model.
         bound: Estimated error.
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.reduction.lean import LeanForward, lean_forward, modes_at
-from fenics_joints.reduction.narrow import freeze
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.batch import LeanForward, freeze, lean_forward, modes_at
+from fenics_joints.reduction.forward import Forward
 
 __all__ = ["Frequencies", "ReducedCheck", "check_reduced", "narrow_frequencies"]
 
@@ -30,8 +29,8 @@ class Frequencies:
     Args:
         names: Names of the parameters.
         forward: What maps values by name to (ln f, derivatives), as
-            `fenics_joints.reduction.surrogate.Forward` does. One that has `prepare`, as
-            `fenics_joints.reduction.lean.LeanForward`, is asked for many together.
+            `fenics_joints.reduction.forward.Forward` does. One that has `prepare`, as
+            `fenics_joints.reduction.batch.LeanForward`, is asked for many together.
         fixed: Values of its other parameters.
         error: Bound of the relative error of its frequencies, as stated by who made it.
 

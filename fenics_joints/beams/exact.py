@@ -10,7 +10,7 @@ from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.measurements.gap import VISIBLE, pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["ExactModel"]

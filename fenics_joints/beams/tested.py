@@ -12,7 +12,7 @@ from fenics_joints.measurements.target import Target
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.combined import ModelError, paired
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.response.damping_ratios import damping_ratios
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.points import Sensors

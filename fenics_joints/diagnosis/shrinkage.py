@@ -20,7 +20,7 @@ from fenics_joints.diagnosis.evidence.inference import Fit, fit
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.files import plain
 from fenics_joints.parallel import spread
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 
 __all__ = [
     "Fold", "Forecast", "Shrinkage", "blinded", "cross_validate", "folds", "forecast", "shrink",

@@ -57,7 +57,7 @@ def propagate_samples(
     """Frequencies at independent samples of the fields.
 
     Args:
-        forward: ``values -> (ln f, d ln f / d values)``, see `reduction.surrogate.Forward`.
+        forward: ``values -> (ln f, d ln f / d values)``, see `reduction.forward.Forward`.
         fields: The random fields.
         start: Values of all the model's parameters; of the random ones, the means.
         n: Number of samples.

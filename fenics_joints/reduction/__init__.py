@@ -1,0 +1,24 @@
+"""Reduced models: parametric, as plain arrays, checked, narrow enough to sample; and their files."""
+
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.batch import LeanForward, Narrow, freeze, narrow
+from fenics_joints.reduction.files import read_array_model, write_array_model
+from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.frf_basis import checked_frf_model, frf_basis, frf_error
+from fenics_joints.reduction.reduced import ReducedStructure, reduce
+
+__all__ = [
+    "ArrayModel",
+    "Forward",
+    "LeanForward",
+    "Narrow",
+    "ReducedStructure",
+    "checked_frf_model",
+    "freeze",
+    "frf_basis",
+    "frf_error",
+    "narrow",
+    "read_array_model",
+    "reduce",
+    "write_array_model",
+]

@@ -18,8 +18,8 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal.eigensolver import without_zeros
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.forward import line_of
 from fenics_joints.reduction.snapshots import dense_columns, project
-from fenics_joints.reduction.surrogate import line_of
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure

@@ -18,9 +18,9 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.free_terms import FreeTerms
 from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
-from fenics_joints.reduction.surrogate import Forward
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["GreedyModel"]

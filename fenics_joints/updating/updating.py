@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.sensitivity import Identifiability, identifiability
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.components import Parameter
 from fenics_joints.updating.coordinates import LogScale
 

@@ -13,7 +13,7 @@ from fenics_joints.beams.laws import BEAM, BEAM_MASSES
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import lap_beam
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.response.complex_modes import solve_complex_modes
 from fenics_joints.structure.components import Parameter, Spring, part
 from fenics_joints.structure.points import Sensors

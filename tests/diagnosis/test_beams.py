@@ -22,8 +22,8 @@ from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.lean import LeanForward
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.batch import LeanForward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.report.explanation import zone_words
 from fenics_joints.report.html import diagnosis_html
 from fenics_joints.structure.points import Sensors

@@ -46,7 +46,7 @@ from fenics_joints.measurements.gap import Gap
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import LAYER_LAWS
 from fenics_joints.structure.points import Sensors

@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import LAYER_LAWS
 from fenics_joints.structure.points import Sensors

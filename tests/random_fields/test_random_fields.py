@@ -16,7 +16,7 @@ from fenics_joints.random_fields.fields import (
     one_variable,
 )
 from fenics_joints.random_fields.propagation import propagate_samples, propagate_sensitivities
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.components import Parameter
 
 N = 5

@@ -14,9 +14,8 @@ from fenics_joints.diagnosis.evidence.nested import Marginal, nested_evidence
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.lean import LeanForward
-from fenics_joints.reduction.narrow import freeze
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.batch import LeanForward, freeze
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import LAYER_LAWS
 from fenics_joints.structure.points import Sensors

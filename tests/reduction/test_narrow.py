@@ -8,8 +8,8 @@ import pytest
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint, LumpedMass
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.narrow import freeze, narrow
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.batch import freeze, narrow
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.components import Parameter, Spring
 from fenics_joints.structure.points import Sensors
 

@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 
 __all__ = ["APART", "classes", "confusion", "detectable", "distance", "labels"]
 

@@ -20,7 +20,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 
 __all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "evidence_of", "fit"]
 

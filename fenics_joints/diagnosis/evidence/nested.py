@@ -28,14 +28,14 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.prediction import Prediction, predict
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.reduction.lean import (
+from fenics_joints.reduction.batch import (
     LeanForward,
     arrays_of,
     frequency_error,
     lean_forward,
     modes_at,
 )
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 
 __all__ = ["Nested", "nested_evidence"]
 

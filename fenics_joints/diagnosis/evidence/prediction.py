@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.effects.sensing import Sensing
     from fenics_joints.diagnosis.evidence.evidence import Evidence
     from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-    from fenics_joints.reduction.surrogate import Forward
+    from fenics_joints.reduction.forward import Forward
 
 __all__ = ["Prediction", "predict"]
 

@@ -23,7 +23,8 @@ from fenics_joints.diagnosis.model.subject import Subject, subject_of, zones_of_
 from fenics_joints.diagnosis.zones.contacts import ContactZones
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.surrogate import Forward, Surrogate
+from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.surrogate import Surrogate
 
 __all__ = ["Prepared", "prepare"]
 

@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.structure import Structure
 
 __all__ = [

@@ -12,7 +12,7 @@ from fenics_joints.diagnosis.effects.rig import support_compliance
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.reduction.surrogate import Forward
+from fenics_joints.reduction.forward import Forward
 
 __all__ = [
     "EXPECTED", "EXPONENT", "given_way", "layer_interfaces", "trend", "zone_sensitivities",

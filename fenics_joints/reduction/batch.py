@@ -1,33 +1,199 @@
-"""A still smaller model for a few parameters, of the modes that they make, at many values a time.
+"""Smaller models for a few parameters: frozen, narrowed, and asked at many values together.
 
 A reduced model serves all hypotheses and all priors, so that its basis is several times as large
-as one of them needs. A sampler asks for the frequencies at ten thousands of parameter values; here
-they are had for many values at a time, from a basis of twenty to forty vectors.
+as one of them needs, and most of its parameters stand still. `freeze` sums up once what those
+make; `narrow` projects on the modes that the free ones can make in their ranges, and says how far
+its frequencies are off. A sampler asks for the frequencies at ten thousands of parameter values: a
+`LeanForward` has them for many values at a time, from a basis of twenty to forty vectors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from operator import itemgetter
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.stats import qmc
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import mac
 from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.narrow import pod
-from fenics_joints.reduction.surrogate import Forward
-from fenics_joints.structure.values import slopes
+from fenics_joints.reduction.forward import Forward
+from fenics_joints.structure.values import number, slopes
 
-__all__ = ["LeanForward", "arrays_of", "frequency_error", "lean_forward", "modes_at"]
+__all__ = [
+    "LeanForward", "Narrow", "arrays_of", "frequency_error", "freeze", "lean_forward", "modes_at",
+    "narrow", "pod",
+]  # fmt: skip
 
+#: Sampled points for the basis, and rounds of checks that may add to it.
+_SAMPLES, _ROUNDS = 16, 4
+#: Directions whose share of a mode is below this times the root of the tolerance are left out: the
+#: error of a frequency is of the order of the square. Each further round takes a tenth of it.
+_SHARE = 0.1
 #: As in `fenics_joints.modal.modes`: the shift below zero, and what counts as rigid.
 _SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
 #: Round-off of a rigid mode's eigenvalue is to be below its limit by this much, at the nominal
 #: values: stiffnesses may grow from there.
 _MARGIN = 1e3
+
+
+def freeze(
+    model: ArrayModel, free: Sequence[str], given: Mapping[str, float] | None = None
+) -> ArrayModel:
+    """The same model with fewer parameters.
+
+    Args:
+        model: A model of plain arrays.
+        free: Names of the parameters that it keeps.
+        given: Values of parameters that differ from their nominal value; they become the nominal
+            values of those that it keeps.
+
+    Raises:
+        InputError: If a name is unknown, or no part, joint or support depends on ``free``.
+    """
+    values, free = model.values(given), list(free)
+    unknown = [name for name in free if name not in values]
+    if unknown or not free:
+        raise InputError(f"free = {free}: expected some of: {', '.join(values)}.")
+
+    def put(item, keys):
+        """A spring or mass with numbers in place of the frozen names."""
+        named = {key: getattr(item, key) for key in keys}
+        frozen = {k: number(v, values) for k, v in named.items() if v not in free}
+        return replace(item, **frozen)
+
+    pencil, regions, rest = model.pencil, [], []
+    for region in model.regions:
+        q = {k: v if v in free else number(v, values) for k, v in region.properties.items()}
+        kept = any(isinstance(v, str) for v in q.values())
+        (regions if kept else rest).append(replace(region, properties=q))
+    if not regions:
+        raise InputError(f"free = {free}: expected the parameter of a part, joint or support.")
+    springs = [put(s, ("stiffness",)) for s in pencil.springs]
+    masses = [put(m, ("mass", "travel")) for m in pencil.masses]
+    moving = [m for m in masses if isinstance(m.mass, str) or isinstance(m.travel, str)]
+    held = [m for m in masses if not any(m is other for other in moving)]
+    zero = np.zeros((model.n_dofs, model.n_dofs))
+    still = AffinePencil({}, rest, [s for s in springs if not isinstance(s.stiffness, str)], held,
+                         pencil.fixed or (zero, zero), pencil.fixed_mass)  # fmt: skip
+    parameters = {name: replace(model.parameters[name], value=values[name]) for name in free}
+    return replace(
+        model,
+        pencil=AffinePencil(
+            parameters, regions, [s for s in springs if isinstance(s.stiffness, str)], moving,
+            still.matrices({}), float(still.total_mass({})),
+        ),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Narrow:
+    """A small model and how good it is.
+
+    Attributes:
+        model: The model; its parameters are the free ones.
+        error: Largest relative error of a frequency at ``n_checked`` random points that the basis
+            was not made from.
+        n_checked: Number of those points.
+    """
+
+    model: ArrayModel
+    error: float
+    n_checked: int
+
+
+def narrow(
+    model: ArrayModel,
+    ranges: Mapping[str, tuple[float, float]],
+    n_modes: int,
+    *,
+    given: Mapping[str, float] | None = None,
+    tolerance: float = 1e-5,
+    n_check: int = 50,
+    seed: int = 0,
+) -> Narrow:
+    """A model on the modes that parameters in their ranges can make.
+
+    Args:
+        model: A model of plain arrays.
+        ranges: Least and largest value of each free parameter, positive; sampled evenly in the
+            logarithm.
+        n_modes: Modes that must be right, rigid-body modes included.
+        given: Values of the other parameters that differ from their nominal value.
+        tolerance: Largest accepted relative error of a frequency.
+        n_check: Random points at which it is checked.
+        seed: Of the random points.
+
+    Raises:
+        InputError: For a bad range or name.
+        ConvergenceError: If the error stays above the tolerance.
+    """
+    for name, (low, high) in ranges.items():
+        if not 0 < low < high < np.inf:
+            raise InputError(f"range of {name} = {(low, high)}: expected 0 < low < high.")
+    middle = {name: float(np.sqrt(low * high)) for name, (low, high) in ranges.items()}
+    model = freeze(model, list(ranges), {**(given or {}), **middle})
+    low, high = np.log(list(ranges.values())).T
+
+    def points(unit):
+        at = np.exp(low + unit * (high - low))
+        return [dict(zip(ranges, row.tolist(), strict=True)) for row in at]
+
+    def shapes(values):
+        modes = solve_modes(model, values, n_modes=min(n_modes, model.n_dofs))
+        return modes.frequencies_hz[modes.n_rigid :], modes.shapes
+
+    sampled = [middle, *points(qmc.Sobol(len(ranges), seed=seed).random(_SAMPLES))]
+    snapshots = [shapes(values)[1] for values in sampled]
+    chance = np.random.default_rng(seed)
+    for i in range(_ROUNDS):
+        share = _SHARE * np.sqrt(tolerance) / 10**i
+        vectors, sizes = pod(model, np.hstack(snapshots))
+        small = model.on(vectors[:, sizes > share * sizes[0]])
+        error = 0.0
+        for values in points(chance.random((n_check, len(ranges)))):
+            exact, found = shapes(values)
+            modes = solve_modes(small, values, n_modes=min(n_modes, small.n_dofs))
+            off = float(np.max(np.abs(modes.frequencies_hz[modes.n_rigid :] / exact - 1)))
+            if off > tolerance:
+                snapshots.append(found)
+            error = max(error, off)
+        if error <= tolerance:
+            return Narrow(small, error, n_check)
+    raise ConvergenceError(
+        f"the frequencies of the small model are off by {error:.1e}, more than {tolerance:.1e}, "
+        f"after {_ROUNDS} rounds: take narrower ranges, or a larger tolerance"
+    )
+
+
+def pod(
+    model: ArrayModel,
+    snapshots: np.ndarray,
+    weights: np.ndarray | None = None,
+    given: Mapping[str, float] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors that hold most of the snapshots' energy, best first.
+
+    Args:
+        model: The model that the snapshots are of.
+        snapshots: As columns, shape (n_dofs, n).
+        weights: Of the snapshots, shape (n,); equal by default.
+        given: Parameter values whose K + omega^2 M measures the energy; nominal by default.
+
+    Returns:
+        Vectors orthonormal in that energy, (n_dofs, k), and their singular values, (k,).
+    """
+    K, M = model.stiffness(given), model.mass(given)
+    upper = np.linalg.cholesky(K + np.trace(K) / np.trace(M) * M).T
+    energetic = upper @ snapshots
+    energetic *= (1.0 if weights is None else weights) / np.linalg.norm(energetic, axis=0)
+    left, sizes, _ = np.linalg.svd(energetic, full_matrices=False)
+    return np.linalg.solve(upper, left), sizes
 
 
 def arrays_of(forward: Forward) -> ArrayModel | None:
@@ -239,6 +405,6 @@ def frequency_error(lean: LeanForward, checks, exact: np.ndarray) -> float:
 def modes_at(forward: Forward, values: Mapping[str, float]) -> np.ndarray:
     """Modes of the reduced model, as many as the test's ask for, shape (n_dofs, n_modes)."""
     try:
-        return forward._solve(values)[0].shapes
+        return forward.solve(values)[0].shapes
     except InputError:
         return solve_modes(forward.model, values, n_modes=forward.n_modes).shapes

@@ -1,0 +1,147 @@
+"""Frequencies and shapes of the modes that a test saw, from any model of its structure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.gap import VISIBLE, Pairing, pair_modes
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.modal.sensitivity import frequency_sensitivity
+from fenics_joints.structure.points import Sensors
+
+__all__ = ["SPARE", "Forward", "line_of"]
+
+#: Modes looked through for the test's, at most, as a multiple of the usual number.
+_SEARCHED = 4
+#: Parameter sets whose frequencies are remembered, and those whose shapes are, which are larger.
+_MOST, _SHAPES = 20000, 500
+#: Modes beyond those that the test saw, so that none is missed when modes change places.
+SPARE = 3
+
+
+class Forward:
+    """Frequencies of the modes that the test saw, and their derivatives, at parameter values.
+
+    Args:
+        model: A reduced (or full) structure.
+        sensors: What the test saw; None takes elastic modes in order.
+        n_test: Number of test modes.
+        n_modes: Number of model modes to compute.
+        reference: Shapes of the test's modes at the sensors, measured or of a near model; modes
+            are matched to them by MAC.
+        threshold: Least visibility of a mode that the test saw.
+
+    Attributes:
+        further: Forward of one mode more, where the test may have missed one; None where not.
+    """
+
+    def __init__(
+        self,
+        model,
+        sensors: Sensors | None,
+        n_test: int,
+        n_modes: int,
+        reference: np.ndarray | None = None,
+        threshold: float = VISIBLE,
+    ):
+        self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
+        self.reference, self.threshold = reference, threshold
+        self.further: Forward | None = None
+        self._last: tuple | None = None
+        self._cache: dict[tuple, tuple] = {}
+        self._shapes: dict[tuple, tuple] = {}
+        self.calls = 0
+
+    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """(ln f, d ln f / d values) of the test's modes, shapes (m,) and (m, n_parameters)."""
+        key = tuple(values[name] for name in self.model.parameters)
+        if key not in self._cache:
+            if len(self._cache) > _MOST:
+                self._cache.clear()
+            modes, pairing = self.solve(values)
+            self._last = key, pairing
+            log_f = np.log(modes.frequencies_hz[pairing.index])
+            self._cache[key] = (log_f, frequency_sensitivity(modes, pairing.index))
+            self.calls += 1
+        return self._cache[key]
+
+    def solve(self, values):
+        """Modes and their pairing; more modes where a soft joint puts others between the test's."""
+        # From the start each time: what was asked before, or on which rank, must not matter.
+        count = min(self.n_modes, self.model.n_dofs)
+        while True:
+            modes = solve_modes(self.model, values, n_modes=count)
+            try:
+                pairing = self.paired(modes)
+            except InputError:
+                if count >= min(_SEARCHED * self.n_modes, self.model.n_dofs):
+                    raise
+                count = min(count + self.n_test + SPARE, self.model.n_dofs)
+                continue
+            return modes, pairing
+
+    def paired(self, modes: Modes) -> Pairing:
+        """Which modes of such a model the test's are."""
+        return pair_modes(
+            modes, self.n_test, self.sensors, reference=self.reference, threshold=self.threshold
+        )
+
+    def of(self, model, n_modes: int | None = None) -> Forward:
+        """The same of another model of the structure.
+
+        Args:
+            model: The model.
+            n_modes: Number of its modes to compute; by default as many.
+        """
+        count = self.n_modes if n_modes is None else n_modes
+        return Forward(model, self.sensors, self.n_test, count, self.reference, self.threshold)
+
+    def pairing(self, values: Mapping[str, float]) -> Pairing:
+        """Which of the model's modes the test's are."""
+        return self.solve(values)[1]
+
+    def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
+        """Shapes of the test's modes at the sensors, and their derivatives.
+
+        Needs an `ArrayModel` with sensors.
+
+        Returns:
+            Shapes, (n_s, m); the same per metre that the sensors sit further along their line;
+            and the derivatives of both by every parameter, (n_s, m, n_parameters).
+        """
+        key = tuple(values[name] for name in self.model.parameters)
+        if key not in self._shapes:
+            if len(self._shapes) >= _SHAPES:
+                self._shapes.clear()
+            last = self._last
+            pairing = last[1] if last and last[0] == key else self.solve(values)[1]
+            x, dx = self.model.shape_slopes(pairing.index, values)
+            rows = self.model.sensor_rows, self.model.shift_rows
+            at, along = (r @ x for r in rows)
+            by_at, by_along = (np.einsum("sn,nmp->smp", r, dx) for r in rows)
+            self._shapes[key] = at, along, by_at, by_along
+        return self._shapes[key]
+
+    def track(self, values: Mapping[str, float]) -> None:
+        """Match modes to those at these values from now on."""
+        if self.sensors is not None:
+            self.reference = self.solve(values)[1].shapes
+            self.forget()
+
+    def forget(self) -> None:
+        """Drop what was computed, after the model has changed."""
+        self._cache.clear()
+        self._shapes.clear()
+        self._last = None
+
+
+def line_of(points: np.ndarray) -> np.ndarray:
+    """Direction in which points extend furthest, (gdim,); the first axis for a single point."""
+    spread = points - points.mean(axis=0)
+    if not np.any(spread):
+        return np.eye(points.shape[1])[0]
+    line = np.linalg.svd(spread)[2][0]
+    return line * np.sign(line[np.argmax(np.abs(line))])
