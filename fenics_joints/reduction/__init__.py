@@ -1,4 +1,4 @@
-"""Reduced models: parametric, as plain arrays, checked, narrow enough to sample; and their files."""
+"""Reduced models: parametric, plain arrays, checked, narrow enough to sample; and their files."""
 
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import LeanForward, Narrow, freeze, narrow
