@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -151,3 +152,14 @@ def test_tests_mirror_the_rooms():
         if path.is_dir() and path.name != "__pycache__"
     }  # fmt: skip
     assert folders <= FLOOR.keys() | {"system", "helpers"}
+
+
+def test_contributing_shows_the_rooms_in_their_order():
+    """From top to bottom; and every file that it tells to copy from is there."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
+    shown = [set(re.findall(r"`(\w+)(?:/|\.py)`", row)) for row in rows[: len(ORDER) - 1]]
+    assert shown == [set(rooms) for rooms in reversed(ORDER[1:])]
+    places = ROOT, ROOT / "fenics_joints", ROOT / "fenics_joints" / "diagnosis"
+    for name in re.findall(r"`([\w./]+/(?:\w+\.py)?)`", text):
+        assert any((place / name).exists() for place in places), f"no {name}"
