@@ -1,0 +1,30 @@
+"""What ``fenics-joints`` runs: from a case to an `Outcome`, a folder for each command.
+
+The functions are imported when they are first asked for: ``--help`` needs none of them.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from fenics_joints.commands.outcome import Outcome
+
+_RUNS = {
+    "run_bayes": "bayes.run",
+    "run_cutoff": "cutoff.run",
+    "run_diagnose": "diagnose.run",
+    "run_harmonic": "harmonic.run",
+    "run_modes": "modes.run",
+    "run_plan": "plan",
+    "run_preload": "preload.run",
+    "run_update": "update.command",
+}
+
+__all__ = ["Outcome", *_RUNS]
+
+
+def __getattr__(name: str):
+    """A command's function, imported when it is first asked for."""
+    if name not in _RUNS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_RUNS[name]}"), name)
