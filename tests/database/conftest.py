@@ -1,0 +1,14 @@
+"""What the tests of the database share."""
+
+from __future__ import annotations
+
+import pytest
+
+from fenics_joints.database.query import Surfaces
+from fenics_joints.database.store import seed_database
+
+
+@pytest.fixture(scope="session")
+def seed_surfaces() -> Surfaces:
+    """Kriging of all 35 rows."""
+    return Surfaces.fit(seed_database())

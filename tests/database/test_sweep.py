@@ -1,0 +1,165 @@
+"""Sweeps over samples: ranks share them, a killed one goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.database.joints import Joint
+from fenics_joints.database.store import Store
+from fenics_joints.database.sweep import Sample, grid, sweep
+from fenics_joints.errors import InputError
+
+serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
+
+
+def closed_form(sample: Sample, factor: float = 1.0) -> dict[str, float]:
+    """A power law, and no answer for the thickest plate."""
+    if sample.thickness > 0.035:
+        raise ValueError("too thick")
+    radius = factor * 2e-3 * sample.force**0.2 * sample.thickness**0.3
+    return {"radius": radius, "pressure": sample.force / (math.pi * radius**2)}
+
+
+SAMPLES = grid(["M12"], [2e4, 3e4, 4e4, 5e4], [0.01, 0.02, 0.03, 0.04])
+
+
+@pytest.mark.parallel
+def test_ranks_share_a_sweep_and_a_failed_sample_stops_no_other(shared_tmp_path):
+    comm = MPI.COMM_WORLD
+    path = shared_tmp_path / "joints.db"
+    if comm.rank == 0:
+        Store(path, create=True).close()
+    comm.barrier()
+    calls = []
+
+    def analyse(sample, **settings):
+        calls.append(sample)
+        time.sleep(0.02)
+        return closed_form(sample, **settings)
+
+    with Store(path) as store:
+        first = sweep(SAMPLES, analyse, store, comm, model="law", settings={"factor": 1.5})
+        here = comm.allgather(calls)
+        assert sorted(map(repr, sum(here, []))) == sorted(map(repr, SAMPLES))  # each one once
+        assert all(here)  # by all ranks
+        assert first.computed == 12 and len(first.failed) == 4
+        assert set(first.failed.values()) == {"ValueError: too thick"}
+        rows = {(j.force, j.thickness): j for j in store.joints()}
+        for s in SAMPLES:
+            if s.thickness < 0.035:
+                assert rows[s.force, s.thickness].radius == closed_form(s, 1.5)["radius"]
+        row = rows[2e4, 0.01]
+        assert (row.model, row.settings, row.bolt) == ("law", '{"factor": 1.5}', "M12")
+        assert row.version.startswith("fenics-joints") and row.date and row.author
+        # Again: nothing is computed; with other settings, all; with retry, what failed.
+        calls.clear()
+        again = sweep(SAMPLES, analyse, store, comm, model="law", settings={"factor": 1.5})
+        assert (again.computed, again.finished_before) == (0, 12)
+        assert again.failed == first.failed and not any(comm.allgather(calls))
+        sweep(SAMPLES, lambda s, **_: {"radius": 0.03}, store, comm, model="law",
+              settings={"factor": 1.5}, retry=True)  # fmt: skip
+        assert len(store.joints()) == 16
+
+
+_SLOW = """
+import os, time
+from pathlib import Path
+
+def analyse(sample, folder):
+    with open(Path(folder) / "calls", "a") as calls:
+        calls.write(f"{sample.force:g} {sample.thickness:g}\\n")
+    time.sleep(0.15)
+    return {"radius": 1e-6 * sample.force * sample.thickness}
+"""
+
+
+@serial
+def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
+    """Two ranks if there is mpirun, killed by SIGKILL amid a sample; then again to the end."""
+    (tmp_path / "slow_analysis.py").write_text(_SLOW)
+    database = tmp_path / "joints.db"
+    command = [
+        sys.executable, "-m", "fenics_joints", "database", "sweep", "--db", str(database),
+        "--bolt", "M12", "--force", "10, 20, 30, 40 kN", "--thickness", "10, 20, 30 mm",
+        "--analysis", "slow_analysis:analyse", "--set", f"folder={tmp_path}",
+    ]  # fmt: skip
+    if shutil.which("mpirun"):
+        command = ["mpirun", "-n", "2", *command]
+    environment = {
+        k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM_", "PMIX_", "PMI_"))
+    }
+    environment["PYTHONPATH"] = str(tmp_path)
+
+    def rows() -> list[Joint]:
+        if not database.exists():
+            return []
+        with Store(database) as store:
+            return store.joints()
+
+    def start():
+        return subprocess.Popen(
+            command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            start_new_session=True,
+        )  # fmt: skip
+
+    run = start()
+    end = time.monotonic() + 60
+    while not 3 <= len(_rows_or_none(rows)) < 12:
+        assert run.poll() is None and time.monotonic() < end, run.stderr.read()
+        time.sleep(0.02)
+    _kill_ranks(str(database))
+    run.communicate()
+    before, called = rows(), (tmp_path / "calls").read_text().splitlines()
+    assert 3 <= len(before) < 12
+    again = start()
+    _, errors = again.communicate(timeout=60)
+    assert again.returncode == 0, errors
+    after = rows()
+    assert after[: len(before)] == before and len(after) == 12
+    assert {(j.force, j.thickness) for j in after} == {
+        (f, b) for f in (1e4, 2e4, 3e4, 4e4) for b in (0.01, 0.02, 0.03)
+    }
+    # What was finished before the kill was not called again.
+    later = (tmp_path / "calls").read_text().splitlines()[len(called) :]
+    assert len(later) == 12 - len(before)
+    assert not {f"{j.force:g} {j.thickness:g}" for j in before} & set(later)
+
+
+def _rows_or_none(rows) -> list[Joint]:
+    """The database may be there without its tables for a moment."""
+    try:
+        return rows()
+    except InputError:
+        return []
+
+
+def _kill_ranks(word: str) -> None:
+    """SIGKILL to what has the word, which only this test uses, among its arguments."""
+    end = time.monotonic() + 20
+    while time.monotonic() < end:
+        alive = [p for p in Path("/proc").glob("[0-9]*") if word.encode() in _arguments(p)]
+        if not alive:
+            return
+        for process in alive:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(int(process.name), signal.SIGKILL)
+        time.sleep(0.05)
+    raise AssertionError(f"not killed: {alive}")
+
+
+def _arguments(process: Path) -> bytes:
+    try:
+        return (process / "cmdline").read_bytes()
+    except OSError:
+        return b""

@@ -1,0 +1,114 @@
+"""What holds the bodies of a preload model, and what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from contact_blocks import COMM, both, faces
+from dolfinx import fem
+
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.meshes import stacked_blocks
+from fenics_joints.preload import (
+    SLIP,
+    STICK,
+    Contact,
+    PreloadModel,
+    PreloadSolver,
+    Traction,
+    WasherForce,
+    solve_preload,
+)
+from fenics_joints.structure.components import Support
+from fenics_joints.structure.structure import Structure
+
+
+def free_blocks(friction: float, loads, **mesh):
+    x, z = np.linspace(0, 1, 3), np.linspace(0, 0.5, 3)
+    tagged = stacked_blocks(COMM, **{"lower": (x, x, -z[::-1]), "upper": z} | mesh)
+    bolt = WasherForce("bolt", "bottom", "top", 1e5)
+    structure = Structure(tagged, both(), degree=1)
+    return PreloadModel(structure, [faces(friction=friction)], [bolt], loads)
+
+
+@pytest.mark.parallel
+def test_free_bodies():
+    """Nothing holds a free structure: its pins carry no force, and its inertia a lone load."""
+    push = [Traction("push", "top", (0.0, 0.0, -1e3))]
+    solver = PreloadSolver(free_blocks(0.3, push))
+    still, pushed = solver.solve({"push": 0.0}), solver.solve()
+    assert solver.hold.n_whole == 6 and len(solver.hold.pins) == 6
+    for result in (still, pushed):
+        held = solver.model.jumps.gather(result.reactions, solver.hold.pins)
+        assert np.abs(held).max() < 1e-9 * 1e5
+    assert still.balance == 0 and pushed.balance > 1e-3
+    # Half of the mass is below: half of the push goes through the interface.
+    assert abs(pushed["c"].normal_force - (1e5 + 0.5e3)) < 1e-3
+    with pytest.raises(InputError, match="nothing resists"):
+        solve_preload(free_blocks(0.0, [Traction("push", "top", (1e3, 0.0, 0.0))]))
+
+
+@pytest.mark.parametrize("directions", [(0,), (0, 1)])
+def test_supported_interface(directions):
+    """A support of one face of a contact holds, whichever face is called the lower one."""
+    x, z = np.linspace(0, 0.1, 9), np.linspace(0, 0.03, 4)
+    tagged = stacked_blocks(COMM, lower=(x, -z[::-1]), upper=z)
+    held = [Support("bottom"), Support("interface_lower", directions)]
+    structure = Structure(tagged, both(), supports=held, degree=2)
+    loads = [Traction("down", "top", (0.0, -1e6), lambda x: 1 + x[:, 0] / 0.1),
+             Traction("side", "top", (1.5e5, 0.0))]  # fmt: skip
+    found = []
+    for names in (("interface_lower", "interface_upper"), ("interface_upper", "interface_lower")):
+        contact = Contact("c", *names, friction=0.2)
+        result = solve_preload(PreloadModel(structure, [contact], (), loads))
+        state = result["c"]
+        assert abs(state.normal_force / 1e6 - 1) < 1e-8
+        assert {SLIP, STICK} <= set(state.status.tolist())
+        order = np.argsort(state.interface.points[:, 0])
+        found.append(np.column_stack([state.force, 1e12 * state.slip])[order])
+        u = result.displacement.x.array.reshape(-1, 2)
+        V = structure.V
+        facets = tagged.facet_tags.find(tagged.facet_tag("interface_lower"))
+        blocks = fem.locate_dofs_topological(V, 1, facets)
+        assert np.abs(u[blocks][:, list(directions)]).max() < 1e-5 * np.abs(u).max()
+    assert np.allclose(np.abs(found[0]), np.abs(found[1]), rtol=1e-4, atol=1.0)
+
+
+def test_bad_input():
+    """What is wrong is said: names, methods, values and faces."""
+    model = free_blocks(0.3, [])
+    with pytest.raises(InputError, match="'nut' is neither a bolt nor a load.*bolt"):
+        solve_preload(model, {"nut": 1.0})
+    with pytest.raises(InputError, match="bolt = nan"):
+        solve_preload(model, {"bolt": np.nan})
+    with pytest.raises(InputError, match="no friction, but c has"):
+        PreloadSolver(model, method="vi")
+    with pytest.raises(InputError, match="method = 'newton'"):
+        PreloadSolver(model, method="newton")
+    for options in ({"method": "penalty"}, {"penalty": 1e12}, {"method": "penalty", "penalty": -1}):
+        with pytest.raises(InputError, match="penalty"):
+            PreloadSolver(model, **options)
+    with pytest.raises(InputError, match="friction = -0.1"):
+        faces(friction=-0.1)
+    with pytest.raises(InputError, match="there is no contact 'd'"):
+        solve_preload(model)["d"]
+
+
+@pytest.mark.parallel
+def test_bad_faces():
+    """Faces that do not match, lie in a body or are one body are refused."""
+    model = free_blocks(0.0, [])
+    structure = model.structure
+    with pytest.raises(MeshError, match="have no partner"):
+        PreloadModel(structure, [Contact("c", "interface_lower", "top")])
+    with pytest.raises(MeshError, match="share vertices"):
+        PreloadModel(structure, [Contact("c", "bottom", "left")])
+    with pytest.raises(MeshError, match="no face named 'lid'"):
+        PreloadModel(structure, [Contact("c", "lid", "top")])
+    tagged = structure.tagged
+    upper = tagged.cell_tags.find(tagged.cell_tag("upper"))
+    points, nodes = tagged.mesh.geometry.x, np.unique(tagged.mesh.geometry.dofmap[upper])
+    points[nodes, 0] += 0.01 * np.sin(np.pi * points[nodes, 0])
+    with pytest.raises(MeshError, match="3 of 9 vertices.*Expected matching meshes"):
+        PreloadModel(structure, [faces()])
+    assert len(PreloadModel(structure, [faces(tolerance=0.02)]).interfaces[0]) == 9
