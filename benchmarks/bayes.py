@@ -36,7 +36,7 @@ from fenics_joints.bayes import (
 from fenics_joints.case import Case, build_structure, load_case
 from fenics_joints.case.bayes import bayes_data, specimens
 from fenics_joints.commands.bayes.model import CaseModel, case_model
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 
 DEMOS = Path(__file__).parents[1] / "demos"
 COMM = MPI.COMM_WORLD

@@ -48,8 +48,7 @@ FACES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 4, 5), (1, 2, 5, 6), (2, 3, 6, 7), (
 def make_model(comm, mesh, bonded: bool = False):
     from fenics_joints.meshes import bolted_plates
     from fenics_joints.preload import Contact, PreloadModel, WasherForce
-    from fenics_joints.structure.components import Support, part
-    from fenics_joints.structure.structure import Structure
+    from fenics_joints.structure import Structure, Support, part
 
     tagged = bolted_plates(comm, size=mesh[0], n_around=int(mesh[1]), **PLATES)
     plates = part("plates", ("plate_1", "plate_2"), E=E_MODULUS, nu=NU, rho=7850.0)

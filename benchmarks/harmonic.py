@@ -30,12 +30,16 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.harmonic import Balance, HarmonicResult, Settings, solve_harmonic
-from fenics_joints.interfaces import reduce_layers, with_modal_damping
-from fenics_joints.interfaces.full import full_layers
-from fenics_joints.interfaces.loading import loading_shapes
-from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
+from fenics_joints.interfaces import (
+    InterfaceModel,
+    InterfacePoints,
+    full_layers,
+    loading_shapes,
+    reduce_layers,
+    with_modal_damping,
+)
 from fenics_joints.joint_laws import Bilinear, Iwan, IwanLayer, RichardAbbott
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.transient import solve_transient, steady_harmonics
 
 CASE = Path(__file__).resolve().parent.parent / "demos" / "lap_beam"

@@ -40,7 +40,7 @@ def solve(size: float, method: str, n_modes: int, output: Path) -> None:
     from mpi4py import MPI
 
     from fenics_joints.case import build_structure, load_case
-    from fenics_joints.modal.modes import solve_modes
+    from fenics_joints.modal import solve_modes
 
     comm = MPI.COMM_WORLD
     case = load_case(CASE)

@@ -45,9 +45,8 @@ def solve_ours(counts, n_modes: int, with_floor: bool, output: Path) -> None:
     """One process of our side: what a user's script does, and the stages' times."""
     from mpi4py import MPI
 
-    from fenics_joints.modal.modes import solve_modes
-    from fenics_joints.structure.components import joint, part
-    from fenics_joints.structure.structure import Structure
+    from fenics_joints.modal import solve_modes
+    from fenics_joints.structure import Structure, joint, part
 
     comm = MPI.COMM_WORLD
     times = {"import": time.perf_counter() - START}

@@ -20,8 +20,8 @@ from world.cases import _write  # noqa: E402
 
 from fenics_joints.case import build_structure, load_case  # noqa: E402
 from fenics_joints.diagnosis.zones.nominal import bonded_values
-from fenics_joints.measurements.gap import pair_modes  # noqa: E402
-from fenics_joints.modal.modes import solve_modes  # noqa: E402
+from fenics_joints.measurements import pair_modes
+from fenics_joints.modal import solve_modes
 
 __all__ = ["compare"]
 

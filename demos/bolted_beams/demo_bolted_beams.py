@@ -24,18 +24,15 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.beams.damped import identify_damping, slip_table
+from fenics_joints.beams import identify_damping, slip_table
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update.run import run_combined
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.random_fields.fields import RandomField
-from fenics_joints.random_fields.propagation import propagate_samples, propagate_sensitivities
-from fenics_joints.reduction.batch import narrow
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.response.complex_modes import solve_complex_modes
-from fenics_joints.response.frf import solve_frf
-from fenics_joints.structure.points import Sensors
-from fenics_joints.updating.updating import update
+from fenics_joints.modal import solve_modes
+from fenics_joints.random_fields import RandomField, propagate_samples, propagate_sensitivities
+from fenics_joints.reduction import Forward, narrow
+from fenics_joints.response import solve_complex_modes, solve_frf
+from fenics_joints.structure import Sensors
+from fenics_joints.updating import update
 
 comm = MPI.COMM_WORLD
 here = Path(__file__).parent

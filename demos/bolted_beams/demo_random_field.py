@@ -23,14 +23,14 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
-from fenics_joints.random_fields.fields import RandomField, karhunen_loeve
-from fenics_joints.random_fields.propagation import (
+from fenics_joints.random_fields import (
     Moments,
+    RandomField,
+    karhunen_loeve,
     propagate_samples,
     propagate_sensitivities,
 )
-from fenics_joints.reduction.batch import narrow
-from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction import Forward, narrow
 
 comm = MPI.COMM_WORLD
 EPS, N = 0.034, 400

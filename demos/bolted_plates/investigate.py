@@ -46,7 +46,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from scipy.special import logsumexp
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit, fit

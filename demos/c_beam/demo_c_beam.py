@@ -27,7 +27,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_preload, load_case
 from fenics_joints.commands.cutoff.run import run_cutoff
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.preload.linear_joint import LinearJoint
 from fenics_joints.preload.torque import motosh_force
 

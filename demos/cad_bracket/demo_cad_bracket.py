@@ -23,7 +23,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_mesh, build_structure, load_case
 from fenics_joints.meshes import check_mesh, measure_ring
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 
 comm = MPI.COMM_WORLD
 case = load_case(Path(__file__).parent)

@@ -33,7 +33,7 @@ from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update.report import in_words
 from fenics_joints.commands.update.run import run_combined
 from fenics_joints.measurements import mac, pair_modes
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 
 comm, here = MPI.COMM_WORLD, Path(__file__).resolve().parent
 case = load_case(here)

@@ -30,8 +30,8 @@ from scipy.stats import spearmanr
 
 from fenics_joints.case import build_mesh, build_structure, load_case
 from fenics_joints.database import query, seed_database
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.reduced import reduce
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import reduce
 from fenics_joints.report.motion import corner_motion
 
 comm = MPI.COMM_WORLD

@@ -29,8 +29,7 @@ from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update import sweep
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.measurements import pair_modes
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.modal.sensitivity import frequency_sensitivity, identifiability
+from fenics_joints.modal import frequency_sensitivity, identifiability, solve_modes
 
 comm = MPI.COMM_WORLD
 here = Path(__file__).parent

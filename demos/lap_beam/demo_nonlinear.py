@@ -42,7 +42,7 @@ from stage_two import (
     tell_errors,
 )  # fmt: skip
 
-from fenics_joints.harmonic.identify import predict
+from fenics_joints.harmonic import predict
 from fenics_joints.measurements import read_curves
 
 test, curves = read_test(), read_curves(HERE / "frf.csv", "acceleration")

@@ -14,18 +14,13 @@ import numpy as np
 from mpi4py import MPI
 from scipy.optimize import least_squares
 
-from fenics_joints.harmonic import solve_harmonic
-from fenics_joints.harmonic.identify import LawParameters, identify, predict
-from fenics_joints.harmonic.loops import read_loops
-from fenics_joints.interfaces import reduce_layers, with_modal_damping
-from fenics_joints.interfaces.model import InterfaceModel
+from fenics_joints.harmonic import LawParameters, identify, predict, read_loops, solve_harmonic
+from fenics_joints.interfaces import InterfaceModel, reduce_layers, with_modal_damping
 from fenics_joints.joint_laws import Iwan, IwanLayer, RichardAbbott
 from fenics_joints.measurements import read_curves
-from fenics_joints.meshes.lap_beam import lap_beam
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.modal.sensitivity import frequency_sensitivity
-from fenics_joints.structure.components import Parameter, PointMass, Support, joint, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.meshes import lap_beam
+from fenics_joints.modal import frequency_sensitivity, solve_modes
+from fenics_joints.structure import Parameter, PointMass, Structure, Support, joint, part
 
 HERE = Path(__file__).parent
 COMM = MPI.COMM_WORLD

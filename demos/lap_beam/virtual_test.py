@@ -24,14 +24,12 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.harmonic import solve_harmonic, static_state
-from fenics_joints.interfaces import reduce_contacts, with_modal_damping
-from fenics_joints.interfaces.model import InterfaceModel
+from fenics_joints.interfaces import InterfaceModel, reduce_contacts, with_modal_damping
 from fenics_joints.joint_laws import CoulombStick
-from fenics_joints.meshes.lap_beam import lap_beam
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.meshes import lap_beam
+from fenics_joints.modal import solve_modes
 from fenics_joints.preload import BeamBolt, Contact, PreloadModel
-from fenics_joints.structure.components import PointMass, Support, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import PointMass, Structure, Support, part
 from fenics_joints.transient import solve_transient, steady_harmonics
 
 HERE = Path(__file__).parent

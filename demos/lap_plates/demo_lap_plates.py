@@ -29,7 +29,7 @@ from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update import sweep
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.measurements import pair_modes
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 
 comm = MPI.COMM_WORLD
 case = load_case(Path(__file__).parent)

@@ -17,12 +17,9 @@ import pyuff
 from mpi4py import MPI
 
 from fenics_joints.meshes import dumbbell
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.response.frf import solve_frf
-from fenics_joints.structure.components import part, transition
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.response import solve_frf
+from fenics_joints.structure import Damping, Sensors, Structure, part, transition
 
 H, E, NU = 10e-3, 10e9, 0.24  # Table 6, material parameters 1
 LOSS, STRUCTURAL = 0.02, 0.002
