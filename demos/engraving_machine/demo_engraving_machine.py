@@ -32,7 +32,6 @@ from fenics_joints.case import build_mesh, build_structure, load_case
 from fenics_joints.database import query, seed_database
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import reduce
-from fenics_joints.report.motion import corner_motion
 
 comm = MPI.COMM_WORLD
 case = load_case(Path(__file__).parent)
@@ -210,7 +209,7 @@ def parts() -> np.ndarray:
 
 
 if len(sys.argv) > 1:
-    corners, motions = corner_motion(model, [modes.shape(int(i)) for i in first_five])
+    corners, motions = model.corner_motion([modes.shape(int(i)) for i in first_five])
     part = parts()
     if comm.rank == 0:
         from drawing import Story, draw

@@ -1,75 +1,22 @@
-"""Elements of beams and of their laps as boxes, and what a change in each does to the modes."""
+"""What a change in one element of beams or of their laps does to the modes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.beams.boxes import BeamCells
 from fenics_joints.beams.element import joint_matrices, mass_matrices, stiffness_matrices
 from fenics_joints.beams.laws import BEAM_MASSES
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.values import number
 
-__all__ = ["JOINT_KEYS", "BeamCells", "beam_cells", "cell_energies", "log_slopes"]
+__all__ = ["JOINT_KEYS", "cell_energies", "log_slopes"]
 
 #: Stiffness that joint elements have of their own.
 JOINT_KEYS = ("k1", "k2", "k_axial")
-#: Height of the box of a joint element, over that of its beams: the interface itself has none.
-_INTERFACE = 0.05
-
-
-@dataclass(frozen=True)
-class BeamCells:
-    """A box for each element of each beam, laps included, then one for each joint element.
-
-    Attributes:
-        vertices: Corners, m, in the order of DOLFINx's hexahedra, (n_cells, 8, 3).
-        beam: Number of the beam of each cell; -1 for a joint element.
-        lap: Number of the lap that it is in, or -1.
-        element: Number of its element.
-        volume: Volume, m3; of a joint element that of both beams there, whose bending stiffness
-            it has.
-    """
-
-    vertices: np.ndarray
-    beam: np.ndarray
-    lap: np.ndarray
-    element: np.ndarray
-    volume: np.ndarray
-
-
-def beam_cells(structure: BeamStructure) -> BeamCells:
-    """The cells of beams."""
-    x, boxes, rows = structure.layout.x, [], []
-    for joints in (False, True):
-        for stretch in structure.layout.stretches:
-            if joints and stretch.joint is None:
-                continue
-            beams = [structure.beams[i] for i in stretch.beams]
-            lap = -1 if stretch.joint is None else stretch.joint
-            for e in range(stretch.first, stretch.first + stretch.n):
-                ends = x[e], x[e + 1]
-                if joints:
-                    z = 0.5 * _INTERFACE * min(b.height for b in beams)
-                    boxes.append((ends, min(b.breadth for b in beams), (-z, z)))
-                    volume = sum(b.breadth * b.height for b in beams) * stretch.length
-                    rows.append((-1, lap, e, volume))
-                    continue
-                for i, b in zip(stretch.beams, beams, strict=True):
-                    boxes.append((ends, b.breadth, (0.0, b.height) if i % 2 == 0 else
-                                  (-b.height, 0.0)))  # fmt: skip
-                    rows.append((i, lap, e, b.breadth * b.height * stretch.length))
-    beam, lap, element, volume = map(np.array, zip(*rows, strict=True))
-    return BeamCells(np.array([_box(*box) for box in boxes]), beam, lap, element, volume)
-
-
-def _box(x: tuple[float, float], width: float, z: tuple[float, float]) -> list:
-    y = -width / 2, width / 2
-    return [(x[i], y[j], z[k]) for k in range(2) for j in range(2) for i in range(2)]
-
 
 def log_slopes(
     structure: BeamStructure, cells: BeamCells, modes: Modes, index: Sequence[int]

@@ -1,17 +1,19 @@
-"""Lapped beams with generic joints as a structure with the calls of the solid ones (seed 002)."""
+"""Lapped beams with generic joints as a model like the solid ones (seed 002)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
 from fenics_joints.beams.assembly import Assembly
+from fenics_joints.beams.boxes import BeamCells, beam_cells
 from fenics_joints.beams.components import Beam, Clamp, GenericJoint, Held, LumpedMass
-from fenics_joints.beams.layout import lay_out
+from fenics_joints.beams.layout import Layout, lay_out
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm
+from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.structure.components import Parameter, Spring
 from fenics_joints.structure.damping import Damping
@@ -23,12 +25,13 @@ from fenics_joints.structure.values import number
 __all__ = ["BeamStructure"]
 
 
-class BeamStructure:
+class BeamStructure(ArrayModel):
     """Beams in a row, each lapped with the next: above, below, above, ... the line of the nodes.
 
-    K, M are exact sums over the parameters, so that `arrays` gives, without a sample or a basis, an
-    `ArrayModel`: what updating, sampling and diagnosis work on. All of it is small and dense, and
-    the same on every rank.
+    K, M are exact sums over the parameters, so that it is an `ArrayModel`, without a sample or a
+    basis; `arrays` has it without what is of beams alone. All of it is small and dense, and the
+    same on every rank. Regions are beams and joints; ``NAME.slap``, ``NAME.slip`` are a joint's k1,
+    k2. Dampers are the dashpots of slip, ``NAME.c``: see `joint_damping`.
 
     The plane of motion is x, z: x along the beams from the free end of the first one, z above the
     interfaces, which lie at z = 0. Sensors, masses and springs stand at (x, y, z), y of no account.
@@ -41,8 +44,8 @@ class BeamStructure:
         springs: Grounding springs.
         held: Places that cannot move.
         clamps: Ends that are held elastically.
-        offset_mass: Whether the offset enters the mass too; False as in the paper, see
-            `fenics_joints.beams.element`.
+        offset_mass: Whether the mass knows of the offset, as it does in nature; False as in the
+            paper, see `fenics_joints.beams.element`.
 
     Raises:
         InputError: For a bad dimension, an unknown parameter, a value out of range, or something
@@ -50,7 +53,6 @@ class BeamStructure:
 
     Attributes:
         layout: Nodes and elements.
-        model: The matrices as sums.
         slips: (label, c, matrix) of each group of joint elements with one c.
     """
 
@@ -84,40 +86,8 @@ class BeamStructure:
             known, regions, [assembly.spring(s) for s in springs],
             [assembly.mass(m) for m in masses],
         )  # fmt: skip
-        self.model = ArrayModel(pencil, 1.0, dampers=dampers)
-        self.model = replace(self.model, scale_hz=self.dilation_frequency())
-
-    # -- the calls of a structure ------------------------------------------------------------
-
-    @property
-    def parameters(self) -> Mapping[str, Parameter]:
-        """Parameters by name."""
-        return self.model.parameters
-
-    @property
-    def pencil(self) -> AffinePencil:
-        """K(p) and M(p) as sums."""
-        return self.model.pencil
-
-    @property
-    def regions(self) -> Sequence[RegionTerm]:
-        """Beams and joints with their laws; ``NAME.slap``, ``NAME.slip`` are a joint's k1, k2."""
-        return self.model.regions
-
-    @property
-    def dampers(self) -> Mapping[str, np.ndarray]:
-        """Matrices of the dashpots of slip, ``NAME.c``: see `joint_damping`."""
-        return self.model.dampers
-
-    @property
-    def n_dofs(self) -> int:
-        """Number of degrees of freedom that are not held."""
-        return self.model.n_dofs
-
-    @property
-    def scale_hz(self) -> float:
-        """See `dilation_frequency`."""
-        return self.model.scale_hz
+        scale_hz = _dilation_frequency(pencil, self.layout)
+        super().__init__(pencil, scale_hz, dampers=dampers)
 
     @property
     def size_m(self) -> np.ndarray:
@@ -126,55 +96,35 @@ class BeamStructure:
         width = max(b.breadth for b in self.beams)
         return np.array([np.ptp(self.layout.x), width, max(z) - min(*z, 0.0)])
 
-    def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
-        """All parameters' values."""
-        return self.model.values(given)
+    @cached_property
+    def cells(self) -> BeamCells:
+        """A box for each element."""
+        return beam_cells(self.layout, self.beams)
 
-    def stiffness(self, given: Mapping[str, float] | None = None) -> np.ndarray:
-        """K(p), shape (n_dofs, n_dofs)."""
-        return self.model.stiffness(given)
+    def corner_motion(self, shapes: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of the elements of beams, m, (n_cells, 8, 3), and how they move in shapes,
+        (n_shapes, n_cells, 8, 3); the same on every rank."""
+        corners = self.cells.vertices[self.cells.beam >= 0]
+        rows = self.displacement_rows(corners.reshape(-1, 3))
+        return corners, np.array([(rows @ x).reshape(corners.shape) for x in shapes])
 
-    def mass(self, given: Mapping[str, float] | None = None) -> np.ndarray:
-        """M(p), shape (n_dofs, n_dofs)."""
-        return self.model.mass(given)
-
-    def pencil_gradients(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
-        """Derivatives of x^T (K - lambda M) x by every parameter, see `ArrayModel`."""
-        return self.model.pencil_gradients(shapes, eigenvalues, given)
-
-    def pencil_products(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
-        """(dK/dp - lambda dM/dp) x for every parameter, see `ArrayModel`."""
-        return self.model.pencil_products(shapes, eigenvalues, given)
-
-    def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
-        """Stiffness of a region, or the matrix of a dashpot, see `ArrayModel`."""
-        return self.model.region_stiffness(name, given)
-
-    def slopes(self, given: Mapping[str, float] | None = None, apart: Sequence[str] = ()):
-        """dK/dp and dM/dp as matrices, see `ArrayModel`."""
-        return self.model.slopes(given, apart)
-
-    def shape_slopes(self, index, given=None) -> tuple[np.ndarray, np.ndarray]:
-        """Shapes of some modes and their derivatives, see `ArrayModel`."""
-        return self.model.shape_slopes(index, given)
-
-    def total_mass(self, given: Mapping[str, float] | None = None) -> float:
-        """Mass, kg."""
-        return self.model.total_mass(given)
+    def rings(self) -> tuple:
+        """None: these joints have no layers."""
+        return ()
 
     def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
         """Shapes at sensors, shape (n_sensors, n_shapes)."""
-        return self.rows(sensors) @ shapes
+        return self.read(sensors)[0] @ shapes
 
-    def rows(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
-        """What sensors read, and loads of one newton there, shape (n_sensors, n_dofs).
+    def loads(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
+        """Loads of one newton at points, and what sensors there read, (n_dofs, n_sensors).
 
         Raises:
             InputError: If one is beside the beams; ``what`` is its name there.
         """
-        return self.sensor_rows(sensors, what)[0]
+        return self.read(sensors, what)[0].T
 
-    def sensor_rows(self, sensors: Sensors, what: str = "sensor") -> tuple[np.ndarray, np.ndarray]:
+    def read(self, sensors: Sensors, what: str = "sensor") -> tuple[np.ndarray, np.ndarray]:
         """What sensors read, and the same per metre that they sit further along x.
 
         Returns:
@@ -212,27 +162,11 @@ class BeamStructure:
         Raises:
             InputError: If a point is beside the beams.
         """
-        rows = (None, None) if sensors is None else self.sensor_rows(sensors)
+        rows = (None, None) if sensors is None else self.read(sensors)
         there = [s for s in (sensors, *places) if s is not None]
         points = np.unique(np.vstack([np.zeros((0, 3)), *(s.points for s in there)]), axis=0)
-        return replace(
-            self.model, sensor_rows=rows[0], shift_rows=rows[1],
-            places=PlaceRows(points, self.displacement_rows(points)),
-        )  # fmt: skip
-
-    def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
-        """Frequency, Hz, at which the beams would stretch evenly along x: a scale for shifts.
-
-        Clamps, which may be as good as rigid, are left out.
-        """
-        values = self.values(given)
-        x = np.repeat(self.layout.x - self.layout.x.mean(), 3)[self.layout.free]
-        shape = np.where(self.layout.free % 3 == 0, x, 0.0)
-        bodies = [r for r in self.pencil.regions if r.law is not ELASTIC_SUPPORT]
-        K, M = replace(self.pencil, regions=bodies).matrices(values)
-        if not self.total_mass(values) > 0:
-            raise InputError("the structure has no mass: expected a density > 0 in some beam.")
-        return float(np.sqrt((shape @ K @ shape) / (shape @ M @ shape)) / (2 * np.pi))
+        places = PlaceRows(points, self.displacement_rows(points))
+        return ArrayModel(self.pencil, self.scale_hz, *rows, places, self.dampers)
 
     # -- damping -----------------------------------------------------------------------------
 
@@ -248,6 +182,26 @@ class BeamStructure:
             total += _damping(label, number(c, values)) * matrix
         return total
 
+    def resolved(self, damping: Damping) -> Damping:
+        """A damping that names beams and joints, by names of regions, and `joint_damping`.
+
+        A beam or joint is all of its stiffness: of a beam itself, with its axial stiffness in the
+        laps; of a joint slap, slip and its own axial stiffness.
+        """
+        viscous, hysteretic = (
+            {region: value for name, value in own.items() for region in self._stiff(name)}
+            for own in (damping.viscous, damping.hysteretic)
+        )
+        viscous |= self.joint_damping().viscous
+        return replace(damping, viscous=viscous, hysteretic=hysteretic)
+
+    def _stiff(self, name: str) -> Iterator[str]:
+        """Regions with stiffness whose properties are those of a section of a case."""
+        for region in self.regions:
+            owners = {p.partition(".")[0] for p in region.properties.values() if isinstance(p, str)}
+            if name in owners and len(region.stiffness):
+                yield region.name
+
     def joint_damping(self) -> Damping:
         """The same damping as FRFs and complex modes take it: a dashpot ``NAME.c`` of each joint.
 
@@ -255,6 +209,21 @@ class BeamStructure:
         kinds can be put beside it: ``replace(beams.joint_damping(), structural=1e-3)``.
         """
         return Damping(viscous={f"{label}.c": c for label, c, _ in self.slips})
+
+
+def _dilation_frequency(pencil: AffinePencil, layout: Layout) -> float:
+    """Frequency, Hz, at which the beams would stretch evenly along x: a scale for shifts.
+
+    Clamps, which may be as good as rigid, are left out.
+    """
+    values = pencil.values()
+    x = np.repeat(layout.x - layout.x.mean(), 3)[layout.free]
+    shape = np.where(layout.free % 3 == 0, x, 0.0)
+    bodies = [r for r in pencil.regions if r.law is not ELASTIC_SUPPORT]
+    K, M = replace(pencil, regions=bodies).matrices(values)
+    if not pencil.total_mass(values) > 0:
+        raise InputError("the structure has no mass: expected a density > 0 in some beam.")
+    return float(np.sqrt((shape @ K @ shape) / (shape @ M @ shape)) / (2 * np.pi))
 
 
 def _by_name(parameters: Sequence[Parameter]) -> dict[str, Parameter]:

@@ -16,7 +16,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.modal.eigensolver import EigenSolver, product
+from fenics_joints.modal.eigensolver import EigenSolver
+from fenics_joints.structure.sparse import product
 
 __all__ = ["Basis", "fixed_interface", "free_interface"]
 

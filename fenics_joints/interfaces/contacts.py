@@ -22,7 +22,7 @@ from fenics_joints.interfaces.basis import energy_share, fixed_interface, free_i
 from fenics_joints.interfaces.model import InterfacePoints
 from fenics_joints.interfaces.reduced import ReducedInterfaceModel
 from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.modal.eigensolver import EigenSolver, product
+from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.preload.conditions import OPEN, SLIP
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.linear_joint import LinearJoint
@@ -30,6 +30,7 @@ from fenics_joints.preload.model import PreloadModel
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure.loads import Places, place_loads
+from fenics_joints.structure.sparse import product
 
 __all__ = ["reduce_contacts"]
 

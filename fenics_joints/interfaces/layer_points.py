@@ -186,13 +186,10 @@ def _sparse(structure: Structure, rows: np.ndarray, nodes: np.ndarray) -> PETSc.
     """Rows over the displacement DOFs as a matrix; held DOFs, which are zero, are left out."""
     V, gdim = structure.V, structure.gdim
     imap = V.dofmap.index_map
-    held = np.zeros((imap.size_local + imap.num_ghosts) * gdim, dtype=bool)
-    for bc in structure.bcs:
-        held[bc.dof_indices()[0]] = True
     local = nodes[:, :, None] * gdim + np.arange(gdim)
     blocks = imap.local_to_global(nodes.ravel().astype(np.int32)).reshape(nodes.shape)
     columns = (blocks[:, :, None] * gdim + np.arange(gdim)).reshape(len(nodes), -1)
-    values = np.where(held[local][:, None], 0.0, rows)
+    values = np.where(structure.held_dofs[local][:, None], 0.0, rows)
     n_rows, width = len(nodes) * gdim, columns.shape[1] if len(nodes) else 1
     columns = np.repeat(columns[:, None], gdim, axis=1)
     matrix = PETSc.Mat().createAIJ(

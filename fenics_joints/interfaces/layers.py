@@ -24,11 +24,11 @@ from fenics_joints.interfaces.layer_points import LayerPoints, layer_points
 from fenics_joints.interfaces.model import InterfacePoints
 from fenics_joints.interfaces.reduced import LayerTerm, ReducedInterfaceModel
 from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.modal.eigensolver import product
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure.loads import Places, place_loads
+from fenics_joints.structure.sparse import product
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["layer_numbers", "reduce_layers"]

@@ -47,9 +47,9 @@ class LayerTerm:
 
 @dataclass(frozen=True)
 class ReducedInterfaceModel(InterfaceModel):
-    """An `InterfaceModel` whose linear parameters live on; takes the calls of a `Structure`.
+    """An `InterfaceModel` whose linear parameters live on; a `fenics_joints.structure.model.Model`.
 
-    As a structure it is the model of small vibrations, with the laws' tangents at rest.
+    As such it is the model of small vibrations, with the laws' tangents at rest.
 
     Attributes:
         pencil: K(p) without the interfaces' stress, and M(p).
@@ -66,6 +66,9 @@ class ReducedInterfaceModel(InterfaceModel):
     scale_hz: float = 0.0
     places: Mapping[str, np.ndarray] = field(default_factory=dict)
     source: ReducedStructure | None = field(default=None, repr=False, compare=False)
+
+    #: See `fenics_joints.structure.model.Model`.
+    is_dense, is_meshed = True, False
 
     # -- parameters ----------------------------------------------------------------------------
 

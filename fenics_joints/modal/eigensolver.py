@@ -27,13 +27,13 @@ from slepc4py import SLEPc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.options import reason_of
+from fenics_joints.structure.sparse import dense_block, product
 
 __all__ = [
     "DEFAULT_SHIFT",
     "EigenResult",
     "EigenSolver",
     "count_below",
-    "product",
     "solve_pencil",
     "without_zeros",
 ]
@@ -168,7 +168,7 @@ class EigenSolver:
         """
         if self._shifted is None:
             raise InputError("the solver has no factorisation yet: expected a solution first")
-        right, left = (_dense(self._shifted, block.shape[1]) for _ in range(2))
+        right, left = (dense_block(self._shifted, block.shape[1]) for _ in range(2))
         right.getDenseArray()[:] = block
         ksp = self._eps.getST().getKSP()
         ksp.matSolve(right, left)
@@ -360,7 +360,7 @@ class _Operator:
 
     def _buffers(self, columns: int):
         if columns not in self._work:
-            right, left = _dense(self._mass, columns), _dense(self._mass, columns)
+            right, left = dense_block(self._mass, columns), dense_block(self._mass, columns)
             self._work[columns] = (right, left, self._mass.matMult(left))
         return self._work[columns]
 
@@ -516,25 +516,6 @@ def _residuals(K, M, values, X, shift) -> np.ndarray:
     squares = np.sum(np.abs(r) ** 2 / np.abs(diagonal.array_r)[:, None], axis=0)
     squares = K.comm.tompi4py().allreduce(squares, op=MPI.SUM)
     return np.sqrt(squares / np.maximum(values - shift, np.finfo(float).tiny))
-
-
-def product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
-    """``A X`` for this rank's rows of a block of columns; A need not be square. Collective."""
-    dense = _dense(A, X.shape[1])
-    dense.getDenseArray()[:] = X
-    image = A.matMult(dense)
-    out = image.getDenseArray().copy(order="F")
-    image.destroy()
-    dense.destroy()
-    return out
-
-
-def _dense(A: PETSc.Mat, columns: int) -> PETSc.Mat:
-    """Dense matrix that A can multiply."""
-    dense = PETSc.Mat().createDense([A.getSizes()[1], (None, columns)], comm=A.comm)
-    dense.setUp()
-    dense.assemble()
-    return dense
 
 
 def _set_up(ksp: PETSc.KSP) -> float:

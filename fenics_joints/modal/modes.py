@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -12,10 +11,9 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.eigensolver import EigenSolver
+from fenics_joints.modal.iterative import IterativeEigenSolver
+from fenics_joints.structure.model import Model
 from fenics_joints.structure.points import Sensors
-
-if TYPE_CHECKING:
-    from fenics_joints.modal.iterative import IterativeEigenSolver
 
 __all__ = ["SHIFT_SHARE", "Modes", "count_rigid", "dense_modes", "inverted_modes", "solve_modes"]
 
@@ -26,7 +24,7 @@ SHIFT_SHARE = 0.002
 _RIGID_SHARE = 0.01
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Modes:
     """Modes of a structure, in ascending order, rigid-body modes first.
 
@@ -42,7 +40,7 @@ class Modes:
         statistics: What the solver says of its work.
     """
 
-    model: object
+    model: Model
     given: Mapping[str, float]
     eigenvalues: np.ndarray
     shapes: list[PETSc.Vec] | np.ndarray
@@ -54,6 +52,10 @@ class Modes:
     def __len__(self) -> int:
         return len(self.eigenvalues)
 
+    def __repr__(self) -> str:
+        highest = f"to {self.frequencies_hz[-1]:.5g} Hz" if len(self) else "none"
+        return f"Modes({len(self)}, {highest}, {self.n_rigid} of a rigid body, of {self.model!r})"
+
     @property
     def frequencies_hz(self) -> np.ndarray:
         """Natural frequencies, Hz, shape (n,); 0 for an eigenvalue that round-off made negative."""
@@ -61,7 +63,7 @@ class Modes:
 
     def shape(self, i: int):
         """Shape of mode ``i``: a PETSc vector or a column of the reduced model."""
-        return self.shapes[:, i] if isinstance(self.shapes, np.ndarray) else self.shapes[i]
+        return self.shapes[:, i] if self.model.is_dense else self.shapes[i]
 
     def at(self, sensors: Sensors) -> np.ndarray:
         """Mass-normalised shapes at sensors, kg^-1/2, shape (n_sensors, n)."""
@@ -83,13 +85,12 @@ class Modes:
         For a multiple eigenvalue they are the derivatives of these shapes' Rayleigh quotients only.
         """
         index = [int(i) for i in index]
-        dense = isinstance(self.shapes, np.ndarray)
-        shapes = self.shapes[:, index] if dense else [self.shapes[i] for i in index]
+        shapes = self.shapes[:, index] if self.model.is_dense else [self.shapes[i] for i in index]
         return self.model.pencil_gradients(shapes, self.eigenvalues[index], self.given)
 
 
 def solve_modes(
-    model,
+    model: Model,
     given: Mapping[str, float] | None = None,
     *,
     n_modes: int = 20,
@@ -103,7 +104,7 @@ def solve_modes(
     """Lowest modes of K(p) x = omega^2 M(p) x.
 
     Args:
-        model: A `Structure`, or a `ReducedStructure`, which is solved densely.
+        model: Any model: a structure; a reduced one or beams, which are solved densely.
         given: Values of parameters that differ from their nominal value.
         n_modes: Number of modes, rigid-body modes included.
         shift_hz: The factorised matrix is K + (2 pi shift_hz)^2 M; by default a five-hundredth of
@@ -131,7 +132,7 @@ def solve_modes(
     if method == "iterative":
         return _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings)
     K, M = model.stiffness(given), model.mass(given)
-    if isinstance(K, np.ndarray):
+    if model.is_dense:
         return _solve_dense(model, given, K, M, n_modes)
     if solver is None or solver.n != n_modes or not isinstance(solver, EigenSolver):
         solver = EigenSolver(n_modes, shift=_shift(model, given, shift_hz), **settings)
@@ -141,11 +142,7 @@ def solve_modes(
 
 
 def _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings) -> Modes:
-    # Here, as DOLFINx need not be loaded for the modes of reduced models.
-    from fenics_joints.modal.iterative import IterativeEigenSolver
-    from fenics_joints.structure.structure import Structure
-
-    if not isinstance(model, Structure):
+    if not model.is_meshed:
         raise InputError(
             f"method = 'iterative': a {type(model).__name__} has no mesh for multigrid; expected "
             "a Structure, or method = 'direct'."
@@ -175,7 +172,7 @@ def _solve_dense(model, given, K, M, n_modes) -> Modes:
         raise InputError(
             f"n_modes = {n_modes}: expected at most {len(K)}, the size of the reduced model."
         )
-    shift_hz = model.scale_hz * SHIFT_SHARE
+    shift_hz = model.dilation_frequency(given) * SHIFT_SHARE
     values, vectors = dense_modes(K, M, shift_hz, n_modes)
     return Modes(model, given, values, vectors, count_rigid(values, shift_hz))
 

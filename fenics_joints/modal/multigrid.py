@@ -21,7 +21,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["Multigrid", "held_dofs", "lean_mass", "rigid_motions", "to_upper_half"]
+__all__ = ["Multigrid", "lean_mass", "rigid_motions", "to_upper_half"]
 
 _GAMG = {
     # Aggregates must not reach across a soft layer, nor skip a distance.
@@ -158,7 +158,7 @@ def rigid_motions(structure: Structure) -> np.ndarray:
 
         return move
 
-    held = held_dofs(structure)
+    held = structure.held_dofs[: structure.n_local]
     motions = [*map(translation, range(gdim)), *(rotation(*turn) for turn in turns)]
     R = np.empty((len(held), len(motions)))
     u = fem.Function(structure.V)
@@ -166,16 +166,6 @@ def rigid_motions(structure: Structure) -> np.ndarray:
         u.interpolate(motion)
         R[:, column] = np.where(held, 0.0, u.x.array[: len(held)])
     return R
-
-
-def held_dofs(structure: Structure) -> np.ndarray:
-    """Which of this rank's DOFs supports hold, shape (n_local,)."""
-    dofmap = structure.V.dofmap
-    held = np.zeros(dofmap.index_map.size_local * dofmap.index_map_bs, dtype=bool)
-    for bc in structure.bcs:
-        dofs, owned = bc.dof_indices()
-        held[dofs[:owned]] = True
-    return held
 
 
 def lean_mass(structure: Structure, given: Mapping[str, float] | None) -> PETSc.Mat:
@@ -225,7 +215,9 @@ def _prolongation(coarse: Structure, fine: Structure) -> PETSc.Mat:
     P = fem_petsc.interpolation_matrix(coarse.V, fine.V)
     P.assemble()
     left, right = P.createVecLeft(), P.createVecRight()
-    left.array[:], right.array[:] = ~held_dofs(fine), ~held_dofs(coarse)
+    left.array[:], right.array[:] = (
+        ~structure.held_dofs[: structure.n_local] for structure in (fine, coarse)
+    )
     P.diagonalScale(left, right)
     lean = _without_zeros(P)
     P.destroy()

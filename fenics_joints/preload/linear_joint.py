@@ -94,7 +94,7 @@ def pressure_stiffness(
 
 
 class LinearJoint:
-    """A preloaded structure whose contacts are linear; takes the calls of a `Structure`.
+    """A preloaded structure whose contacts are linear; a `fenics_joints.structure.model.Pictured`.
 
     Args:
         model: Bodies, contacts and bolts; beams resist stretching here and have mass.
@@ -110,6 +110,9 @@ class LinearJoint:
         parameters: The structure's parameters.
     """
 
+    #: See `fenics_joints.structure.model.Model`.
+    is_dense, is_meshed = False, False
+
     def __init__(
         self,
         model: PreloadModel,
@@ -119,6 +122,7 @@ class LinearJoint:
         self.model, self.structure = model, model.structure
         self.jumps = model.jumps
         self.parameters, self.values = self.structure.parameters, self.structure.values
+        self.rings = self.structure.rings
         self.springs = self._checked("springs", springs, 2)
         given = self._checked("conditions", conditions, 1)
         self.conditions = {c.name: given.get(c.name, np.full(len(c), STICK))
@@ -219,6 +223,11 @@ class LinearJoint:
         return self.structure.gdim
 
     @property
+    def size_m(self) -> np.ndarray:
+        """Extents of the mesh, m. Collective."""
+        return self.structure.size_m
+
+    @property
     def n_dofs(self) -> int:
         """Size of x, held entries included."""
         return self.jumps.n
@@ -245,6 +254,10 @@ class LinearJoint:
             self.jumps.T.mult(x, y)
             found.append(y)
         return found
+
+    def corner_motion(self, shapes) -> tuple[np.ndarray, np.ndarray]:
+        """See `Structure.corner_motion`. Collective."""
+        return self.structure.corner_motion(self.displacements(shapes))
 
     def displacement(self, x: PETSc.Vec) -> fem.Function:
         """Displacement u = T x as a function."""

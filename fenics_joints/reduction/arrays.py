@@ -12,14 +12,16 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import SHIFT_SHARE, dense_modes
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm
 from fenics_joints.structure.components import Parameter
+from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.rows import PlaceRows
 
 __all__ = ["ArrayModel"]
 
-@dataclass(frozen=True)
+
+@dataclass(eq=False, repr=False)
 class ArrayModel:
-    """Takes the same calls as the reduced structure it was made from; see its `arrays`.
+    """K(p) and M(p) as sums of arrays; fulfils `fenics_joints.structure.model.Damped`.
 
     Attributes:
         pencil: K(p) and M(p) on the basis.
@@ -38,6 +40,9 @@ class ArrayModel:
     places: PlaceRows | None = None
     dampers: Mapping[str, np.ndarray] = field(default_factory=dict)
 
+    #: See `fenics_joints.structure.model.Model`.
+    is_dense, is_meshed = True, False
+
     @property
     def parameters(self) -> Mapping[str, Parameter]:
         return self.pencil.parameters
@@ -46,6 +51,11 @@ class ArrayModel:
     def regions(self) -> Sequence[RegionTerm]:
         """Parts and joints, with their laws and properties."""
         return self.pencil.regions
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of `regions`."""
+        return tuple(region.name for region in self.regions)
 
     @cached_property
     def n_dofs(self) -> int:
@@ -136,13 +146,17 @@ class ArrayModel:
         apart = [name for name in apart if name not in self.dampers]
         return self.pencil.slopes(self.values(given), apart)
 
-    def rows(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
-        """What sensors read of the basis, and loads of one newton on it, (n_sensors, n_dofs).
+    def resolved(self, damping: Damping) -> Damping:
+        """A damping by names of `layers`, which are those that a user knows."""
+        return damping
+
+    def loads(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
+        """Loads of one newton on the basis, and what sensors read of it, (n_dofs, n_sensors).
 
         Raises:
             InputError: If one is not among the model's `places`.
         """
-        return (self.places or PlaceRows()).at(sensors, what)
+        return (self.places or PlaceRows()).at(sensors, what).T
 
     def observe(self, shapes: np.ndarray, sensors: Sensors | None = None) -> np.ndarray:
         """Shapes at sensors, (n_sensors, n_shapes).
@@ -168,3 +182,13 @@ class ArrayModel:
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg."""
         return self.pencil.total_mass(self.values(given))
+
+    def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
+        """`scale_hz`, which does not follow the parameters."""
+        return self.scale_hz
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({len(self.regions)} parts and joints, "
+            f"{len(self.parameters)} parameters, {self.n_dofs} DOFs)"
+        )

@@ -18,7 +18,7 @@ from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
 from fenics_joints.response.damping_ratios import damping_ratios
 from fenics_joints.response.modal_basis import modal_pencil
-from fenics_joints.response.pencil import DampedPencil, point_loads
+from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.structure import Structure
@@ -82,7 +82,7 @@ class CombinedModel:
         self._loads = None
         if frfs is not None:
             self._loads = np.hstack([
-                point_loads(full, frfs.excitation, "excitation"), point_loads(full, frfs.sensors),
+                full.loads(frfs.excitation, "excitation"), full.loads(frfs.sensors),
             ])  # fmt: skip
 
     def add(self, values: Mapping[str, float]) -> None:

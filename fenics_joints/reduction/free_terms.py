@@ -55,6 +55,9 @@ class FreeTerms:
         InputError: If a name is unknown, a region that varies is graded, or a mass travels.
     """
 
+    #: See `fenics_joints.structure.model.Model`.
+    is_dense, is_meshed = False, False
+
     def __init__(self, structure: Structure, free: Sequence[str], given: Mapping[str, float]):
         self.full, self.given = structure, structure.values(given)
         unknown = [name for name in free if name not in self.given]

@@ -21,7 +21,7 @@ from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.response.modal_basis import check_lines, modal_pencil
-from fenics_joints.response.pencil import DampedPencil, point_loads
+from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
@@ -91,10 +91,10 @@ class _Sampler:
     def __init__(self, structure: Structure, n_modes: int, lines, excitation, sensors, damping):
         self.structure, self.n_modes = structure, n_modes
         self.lines, self.damping = check_lines(lines), damping or Damping()
-        self.damping.check(structure)
+        self.damping.check(structure.parameters, structure.layers)
         self.snapshots = Snapshots(structure)
         self.loads = np.hstack(
-            [point_loads(structure, excitation, "excitation"), point_loads(structure, sensors)]
+            [structure.loads(excitation, "excitation"), structure.loads(sensors)]
         )
         self.solver = None
 

@@ -39,7 +39,7 @@ _TRAVEL_SAMPLES = 41
 
 
 class ReducedStructure:
-    """A structure on a fixed basis; takes the same calls as the full one, with dense matrices.
+    """A structure on a fixed basis; a `fenics_joints.structure.model.Damped` with dense matrices.
 
     Args:
         structure: The full model.
@@ -61,6 +61,8 @@ class ReducedStructure:
     ):
         self.full = structure
         self.parameters, self.values = structure.parameters, structure.values
+        self.regions, self.layers, self.dampers = structure.regions, structure.layers, {}
+        self.resolved = structure.resolved
         self.basis = basis
         self.n_dofs = len(basis)
         self._dense = dense_columns(basis)
@@ -139,7 +141,14 @@ class ReducedStructure:
         row = direction @ self.point_rows(spring.point)[0]
         return SpringTerm(spring.name, spring.stiffness, spring.share, row)
 
-    # -- the calls of a structure --------------------------------------------------------------
+    # -- the calls of a model ------------------------------------------------------------------
+
+    #: See `fenics_joints.structure.model.Model`.
+    is_dense, is_meshed = True, False
+
+    def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
+        """`scale_hz`, which does not follow the parameters."""
+        return self.scale_hz
 
     def stiffness(self, given: Mapping[str, float] | None = None) -> np.ndarray:
         """Reduced K(p), shape (n_dofs, n_dofs)."""
@@ -187,14 +196,14 @@ class ReducedStructure:
             self._sensor_rows[key] = self.full.observe(self.basis, sensors)
         return self._sensor_rows[key] @ shapes
 
-    def rows(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
-        """What sensors read of the basis, and loads of one newton on it, (n_sensors, n_dofs).
+    def loads(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
+        """Loads of one newton on the basis, and what sensors read of it, (n_dofs, n_sensors).
 
         Raises:
             InputError: If one is outside the mesh; ``what`` is its name in the message.
         """
         self.full.rows(sensors.points, what)
-        return self.observe(np.eye(self.n_dofs), sensors)
+        return self.observe(np.eye(self.n_dofs), sensors).T
 
     def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
         """Stiffness of one part, joint or elastic support alone, shape (n_dofs, n_dofs)."""

@@ -19,11 +19,11 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.eigensolver import product
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes
 from fenics_joints.response.modal_basis import check_modes
-from fenics_joints.response.pencil import DampedPencil, point_loads
+from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.sparse import product
 
 __all__ = ["FullComplement", "ReducedComplement", "complement"]
 
@@ -60,7 +60,7 @@ class FullComplement:
 
     def rows(self, sensors: Sensors) -> np.ndarray:
         """Rows by which sensors read, as columns: this rank's, (n_local, n_sensors)."""
-        return point_loads(self.structure, sensors)
+        return self.structure.loads(sensors)
 
     def inner(self, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Y^T X, equal on all ranks."""
@@ -77,12 +77,12 @@ class FullComplement:
         """
         pencil = self._pencil if given is None else DampedPencil(self.structure, given)
         terms = pencil.terms()
-        held = _held(self.structure)
+        held = self.structure.held_dofs[: len(X)]
         for p in sorted({t.parameter for t in terms}):
             both = {kind: np.zeros_like(X) for kind in "KM"}
             for term in terms:
                 if term.parameter == p:
-                    both[term.kind] += term.form.apply(X)
+                    both[term.kind] += term.form @ X
                     term.form.destroy()
             for image in both.values():
                 image[held] = 0.0
@@ -152,7 +152,7 @@ class ReducedComplement:
     def __init__(self, modes: Modes, close: float):
         self.modes, self.model, self.shapes = modes, modes.model, modes.shapes
         self._K, self._M = self.model.stiffness(modes.given), self.model.mass(modes.given)
-        shift = (2 * np.pi * SHIFT_SHARE * self.model.scale_hz) ** 2
+        shift = (2 * np.pi * SHIFT_SHARE * self.model.dilation_frequency(modes.given)) ** 2
         every = scipy.linalg.eigvalsh(self._M, self._K + shift * self._M)[::-1]
         # The next mode after the last one known; without a mass there is none.
         count, last = len(modes), modes.eigenvalues[-1]
@@ -202,16 +202,9 @@ class ReducedComplement:
 
 def complement(modes: Modes, close: float) -> FullComplement | ReducedComplement:
     """For the model of the modes; see `FullComplement`."""
-    dense = isinstance(modes.shapes, np.ndarray)
-    if not dense and modes.solver is None:
+    if not modes.model.is_dense and modes.solver is None:
         raise InputError("modes: expected modes with their solver.")
-    return (ReducedComplement if dense else FullComplement)(modes, close)
-
-
-def _held(structure) -> np.ndarray:
-    """This rank's held degrees of freedom."""
-    held = [bc.dof_indices() for bc in structure.bcs]
-    return np.unique(np.concatenate([dofs[:n] for dofs, n in held])) if held else np.zeros(0, int)
+    return (ReducedComplement if modes.model.is_dense else FullComplement)(modes, close)
 
 
 def _error() -> ConvergenceError:

@@ -20,15 +20,15 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.eigensolver import product
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, solve_modes
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.response.modal_basis import ModalPencil, extended, modal_pencil, with_terms
-from fenics_joints.response.pencil import DampedPencil, point_loads
+from fenics_joints.response.pencil import DampedPencil, check_damped
 from fenics_joints.response.reduced import reduced_pencil
 from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.model import Damped
 from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure.sparse import product
 
 __all__ = ["ComplexModes", "solve_complex_modes"]
 
@@ -44,7 +44,7 @@ _NO_MODE = 1e-2
 _ROUNDS = 12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ComplexModes:
     """Elastic modes that oscillate, of a damped structure, by ascending |s|.
 
@@ -63,7 +63,7 @@ class ComplexModes:
         solver: SLEPc's solver; None of a reduced model.
     """
 
-    structure: object
+    structure: Damped
     given: Mapping[str, float]
     eigenvalues: np.ndarray
     shapes: np.ndarray
@@ -74,6 +74,12 @@ class ComplexModes:
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
+
+    def __repr__(self) -> str:
+        return (
+            f"ComplexModes({len(self)}, to {self.frequencies_hz[-1]:.5g} Hz, damping ratios to "
+            f"{self.damping_ratios.max():.3g})"
+        )
 
     @property
     def frequencies_hz(self) -> np.ndarray:
@@ -92,9 +98,9 @@ class ComplexModes:
 
     def at(self, sensors: Sensors) -> np.ndarray:
         """Shapes at sensors, kg^-1/2, complex, (n_sensors, n). Collective."""
-        if not isinstance(self.structure, Structure):
+        if self.structure.is_dense:
             return self.structure.observe(self.shapes, sensors)
-        return self.structure.comm.allreduce(point_loads(self.structure, sensors).T @ self.shapes)
+        return self.structure.comm.allreduce(self.structure.loads(sensors).T @ self.shapes)
 
     def gradients(self) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of `frequencies_hz` and of `damping_ratios`, each (n, n_parameters).
@@ -111,7 +117,7 @@ class ComplexModes:
 
 
 def solve_complex_modes(
-    structure,
+    structure: Damped,
     given: Mapping[str, float] | None = None,
     *,
     damping: Damping,
@@ -125,7 +131,7 @@ def solve_complex_modes(
     """Lowest complex modes of a damped structure. Collective.
 
     Args:
-        structure: A `Structure`; or a `ReducedStructure` or `ArrayModel`, solved densely, for which
+        structure: A structure; or a reduced one or beams, solved densely, for which
             the method, modes and tolerance do not matter.
         given: Values of parameters that differ from their nominal value.
         damping: The damping.
@@ -145,7 +151,8 @@ def solve_complex_modes(
     """
     if method not in ("projection", "state-space"):
         raise InputError(f"method = {method!r}: expected projection or state-space.")
-    if not isinstance(structure, Structure):
+    check_damped(structure)
+    if structure.is_dense:
         return _reduced(structure, given, damping, n_modes, gradients)
     pencil = DampedPencil(structure, given, damping)
     try:

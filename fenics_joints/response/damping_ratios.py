@@ -10,12 +10,13 @@ from scipy.optimize import linear_sum_assignment
 from fenics_joints.modal.modes import Modes
 from fenics_joints.response.complex_modes import solve_complex_modes
 from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.model import Damped
 
 __all__ = ["damping_ratios"]
 
 
 def damping_ratios(
-    model,
+    model: Damped,
     given: Mapping[str, float] | None,
     damping: Damping,
     modes: Modes,
@@ -29,7 +30,7 @@ def damping_ratios(
     most of it; no two the same.
 
     Args:
-        model: A `Structure`, or one that is solved densely: `ReducedStructure`, `ArrayModel`.
+        model: The model.
         given: Values of parameters that differ from their nominal value.
         damping: The damping.
         modes: The undamped modes at these values, of a `Structure` with a solver that has solved

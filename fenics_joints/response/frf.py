@@ -15,24 +15,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from petsc4py import PETSc
+from numpy.typing import ArrayLike
 
 from fenics_joints.errors import InputError
-from fenics_joints.modal.eigensolver import product
 from fenics_joints.modal.modes import Modes
 from fenics_joints.response.direct import DynamicStiffness
 from fenics_joints.response.modal_basis import ModalPencil, Response, check_lines, modal_pencil
-from fenics_joints.response.pencil import DampedPencil, Term, point_loads
+from fenics_joints.response.pencil import DampedPencil, Term, check_damped
 from fenics_joints.response.reduced import reduced_pencil
 from fenics_joints.response.units import KINDS, MOTION, checked_kind
 from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.model import Damped
 from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure.sparse import product
 
 __all__ = ["FRF", "solve_frf"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FRF:
     """Frequency response functions.
 
@@ -45,8 +45,7 @@ class FRF:
         excitation: Where and in which direction the forces act.
         method: ``"direct"`` or ``"modal"``.
         given: The parameters that differed from their nominal values.
-        gradients: Derivatives of the values by every parameter of the structure, complex, (n_f,
-            n_sensors, n_excitations, n_parameters); None unless they were asked for.
+        slopes: `gradients`; None unless they were asked for.
         error: By modes: |H - H_direct| / |H_direct|, (n_checked, n_sensors, n_excitations).
         error_hz: Lines at which that was found, Hz, (n_checked,).
         solver: PETSc's KSP of the direct solution; by modes the `EigenSolver`'s SLEPc EPS. None of
@@ -62,11 +61,30 @@ class FRF:
     excitation: Sensors
     method: str
     given: Mapping[str, float]
-    gradients: np.ndarray | None = None
+    slopes: np.ndarray | None = None
     error: np.ndarray | None = None
     error_hz: np.ndarray | None = None
     solver: object | None = None
     modal: ModalPencil | None = None
+
+    def __repr__(self) -> str:
+        lines, shape = self.frequencies_hz, " x ".join(map(str, self.values.shape))
+        return (
+            f"FRF({self.kind} in {self.unit}, {shape} (lines, sensors, forces), "
+            f"{lines[0]:.5g} to {lines[-1]:.5g} Hz, {self.method})"
+        )
+
+    @property
+    def gradients(self) -> np.ndarray:
+        """Derivatives of the values by every parameter of the model, complex, (n_f, n_sensors,
+        n_excitations, n_parameters).
+
+        Raises:
+            InputError: If the functions were found without them.
+        """
+        if self.slopes is None:
+            raise InputError("gradients: expected functions that were found with gradients = True.")
+        return self.slopes
 
     @property
     def unit(self) -> str:
@@ -81,19 +99,15 @@ class FRF:
         """
         power = KINDS[checked_kind(kind)] - KINDS[self.kind]
         factor = (2j * np.pi * self.frequencies_hz) ** power
-        gradients = self.gradients
-        if gradients is not None:
-            gradients = gradients * factor[:, None, None, None]
-        return replace(
-            self, kind=kind, values=self.values * factor[:, None, None], gradients=gradients
-        )
+        slopes = None if self.slopes is None else self.slopes * factor[:, None, None, None]
+        return replace(self, kind=kind, values=self.values * factor[:, None, None], slopes=slopes)
 
 
 def solve_frf(
-    model,
+    model: Damped,
     given: Mapping[str, float] | None = None,
     *,
-    frequencies_hz,
+    frequencies_hz: ArrayLike,
     excitation: Sensors,
     sensors: Sensors,
     damping: Damping | None = None,
@@ -108,7 +122,7 @@ def solve_frf(
     """FRFs at sensors under unit forces. Collective.
 
     Args:
-        model: A `Structure`; or a `ReducedStructure` or `ArrayModel`, whose FRFs are found by
+        model: A structure; or a reduced one or beams, whose FRFs are found by
             `fenics_joints.response.reduced`, on all of its modes, with either method.
         given: Values of parameters that differ from their nominal value.
         frequencies_hz: Lines, Hz, above 0, (n_f,).
@@ -137,45 +151,42 @@ def solve_frf(
     if method not in ("direct", "modal"):
         raise InputError(f"method = {method!r}: expected direct or modal.")
     damping = damping or Damping()
-    common = {"sensors": sensors, "excitation": excitation, "given": dict(given or {})}
-    if not isinstance(model, Structure):
-        reduced = reduced_pencil(model, given, damping, gradients=gradients)
-        loads, reads = (
-            reduced.basis.T @ model.rows(places, what).T
-            for places, what in ((excitation, "excitation"), (sensors, "sensor"))
-        )
-        found = reduced.response(lines, loads, reads, gradients)
-        frf = FRF(lines, found.values, "receptance", method=method, gradients=found.gradients,
-                  modal=reduced, **common)  # fmt: skip
-        return frf.to(kind) if power else frf
-    if method == "direct" and damping.is_modal:
+    check_damped(model)
+    if not model.is_dense and method == "direct" and damping.is_modal:
         raise InputError('damping.modal: expected method = "modal", or damping without ratios.')
-    pencil = DampedPencil(model, given, damping)
-    loads, reads = point_loads(model, excitation, "excitation"), point_loads(model, sensors)
-    try:
-        if method == "direct":
-            found, solver = _direct(pencil, lines, loads, reads, gradients, petsc_options)
-            extra = {"solver": solver}
-        else:
-            modal = modal_pencil(
-                pencil, np.hstack([loads, reads]), lines, modes=modes, n_modes=n_modes,
-                gradients=gradients,
-            )  # fmt: skip
-            found = modal.response(lines, modal.project(loads), modal.project(reads), gradients)
-            extra = {"modal": modal, "solver": modal.modes.solver.solver}
-            if check:
-                extra |= _errors(pencil, modal, lines, found.values, loads, reads, check,
-                                 petsc_options)  # fmt: skip
-    finally:
-        pencil.destroy()
-    frf = FRF(lines, found.values, "receptance", method=method, gradients=found.gradients,
-              **common, **extra)  # fmt: skip
+    if model.is_dense:
+        modal = reduced_pencil(model, given, damping, gradients=gradients)
+        loads, reads = model.loads(excitation, "excitation"), model.loads(sensors)
+        found = modal.response(lines, modal.project(loads), modal.project(reads), gradients)
+        extra = {"modal": modal}
+    else:
+        pencil = DampedPencil(model, given, damping)
+        loads, reads = model.loads(excitation, "excitation"), model.loads(sensors)
+        try:
+            if method == "direct":
+                found, extra = _direct(pencil, lines, loads, reads, gradients, petsc_options)
+            else:
+                modal = modal_pencil(
+                    pencil, np.hstack([loads, reads]), lines, modes=modes, n_modes=n_modes,
+                    gradients=gradients,
+                )  # fmt: skip
+                found = modal.response(lines, modal.project(loads), modal.project(reads), gradients)
+                extra = {"modal": modal, "solver": modal.modes.solver.solver}
+                if check:
+                    extra |= _errors(pencil, modal, lines, found.values, loads, reads, check,
+                                     petsc_options)  # fmt: skip
+        finally:
+            pencil.destroy()
+    frf = FRF(
+        lines, found.values, "receptance", sensors, excitation, method, dict(given or {}),
+        found.gradients, **extra,
+    )  # fmt: skip
     return frf.to(kind) if power else frf
 
 
 def _direct(
     pencil: DampedPencil, lines, loads, reads, gradients: bool, petsc_options
-) -> tuple[Response, PETSc.KSP]:
+) -> tuple[Response, dict[str, object]]:
     stiffness = DynamicStiffness(pencil, petsc_options)
     comm, n_loads = pencil.comm, loads.shape[1]
     terms = pencil.terms() if gradients else []
@@ -190,10 +201,10 @@ def _direct(
         u, psi = x[:, :n_loads], x[:, n_loads:]
         values[i] = comm.allreduce(reads.T @ u)
         for term in terms:
-            slopes[i, :, :, term.parameter] -= term.factor(s) * _bilinear(term, psi, u)
+            slopes[i, :, :, term.parameter] -= term.factor(s) * _bilinear(comm, term, psi, u)
     for term in terms:
         term.form.destroy()
-    return Response(values, slopes), stiffness.solver
+    return Response(values, slopes), {"solver": stiffness.solver}
 
 
 def _errors(
@@ -229,8 +240,7 @@ def _distinct(comm, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(columns[:, kept]), where
 
 
-def _bilinear(term: Term, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
+def _bilinear(comm, term: Term, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
     """y^T A x of complex blocks, without conjugation."""
-    b, a = Y.shape[1], X.shape[1]
-    both = term.form(np.hstack([Y.real, Y.imag]), np.hstack([X.real, X.imag]))
-    return both[:b, :a] - both[b:, a:] + 1j * (both[:b, a:] + both[b:, :a])
+    real, imag = np.hsplit(term.form @ np.hstack([X.real, X.imag]), 2)
+    return comm.allreduce(Y.T @ (real + 1j * imag))

@@ -20,10 +20,10 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.modal.eigensolver import product
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.response.pencil import DampedPencil, Term, linear
 from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.sparse import product
 
 __all__ = [
     "ModalPencil", "Response", "check_lines", "check_modes", "extended", "modal_pencil",
@@ -312,7 +312,7 @@ def with_terms(modal: ModalPencil, pencil: DampedPencil) -> ModalPencil:
     """The same with derivatives by the parameters. Collective."""
     terms = []
     for term in pencil.terms():
-        terms.append(replace(term, form=_projected(pencil, modal.basis, term.form.apply)))
+        terms.append(replace(term, form=_projected(pencil, modal.basis, term.form.__matmul__)))
         term.form.destroy()
     return replace(modal, terms=terms)
 

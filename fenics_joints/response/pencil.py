@@ -1,79 +1,27 @@
 """The matrices of a damped structure and how they change with its parameters.
 
 Z(s) = sum_c kappa_c(s) K_c + mu(s) M, see `structure.damping`. Its derivative by a parameter is
-a sum of terms, each a factor that depends on s alone times a symmetric form: sparse matrices over
-the cells of one region, one assembly each by UFL's derivative along the change of the properties;
-products of rows for springs and point masses.
+a sum of terms, each a factor that depends on s alone times a share of dK/dp or dM/dp.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
+from functools import partial
 
 import numpy as np
-import ufl
-from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
-from fenics_joints.modal.eigensolver import product
+from fenics_joints.errors import InputError
 from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.loads import unit_loads
-from fenics_joints.structure.points import PointRows, Sensors
+from fenics_joints.structure.model import Damped
+from fenics_joints.structure.sparse import MatrixForm, product
 from fenics_joints.structure.structure import Structure
-from fenics_joints.structure.values import slopes
 
-__all__ = [
-    "DampedPencil", "MatrixForm", "RowForm", "Term", "imaginary", "linear", "point_loads",
-]  # fmt: skip
+__all__ = ["DampedPencil", "Term", "check_damped", "damped_terms", "imaginary", "linear"]
 
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
-#: Compiled derivatives of each structure's regions, and the direction they are taken in.
-_FORMS: WeakKeyDictionary[Structure, dict] = WeakKeyDictionary()
-
-
-class MatrixForm:
-    """y^T A x for blocks of this rank's rows; ``owned`` if nobody else keeps A. Collective."""
-
-    def __init__(self, A: PETSc.Mat, owned: bool = False):
-        self.A, self.comm, self.owned = A, A.comm.tompi4py(), owned
-
-    def __call__(self, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Shape (columns of Y, columns of X), equal on all ranks; real blocks."""
-        return self.comm.allreduce(Y.T @ product(self.A, X))
-
-    def apply(self, X: np.ndarray) -> np.ndarray:
-        """This rank's rows of A X."""
-        return product(self.A, X)
-
-    def destroy(self) -> None:
-        """Free A, if it is owned. Collective."""
-        if self.owned:
-            self.A.destroy()
-
-
-class RowForm:
-    """factor * sum_k (y . left_k) (x . right_k), with this rank's rows of both. Collective."""
-
-    def __init__(self, left: np.ndarray, right: np.ndarray, factor: float, comm):
-        self.left, self.right, self.factor, self.comm = left, right, factor, comm
-
-    def __call__(self, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Shape (columns of Y, columns of X), equal on all ranks."""
-        at_left, at_right = self.comm.allreduce(Y.T @ self.left), self._at(X)
-        return self.factor * at_left @ at_right
-
-    def apply(self, X: np.ndarray) -> np.ndarray:
-        """This rank's rows of the form's matrix times X."""
-        return self.factor * self.left @ self._at(X)
-
-    def destroy(self) -> None:
-        """Nothing to free."""
-
-    def _at(self, X: np.ndarray) -> np.ndarray:
-        return self.comm.allreduce(self.right.T @ X)
 
 
 @dataclass(frozen=True)
@@ -84,23 +32,13 @@ class Term:
         parameter: Index of p.
         kind: What changes: ``"K"``, ``"M"``, or ``"D"`` for the damping alone.
         factor: s to its factor.
-        form: Its form; or its matrix on a basis, (m, m).
+        form: Its matrix, dense on a basis, (m, m), or a form that multiplies blocks of columns.
     """
 
     parameter: int
     kind: str
     factor: Callable[[complex], complex]
-    form: MatrixForm | RowForm | np.ndarray
-
-
-def point_loads(structure: Structure, sensors: Sensors, what: str = "sensor") -> np.ndarray:
-    """This rank's rows of the loads of one newton at points, (n_local, n). Collective.
-
-    They are also the rows by which displacement there is read: held degrees of freedom, where both
-    differ, do not move.
-    """
-    rows = structure.rows(sensors.points, what)
-    return unit_loads(structure, rows, sensors.directions[:, : structure.gdim])
+    form: object
 
 
 class DampedPencil:
@@ -117,7 +55,7 @@ class DampedPencil:
     Attributes:
         K: Stiffness, N/m.
         M: Mass, kg.
-        parts: Stiffness of the layers with damping of their own, in K's pattern, by name.
+        parts: Stiffness of the layers with damping of their own, by name.
         damping: The damping in numbers.
     """
 
@@ -129,12 +67,14 @@ class DampedPencil:
     ):
         self.structure = structure
         self.named = damping or Damping()
-        self.named.check(structure)
+        self.named.check(structure.parameters, structure.layers)
         self.values = structure.values(given)
         self.damping = self.named.at(self.values)
         self.K, self.M = structure.stiffness(given), structure.mass(given)
         self.comm = structure.comm
-        self.parts = {name: self._part(name) for name in self.named.layers}
+        self.parts = {
+            name: structure.region_stiffness(name, given) for name in self.named.layers
+        }
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
@@ -177,137 +117,56 @@ class DampedPencil:
             C.axpy(self.damping.viscous.get(name, 0.0), A, structure=_SUBSET)
         return C
 
-    def _part(self, name: str) -> PETSc.Mat:
-        """Stiffness of one region or elastic support, held rows and columns zero."""
-        structure = self.structure
-        A = self.K.duplicate()
-        A.zeroEntries()
-        for i, support in enumerate(structure.elastic_supports):
-            if support.name == name:
-                for k, unit in zip(
-                    (support.k_n, support.k_t), structure.support_matrices(i), strict=True
-                ):
-                    A.axpy(structure.number(k, self.values), unit, structure=_SUBSET)
-                return A
-        number = [r.name for r in structure.regions].index(name)
-        forms = _FORMS.setdefault(structure, {})
-        if number not in forms:
-            u, v = ufl.TrialFunction(structure.V), ufl.TestFunction(structure.V)
-            forms[number] = fem.form(structure.region_form(number, u, v)[0])
-        fem_petsc.assemble_matrix(A, forms[number], structure.bcs, 0.0)
-        A.assemble()
-        return A
-
-    # -- derivatives ---------------------------------------------------------------------------
-
     def terms(self) -> list[Term]:
         """dZ/dp of all parameters but those of modal damping ratios. Collective."""
-        self.structure.field.update(self.values)
-        return [
-            *self._region_terms(), *self._support_terms(), *self._spring_terms(),
-            *self._mass_terms(), *self._damping_terms(),
-        ]  # fmt: skip
-
-    def _stiffness_factor(self, name: str | None = None):
-        known = name if name in self.parts else None
-        return lambda s: self.damping.stiffness_factor(s, known)
-
-    def _place(self, name: str) -> int:
-        return list(self.structure.parameters).index(name)
-
-    def _region_terms(self):
-        for number, region in enumerate(self.structure.regions):
-            for p, name in enumerate(self.structure.parameters):
-                change = self.structure.field.slopes(number, name, self.values)
-                if change is None:
-                    continue
-                stiff, heavy = self._matters(number, name)
-                if stiff:
-                    A = self._slope(number, 0, change)
-                    yield Term(p, "K", self._stiffness_factor(region.name), MatrixForm(A, True))
-                if heavy:
-                    A = self._slope(number, 1, change)
-                    yield Term(p, "M", self.damping.mass_factor, MatrixForm(A, True))
-
-    def _matters(self, number: int, name: str) -> tuple[bool, bool]:
-        """Whether a parameter changes a region's stiffness and its mass, by its law's scalars."""
-        region, q = self.structure.regions[number], self.structure.field.means(number)
-        keys = [
-            key for key in region.law.properties
-            if region.properties[key] == name or callable(region.properties[key])
-        ]  # fmt: skip
-        terms = region.law.stiffness_terms, region.law.inertia_terms
-        return tuple(any(np.any(slopes(t, q, key)) for key in keys) for t in terms)
-
-    def _slope(self, number: int, which: int, change) -> PETSc.Mat:
-        """dK (which = 0) or dM (1) along a change of a region's properties.
-
-        Held rows are not zeroed: vectors that the form is used on are zero there.
-        """
-        structure, field = self.structure, self.structure.field
-        forms = _FORMS.setdefault(structure, {})
-        if "direction" not in forms:
-            forms["direction"] = fem.Function(field.space)
-        direction = forms["direction"]
-        if (number, which) not in forms:
-            u, v = ufl.TrialFunction(structure.V), ufl.TestFunction(structure.V)
-            form = structure.region_form(number, u, v)[which]
-            forms[number, which] = fem.form(ufl.derivative(form, field.q, direction))
-        direction.x.array[:] = 0.0
-        field.put(direction, *change)
-        A = fem_petsc.create_matrix(forms[number, which])
-        fem_petsc.assemble_matrix(A, forms[number, which])
-        A.assemble()
-        return A
-
-    def _support_terms(self):
-        for i, support in enumerate(self.structure.elastic_supports):
-            units = self.structure.support_matrices(i)
-            for k, unit in zip((support.k_n, support.k_t), units, strict=True):
-                if isinstance(k, str):
-                    factor = self._stiffness_factor(support.name)
-                    yield Term(self._place(k), "K", factor, MatrixForm(unit))
-
-    def _spring_terms(self):
-        for spring in self.structure.springs:
-            if isinstance(spring.stiffness, str):
-                at = point_loads(self.structure, Sensors(spring.point, spring.direction))
-                form = RowForm(at, at, spring.share, self.comm)
-                yield Term(self._place(spring.stiffness), "K", self._stiffness_factor(), form)
-
-    def _mass_terms(self):
-        for mass in self.structure.masses:
-            if not isinstance(mass.mass, str) and not isinstance(mass.travel, str):
-                continue
-            number, factor = self.structure.number, self.damping.mass_factor
-            travel = number(mass.travel, self.values)
-            at, slope = self._mass_rows(np.add(mass.point, travel * np.array(mass.direction)), mass)
-            if isinstance(mass.mass, str):
-                form = RowForm(at, at, mass.share, self.comm)
-                yield Term(self._place(mass.mass), "M", factor, form)
-            if isinstance(mass.travel, str):
-                m = mass.share * number(mass.mass, self.values)
-                left, right = np.hstack([slope, at]), np.hstack([at, slope])
-                form = RowForm(left, right, m, self.comm)
-                yield Term(self._place(mass.travel), "M", factor, form)
-
-    def _mass_rows(self, place, mass) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of the displacement at a mass and of its slope along the travel, (n_local, gdim)."""
-        gdim = self.structure.gdim
-        rows = self.structure.rows(np.repeat(place[None, :gdim], gdim, axis=0))
-        along = rows.gradients @ np.asarray(mass.direction, dtype=float)[:gdim]
-        moved = PointRows(rows.index, rows.nodes, along, rows.gradients)
-        return tuple(unit_loads(self.structure, r, np.eye(gdim)) for r in (rows, moved))
-
-    def _damping_terms(self):
         K, M = MatrixForm(self.K), MatrixForm(self.M)
-        alpha, beta = self.named.rayleigh
-        found = [(self.named.structural, imaginary, K), (alpha, linear, M), (beta, linear, K)]
-        for layers, factor in ((self.named.hysteretic, imaginary), (self.named.viscous, linear)):
-            found += [(v, factor, MatrixForm(self.parts[n])) for n, v in layers.items()]
-        for name, factor, form in found:
-            if isinstance(name, str):
-                yield Term(self._place(name), "D", factor, form)
+        parts = {name: MatrixForm(A) for name, A in self.parts.items()}
+        given = self.structure, self.values, self.named, self.damping
+        return list(damped_terms(*given, K, M, parts))
+
+
+def check_damped(model: object) -> None:
+    """Refuse what is no model with layers that may be damped.
+
+    Raises:
+        InputError: If it is none.
+    """
+    if not isinstance(model, Damped):
+        raise InputError(
+            f"model: expected a Structure, ReducedStructure or ArrayModel, not a "
+            f"{type(model).__name__}."
+        )
+
+
+def damped_terms(
+    model: Damped, values, named: Damping, numbers: Damping, K, M, parts: Mapping[str, object]
+) -> Iterator[Term]:
+    """dZ/dp of a model of any kind, but for modal damping ratios. Collective.
+
+    Args:
+        model: The model.
+        values: All parameters' values.
+        named: The damping with names of parameters.
+        numbers: The damping in numbers.
+        K: Stiffness at the values; anything that a block of columns can be multiplied by.
+        M: Mass, likewise.
+        parts: Stiffness of the layers with damping of their own, likewise, by name.
+    """
+    for p, kind, name, form in model.slopes(values, named.layers):
+        factor = numbers.mass_factor if kind == "M" else partial(_stiffness, numbers, name)
+        yield Term(p, kind, factor, form)
+    alpha, beta = named.rayleigh
+    found = [(named.structural, imaginary, K), (alpha, linear, M), (beta, linear, K)]
+    found += [(v, imaginary, parts[n]) for n, v in named.hysteretic.items()]
+    found += [(v, linear, parts[n]) for n, v in named.viscous.items()]
+    position = {name: i for i, name in enumerate(model.parameters)}
+    for value, factor, form in found:
+        if isinstance(value, str):
+            yield Term(position[value], "D", factor, form)
+
+
+def _stiffness(numbers: Damping, name: str | None, s: complex) -> complex:
+    return numbers.stiffness_factor(s, name)
 
 
 def imaginary(s: complex) -> complex:

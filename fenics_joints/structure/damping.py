@@ -16,7 +16,7 @@ name of a parameter.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
@@ -65,20 +65,26 @@ class Damping:
         single = isinstance(self.modal, str | float | int)
         return (self.modal,) if single else tuple(self.modal)
 
-    def check(self, structure) -> None:
-        """Refuse names that are not the structure's.
+    def check(
+        self, parameters: Collection[str], layers: Sequence[str], dampers: Collection[str] = ()
+    ) -> None:
+        """Refuse names that are not a model's.
+
+        Args:
+            parameters: Names of its parameters.
+            layers: Names of its parts, joints and elastic supports.
+            dampers: Names of its dashpots.
 
         Raises:
             InputError: For an unknown parameter, region or support.
         """
-        known = [c.name for c in (*structure.regions, *getattr(structure, "elastic_supports", ()))]
-        dampers = list(getattr(structure, "dampers", ()))
-        for key, more in (("viscous", dampers), ("hysteretic", [])):
+        known = {"viscous": (*layers, *dampers), "hysteretic": layers}
+        for key, names in known.items():
             for name in getattr(self, key):
-                if name not in [*known, *more]:
+                if name not in names:
                     raise InputError(
                         f"damping.{key} names {name!r}: expected a part, joint or elastic support, "
-                        f"one of: {', '.join([*known, *more])}."
+                        f"one of: {', '.join(names)}."
                     )
         if len(self.rayleigh) != 2 or not self.ratios:
             raise InputError(
@@ -86,10 +92,10 @@ class Damping:
                 "alpha and beta, and at least one damping ratio."
             )
         for where, value in self._entries():
-            if isinstance(value, str) and value not in structure.parameters:
+            if isinstance(value, str) and value not in parameters:
                 raise InputError(
                     f"damping.{where} names the parameter {value!r}, which does not exist; "
-                    f"expected a number or one of: {', '.join(structure.parameters) or 'none'}."
+                    f"expected a number or one of: {', '.join(parameters) or 'none'}."
                 )
 
     def at(self, values: Mapping[str, float]) -> Damping:

@@ -12,6 +12,7 @@ import basix.ufl
 import numpy as np
 from dolfinx import fem, geometry
 from mpi4py import MPI
+from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from fenics_joints._compat import coordinate_map, geometry_dofmap
@@ -20,9 +21,16 @@ from fenics_joints.errors import InputError
 __all__ = ["PointRows", "Sensors", "locate", "observe"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False)
 class Sensors:
     """Points and directions in which a test measured.
+
+    Args:
+        points: Positions, m, shape (n, gdim) or (gdim,).
+        directions: Directions of any length, shape (n, gdim), or (gdim,) for all.
+
+    Raises:
+        InputError: If a direction is zero.
 
     Attributes:
         points: Positions, m, shape (n, gdim).
@@ -32,9 +40,9 @@ class Sensors:
     points: np.ndarray
     directions: np.ndarray
 
-    def __post_init__(self):
-        points = np.atleast_2d(np.asarray(self.points, dtype=float))
-        directions = np.broadcast_to(np.asarray(self.directions, dtype=float), points.shape)
+    def __init__(self, points: ArrayLike, directions: ArrayLike):
+        points = np.atleast_2d(np.asarray(points, dtype=float))
+        directions = np.broadcast_to(np.asarray(directions, dtype=float), points.shape)
         norms = np.linalg.norm(directions, axis=1, keepdims=True)
         if np.any(norms == 0):
             raise InputError("sensors.direction: expected non-zero vectors.")
@@ -43,6 +51,12 @@ class Sensors:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "Sensors(0)"
+        low, high = (f(self.points, axis=0).round(4).tolist() for f in (np.min, np.max))
+        return f"Sensors({len(self)}, from {low} to {high} m)"
 
 
 @dataclass(frozen=True)

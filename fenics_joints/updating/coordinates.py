@@ -30,10 +30,9 @@ class LogScale:
 
     def __init__(self, names: Sequence[str], model):
         self.names = list(names)
-        regions = getattr(model, "full", model).regions
         #: (index of E, index of G, largest E / G) of each coupled pair.
         self.pairs = []
-        for region in regions:
+        for region in model.regions:
             limit, E, G = region.law.ratio_limit, *(region.properties.get(k) for k in "EG")
             if limit is not None and E in self.names and G in self.names:
                 self.pairs.append((self.names.index(E), self.names.index(G), limit))

@@ -28,12 +28,10 @@ from fenics_joints.modal.sensitivity import frequency_sensitivity
 from fenics_joints.response.damping_ratios import damping_ratios
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.response.modal_basis import ModalPencil
-from fenics_joints.response.pencil import point_loads
 from fenics_joints.response.shape_sensitivity import shape_gradients
 from fenics_joints.response.units import KINDS
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
 
 __all__ = ["Prediction", "Predictor"]
 
@@ -111,7 +109,6 @@ class Predictor:
     ):
         self.model, self.target, self.fixed = model, target, dict(fixed or {})
         self.damping = damping or Damping()
-        self.is_full = isinstance(model, Structure)
         self.n_modes = n_modes or 6 + len(target) + _SPARE
         self.most = max(self.n_modes, _SEARCHED * (6 + len(target) + _SPARE))
         position = list(model.parameters)
@@ -191,7 +188,7 @@ class Predictor:
 
     def _reaches(self, modes: Modes) -> bool:
         """Whether the modes reach beyond the FRFs' lines; those of a reduced model need not."""
-        if self.target.frfs is None or not self.is_full:
+        if self.target.frfs is None or self.model.is_dense:
             return True
         return modes.frequencies_hz[-1] >= _REACH * self.target.frfs.frequencies_hz.max()
 
@@ -239,9 +236,9 @@ class Predictor:
             "excitation": frfs.excitation, "sensors": frfs.sensors, "damping": self.damping,
             "kind": frfs.kind,
         }  # fmt: skip
-        more = {"method": "modal", "modes": modes, "check": 0} if self.is_full else {}
         found = solve_frf(
-            self.model, given, frequencies_hz=lines, gradients=True, **common, **more
+            self.model, given, frequencies_hz=lines, gradients=True, method="modal", modes=modes,
+            check=0, **common,
         )  # fmt: skip
         slopes = found.gradients[..., self.columns]
         if not by_line:
@@ -255,6 +252,4 @@ class Predictor:
 
     def _on_modes(self, modal: ModalPencil, places: Sensors) -> np.ndarray:
         """Loads of one newton at places on the modes, (n, n_places)."""
-        if self.is_full:
-            return modal.project(point_loads(self.model, places))
-        return modal.basis.T @ self.model.rows(places).T
+        return modal.project(self.model.loads(places))

@@ -77,7 +77,7 @@ def test_joint_damping_is_that_of_the_matrix_and_has_derivatives(tmp_path):
               "damping": beams.joint_damping()}  # fmt: skip
     found = solve_frf(beams, gradients=True, **common)
     K, M, C = beams.stiffness(), beams.mass(), beams.damping_matrix()
-    force, rows = beams.rows(hammer), beams.rows(read)
+    force, rows = beams.loads(hammer).T, beams.loads(read).T
     for f, value in zip(lines[::7], found.values[::7], strict=True):
         w = 2 * np.pi * f
         direct = -w * w * rows @ np.linalg.solve(K + 1j * w * C - w * w * M, force.T)

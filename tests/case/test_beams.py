@@ -16,7 +16,6 @@ from fenics_joints.commands.update.run import run_combined
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.report.motion import corner_motion
 from fenics_joints.structure.points import Sensors
 
 DEMO = Path(__file__).parents[2] / "demos" / "bolted_beams"
@@ -61,7 +60,7 @@ def test_what_the_commands_say_of_beams():
     np.testing.assert_allclose(found.size_m, [0.57, 0.021, 0.0212])
     assert outcome.page().count("Mode shape") >= 6
     # The drawn corners move as sensors there do.
-    corners, motion = corner_motion(found.modes.model, [found.modes.shape(5)])
+    corners, motion = found.modes.model.corner_motion([found.modes.shape(5)])
     sensors = Sensors(corners[::7].reshape(-1, 3), [1.0, 0, 1])
     read = found.modes.at(sensors)[:, 5]
     moved = motion[0, ::7].reshape(-1, 3) @ [1.0, 0, 1] / np.sqrt(2)
@@ -87,7 +86,7 @@ def test_functions_identify_the_damping_too(shared_tmp_path):
     beams = build_structure(fine, MPI.COMM_WORLD)
     K, M, C = (getattr(beams, name)(truth) for name in ("stiffness", "mass", "damping_matrix"))
     places, up = {"1": 0.01, "2": 0.3, "3": 0.57}, [0.0, 0, 1]
-    rows = beams.rows(Sensors([[x, 0, 0.0106 * (x < 0.4)] for x in places.values()], up))
+    rows = beams.loads(Sensors([[x, 0, 0.0106 * (x < 0.4)] for x in places.values()], up)).T
     lines, noise = np.arange(100.0, 1000.0, 4.0), np.random.default_rng(4)
     omega = 2 * np.pi * lines
     H = np.array([-w * w * rows @ np.linalg.solve(K + 1j * w * C - w * w * M, rows[0])

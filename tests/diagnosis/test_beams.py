@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, LumpedMass
-from fenics_joints.beams.cells import beam_cells, cell_energies, log_slopes
+from fenics_joints.beams.cells import cell_energies, log_slopes
 from fenics_joints.beams.laws import BEAM
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
@@ -154,7 +154,7 @@ def test_patches_and_zones_say_where(tmp_path):
         assert found.significant[best] and found.region[best] == place
         assert low <= found.middle[best, 0] <= high
         if place == "beams":
-            cells = beam_cells(model.full)
+            cells = model.full.cells
             x = cells.vertices[found.patch == best][:, :, 0]
             assert x.min() <= 0.5 <= x.max()
 
@@ -164,7 +164,7 @@ def test_element_by_element_sums_to_the_parameters(tmp_path):
     full, values = model.full, model.baseline
     modes = solve_modes(full, values, n_modes=9)
     index = np.arange(3, 9)
-    slopes = log_slopes(full, beam_cells(full), modes, index)
+    slopes = log_slopes(full, full.cells, modes, index)
     names = list(full.parameters)
     by_value = modes.gradients(index) / (2 * modes.eigenvalues[index, None])
     for key, parameters in {
@@ -181,7 +181,7 @@ def test_energies_of_elements_are_all_there_is(tmp_path, axial):
     text = CASE.replace("k2 = 37402.0", f"k2 = 37402.0\n{axial}")
     model = prepare(write_case(tmp_path, measured(), text=text), MPI.COMM_SELF, QUIET)
     modes = solve_modes(model.full, model.baseline, n_modes=12)
-    found = cell_energies(model.full, beam_cells(model.full), modes.shapes, model.baseline)
+    found = cell_energies(model.full, model.full.cells, modes.shapes, model.baseline)
     np.testing.assert_allclose(found.pop("rho").sum(axis=0)[3:], 1.0, atol=0.05)
     total = sum(values.sum(axis=0) for values in found.values())
     np.testing.assert_allclose(total[3:], modes.eigenvalues[3:], rtol=1e-8)

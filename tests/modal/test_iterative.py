@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from fenics_joints.beams import Beam, BeamStructure
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import box, dumbbell, lap_plates
 from fenics_joints.modal.iterative import IterativeEigenSolver
@@ -137,7 +138,7 @@ def test_what_does_not_work_is_told():
     with pytest.raises(InputError, match="'direct' or 'iterative'"):
         solve_modes(structure, method="lanczos")
     with pytest.raises(InputError, match="expected a Structure"):
-        solve_modes(object(), method="iterative")
+        solve_modes(BeamStructure([Beam("rod", 0.5, 0.02, 0.01, 4, **IRON)]), method="iterative")
     with pytest.raises(InputError, match="below zero"):
         IterativeEigenSolver(3, shift=0.0)
     # An exact coarse level instead of GAMG, by an option.

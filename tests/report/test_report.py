@@ -31,7 +31,6 @@ from fenics_joints.report import html as report
 from fenics_joints.report import mesh_pictures
 from fenics_joints.report import terminal as summary
 from fenics_joints.report.explanation import explain
-from fenics_joints.report.motion import corner_motion
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])
@@ -303,7 +302,7 @@ def test_motion_of_corners_is_the_field_there(cell):
     u.interpolate(lambda x: A @ x)
     structure = SimpleNamespace(V=V, mesh=msh, element=element)
     n = V.dofmap.index_map.size_local * 3
-    vertices, motions = corner_motion(structure, [SimpleNamespace(array_r=u.x.array[:n])])
+    vertices, motions = structure.corner_motion([SimpleNamespace(array_r=u.x.array[:n])])
     if msh.comm.rank == 0:
         assert len(vertices) == msh.topology.index_map(3).size_global
         np.testing.assert_allclose(motions[0], vertices @ A.T, atol=1e-12)

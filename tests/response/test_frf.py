@@ -14,7 +14,6 @@ from fenics_joints.meshes import box, lap_plates
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.response.complex_modes import solve_complex_modes
 from fenics_joints.response.frf import solve_frf
-from fenics_joints.response.pencil import point_loads
 from fenics_joints.structure.components import (
     ElasticSupport,
     Parameter,
@@ -41,7 +40,7 @@ def corners(x):
 
 def evenly(frf):
     """Response of a section to an even traction of 1 N in all, (n_f,), and derivatives."""
-    slopes = None if frf.gradients is None else frf.gradients.mean(axis=(1, 2))
+    slopes = None if frf.slopes is None else frf.gradients.mean(axis=(1, 2))
     return frf.values.mean(axis=(1, 2)), slopes
 
 
@@ -213,7 +212,7 @@ def test_modes_with_residual_vectors_against_the_direct_solution():
     assert modal.modal.modes.n_rigid == 6
     # Without residual vectors the same modes miss much more, rigid-body modes or not.
     few, count = modal.modal, len(modal.modal.modes)
-    at = few.project(point_loads(model, PLACES))[:count]
+    at = few.project(model.loads(PLACES))[:count]
     cut = replace(
         few, basis=few.basis[:, :count], stiff=few.stiff[:count], heavy=few.heavy[:count],
         parts={name: A[:count, :count] for name, A in few.parts.items()},

@@ -103,7 +103,7 @@ def by_hand(model, given, damping):
         zeta = np.where(np.arange(len(lam)) == 0, 0.01, values["zeta"])
         heavy = M @ phi
         Z = Z + 1j * w * (heavy * (2 * zeta * np.sqrt(lam))) @ heavy.T
-    b, c = model.rows(FORCE), model.rows(PLACES)
+    b, c = model.loads(FORCE).T, model.loads(PLACES).T
     return -(w**2) * (c @ np.linalg.solve(Z, b.T.astype(complex)))
 
 

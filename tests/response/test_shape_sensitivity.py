@@ -86,7 +86,7 @@ def test_single_modes_of_the_full_and_of_the_reduced_model(sensors):
     size = np.abs(own).max(axis=(0, 1))
     assert np.all(np.abs(same - own).max(axis=(0, 1)) < 1e-8 * size)
     shapes, slopes = arrays.shape_slopes(WANTED)
-    rows = arrays.rows(sensors)
+    rows = arrays.loads(sensors).T
     sign = np.sign(np.sum((rows @ shapes) * solve_modes(small, n_modes=12).at(sensors)[:, WANTED],
                           axis=0))  # fmt: skip
     summed = np.einsum("sn,nmp->smp", rows, slopes) * sign[:, None]
@@ -185,7 +185,7 @@ def test_the_basis_is_the_one_that_turns_the_least():
     modes = solve_modes(model, n_modes=10)
     X, M = modes.shapes[:, PAIR], model.mass()
     slopes = shape_gradients(modes, PAIR, TIP)
-    rows, t = model.rows(TIP), 2e-4
+    rows, t = model.loads(TIP).T, 2e-4
     turned = []
     for step in (t, -t):
         Y = solve_modes(model, along(step, PARTING), n_modes=10).shapes[:, PAIR]

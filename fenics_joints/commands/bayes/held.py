@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_structure
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import pair_modes
@@ -63,17 +62,16 @@ def predict_held(
     """
     data, full = case.measurements(), build_structure(case, comm)
     n_test, n_modes = len(data.mode_names), max(case.diagnose.n_modes, len(data.mode_names))
-    model = full.arrays(data.sensors) if isinstance(full, BeamStructure) else full
     start = {**case.nominal(), **case.start()}
     first = pair_modes(
-        solve_modes(model, start, n_modes=n_modes), n_test, data.sensors, reference=data.shapes
+        solve_modes(full, start, n_modes=n_modes), n_test, data.sensors, reference=data.shapes
     )
     reference, found = first.shapes if data.shapes is None else data.shapes, []
     for values in points:
         if progress is not None:
             progress.advance()
         try:
-            modes = solve_modes(model, values, n_modes=n_modes)
+            modes = solve_modes(full, values, n_modes=n_modes)
             index = pair_modes(modes, n_test, data.sensors, reference=reference).index
         except InputError:
             found.append(np.full(n_test - n_fitted, np.nan))

@@ -12,7 +12,6 @@ from fenics_joints.commands.modes.result import ModeList, ring_row
 from fenics_joints.formatting import extents
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.mesh_pictures import mode_shape
-from fenics_joints.report.motion import corner_motion
 
 __all__ = ["ModePicture", "modes_html", "modes_page"]
 
@@ -56,10 +55,7 @@ def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
     modes, visible = result.modes, result.visible
     elastic = np.arange(len(modes)) >= modes.n_rigid
     wanted = np.flatnonzero(elastic if visible is None else visible)[:n_shapes]
-    structure, vectors = modes.model, [modes.shape(int(i)) for i in wanted]
-    if hasattr(structure, "displacements"):
-        structure, vectors = structure.structure, structure.displacements(vectors)
-    vertices, motions = corner_motion(structure, vectors)
+    vertices, motions = modes.model.corner_motion([modes.shape(int(i)) for i in wanted])
     if not len(vertices):
         return ""
     sensors = result.case.sensors()

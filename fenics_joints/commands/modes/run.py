@@ -6,21 +6,16 @@ from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
-from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_preload, build_structure
 from fenics_joints.commands.modes.page import modes_page
 from fenics_joints.commands.modes.result import ModeList
 from fenics_joints.commands.modes.summary import show_modes
 from fenics_joints.commands.outcome import Outcome
-from fenics_joints.errors import InputError, MeshError
-from fenics_joints.meshes import Ring, TaggedMesh, measure_ring
-from fenics_joints.meshes.rings import ring_names
-from fenics_joints.meshes.tagged import limits
+from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress
 
 if TYPE_CHECKING:
-    import numpy as np
 
     from fenics_joints.preload.linear_joint import LinearJoint
 
@@ -62,30 +57,10 @@ def run_modes(
     modes = solve_modes(model, n_modes=n_modes, method=method)
     sensors = case.sensors()
     visibility = None if sensors is None else modes.visibility(sensors)
-    found = ModeList(case, modes, visibility, *_sizes(model))
+    found = ModeList(case, modes, visibility, model.size_m, model.rings())
     return Outcome(
         found, found.to_json, lambda: modes_page(found), lambda console: show_modes(console, found)
     )
-
-
-def _sizes(model) -> tuple[np.ndarray, tuple[Ring, ...]]:
-    """Extents of a model, m, and the bolts' rings in it."""
-    if isinstance(model, BeamStructure):
-        return model.size_m, ()
-    tagged = getattr(model, "structure", model).tagged
-    low, high = limits(tagged)
-    return high - low, _rings(tagged)
-
-
-def _rings(tagged: TaggedMesh) -> tuple[Ring, ...]:
-    found = []
-    if tagged.mesh.geometry.dim == 3:
-        for name in ring_names(list(tagged.cell_names)):
-            try:
-                found.append(measure_ring(tagged, name))
-            except MeshError:
-                continue  # no flat layer: its joint's law may be for any shape
-    return tuple(found)
 
 
 def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) -> LinearJoint:

@@ -9,7 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.beams.cells import JOINT_KEYS, BeamCells, beam_cells, log_slopes
+from fenics_joints.beams.boxes import BeamCells
+from fenics_joints.beams.cells import JOINT_KEYS, log_slopes
 from fenics_joints.case import Case
 from fenics_joints.case.build_beams import build_beams
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
@@ -62,7 +63,7 @@ class BeamSubject:
     @cached_property
     def cells(self) -> BeamCells:
         """Elements as boxes."""
-        return beam_cells(self.full)
+        return self.full.cells
 
     @cached_property
     def labels(self) -> list[str]:

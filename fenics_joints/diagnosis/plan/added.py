@@ -13,6 +13,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import Prediction, predict
 from fenics_joints.diagnosis.plan.study import Measurement, Signature, Study, groups
+from fenics_joints.structure.model import Model
 
 __all__ = [
     "ADDED_MASS", "DAMPING_NOISE", "MORE_MODES", "Addition", "Altered", "Candidate", "Joined",
@@ -102,13 +103,16 @@ class Loaded:
         mass: Mass, kg.
     """
 
-    def __init__(self, model, rows: np.ndarray, mass: float):
+    #: See `fenics_joints.structure.model.Model`.
+    is_dense, is_meshed = True, False
+
+    def __init__(self, model: Model, rows: np.ndarray, mass: float):
         self._model, self._extra, self._mass = model, mass * rows.T @ rows, mass
-        self.parameters, self.n_dofs, self.scale_hz = (
-            model.parameters, model.n_dofs, model.scale_hz,
-        )  # fmt: skip
+        self.parameters, self.values, self.n_dofs = model.parameters, model.values, model.n_dofs
         self.stiffness, self.observe = model.stiffness, model.observe
-        self.pencil_gradients = model.pencil_gradients
+        self.pencil_gradients, self.dilation_frequency = (
+            model.pencil_gradients, model.dilation_frequency,
+        )  # fmt: skip
 
     def mass(self, given: Mapping[str, float] | None = None) -> np.ndarray:
         """M(p) with the mass on, shape (n_dofs, n_dofs)."""

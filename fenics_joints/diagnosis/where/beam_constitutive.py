@@ -8,7 +8,8 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.beams.cells import JOINT_KEYS, BeamCells, cell_energies
+from fenics_joints.beams.boxes import BeamCells
+from fenics_joints.beams.cells import JOINT_KEYS, cell_energies
 from fenics_joints.diagnosis.where.constitutive import ConstitutiveError, TwoFields, check_measured
 from fenics_joints.diagnosis.where.patches import Patches
 from fenics_joints.errors import ConvergenceError

@@ -246,23 +246,15 @@ class TwoFields:
             nnz=(rows.nodes.shape[1] * gdim if len(rows.nodes) else 81,) * 2,
         )  # fmt: skip
         P.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        held = self._held()
         for i, nodes, N in zip(rows.index, rows.nodes, rows.values, strict=True):
             direction = sensors.directions[i, :gdim]
             blocks = imap.local_to_global(nodes)
             columns = (blocks[:, None] * gdim + np.arange(gdim)).ravel().astype(PETSc.IntType)
             local_dofs = (nodes[:, None] * gdim + np.arange(gdim)).ravel()
-            P.setValues([int(i)], columns, np.outer(N, direction).ravel() * ~held[local_dofs])
+            free = ~structure.held_dofs[local_dofs]
+            P.setValues([int(i)], columns, np.outer(N, direction).ravel() * free)
         P.assemble()
         return P
-
-    def _held(self) -> np.ndarray:
-        V = self.structure.V
-        imap, bs = V.dofmap.index_map, V.dofmap.index_map_bs
-        held = np.zeros((imap.size_local + imap.num_ghosts) * bs, dtype=bool)
-        for bc in self.structure.bcs:
-            held[bc.dof_indices()[0]] = True
-        return held
 
     def mode(self, shape, omega: float, noise: float, split: Patches, draws: int) -> dict:
         """Energies by region and patch, and the deviation at the sensors, of a measured mode."""

@@ -1,0 +1,479 @@
+"""Parts, joints, supports, springs and masses on a mesh, assembled to K(p) and M(p).
+
+Every material property is a field over the cells, so that one compiled form serves all values of
+the parameters, and one assembly gives the derivative with respect to all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from functools import cached_property
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.forms import circumference
+from fenics_joints.meshes.tagged import TaggedMesh, limits
+from fenics_joints.structure.components import (
+    ElasticSupport,
+    Parameter,
+    PointMass,
+    Region,
+    Spring,
+    Support,
+)
+from fenics_joints.structure.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
+from fenics_joints.structure.points import PointRows, locate
+from fenics_joints.structure.properties import PropertyField
+from fenics_joints.structure.values import number, parameter_values
+
+__all__ = ["Assembly"]
+
+_SERENDIPITY_CELLS = ("quadrilateral", "hexahedron")
+
+
+class Assembly:
+    """Matrices of parts, joints, supports, springs and masses as functions of named parameters.
+
+    A mesh in space is a solid. One in the plane is a section in plane strain, and all matrices,
+    masses and volumes are those of one metre of depth; or, with ``axisymmetric``, the half section
+    r = x[0] >= 0, z = x[1] of a body of revolution, and they are those of the whole body. Springs
+    and point masses are then spread over their circle. A body that reaches the axis needs u_r = 0
+    there: ``Support(facets, (0,))``.
+
+    Args:
+        tagged: Mesh with named groups of cells and facets.
+        regions: Parts and joints; together they cover every cell once.
+        parameters: The parameters that the components name.
+        masses: Point masses.
+        springs: Grounding springs.
+        supports: Held facets, and ones on springs that are spread over them.
+        degree: Degree of the displacement, 1 or 2; on quadrilaterals and hexahedra degree 2 is
+            the serendipity element.
+        quadrature_degree: Degree of the cell quadrature; 2 * degree by default, which is exact for
+            straight-sided boxes and simplices; one more for a body of revolution.
+        axisymmetric: Whether the mesh is the half section of a body of revolution, of parts only.
+
+    Raises:
+        InputError: For a name that does not exist or a value out of range.
+        MeshError: If a cell is in no region or in two, or the mesh is no half section.
+
+    Attributes:
+        V: Displacement space.
+        parameters: The parameters by name, in order.
+        axisymmetric: Whether the mesh is the half section of a body of revolution.
+        weight: Factor of every integral: 2 pi r as UFL, m, in a body of revolution, else 1.
+    """
+
+    def __init__(
+        self,
+        tagged: TaggedMesh,
+        regions: Iterable[Region],
+        parameters: Iterable[Parameter] = (),
+        *,
+        masses: Iterable[PointMass] = (),
+        springs: Iterable[Spring] = (),
+        supports: Iterable[Support | ElasticSupport] = (),
+        degree: int = 2,
+        quadrature_degree: int | None = None,
+        axisymmetric: bool = False,
+    ):
+        self.tagged = tagged
+        self.mesh = tagged.mesh
+        self.comm = tagged.mesh.comm
+        self.parameters: dict[str, Parameter] = {}
+        for parameter in parameters:
+            if parameter.name in self.parameters:
+                raise InputError(f"parameter {parameter.name} is given twice; expected once.")
+            self.parameters[parameter.name] = parameter
+        self.regions, self.masses = tuple(regions), tuple(masses)
+        supports = tuple(supports)
+        self.springs = tuple(springs)
+        self._made_of = {
+            "regions": self.regions, "masses": self.masses, "springs": self.springs,
+            "supports": supports, "axisymmetric": axisymmetric,
+        }  # fmt: skip
+        self.supports = tuple(s for s in supports if isinstance(s, Support))
+        self.elastic_supports = tuple(s for s in supports if isinstance(s, ElasticSupport))
+        self._check_names()
+        self.axisymmetric, self.weight = axisymmetric, 1.0
+        if axisymmetric:
+            self._make_axisymmetric()
+        exact = 2 * degree + axisymmetric
+        self.quadrature_degree = exact if quadrature_degree is None else quadrature_degree
+        self.degree = degree
+        self._make_spaces(degree)
+        self.field = PropertyField(self.mesh, self._region_cells(), self.parameters)
+        self.bcs = self._dirichlet()
+        self._forms: dict[object, fem.Form] = {}
+        self._direction: fem.Function | None = None
+        self._rows: dict[bytes, PointRows] = {}
+        self._region_matrices: dict[int, list[PETSc.Mat]] = {}
+        self._support_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
+
+    # -- set-up ------------------------------------------------------------------------------
+
+    def _check_names(self) -> None:
+        names = [c.name for c in self._components()]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"component {name} is given twice; expected unique names.")
+        for owner, key, value in self._values():
+            if isinstance(value, str) and value not in self.parameters:
+                raise InputError(
+                    f"{owner}.{key} names the parameter {value!r}, which does not exist; "
+                    f"expected a number or one of: {', '.join(self.parameters) or 'none'}."
+                )
+
+    def _components(self) -> tuple:
+        return (*self.regions, *self.masses, *self.springs, *self.elastic_supports)
+
+    def _make_axisymmetric(self) -> None:
+        """Give the parts their law in a body of revolution; refuse what has none."""
+        low, high = limits(self.tagged)
+        if self.gdim != 2 or low[0] < -1e-9 * np.max(high - low):
+            raise MeshError(
+                "axisymmetric: expected a mesh in the plane with r = x[0] >= 0 everywhere."
+            )
+        for region in self.regions:
+            if region.is_joint:
+                raise InputError(
+                    f"{region.name}: a thin layer is not available in an axisymmetric structure; "
+                    "expected parts only."
+                )
+            if region.law is WIDE_SOLID:
+                raise InputError(
+                    f"{region.name}: a width is not available in an axisymmetric structure."
+                )
+            if region.properties["stretch"] != 1.0 and abs(region.normal[1]) != 1.0:
+                raise InputError(
+                    f"{region.name}.normal = {list(region.normal)}: expected the axis, (0, 1), for "
+                    "the stretch of a part in an axisymmetric structure."
+                )
+        self.regions = tuple(replace(r, law=AXISYMMETRIC_SOLID) for r in self.regions)
+        self.weight = circumference(ufl.SpatialCoordinate(self.mesh)[0])
+
+    def _values(self):
+        for region in self.regions:
+            for key in region.law.properties:
+                yield region.name, key, region.properties[key]
+        for mass in self.masses:
+            yield mass.name, "mass", mass.mass
+            yield mass.name, "travel", mass.travel
+        for spring in self.springs:
+            yield spring.name, "stiffness", spring.stiffness
+        for support in self.elastic_supports:
+            yield support.name, "k_n", support.k_n
+            yield support.name, "k_t", support.k_t
+
+    def _region_cells(self) -> list[tuple[Region, np.ndarray]]:
+        """Local cells, ghosts included, of each region."""
+        imap = self.mesh.topology.index_map(self.mesh.topology.dim)
+        count = np.zeros(imap.size_local + imap.num_ghosts, dtype=np.int32)
+        found = []
+        for region in self.regions:
+            tags = [self.tagged.cell_tag(name) for name in region.cells]
+            cells = np.sort(np.concatenate([self.tagged.cell_tags.find(t) for t in tags]))
+            count[cells] += 1
+            found.append((region, cells))
+        owned = count[: imap.size_local]
+        bad = self.comm.allreduce(int(np.sum(owned != 1)))
+        if bad:
+            used = [name for region in self.regions for name in region.cells]
+            names = self.tagged.cell_names
+            wrong = [name for name in names if used.count(name) != 1]
+            raise MeshError(
+                f"{bad} cells are in no region or in more than one: "
+                f"{', '.join(wrong) or 'untagged'}; expected every cell group "
+                f"({', '.join(names)}) in exactly one part or joint."
+            )
+        return found
+
+    def _make_spaces(self, degree: int) -> None:
+        if degree not in (1, 2):
+            raise InputError(f"degree = {degree}: expected 1 or 2.")
+        cell = self.mesh.topology.cell_name()
+        family = "S" if degree == 2 and cell in _SERENDIPITY_CELLS else "Lagrange"
+        self.element = basix.ufl.element(family, cell, degree)
+        gdim = self.mesh.geometry.dim
+        self.V = fem.functionspace(
+            self.mesh, basix.ufl.element(family, cell, degree, shape=(gdim,))
+        )
+
+    def _dirichlet(self) -> list:
+        fdim = self.mesh.topology.dim - 1
+        bcs = []
+        for support in self.supports:
+            facets = self.tagged.facet_tags.find(self.tagged.facet_tag(support.facets))
+            for i in support.directions:
+                if i >= self.mesh.geometry.dim:
+                    continue
+                # A function, as serendipity elements take no constant.
+                W, _ = self.V.sub(i).collapse()
+                dofs = fem.locate_dofs_topological((self.V.sub(i), W), fdim, facets)
+                bcs.append(fem.dirichletbc(fem.Function(W), dofs, self.V.sub(i)))
+        return bcs
+
+    # -- forms -------------------------------------------------------------------------------
+
+    def _groups(self):
+        """Regions that share a law and its directions, with their tags: one integral each."""
+        groups: dict[tuple, list[int]] = {}
+        for region in self.regions:
+            tags = [self.tagged.cell_tag(name) for name in region.cells]
+            key = region.law, region.normal, region.across
+            groups.setdefault(key, []).extend(tags)
+        for key, tags in groups.items():
+            yield *key, tuple(sorted(tags))
+
+    def _directions(self, normal, across) -> tuple[ufl.core.expr.Expr, dict]:
+        """A law's normal, and what else of directions it takes."""
+        n, *rest = (
+            ufl.as_vector([float(c) for c in way[: self.gdim]])
+            for way in (normal, across)
+            if way is not None
+        )
+        return n, {"across": rest[0]} if rest else {}
+
+    def _dx(self, tags):
+        return ufl.Measure(
+            "dx",
+            domain=self.mesh,
+            subdomain_data=self.tagged.cell_tags,
+            metadata={"quadrature_degree": self.quadrature_degree},
+        )(tags)
+
+    def stiffness_form(self, u, v) -> ufl.Form:
+        """Stiffness of all parts and joints, as UFL over the property field."""
+        return self._sum(lambda law, q, n, ways, dx: law.stiffness(u, v, q, n, dx, **ways))
+
+    def inertia_form(self, u, v) -> ufl.Form:
+        """Consistent mass of all parts and joints, as UFL over the property field."""
+        return self._sum(lambda law, q, n, ways, dx: law.inertia(u, v, q, dx))
+
+    def _sum(self, make) -> ufl.Form:
+        total = None
+        for law, normal, across, tags in self._groups():
+            q = {name: self.field.q[i] for i, name in enumerate(law.properties)}
+            n, ways = self._directions(normal, across)
+            form = make(law, q, n, ways, self._dx(tags))
+            total = form if total is None else total + form
+        return total
+
+    def compiled(self, key, make: Callable[[], ufl.Form]) -> fem.Form:
+        """A compiled form, kept under a key."""
+        if key not in self._forms:
+            self._forms[key] = fem.form(make())
+        return self._forms[key]
+
+    @property
+    def arguments(self) -> tuple:
+        """Trial and test function."""
+        return ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
+
+    def region_form(self, number: int, u, v) -> tuple[ufl.Form, ufl.Form]:
+        """Stiffness and mass of one region alone, as UFL over the property field.
+
+        The cells are data of the form: regions with one law and normal share compiled code.
+
+        Args:
+            number: Index of the region in `regions`.
+            u: Trial function or displacement.
+            v: Test function or displacement.
+        """
+        region, cells = self.field.regions[number]
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        dx = ufl.Measure(
+            "dx",
+            domain=self.mesh,
+            subdomain_data=[(1, np.sort(cells[cells < owned]).astype(np.int32))],
+            metadata={"quadrature_degree": self.quadrature_degree},
+        )(1)
+        q = {name: self.field.q[i] for i, name in enumerate(region.law.properties)}
+        n, ways = self._directions(region.normal, region.across)
+        return region.law.stiffness(u, v, q, n, dx, **ways), region.law.inertia(u, v, q, dx)
+
+    def compiled_region(self, number: int, which: int) -> fem.Form:
+        """`region_form`, stiffness (0) or mass (1), compiled."""
+        return self.compiled(
+            (number, which), lambda: self.region_form(number, *self.arguments)[which]
+        )
+
+    def region_matrices(self, number: int, q: Mapping[str, float] | None) -> tuple:
+        """Stiffness and mass of one region alone, supports not applied.
+
+        Args:
+            number: Index of the region in `regions`.
+            q: Property values to put into its cells, unchecked; None leaves the field as it is.
+
+        Returns:
+            (K, M), PETSc matrices that the next call with the same ``number`` overwrites.
+        """
+        if q is not None:
+            self.field.fill(number, q)
+        forms = [self.compiled_region(number, which) for which in (0, 1)]
+        if number not in self._region_matrices:
+            self._region_matrices[number] = [fem_petsc.create_matrix(form) for form in forms]
+        matrices = []
+        for form, A in zip(forms, self._region_matrices[number], strict=True):
+            A.zeroEntries()
+            fem_petsc.assemble_matrix(A, form)
+            A.assemble()
+            matrices.append(A)
+        return tuple(matrices)
+
+    def support_matrices(self, number: int) -> tuple[PETSc.Mat, PETSc.Mat]:
+        """Stiffness of an elastic support at k_n = 1 Pa/m and at k_t = 1 Pa/m, m2; kept.
+
+        Rows and columns of held DOFs are zero.
+
+        Args:
+            number: Index of the support in `elastic_supports`.
+
+        Raises:
+            MeshError: If its facets are not there, or not on the surface.
+        """
+        if number not in self._support_matrices:
+            support = self.elastic_supports[number]
+            tag = self.tagged.facet_tag(support.facets)
+            ds = ufl.Measure(
+                "ds",
+                domain=self.mesh,
+                subdomain_data=self.tagged.facet_tags,
+                metadata={"quadrature_degree": self.quadrature_degree},
+            )(tag)
+            area = fem.assemble_scalar(fem.form(fem.Constant(self.mesh, 1.0) * ds))
+            if not self.comm.allreduce(area) > 0:
+                raise MeshError(
+                    f"{support.name}.facets = {support.facets!r}: expected facets on the surface."
+                )
+            self._support_matrices[number] = tuple(
+                self._support_matrix(q, ds) for q in ELASTIC_SUPPORT.samples
+            )
+        return self._support_matrices[number]
+
+    def _support_matrix(self, q: Mapping[str, float], ds) -> PETSc.Mat:
+        # As constants, both unit stiffnesses are one compiled form.
+        q = {key: fem.Constant(self.mesh, value) for key, value in q.items()}
+        normal = ufl.FacetNormal(self.mesh)
+        form = fem.form(self.weight * ELASTIC_SUPPORT.stiffness(*self.arguments, q, normal, ds))
+        return self.assembled(form)
+
+    def _add_supports(self, K: PETSc.Mat, values: Mapping[str, float]) -> None:
+        for i, support in enumerate(self.elastic_supports):
+            q = {key: number(getattr(support, key), values) for key in ("k_n", "k_t")}
+            ELASTIC_SUPPORT.check(support.name, q)
+            for k, unit in zip(q.values(), self.support_matrices(i), strict=True):
+                K.axpy(k, unit, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+
+    # -- matrices ----------------------------------------------------------------------------
+
+    def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+        """All parameters' values: the nominal ones, with ``given`` put in.
+
+        Raises:
+            InputError: If ``given`` names an unknown parameter or has a value that is not finite.
+        """
+        return parameter_values(self.parameters, given)
+
+    def stiffness(self, given: Mapping[str, float] | None = None, out=None) -> PETSc.Mat:
+        """Stiffness matrix K(p), N/m, symmetric; rows of held DOFs are the identity's.
+
+        Args:
+            given: Values of parameters that differ from their nominal value.
+            out: A matrix from an earlier call, to assemble into.
+        """
+        values = self.update(given)
+        form = self.compiled("K", lambda: self.stiffness_form(*self.arguments))
+        K = self.assembled(form, out, 1.0)
+        for spring in self.springs:
+            k = spring.share * number(spring.stiffness, values)
+            self._add_point(K, spring.point, k * np.outer(spring.direction, spring.direction))
+        self._add_supports(K, values)
+        K.assemble()
+        return K
+
+    def mass(self, given: Mapping[str, float] | None = None, out=None) -> PETSc.Mat:
+        """Mass matrix M(p), kg, positive semi-definite; rows of held DOFs are zero."""
+        values = self.update(given)
+        form = self.compiled("M", lambda: self.inertia_form(*self.arguments))
+        M = self.assembled(form, out)
+        for mass in self.masses:
+            m = mass.share * number(mass.mass, values)
+            if m:
+                self._add_point(M, self.place(mass, values), m * np.eye(3))
+        M.assemble()
+        return M
+
+    def update(self, given: Mapping[str, float] | None) -> dict[str, float]:
+        """Put parameters' values into the property field; returns all of them."""
+        values = self.values(given)
+        self.field.update(values)
+        return values
+
+    def assembled(self, form: fem.Form, out=None, diagonal: float = 0.0) -> PETSc.Mat:
+        """A symmetric form as a matrix; rows and columns of held DOFs have the diagonal alone."""
+        if out is None:
+            out = fem_petsc.create_matrix(form)
+            out.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+            out.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+            out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
+        else:
+            out.zeroEntries()
+        # The name of the fourth argument changed in 0.10.
+        fem_petsc.assemble_matrix(out, form, self.bcs, diagonal)
+        out.assemble()
+        return out
+
+    def place(self, mass: PointMass, values) -> tuple:
+        """Where a point mass is."""
+        travel = number(mass.travel, values)
+        return tuple(np.asarray(mass.point) + travel * np.asarray(mass.direction))
+
+    def rows(self, points, what: str = "point") -> PointRows:
+        """Rows that evaluate the displacement at points; cached. Collective."""
+        points = np.atleast_2d(np.asarray(points, dtype=float))[:, : self.mesh.geometry.dim]
+        key = points.tobytes()
+        if key not in self._rows:
+            self._rows[key] = locate(self.V, self.element, points, what)
+        return self._rows[key]
+
+    def _add_point(self, A: PETSc.Mat, point, block: np.ndarray) -> None:
+        gdim, rows = self.gdim, self.rows(point)
+        for nodes, N in zip(rows.nodes, rows.values, strict=True):
+            dofs = (nodes[:, None] * gdim + np.arange(gdim)).ravel().astype(np.int32)
+            values = np.kron(np.outer(N, N), block[:gdim, :gdim])
+            free = ~self.held_dofs[dofs]
+            values = values * np.outer(free, free)
+            A.setValuesLocal(dofs, dofs, values, PETSc.InsertMode.ADD_VALUES)
+        A.assemble()
+
+    @cached_property
+    def held_dofs(self) -> np.ndarray:
+        """Which DOFs of this rank supports hold, then which ghosts, (n_local + n_ghosts,)."""
+        imap, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
+        held = np.zeros((imap.size_local + imap.num_ghosts) * bs, dtype=bool)
+        for bc in self.bcs:
+            held[bc.dof_indices()[0]] = True
+        return held
+
+    @property
+    def n_local(self) -> int:
+        """Number of displacement DOFs that this rank owns."""
+        return self.V.dofmap.index_map.size_local * self.V.dofmap.index_map_bs
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of displacement DOFs, held ones included."""
+        return self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs
+
+    @property
+    def gdim(self) -> int:
+        """Geometric dimension of the mesh."""
+        return self.mesh.geometry.dim

@@ -1,0 +1,57 @@
+"""Products of sparse matrices with blocks of columns, of which each rank has its rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+__all__ = ["MatrixForm", "RowForm", "dense_block", "product"]
+
+
+class MatrixForm:
+    """A sparse matrix; ``owned`` if nobody else keeps it. Collective."""
+
+    def __init__(self, A: PETSc.Mat, owned: bool = False):
+        self.A, self.owned = A, owned
+
+    def __matmul__(self, X: np.ndarray) -> np.ndarray:
+        """This rank's rows of A X, of a block of its rows."""
+        return product(self.A, X)
+
+    def destroy(self) -> None:
+        """Free A, if it is owned. Collective."""
+        if self.owned:
+            self.A.destroy()
+
+
+class RowForm:
+    """factor * sum_k left_k right_k^T, with this rank's rows of both. Collective."""
+
+    def __init__(self, left: np.ndarray, right: np.ndarray, factor: float, comm):
+        self.left, self.right, self.factor, self.comm = left, right, factor, comm
+
+    def __matmul__(self, X: np.ndarray) -> np.ndarray:
+        """This rank's rows of the product with X, of a block of its rows."""
+        return self.factor * self.left @ self.comm.allreduce(self.right.T @ X)
+
+    def destroy(self) -> None:
+        """Nothing to free."""
+
+
+def product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
+    """``A X`` for this rank's rows of a block of columns; A need not be square. Collective."""
+    dense = dense_block(A, X.shape[1])
+    dense.getDenseArray()[:] = X
+    image = A.matMult(dense)
+    out = image.getDenseArray().copy(order="F")
+    image.destroy()
+    dense.destroy()
+    return out
+
+
+def dense_block(A: PETSc.Mat, columns: int) -> PETSc.Mat:
+    """Dense matrix that A can multiply."""
+    dense = PETSc.Mat().createDense([A.getSizes()[1], (None, columns)], comm=A.comm)
+    dense.setUp()
+    dense.assemble()
+    return dense
