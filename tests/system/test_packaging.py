@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -143,3 +144,17 @@ def test_tests_of_the_sdist_collect_beside_the_installed_wheel(sdist, python, tm
     (tmp_path / "collect.py").write_text(COLLECT, encoding="utf-8")
     said = run(python, tmp_path / "collect.py", "-p", "no:cacheprovider", cwd=sdist)
     assert "error" not in said.lower().splitlines()[-1]
+
+
+def test_scripts_of_the_readme_pass_mypy(python, tmp_path):
+    """Against the installed wheel, as a user's would; each takes from at most three modules."""
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    scripts = re.findall(r"^```python\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
+    assert len(scripts) > 5
+    for i, script in enumerate(scripts):
+        assert len(set(re.findall(r"^from (fenics_joints[.\w]*)", script, re.MULTILINE))) <= 3
+        (tmp_path / f"readme_{i}.py").write_text(script, encoding="utf-8")
+    run(
+        sys.executable, "-m", "mypy", "--python-executable", python, "--ignore-missing-imports",
+        "--cache-dir", tmp_path / "cache", *sorted(tmp_path.glob("readme_*.py")), cwd=tmp_path,
+    )  # fmt: skip
