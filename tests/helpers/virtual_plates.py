@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,6 +108,7 @@ class Measured:
         return Measured(self.frequencies_hz[:, list(frequencies)], self.shapes[:, list(shapes)])
 
 
+@functools.cache
 def virtual_test(
     *,
     k_t: float = np.inf,
