@@ -310,6 +310,7 @@ def test_page_of_a_synthetic_check():
     assert text.count("<svg") == 4 and all(f"id{i}" in text for i in range(60))
 
 
+@pytest.mark.slow
 def test_small_check(tmp_path):
     """Generator, seals, diagnosis and scores, one after the other."""
     pytest.importorskip("cryptography")
