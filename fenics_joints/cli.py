@@ -194,7 +194,7 @@ def diagnose(
 
     def run(case, comm, progress):
         if plan:
-            from fenics_joints.commands.plan import run_plan
+            from fenics_joints.commands.plan.run import run_plan
 
             return run_plan(case, comm, progress, keep=keep)
         from fenics_joints.commands.diagnose.run import run_diagnose

@@ -28,12 +28,13 @@ from pathlib import Path
 from mpi4py import MPI
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.plan import matrix_picture
+from fenics_joints.commands.diagnose.explanation import explain
+from fenics_joints.commands.diagnose.pictures import forecasts
+from fenics_joints.commands.plan.page import matrix_picture
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.plan.planned import plan
-from fenics_joints.report import diagnosis_pictures, mesh_pictures
-from fenics_joints.report import style as pictures
-from fenics_joints.report.explanation import explain
+from fenics_joints.report import mesh_pictures
+from fenics_joints.report.panels import frequency_panels
 
 comm = MPI.COMM_WORLD
 here = Path(globals().get("__file__", "demo_diagnosis.py")).resolve().parent
@@ -106,7 +107,7 @@ say(
 # nothing of the torque.
 
 show(
-    lambda: pictures.frequency_panels(
+    lambda: frequency_panels(
         found.before, found.after, found.condition,
         labels=("plates as one", "with the cause"), validation=found.validation,
     )
@@ -153,7 +154,7 @@ assert "compliance" in words.which
 # has the same chance (the placebo).
 
 say("", f"How far. {words.how_far}", answers["Does it predict?"])
-show(diagnosis_pictures.forecasts, found.shrinkage)
+show(forecasts, found.shrinkage)
 
 # One torque was never used for anything: 28 N·m, beyond all others, from a figure's legend in the
 # paper.

@@ -15,7 +15,7 @@ _RUNS = {
     "run_diagnose": "diagnose.run",
     "run_harmonic": "harmonic.run",
     "run_modes": "modes.run",
-    "run_plan": "plan",
+    "run_plan": "plan.run",
     "run_preload": "preload.run",
     "run_update": "update.command",
 }

@@ -1,36 +1,12 @@
-"""Summaries of one screen for the terminal, 80 columns or more."""
+"""Tables and lines for summaries of one screen on the terminal, 80 columns or more."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
-from fenics_joints.formatting import (
-    condition_value,
-    interval,
-    percent,
-    probability,
-    quantity,
-    spaced,
-)
-from fenics_joints.report.explanation import explain
-from fenics_joints.report.reading import by_effect, by_reason, effect_classes, leading
-
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.result import Diagnosis
-
-__all__ = ["diagnosis", "more", "new_table", "say"]
-
-#: Rows of each table, so that all of it fits on a screen.
-_REGIONS, _EFFECTS, _PARAMETERS = 3, 4, 3
-_STYLES = {"cause": "bold cyan", "no gap": "bold green", "ambiguous": "bold yellow"}
-_BAR = 20
-#: Lines of each of the three sentences, and how many doubts are told; the page has all.
-_SENTENCE_LINES, _DOUBTS = 4, 2
+__all__ = ["more", "new_table", "say", "tell"]
 
 
 def new_table(*headings: str) -> Table:
@@ -45,119 +21,11 @@ def new_table(*headings: str) -> Table:
     return table
 
 
-def _bar(share: float) -> Text:
-    return Text("█" * round(_BAR * min(max(share, 0.0), 1.0)), style="blue")
-
-
-def _line(text: str) -> Text:
-    """A table's cell on one line, cut off where the column ends; no markup is read in it."""
-    return Text(text, no_wrap=True, overflow="ellipsis")
-
-
 def say(console: Console, text: str, style: str | None = None) -> None:
     """Print one line, cut off where the terminal ends; no markup is read in it."""
     console.print(
         text, style=style, no_wrap=True, overflow="ellipsis", markup=False, highlight=False
     )
-
-
-def diagnosis(console: Console, d: Diagnosis) -> None:
-    """Print the diagnosis: where, which and how far in a sentence each, then the numbers."""
-    words = explain(d)
-    verdict = Text(d.verdict.upper(), style=_STYLES.get(d.verdict, "bold red"))
-    console.print(Text.assemble((d.title, "bold"), ": ", verdict))
-    for heading, sentence in words.sentences:
-        text = Text.assemble((f"{heading}. ", "bold"), sentence)
-        _print_at_most(console, text, _SENTENCE_LINES)
-    for doubt in words.doubts[:_DOUBTS]:
-        say(console, f"but: {doubt}", "yellow")
-    console.print()
-    gaps = new_table("gap (RMS relative error)", ">nominal", ">placebo", ">chosen")
-    gaps.add_row("all data, fitted", percent(d.before.rms), "", percent(d.after.rms))
-    gaps.add_row(
-        "held out, predicted", percent(d.heldout_before), percent(d.placebo_after),
-        percent(d.heldout_after), style="bold",
-    )  # fmt: skip
-    if d.validation is not None:
-        old, new = d.validation
-        at = ", ".join(condition_value(x, d.condition[1]) for x in new.conditions)
-        gaps.add_row(f"validation, {at}", percent(old.rms), "", percent(new.rms))
-    gaps.add_row("noise of the test", "", "", percent(d.noise))
-    console.print(gaps)
-    console.print()
-    _where(console, d)
-    _which(console, d)
-    _lead(console, d)
-
-
-def _print_at_most(console: Console, text: Text, lines: int) -> None:
-    """Print a text over a few lines, cut off where they end."""
-    wrapped = text.wrap(console, console.width)
-    for i, line in enumerate(wrapped[:lines]):
-        cut = i == lines - 1 and len(wrapped) > lines
-        if cut:
-            line.truncate(console.width - 2)
-            line.append(" …")
-        console.print(line)
-
-
-def _where(console: Console, d: Diagnosis) -> None:
-    table = new_table("where", ">share", "")
-    for zone in d.where[:_REGIONS]:
-        table.add_row(Text(spaced(zone.region)), percent(zone.share, 1), _bar(zone.share))
-    console.print(table)
-    console.print()
-
-
-def _which(console: Console, d: Diagnosis) -> None:
-    classes = effect_classes(d)
-    table = new_table("which effect", "", ">probability", "")
-    left, shown = _EFFECTS, 0
-    for group in classes:
-        # A class takes a row of its own, and is worth it with a member below.
-        if left <= bool(group.letter):
-            break
-        if group.letter:
-            left -= 1
-            _effect_row(table, f"one of {len(group.effects)} in", group.letter, group.probability)
-        for effect in group.effects[:left]:
-            name = f"  {effect.name}" if group.letter else effect.name
-            _effect_row(table, name, group.letter, effect.probability)
-        shown += len(group.effects[:left])
-        left -= len(group.effects)
-    more(table, len(d.effects) - shown)
-    console.print(table)
-    letters = {group.name: group.letter for group in classes if group.letter}
-    for s in [s for s in d.separations if s.class_name in letters][:2]:
-        text = f"to split {letters[s.class_name]}, {s.distance:.1f} s.d.: {s.measurement}"
-        say(console, text)
-    for reason, names in by_reason(d.silent):
-        console.print(
-            f"silent on {', '.join(names)}: {reason}", style="dim", markup=False, highlight=False
-        )
-    console.print()
-
-
-def _effect_row(table: Table, name: str, letter: str, p: float) -> None:
-    table.add_row(_line(name), letter, probability(p), _bar(p))
-
-
-def _lead(console: Console, d: Diagnosis) -> None:
-    lead = leading(d)
-    if lead is None:
-        return
-    table = new_table("fitted", ">value", "68 % interval", "in the leading hypothesis")
-    left = _PARAMETERS
-    for effect, rows in by_effect(lead.parameters):
-        for i, p in enumerate(rows[: max(left, 0)]):
-            span = Text(interval(p["low"], p["high"], p["unit"]), no_wrap=True)
-            value = quantity(p["value"], p["unit"])
-            name = Text(p["name"], no_wrap=True)
-            table.add_row(name, value, span, _line("" if i else spaced(effect)))
-        left -= len(rows)
-    more(table, -left)
-    if table.rows:
-        console.print(table)
 
 
 def more(table: Table, n: int) -> None:
@@ -166,3 +34,6 @@ def more(table: Table, n: int) -> None:
         table.add_row(f"and {n} more", style="dim")
 
 
+def tell(console: Console, text: str, style: str | None = None) -> None:
+    """Print a text over as many lines as it takes; no markup is read in it."""
+    console.print(text, style=style, markup=False, highlight=False)

@@ -10,6 +10,8 @@ from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, 
 from fenics_joints.beams.cells import cell_energies, log_slopes
 from fenics_joints.beams.laws import BEAM
 from fenics_joints.case import load_case
+from fenics_joints.commands.diagnose.page import diagnosis_html
+from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.effects.bolts import LOW_PRELOAD
 from fenics_joints.diagnosis.evidence.inference import fit
@@ -24,8 +26,6 @@ from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.batch import LeanForward
 from fenics_joints.reduction.forward import Forward
-from fenics_joints.report.explanation import zone_words
-from fenics_joints.report.html import diagnosis_html
 from fenics_joints.structure.points import Sensors
 
 STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}

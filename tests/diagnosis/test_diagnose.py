@@ -8,12 +8,12 @@ from mpi4py import MPI
 from virtual_plates import TORQUES, Measured, virtual_test, write_virtual_case
 
 from fenics_joints.case import load_case
+from fenics_joints.commands.diagnose.reading import effect_classes
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.progress import Progress
-from fenics_joints.report.reading import effect_classes
 
 #: One effect at a time, and nothing that has tests of its own.
 FEW = ("max_effects = 1", "nested = 0", "patches = 0")

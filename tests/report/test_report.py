@@ -18,6 +18,9 @@ from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints import formatting
+from fenics_joints.commands.diagnose.explanation import explain
+from fenics_joints.commands.diagnose.page import VERDICTS, diagnosis_html
+from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.modes.page import ModePicture, modes_html
 from fenics_joints.commands.modes.result import ModeList
 from fenics_joints.commands.modes.summary import show_modes
@@ -27,10 +30,7 @@ from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.meshes import lap_plates
-from fenics_joints.report import html as report
 from fenics_joints.report import mesh_pictures
-from fenics_joints.report import terminal as summary
-from fenics_joints.report.explanation import explain
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])
@@ -123,7 +123,7 @@ def modes_page_text() -> str:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: report.diagnosis_html(diagnosis(), log_sd=np.full((3, 2), 0.01)),
+        lambda: diagnosis_html(diagnosis(), log_sd=np.full((3, 2), 0.01)),
         modes_page_text,
     ],
     ids=["diagnosis", "modes"],
@@ -134,7 +134,7 @@ def test_page_is_well_formed_and_stands_alone(make):
 
 def test_diagnosis_page_shows_the_numbers_of_the_result():
     d = diagnosis()
-    page = Page(report.diagnosis_html(d))
+    page = Page(diagnosis_html(d))
     keys = ("gap-before", "gap-after", "gap-heldout", "gap-placebo", "gap-noise")
     shown = [float(page.texts[key].split()[0]) / 100 for key in keys]
     expected = [d.before.rms, d.after.rms, d.heldout_after, d.placebo_after, d.noise]
@@ -163,7 +163,7 @@ def test_diagnosis_page_shows_the_numbers_of_the_result():
 
 
 def test_titles_and_names_are_escaped():
-    text = report.diagnosis_html(diagnosis())
+    text = diagnosis_html(diagnosis())
     assert "Plates &lt;b&gt;&amp; bolts&lt;/b&gt;" in text
     assert "<b>& bolts" not in text and "bending <2>" not in text
 
@@ -171,12 +171,12 @@ def test_titles_and_names_are_escaped():
 @pytest.mark.parametrize("verdict", ["cause", "no gap", "unknown", "ambiguous"])
 def test_every_verdict_without_validation_and_map(verdict):
     d = diagnosis(verdict=verdict, validation=None, cells=None, shrinkage=None, separations=[])
-    page = Page(report.diagnosis_html(d))
+    page = Page(diagnosis_html(d))
     said = [f"{name}. {sentence}" for name, sentence in explain(d).sentences]
-    assert page.texts["verdict"].split() == " ".join([report.VERDICTS[verdict], *said]).split()
+    assert page.texts["verdict"].split() == " ".join([VERDICTS[verdict], *said]).split()
     assert "validation" not in page.ids and "folds" not in page.tables
     console = Console(width=80, record=True, file=io.StringIO())
-    summary.diagnosis(console, d)
+    show_diagnosis(console, d)
     assert verdict.upper() in console.export_text()
 
 
@@ -210,8 +210,8 @@ def large_diagnosis() -> Diagnosis:
 
 def test_summaries_fit_a_screen():
     shows = [
-        lambda c: summary.diagnosis(c, diagnosis()),
-        lambda c: summary.diagnosis(c, large_diagnosis()),
+        lambda c: show_diagnosis(c, diagnosis()),
+        lambda c: show_diagnosis(c, large_diagnosis()),
         lambda c: show_modes(c, mode_list(np.arange(40.0), 6, seen=False)),
     ]
     for show in shows:
@@ -282,10 +282,10 @@ def test_the_leader_is_the_best_hypothesis_that_says_something():
     named = diagnosis().hypotheses[0]
     unknown = HypothesisResult("none of these", (), 0.9, 50.0, 0.004, 0.9)
     d = diagnosis(verdict="unknown", hypotheses=[unknown, named])
-    page = Page(report.diagnosis_html(d))
+    page = Page(diagnosis_html(d))
     assert page.column("nuisances", 2) == ["20.3 g"]
     console = Console(width=80, record=True, file=io.StringIO())
-    summary.diagnosis(console, d)
+    show_diagnosis(console, d)
     assert "660 GPa/m" in console.export_text()
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 from mpi4py import MPI
 
 from fenics_joints.case import Case
+from fenics_joints.commands.diagnose.assumptions import assumptions
+from fenics_joints.commands.diagnose.explanation import explain
+from fenics_joints.commands.diagnose.page import diagnosis_html
+from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.diagnosis import Diagnosis, diagnose
 from fenics_joints.progress import Progress
-from fenics_joints.report.assumptions import assumptions
-from fenics_joints.report.explanation import explain
-from fenics_joints.report.html import diagnosis_html
-from fenics_joints.report.terminal import diagnosis
 
 __all__ = ["run_diagnose"]
 
@@ -36,5 +36,5 @@ def run_diagnose(
     return Outcome(
         found, lambda: {**found.to_json(), "in_words": explain(found).to_json()},
         lambda: diagnosis_html(found, log_sd=data.log_sd(), assumed=assumptions(case, data)),
-        lambda console: diagnosis(console, found),
+        lambda console: show_diagnosis(console, found),
     )  # fmt: skip

@@ -10,8 +10,8 @@ from rich.text import Text
 
 from fenics_joints.commands.update.sweep import UpdateReport
 from fenics_joints.formatting import condition_value, hertz, percent, quantity, spread
-from fenics_joints.report import style as pictures
 from fenics_joints.report.html import facts, heat_map, render, svg
+from fenics_joints.report.panels import frequency_panels, parameter_panels
 from fenics_joints.report.terminal import more, new_table, say
 
 __all__ = ["curve_line", "parameter_rows", "show_update", "update_html"]
@@ -33,7 +33,7 @@ def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
     curves = None
     if u.curve_frequencies is not None:
         curves = svg(
-            pictures.frequency_panels(
+            frequency_panels(
                 None, u.curve_frequencies, u.condition, labels=("", "model on the curves"),
                 log_sd=log_sd, held_out=_held_out(u),
                 validation=None if u.validation is None else (None, u.validation),
@@ -51,7 +51,7 @@ def update_html(u: UpdateReport, *, log_sd: np.ndarray | None = None) -> str:
             key=lambda pair: -abs(pair[1]),
         ),
         units={p["name"]: p["unit"] for p in u.parameters},
-        panels=svg(pictures.parameter_panels(panels, u.condition)) if panels else None,
+        panels=svg(parameter_panels(panels, u.condition)) if panels else None,
         curves=curves,
         curve_heat=None
         if u.curve_frequencies is None
@@ -66,7 +66,7 @@ def _held_out(u: UpdateReport) -> np.ndarray:
 
 
 def parameter_rows(u: UpdateReport) -> list[dict]:
-    """What `pictures.parameter_panels` draws, a row for each parameter."""
+    """What `parameter_panels` draws, a row for each parameter."""
     if len(u.torque_fits) < 2:
         return []
     fits = sorted(u.torque_fits, key=lambda fit: fit["condition"])

@@ -1,52 +1,22 @@
-"""A plan for people: its page, its picture and its summary on the terminal."""
+"""The page of ``diagnose --plan``, and the picture of its distances."""
 
 from __future__ import annotations
-
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Rectangle
-from rich.text import Text
 
-from fenics_joints.commands.outcome import Outcome
+from fenics_joints.commands.diagnose.reading import by_reason
 from fenics_joints.diagnosis.evidence.classes import APART, confusion
-from fenics_joints.formatting import condition_value, percent, probability, quantity, spaced
+from fenics_joints.diagnosis.plan.result import Plan, PlannedEffect
+from fenics_joints.formatting import quantity, spaced
 from fenics_joints.report.html import facts, render, svg
-from fenics_joints.report.reading import by_reason
 from fenics_joints.report.style import CHOSEN, PLACEBO, new_figure, style, to_svg
-from fenics_joints.report.terminal import new_table, say
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
-    from rich.console import Console
+__all__ = ["likeliest", "matrix_picture", "plan_html", "size_words"]
 
-    from fenics_joints.case import Case
-    from fenics_joints.diagnosis.plan.result import Plan, PlannedEffect
-    from fenics_joints.progress import Progress
-
-__all__ = ["matrix_picture", "plan_html", "run_plan", "show_plan"]
-
-#: Rows of each table on the terminal.
-_EFFECTS, _ADDITIONS = 12, 4
 #: Effects up to which the picture has numbers in its cells.
 _NUMBERED = 26
-
-
-def run_plan(
-    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
-) -> Outcome[Plan]:
-    """The ``diagnose --plan`` command. Collective."""
-    from fenics_joints.diagnosis.plan.planned import plan
-
-    found = plan(case, comm, progress, keep=keep)
-    return Outcome(
-        found, found.to_json, lambda: plan_html(found), lambda console: show_plan(console, found)
-    )
-
-
-# -- the page --------------------------------------------------------------------------------------
 
 
 def plan_html(p: Plan) -> str:
@@ -54,11 +24,12 @@ def plan_html(p: Plan) -> str:
     how_many, which_not, next_ = p.sentences()
     return render(
         "plan.html",
+        {"by_reason": by_reason},
         p=p,
         sentences=(how_many, which_not, next_),
         matrix=svg(matrix_picture(p)),
         sizes={e.key: size_words(e) for e in p.effects},
-        chances={e.key: _likeliest(p, i) for i, e in enumerate(p.effects)},
+        chances={e.key: likeliest(p, i) for i, e in enumerate(p.effects)},
         apart=APART,
         facts=facts(p.model),
     )
@@ -69,7 +40,7 @@ def size_words(e: PlannedEffect) -> str:
     return ", ".join(f"{name} = {quantity(value, e.units[name])}" for name, value in e.size.items())
 
 
-def _likeliest(p: Plan, i: int) -> tuple[str, float, float]:
+def likeliest(p: Plan, i: int) -> tuple[str, float, float]:
     """What an effect would most easily be taken for, D from it, and the chance."""
     row = p.distances[i].copy()
     row[i] = np.inf
@@ -128,42 +99,3 @@ def _matrix_words(p: Plan) -> str:
         "Matrix of the distance of each effect, if it is at work, from what each other can make. "
         f"Effects that cannot be told apart: {groups}."
     )
-
-
-# -- the terminal ----------------------------------------------------------------------------------
-
-
-def show_plan(console: Console, p: Plan) -> None:
-    """Print the plan on one screen."""
-    say(console, f"{p.title}: what the planned test could tell", "bold")
-    for sentence in p.sentences():
-        console.print(sentence, markup=False, highlight=False)
-    console.print()
-    places = {e.key: f"{i + 1}" for i, e in enumerate(p.effects)}
-    table = new_table(">", "effect", "", ">D: no gap", ">nearest", ">is", ">taken for it")
-    for i, e in enumerate(p.effects[:_EFFECTS]):
-        name, d, chance = _likeliest(p, i)
-        table.add_row(
-            places[e.key], Text(spaced(e.key), no_wrap=True, overflow="ellipsis"),
-            e.letter or ("" if e.seen else "unseen"), f"{e.distance:.1f}", f"{d:.1f}",
-            places.get(name, name), probability(chance), style=None if e.seen else "dim",
-        )  # fmt: skip
-    if len(p.effects) > _EFFECTS:
-        table.add_row("", f"and {len(p.effects) - _EFFECTS} more", style="dim")
-    console.print(table)
-    console.print()
-    if p.additions:
-        table = new_table("measured besides", ">apart", ">seen", ">mean gain of D")
-        for a in p.additions[:_ADDITIONS]:
-            table.add_row(Text(a.name), str(a.classes), str(a.seen), f"{a.mean:.2f}")
-        console.print(table)
-    for reason, names in by_reason(p.silent):
-        console.print(
-            f"silent on {', '.join(names)}: {reason}", style="dim", markup=False, highlight=False
-        )
-    values = ", ".join(condition_value(x, p.condition[1]) for x in p.conditions)
-    say(console, f"D above {APART} is less than 1 % confusion", "dim")
-    text = f"{', '.join(p.measured)} of {len(p.mode_names)} modes at {p.condition[0]} {values}"
-    say(console, text, "dim")
-    text = f"noise {percent(p.noise)}, discrepancy {percent(p.discrepancy)}"
-    say(console, text, "dim")

@@ -13,6 +13,9 @@ from rich.console import Console
 pytest.importorskip("dolfinx")
 
 from fenics_joints.case import load_case
+from fenics_joints.commands.diagnose.assumptions import assumptions
+from fenics_joints.commands.diagnose.explanation import explain
+from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.nested import Nested
 from fenics_joints.diagnosis.location import Location
@@ -24,8 +27,6 @@ from fenics_joints.diagnosis.where.zone_tests import Attribution, ZoneTest
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.report import html as report
 from fenics_joints.report import terminal as summary
-from fenics_joints.report.assumptions import assumptions
-from fenics_joints.report.explanation import explain, zone_words
 
 TORQUES, MODES = np.array([5.0, 20.0]), ("bending 1", "bending 2", "bending 3")
 TEST = np.array([[400.0, 900.0, 2000.0], [410.0, 910.0, 2050.0]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO, new_figu
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.shrinkage import Shrinkage
 
-__all__ = ["forecasts"]
+__all__ = ["forecasts", "gap_bars"]
 
 #: What was stated before, behind what was found.
 _STATED = "#b9d4ea"
@@ -80,3 +81,53 @@ def _in_words(s: Shrinkage) -> str:
         for f in s.folds
     ]
     return f"Errors on held-out data, before and after, by fold. {'; '.join(rows)}."
+
+
+def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noise: float) -> str:
+    """Gaps as bars in groups, with the measurement's noise as a line.
+
+    Args:
+        groups: Name of the group, and its bars: label, relative gap, and kind, one of
+            ``nominal``, ``placebo`` and ``chosen``. Bars that are nan are left out.
+        noise: Root mean square of the measurement's standard deviation, relative.
+    """
+    colours = {"nominal": NOMINAL, "placebo": PLACEBO, "chosen": CHOSEN}
+    groups = [(name, [b for b in bars if np.isfinite(b[1])]) for name, bars in groups]
+    groups = [(name, bars) for name, bars in groups if bars]
+    rows = sum(len(bars) for _, bars in groups)
+    with style():
+        figure = new_figure(7.6, 0.34 * rows + 0.42 * len(groups) + 0.55)
+        axes = figure.subplots()
+        y, ticks, labels, largest = 0.0, [], [], 100 * noise
+        for name, bars in groups:
+            axes.annotate(
+                name, (0, y), (2, -2), textcoords="offset points", va="center", weight="bold"
+            )
+            y -= 0.9
+            for label, value, kind in bars:
+                axes.barh(y, 100 * value, 0.72, color=colours[kind])
+                axes.annotate(
+                    percent(value), (100 * max(value, noise), y), (6, 0),
+                    textcoords="offset points", va="center",
+                )  # fmt: skip
+                ticks.append(y)
+                labels.append(label)
+                largest = max(largest, 100 * value)
+                y -= 1
+            # Only across the bars, so as not to strike through the group's name.
+            axes.vlines(100 * noise, y + 0.5, y + len(bars) + 0.5, NOISE, (0, (4, 2)), lw=1.6)
+            y -= 0.15
+        axes.annotate(
+            f"measurement noise {percent(noise)}", (100 * noise, y + 0.35), (5, 0),
+            textcoords="offset points", color=NOISE, va="center", weight="bold",
+        )  # fmt: skip
+        axes.set_yticks(ticks, labels)
+        axes.tick_params(axis="y", length=0)
+        axes.set_xlim(0, 1.14 * largest)
+        axes.set_ylim(y - 0.1, 0.5)
+        axes.set_xlabel("gap: root mean square relative frequency error, %")
+        words = "; ".join(
+            f"{name}: " + ", ".join(f"{label} {percent(v)}" for label, v, _ in bars)
+            for name, bars in groups
+        )
+        return to_svg(figure, "gap", f"Bars of the gap. {words}. Noise {percent(noise)}.")

@@ -1,0 +1,68 @@
+"""What speaks against taking a diagnosis at its word."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_joints.commands.diagnose.reading import LEVEL, leading
+from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words, shortened
+from fenics_joints.formatting import percent, spaced
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.result import Diagnosis
+
+__all__ = ["doubts"]
+
+#: A nuisance further from its expected value, in standard deviations, is a doubt.
+_FAR = 2.0
+#: A p-value above this says that the stated noise and model error are too large.
+_TOO_GOOD = 0.999
+#: Of ten intervals of 90 %, seven hold with 99 % if they are right.
+_COVERAGE = 0.7
+#: Of what noise lets go, so much should be gone for a cause to be the whole of it.
+_HALF = 0.5
+
+
+def doubts(d: Diagnosis) -> list[str]:
+    """A sentence for each doubt."""
+    lead, s, words = leading(d), d.shrinkage, []
+    if lead is not None:
+        if lead.p_value < LEVEL:
+            words.append(
+                "The leading explanation leaves more than noise and model error would: "
+                f"{p_value_words(lead.p_value)}."
+            )
+        elif lead.p_value > _TOO_GOOD:
+            words.append("It fits better than it should: noise or discrepancy is stated too large.")
+        if lead.at_bound:
+            words.append(f"At a limit of their range: {joined(lead.at_bound)}.")
+        far = [p for p in lead.parameters if p["nuisance"] and abs(p["prior_sigmas"]) > _FAR]
+        items = [f"{spaced(p['effect'])} ({p['prior_sigmas']:+.1f} s.d.)" for p in far]
+        if items:
+            words.append(f"Far from what was expected in any case: {shortened(items)}.")
+    if s is not None and s.folds and d.verdict == "cause":
+        if np.isfinite(s.excess) and not s.claimed:
+            words.append(
+                "On held-out data the best wrong effect does nearly as well: how far the gap "
+                "shrinks is no evidence for the cause."
+            )
+        if s.shrink < _HALF:
+            words.append(
+                f"Of the gap in frequency that noise lets go, {100 * (1 - max(s.shrink, 0)):.0f} % "
+                "remains on held-out data: something else may be missing."
+            )
+        if s.coverage < _COVERAGE:
+            words.append(
+                f"Only {share_words(s.coverage)} of the folds ended in the 90 % interval stated "
+                "before."
+            )
+    if np.isfinite(d.model_error) and d.model_error > 0.5 * d.noise:
+        words.append(
+            f"The reduced model's error, up to {percent(d.model_error, 3)}, is not small against "
+            f"the noise, {percent(d.noise, 3)}."
+        )
+    if any(not np.isfinite(n.log_evidence) or n.error > 0.5 for n in d.nested.values()):
+        words.append("Nested sampling left an error of more than 0.5 in some ln evidence.")
+    return words

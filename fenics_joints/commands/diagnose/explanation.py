@@ -1,0 +1,250 @@
+"""A diagnosis in words: three sentences, what stands behind them, and what to doubt.
+
+Every number is one of the `Diagnosis`; nothing is computed here but ratios of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_joints.commands.diagnose.doubts import doubts
+from fenics_joints.commands.diagnose.questions import Point, questions
+from fenics_joints.commands.diagnose.reading import (
+    LEVEL,
+    SHARE,
+    EffectClass,
+    along,
+    best_without,
+    causes,
+    effect_classes,
+    in_test,
+    is_loud,
+    leading,
+    members_in_words,
+    named,
+    probability_of,
+    sure_causes,
+)
+from fenics_joints.commands.diagnose.words import (
+    NAMED,
+    chance_words,
+    from_to,
+    joined,
+    p_value_words,
+    sentence,
+    share_words,
+    shortened,
+    span,
+    times_words,
+)
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
+from fenics_joints.formatting import percent, probability, spaced
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.location import Location
+    from fenics_joints.diagnosis.result import Diagnosis
+    from fenics_joints.diagnosis.shrinkage import Shrinkage
+
+__all__ = ["Explanation", "explain"]
+
+#: Probability of a look-alike that is not worth a word.
+_REMOTE = 0.01
+_COUNT = {2: "two", 3: "three"}
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A diagnosis in words.
+
+    Attributes:
+        where: Where the model is wrong, one sentence.
+        which: Which effect causes it, and what rivals it.
+        how_far: How far the gap shrinks on data that were held out.
+        points: The same in more words, question by question.
+        doubts: What speaks against taking the answer at its word.
+    """
+
+    where: str
+    which: str
+    how_far: str
+    points: tuple[Point, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def sentences(self) -> tuple[tuple[str, str], ...]:
+        """The three sentences with their headings."""
+        return ("Where", self.where), ("Which", self.which), ("How far", self.how_far)
+
+    def to_json(self) -> dict:
+        """Texts only."""
+        return {
+            "where": self.where,
+            "which": self.which,
+            "how_far": self.how_far,
+            "points": {point.question: point.answer for point in self.points},
+            "doubts": list(self.doubts),
+        }
+
+
+def explain(d: Diagnosis) -> Explanation:
+    """Put a diagnosis into words."""
+    return Explanation(_where(d), _which(d), _how_far(d), questions(d), tuple(doubts(d)))
+
+
+def _where(d: Diagnosis) -> str:
+    found = d.location
+    if d.verdict == NO_GAP:
+        if found is None:
+            return "Nowhere: there is no gap beyond noise and tolerances."
+        return (
+            "Nowhere beyond chance: noise, tolerances and the error of any model would make a "
+            f"misfit of {found.n_data}, and there is one of {found.misfit:.0f}."
+        )
+    if found is None:
+        return sentence(_by_shares(d) or "no region explains a tenth of the gap")
+    kinds = _kinds(found)
+    words = [in_test(d), kinds, _by_tests(found)]
+    if not kinds or "frequencies" in kinds.partition(", not")[0]:
+        words.append(_by_shares(d))
+    return sentence("; ".join(w for w in words if w))
+
+
+def _kinds(found: Location) -> str:
+    """Which kinds of data the misfit is in, if it is not in all of them."""
+    parts = along(found, "kind")
+    loud = [a.label for a in parts if is_loud(a, parts)]
+    quiet = [a.label for a in parts if not is_loud(a, parts)]
+    if not loud or not quiet:
+        return ""
+    return f"the misfit is in the {joined(loud)}, not in the {joined(quiet, 'or')}"
+
+
+def _by_tests(found: Location) -> str:
+    tests = sorted((t for t in found.regions if t.dof), key=lambda t: -t.share)
+    telling = [t for t in tests if t.p_adjusted < LEVEL]
+    if not telling:
+        return "no region of the model explains more than chance"
+    alone = [t for t in telling if t.rest_p >= LEVEL]
+    if not alone:
+        first = telling[0]
+        return (
+            f"no change of one region alone explains it, at most {share_words(first.share)} of the "
+            f"misfit, which {spaced(first.zone)} could make"
+        )
+    first, others = alone[0], alone[1:]
+    words = (
+        f"a change in {spaced(first.zone)} alone would explain {share_words(first.share)} of the "
+        f"misfit, by chance {chance_words(first.p_adjusted)}"
+    )
+    if others:
+        names = [f"{spaced(t.zone)} ({share_words(t.share)})" for t in others]
+        words += f", but so would one in {shortened(names, 'or')}"
+    return words
+
+
+def _by_shares(d: Diagnosis) -> str:
+    """What the leading explanation makes of the gap in frequency, region by region."""
+    shares = [z for z in d.where if z.region != "unexplained" and z.share >= SHARE]
+    if not shares:
+        return ""
+    items = [f"{share_words(z.share)} in {spaced(z.region)}" for z in shares]
+    return f"of the gap in frequency the leading explanation puts {shortened(items)}"
+
+
+def _which(d: Diagnosis) -> str:
+    say = {NO_GAP: _no_cause, "unknown": _unknown, "cause": _cause}
+    return sentence(say.get(d.verdict, _undecided)(d))
+
+
+def _look_alike(d: Diagnosis) -> str:
+    """What is left for causes outside the library, where that is not the answer itself."""
+    p = probability_of(d, UNKNOWN)
+    if p < _REMOTE:
+        return ""
+    return f"; {probability(p)} is left for a cause outside the library"
+
+
+def _no_cause(d: Diagnosis) -> str:
+    p = probability_of(d, NO_GAP)
+    words = f"none is needed: the nominal model within its tolerances has {probability(p)}"
+    found = causes(d)
+    if not found:
+        return words + _look_alike(d)
+    most = (
+        f"the most probable cause, {members_in_words(found[0])}, "
+        f"{probability(found[0].probability)}"
+    )
+    return f"{words}, {most}{_look_alike(d)}"
+
+
+def _unknown(d: Diagnosis) -> str:
+    lead, n = leading(d), sum(len(c.effects) for c in causes(d))
+    words = f"none of the {n} effects that were considered explains the test"
+    if lead is not None:
+        words += (
+            f": the best, {named(lead)}, leaves a gap of {percent(lead.gap)} and would give "
+            f"such a misfit with {p_value_words(lead.p_value)}"
+        )
+    return f"{words}; that it is something else has {probability(probability_of(d, UNKNOWN))}"
+
+
+def _cause(d: Diagnosis) -> str:
+    sure = sure_causes(d)
+    if not sure:
+        return _undecided(d)
+    words = "; and ".join(f"{members_in_words(c)}, {probability(c.probability)}" for c in sure)
+    several = f"{_COUNT.get(len(sure), len(sure))} causes: " if len(sure) > 1 else ""
+    rival = _rival(d, sure)
+    return several + words + _look_alike(d) + (f"; {rival}" if rival else "")
+
+
+def _rival(d: Diagnosis, sure: Sequence[EffectClass]) -> str:
+    """The best hypothesis that lacks one of the causes."""
+    lead, other = leading(d), best_without(d, sure)
+    if lead is None or other is None:
+        return ""
+    ratio = lead.probability / max(other.probability, 1e-300)
+    return f"the closest rival, {named(other)}, is {times_words(ratio)} less probable"
+
+
+def _undecided(d: Diagnosis) -> str:
+    rows = [c for c in effect_classes(d) if c.probability >= 0.02][: NAMED + 1]
+    items = [f"{members_in_words(c)} ({probability(c.probability)})" for c in rows]
+    return f"undecided between {joined(items)}" if items else "undecided"
+
+
+def _how_far(d: Diagnosis) -> str:
+    s = d.shrinkage
+    if s is None or not s.folds:
+        if not np.isfinite(d.heldout_after):
+            fitted = from_to(d.before.rms, d.after.rms)
+            return f"Nothing could be held out; fitted, the gap goes {fitted}."
+        return f"On held-out data the gap goes {from_to(d.heldout_before, d.heldout_after)}."
+    words = f"On held-out data the gap goes {from_to(s.before, s.after)}"
+    if not np.isfinite(s.shrink):
+        return f"{words}; the nominal model is already as good as noise allows."
+    words += f": {_shrunk(s)}"
+    gain = 100 * s.excess
+    if s.claimed:
+        words += f", {gain:.0f} points more than the best wrong effect ({_points(s)})"
+    elif np.isfinite(gain):
+        words += f", which is not surely more than the best wrong effect ({_points(s)} points)"
+    stated = sum(f.covered for f in s.folds)
+    return f"{words}; {stated} of {len(s.folds)} folds ended in the interval stated before."
+
+
+def _shrunk(s: Shrinkage) -> str:
+    share = f"{100 * abs(s.shrink):.0f} %"
+    ends = f"90 %: {span(s.shrink_interval)}"
+    if s.shrink < 0:
+        return f"it grows, by {share} of what noise would let go ({ends})"
+    return f"{share} of what noise lets go is gone (S*, {ends})"
+
+
+def _points(s: Shrinkage) -> str:
+    low, high = s.excess_interval
+    return f"90 %: {100 * low:.0f} to {100 * high:.0f}"

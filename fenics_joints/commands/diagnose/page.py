@@ -1,0 +1,168 @@
+"""The page of the ``diagnose`` command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fenics_joints.commands.diagnose.explanation import explain
+from fenics_joints.commands.diagnose.pictures import forecasts, gap_bars
+from fenics_joints.commands.diagnose.reading import (
+    EffectClass,
+    by_effect,
+    by_reason,
+    effect_classes,
+    leading,
+    named,
+    sampled,
+    with_place,
+)
+from fenics_joints.commands.diagnose.words import group_words, zone_words
+from fenics_joints.diagnosis.evidence.classes import confusion
+from fenics_joints.diagnosis.location import Location
+from fenics_joints.diagnosis.result import Diagnosis
+from fenics_joints.diagnosis.where.localise import CellMap
+from fenics_joints.diagnosis.where.patches import PatchMap
+from fenics_joints.diagnosis.where.zone_tests import ZoneTest
+from fenics_joints.formatting import condition_value
+from fenics_joints.report import beam_pictures, mesh_pictures
+from fenics_joints.report.html import facts, heat_pair, render, svg
+from fenics_joints.report.panels import frequency_panels
+
+__all__ = ["VERDICTS", "diagnosis_html"]
+
+_FILTERS = {
+    "named": named, "with_place": with_place, "zone_words": zone_words, "by_effect": by_effect,
+    "by_reason": by_reason,
+}  # fmt: skip
+#: Verdicts as headings.
+VERDICTS = {
+    "cause": "Cause found",
+    "no gap": "No gap",
+    "unknown": "Cause unknown",
+    "ambiguous": "Ambiguous",
+}
+#: Hypotheses that get a row of their own.
+_MOST_HYPOTHESES = 8
+#: Classes of effects below this are folded away, but for so many.
+_PROBABLE, _FEWEST_CLASSES = 1e-3, 5
+#: A nuisance further from its expected value than this, in its standard deviations, is marked.
+_FAR = 2.0
+
+
+def diagnosis_html(
+    d: Diagnosis,
+    *,
+    log_sd: np.ndarray | None = None,
+    assumed: Sequence[tuple[str, str]] = (),
+) -> str:
+    """The diagnosis as a page.
+
+    Args:
+        d: The diagnosis; on rank 0, since the maps over the structure are there only.
+        log_sd: Standard deviations of the measured ln f, shape (n, m), for error bars.
+        assumed: Names and values of what it takes for granted, from `assumptions`.
+
+    Returns:
+        HTML without any reference to other files.
+    """
+    classes, found = effect_classes(d), d.location
+    shrunk = d.shrinkage if d.shrinkage is not None and d.shrinkage.folds else None
+    return render(
+        "diagnosis.html",
+        _FILTERS,
+        d=d,
+        heading=VERDICTS.get(d.verdict, d.verdict),
+        words=explain(d),
+        lead=leading(d),
+        bars=svg(_gap_picture(d)),
+        patches=svg(_patch_picture(found.patches)) if _has_map(found) else None,
+        map=None if d.cells is None else svg(_cell_picture(d.cells)),
+        zones=[] if found is None else _zones(found),
+        axes=[] if found is None else _axes(found, d.condition),
+        heat=heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
+        classes=classes,
+        shown=_worth_showing(classes),
+        letters={c.name: c.letter for c in classes},
+        hypotheses=d.hypotheses[:_MOST_HYPOTHESES],
+        rest=d.hypotheses[_MOST_HYPOTHESES:],
+        best=max((h.log_evidence for h in d.hypotheses), default=0.0),
+        sampled=[(h, sampled(d, h)) for h in d.hypotheses if sampled(d, h) is not None],
+        separations=[(s, confusion(s.distance)) for s in d.separations],
+        shrunk=shrunk,
+        forecasts=None if shrunk is None else svg(forecasts(shrunk)),
+        curves=svg(
+            frequency_panels(
+                d.before, d.after, d.condition,
+                labels=("nominal model", "leading hypothesis"), log_sd=log_sd,
+                validation=d.validation,
+            )
+        ),
+        far=_FAR,
+        assumed=assumed,
+        facts=facts(_with_error(d)),
+    )  # fmt: skip
+
+
+def _patch_picture(cells: PatchMap) -> str:
+    draw = beam_pictures.beam_patches if cells.side_view else mesh_pictures.patch_map
+    return draw(cells)
+
+
+def _cell_picture(cells: CellMap) -> str:
+    draw = beam_pictures.beam_cells if cells.side_view else mesh_pictures.cell_map
+    return draw(cells)
+
+
+def _has_map(found: Location | None) -> bool:
+    patches = None if found is None else found.patches
+    return patches is not None and patches.vertices is not None
+
+
+def _zones(found: Location) -> list[tuple[str, list[tuple[str, ZoneTest]]]]:
+    """Tables of zone tests, the most telling first: their captions and rows."""
+    tables = [("Regions of the model", found.regions), ("Joints zone by zone", found.zones)]
+    return [
+        (caption, [(zone_words(t.zone), t) for t in sorted(tests, key=lambda t: -t.share)])
+        for caption, tests in tables if tests
+    ]  # fmt: skip
+
+
+def _axes(found: Location, condition: tuple[str, str]) -> list[tuple[str, list]]:
+    """What each mode, band, condition and kind of data adds, axes of several groups only."""
+    names = {"mode": "mode", "band": "band", "condition": condition[0], "kind": "kind of data"}
+    tables = []
+    for by, name in names.items():
+        rows = [a for a in found.attribution if a.by == by]
+        whole = sum(a.chi2 for a in rows)
+        if len(rows) > 1:
+            tables.append((name, [(group_words(a, condition[1]), a, a.chi2 / whole) for a in rows]))
+    return tables
+
+
+def _worth_showing(classes: Sequence[EffectClass]) -> int:
+    """How many classes are shown at once: the probable ones, and a few at least."""
+    probable = sum(c.probability >= _PROBABLE for c in classes)
+    return min(max(probable, _FEWEST_CLASSES), len(classes))
+
+
+def _gap_picture(d: Diagnosis) -> str:
+    fitted = [("nominal model", d.before.rms, "nominal"), ("fitted", d.after.rms, "chosen")]
+    held_out = [
+        ("nominal model", d.heldout_before, "nominal"),
+        ("best wrong effect", d.placebo_after, "placebo"),
+        ("chosen effect", d.heldout_after, "chosen"),
+    ]
+    groups = [("All data, fitted", fitted), ("Held-out data, predicted", held_out)]
+    if d.validation is not None:
+        old, new = d.validation
+        at = ", ".join(condition_value(x, d.condition[1]) for x in new.conditions)
+        bars = [("nominal model", old.rms, "nominal"), ("chosen effect", new.rms, "chosen")]
+        groups.append((f"Validation at {at}, never fitted", bars))
+    return gap_bars(groups, d.noise)
+
+
+def _with_error(d: Diagnosis) -> dict[str, object]:
+    """A model that is its own reduced model has no error to speak of."""
+    return {**d.model, "frequency_error": d.model_error} if "basis" in d.model else d.model

@@ -1,0 +1,232 @@
+"""Seven questions on a diagnosis, and their answers with the numbers behind them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_joints.commands.diagnose.reading import (
+    LEVEL,
+    SHARE,
+    along,
+    best_without,
+    by_effect,
+    causes,
+    in_test,
+    in_words,
+    is_loud,
+    leading,
+    named,
+    sure_causes,
+)
+from fenics_joints.commands.diagnose.words import (
+    NAMED,
+    from_to,
+    group_words,
+    joined,
+    p_value_words,
+    sentence,
+    share_words,
+    shortened,
+    zone_words,
+)
+from fenics_joints.diagnosis.verdict import NO_GAP
+from fenics_joints.formatting import condition_value, interval, percent, quantity, spaced
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.location import Location
+    from fenics_joints.diagnosis.result import Diagnosis
+    from fenics_joints.diagnosis.where.zone_tests import ZoneTest
+
+__all__ = ["Point", "questions"]
+
+
+@dataclass(frozen=True)
+class Point:
+    """One question on a diagnosis, and its answer with the numbers."""
+
+    question: str
+    answer: str
+
+
+def questions(d: Diagnosis) -> tuple[Point, ...]:
+    """Those of the questions that a diagnosis has an answer to."""
+    answers = (
+        ("Is there more than chance?", _beyond_chance(d)),
+        ("In which data?", _in_which_data(d)),
+        ("In which part?", _in_which_part(d)),
+        ("What was fitted?", _fitted(d)),
+        ("Why this and not another?", _why(d)),
+        ("What can these data not tell?", _not_told(d)),
+        ("Does it predict?", _predicts(d)),
+    )
+    return tuple(Point(question, answer) for question, answer in answers if answer)
+
+
+def _beyond_chance(d: Diagnosis) -> str:
+    found = d.location
+    if found is None:
+        return ""
+    words = (
+        f"The nominal model misses the {found.n_data} data by a squared misfit of "
+        f"{found.misfit:.0f}, in standard deviations of noise, tolerances and model error; "
+        f"chance alone makes about {found.n_data}."
+    )
+    kinds = [f"{a.label} {a.chi2:.0f} for {a.expected}" for a in along(found, "kind")]
+    return f"{words} By kind: {', '.join(kinds)}." if len(kinds) > 1 else words
+
+
+def _in_which_data(d: Diagnosis) -> str:
+    if d.location is None:
+        return ""
+    words = []
+    for by, many in (("mode", "modes"), ("condition", f"values of the {d.condition[0]}")):
+        parts = along(d.location, by)
+        loud = sorted((a for a in parts if is_loud(a, parts)), key=lambda a: -a.chi2)
+        if not parts:
+            continue
+        labels = joined([group_words(a, d.condition[1]) for a in loud])
+        if not loud:
+            words.append(f"None of {len(parts)} {many} misfits by more than chance.")
+        elif len(loud) == len(parts) > 1:
+            words.append(
+                f"All {len(parts)} {many} misfit by more than chance, most of them "
+                f"{group_words(loud[0], d.condition[1])}."
+            )
+        else:
+            words.append(f"Of {len(parts)} {many} these misfit by more than chance: {labels}.")
+    return " ".join(words)
+
+
+def _in_which_part(d: Diagnosis) -> str:
+    found = d.location
+    if found is None or d.verdict == NO_GAP:
+        return ""
+    needed = [
+        t for t in found.regions if t.minmax_dof and t.separable and t.minmax_p_adjusted < LEVEL
+    ]
+    words = []
+    if in_test(d):
+        words.append("What a region seems to ask for may be the echo of what is wrong in the test.")
+    elif needed:
+        names = joined([spaced(t.zone) for t in needed])
+        words.append(f"Whatever the other regions do, the test asks for a change in {names}.")
+    else:
+        words.append("No region is needed whatever the others do.")
+    words.append(_finer(found))
+    return " ".join(w for w in words if w)
+
+
+def _finer(found: Location) -> str:
+    """The zone of a joint and the patch of the mesh that explain most."""
+    whole = {t.zone for t in found.regions}
+    zones = [t for t in found.zones if t.zone not in whole and t.p_adjusted < LEVEL]
+    words = []
+    if zones:
+        best = max(zones, key=lambda t: t.share)
+        alike = f", {_alike(best)}" if best.alike else ""
+        words.append(f"Of the joints' zones {zone_words(best.zone)} explains most{alike}.")
+    patches = found.patches
+    if patches is None:
+        return " ".join(words)
+    of = "the beams" if patches.side_view else "the mesh"
+    n, several = int(patches.significant.sum()), int(patches.sufficient.sum())
+    if n:
+        best = int(np.argmax(np.where(patches.significant, patches.share, -1.0)))
+        at = ", ".join(f"{1e3 * x:.0f}" for x in patches.middle[best])
+        words.append(
+            f"Of {len(patches.tests)} patches of {of} {n} explain more than chance and "
+            f"{several} could each be the only one; most does the one at ({at}) mm in "
+            f"{zone_words(patches.region[best])}."
+        )
+    else:
+        words.append(f"None of {len(patches.tests)} patches of {of} explains more than chance.")
+    return " ".join(words)
+
+
+def _alike(test: ZoneTest) -> str:
+    names = [zone_words(name) for name in test.alike]
+    more = [f"{len(names) - NAMED} more"] if len(names) > NAMED else []
+    return f"which this test does not tell from {'; '.join([*names[:NAMED], *more])}"
+
+
+def _fitted(d: Diagnosis) -> str:
+    lead = leading(d)
+    if lead is None or not by_effect(lead.parameters):
+        return ""
+    items = [
+        f"{p['name']} = {quantity(p['value'], p['unit'])} "
+        f"({interval(p['low'], p['high'], p['unit'])})"
+        for _, rows in by_effect(lead.parameters) for p in rows
+    ]  # fmt: skip
+    more = f" and {len(items) - 2 * NAMED} more" if len(items) > 2 * NAMED else ""
+    return (
+        f"{sentence(named(lead))[:-1]}: {', '.join(items[: 2 * NAMED])}{more}, with 68 % "
+        f"intervals. The gap goes {from_to(d.before.rms, d.after.rms)}, noise is "
+        f"{percent(d.noise)}, and a misfit as large as what is left would come about with "
+        f"{p_value_words(lead.p_value)}."
+    )
+
+
+def _why(d: Diagnosis) -> str:
+    lead = leading(d)
+    if lead is None:
+        return ""
+    words, sure = [], sure_causes(d)
+    for group in sure:
+        other = best_without(d, [group])
+        if other is None:
+            continue
+        without = f" without {in_words(group.effects[0])}" if len(sure) > 1 else ""
+        words.append(
+            f"The best explanation{without}, {named(other)}, leaves {percent(other.gap)} "
+            f"({p_value_words(other.p_value)}), and its ln evidence is "
+            f"{lead.log_evidence - other.log_evidence:.1f} lower."
+        )
+    return " ".join(words)
+
+
+def _not_told(d: Diagnosis) -> str:
+    words = []
+    for group in causes(d):
+        if len(group.effects) > 1 and group.probability >= SHARE:
+            names = shortened([in_words(e) for e in group.effects], "or")
+            words.append(f"Which of its class it is: {names}.")
+    for s in d.separations:
+        words.append(
+            f"What would split {spaced(s.class_name)}: {s.measurement} ({s.distance:.1f} s.d.)."
+        )
+    unseen = [e for c in causes(d) for e in c.effects if not e.detectable]
+    if unseen:
+        names = shortened([in_words(e) for e in unseen])
+        words.append(f"Too small to be seen at their expected size: {names}.")
+    if d.silent:
+        names = shortened([spaced(s.effect) for s in d.silent])
+        words.append(f"Nothing at all is said of {names}.")
+    return " ".join(words)
+
+
+def _predicts(d: Diagnosis) -> str:
+    s, words = d.shrinkage, []
+    if s is not None and s.folds:
+        worst = min(s.folds, key=lambda f: f.shrink if np.isfinite(f.shrink) else np.inf)
+        words.append(
+            f"Chosen and fitted anew without them, {len(s.folds)} parts of the data were predicted "
+            f"to {percent(s.after)} (the best wrong effect {percent(s.placebo)}, noise "
+            f"{percent(s.noise)})."
+        )
+        if np.isfinite(worst.shrink):
+            goes = from_to(worst.before, worst.after)
+            words.append(f"Least well predicted: {worst.name}, {goes}.")
+        if np.isfinite(s.entries_coverage):
+            words.append(
+                f"Of the held-out frequencies {share_words(s.entries_coverage)} lay in their own "
+                "90 % intervals, stated before they were looked at."
+            )
+    if d.validation is not None:
+        old, new = d.validation
+        at = ", ".join(condition_value(x, d.condition[1]) for x in new.conditions)
+        words.append(f"At {at}, never fitted, the gap goes {from_to(old.rms, new.rms)}.")
+    return " ".join(words)

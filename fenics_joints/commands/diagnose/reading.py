@@ -1,0 +1,184 @@
+"""How a diagnosis is read, on the page and on the terminal: its leader, its effects by class."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+from fenics_joints.commands.diagnose.words import joined, shortened
+from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, least_sure
+from fenics_joints.formatting import probability, spaced
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.effects.effect import Silent
+    from fenics_joints.diagnosis.evidence.nested import Nested
+    from fenics_joints.diagnosis.location import Location
+    from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
+    from fenics_joints.diagnosis.where.zone_tests import Attribution
+
+__all__ = [
+    "LEVEL", "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
+    "effect_classes", "effect_key", "in_test", "in_words", "is_loud", "leading",
+    "members_in_words", "named", "probability_of", "sampled", "sure_causes", "with_place",
+]  # fmt: skip
+
+#: Adjusted p below which a test says more than chance.
+LEVEL = 0.05
+#: Share of the gap that is worth a word.
+SHARE = 0.1
+#: Effects that are no change of the structure but of how it was measured.
+_IN_TEST = (MISSCALED, MISPLACED, MISSED, SWAPPED)
+
+
+@dataclass(frozen=True)
+class EffectClass:
+    """Effects that the test cannot tell apart, or one that it can.
+
+    Attributes:
+        name: The class's name.
+        letter: A, B, ... for a class of several; empty for an effect on its own.
+        probability: Probability that one of them at least is at work.
+        effects: The effects, most probable first.
+    """
+
+    name: str
+    letter: str
+    probability: float
+    effects: tuple[EffectResult, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of effects."""
+        return len(self.effects)
+
+
+def leading(d: Diagnosis) -> HypothesisResult | None:
+    """The best hypothesis that says what the gap is made of: ``Diagnosis.after`` is its gap."""
+    return next((h for h in d.hypotheses if h.label != UNKNOWN), None)
+
+
+def effect_classes(d: Diagnosis) -> list[EffectClass]:
+    """Effects by class, most probable class first.
+
+    The probability of a class is that of all hypotheses that hold one of its effects: since two of
+    them may be in one hypothesis, it is not the sum over the effects.
+    """
+    members: dict[str, list[EffectResult]] = {}
+    for effect in d.effects:
+        members.setdefault(effect.class_name, []).append(effect)
+    rows = []
+    for name, effects in members.items():
+        keys = {effect_key(e) for e in effects}
+        p = sum(h.probability for h in d.hypotheses if keys & {*h.effects, h.label})
+        p = min(max([p, *(e.probability for e in effects)]), 1.0)
+        rows.append((name, p, tuple(effects)))
+    rows.sort(key=lambda row: -row[1])
+    letters = iter("ABCDEFGHIJKLMNOPQRSTUVWXYZ")
+    return [
+        EffectClass(name, next(letters, "*") if len(effects) > 1 else "", p, effects)
+        for name, p, effects in rows
+    ]
+
+
+def by_effect(parameters: list[dict]) -> list[tuple[str, list[dict]]]:
+    """Fitted parameters that are no nuisances, with the effect they belong to."""
+    own = [p for p in parameters if not p["nuisance"]]
+    return [(key, list(rows)) for key, rows in groupby(own, key=lambda p: p["effect"])]
+
+
+def by_reason(silent: Iterable[Silent]) -> list[tuple[str, list[str]]]:
+    """Effects that the test says nothing about, by reason, in the order of both."""
+    names: dict[str, list[str]] = {}
+    for s in silent:
+        names.setdefault(s.reason, []).append(s.effect)
+    return list(names.items())
+
+
+def sampled(d: Diagnosis, hypothesis: HypothesisResult) -> Nested | None:
+    """What nested sampling found of a hypothesis; None where it has Laplace's evidence."""
+    return d.nested.get(" + ".join(hypothesis.effects) or hypothesis.label)
+
+
+def named(hypothesis: HypothesisResult) -> str:
+    """A hypothesis by its effects, each with its place where the name does not say it."""
+    return " + ".join(with_place(key) for key in hypothesis.effects) or hypothesis.label
+
+
+def with_place(key: str) -> str:
+    """An effect's key, ``name (region)``, in words, the region where the name does not say it."""
+    name, bracket, region = spaced(key).rpartition(" (")
+    region = region.rstrip(")")
+    if not bracket or region in ("joint", "all parts") or region in name:
+        return name if bracket else spaced(key)
+    return f"{name} ({region})"
+
+
+def in_words(effect: EffectResult) -> str:
+    """An effect with its place, where its name does not say that already."""
+    return with_place(effect_key(effect))
+
+
+def effect_key(effect: EffectResult) -> str:
+    """An effect's key, as hypotheses name it: ``name (region)``."""
+    return f"{effect.name} ({effect.region})" if effect.region else effect.name
+
+
+def along(found: Location, by: str) -> list[Attribution]:
+    """What each group of one kind, such as ``mode``, adds to the misfit."""
+    return [a for a in found.attribution if a.by == by]
+
+
+def is_loud(part: Attribution, parts: Sequence[Attribution]) -> bool:
+    """Whether a group adds more than chance, all groups of the axis considered (Bonferroni)."""
+    return part.p * len(parts) < LEVEL
+
+
+def causes(d: Diagnosis) -> list[EffectClass]:
+    """The classes of effects, without those that stand for none of them."""
+    return [c for c in effect_classes(d) if c.name not in (NO_GAP, UNKNOWN)]
+
+
+def sure_causes(d: Diagnosis) -> list[EffectClass]:
+    """The classes that the verdict calls causes."""
+    least = least_sure(probability_of(d, UNKNOWN))
+    return [c for c in causes(d) if c.probability >= least] if d.verdict == "cause" else []
+
+
+def best_without(d: Diagnosis, sure: Sequence[EffectClass]) -> HypothesisResult | None:
+    """The best hypothesis that lacks one of some causes."""
+    keys = [{effect_key(e) for e in c.effects} for c in sure]
+    listed = [h for h in d.hypotheses if h.label != UNKNOWN]
+    lacking = [h for h in listed if any(not k & set(h.effects) for k in keys)]
+    return max(lacking, key=lambda h: h.log_evidence, default=None)
+
+
+def members_in_words(group: EffectClass) -> str:
+    """A class in words, its members with their probabilities if there are several."""
+    if len(group.effects) == 1:
+        return in_words(group.effects[0])
+    items = [
+        f"{in_words(e)} ({probability(e.probability)})"
+        for e in sorted(group.effects, key=lambda e: -e.probability)
+    ]
+    return f"{shortened(items, 'or')}, which this test cannot tell apart"
+
+
+def probability_of(d: Diagnosis, label: str) -> float:
+    """Probability of the hypotheses of one label."""
+    return sum(h.probability for h in d.hypotheses if h.label == label)
+
+
+def in_test(d: Diagnosis) -> str:
+    """Whether causes are in the test itself, and where."""
+    sure = sure_causes(d)
+    inside = [c.effects[0] for c in sure if c.effects[0].name in _IN_TEST]
+    if not inside:
+        return ""
+    places = joined([spaced(e.region) for e in inside])
+    only = len(inside) == len(sure)
+    return (
+        f"in the test, not in the structure: {places}" if only else f"in part in the test: {places}"
+    )

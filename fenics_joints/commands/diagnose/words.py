@@ -1,0 +1,97 @@
+"""Parts of sentences: lists, ratios, p-values, names of zones and of groups of data."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from fenics_joints.formatting import condition_value, number, percent, spaced
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.where.zone_tests import Attribution
+
+__all__ = [
+    "NAMED", "chance_words", "from_to", "group_words", "joined", "p_value_words", "sentence",
+    "share_words", "shortened", "span", "times_words", "zone_words",
+]  # fmt: skip
+
+#: Members of a list that are worth a word.
+NAMED = 3
+
+
+def joined(words: Sequence[str], last: str = "and") -> str:
+    """A list in words: ``a, b and c``."""
+    words = list(words)
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def shortened(words: Sequence[str], last: str = "and") -> str:
+    """The first few of a list, and how many there are besides."""
+    words = list(words)
+    more = len(words) - NAMED
+    if more > 1:
+        words = [*words[:NAMED], f"{more} more"]
+    return joined(words, last)
+
+
+def chance_words(p: float) -> str:
+    """How often chance alone makes as much."""
+    return "less than one in a million" if p < 1e-6 else f"p = {number(p, 2)}"
+
+
+def times_words(ratio: float) -> str:
+    """A ratio: ``12 times``."""
+    return f"{number(ratio, 2)} times" if ratio < 1e6 else "over a million times"
+
+
+def share_words(x: float) -> str:
+    """A share in whole per cent."""
+    return percent(x, 0)
+
+
+def span(pair: tuple[float, float]) -> str:
+    """An interval of S*, in per cent of what could go."""
+    return f"{100 * pair[0]:.0f} to {100 * pair[1]:.0f} %"
+
+
+def sentence(text: str) -> str:
+    """A text as a sentence: a capital, and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def from_to(before: float, after: float) -> str:
+    """Two gaps: ``from 5.00 % to 1.00 %``."""
+    return f"from {percent(before)} to {percent(after)}"
+
+
+def p_value_words(p: float) -> str:
+    """A p-value of a misfit."""
+    return "p below 0.001" if p < 0.001 else f"p = {number(p, 2)}"
+
+
+def zone_words(name: str) -> str:
+    """A joint's zone in words: ``away_b3_r2`` is ``away, bolt 3, ring 2``.
+
+    That of a lap of beams: ``lap_s2`` is ``lap, stretch 2``.
+    """
+    lap = re.fullmatch(r"(.+)_s(\d+)", name)
+    if lap:
+        return f"{spaced(lap[1])}, stretch {lap[2]}"
+    match = re.fullmatch(r"(.+?)(?:_b(\w+?))?_r(\d+)", name)
+    if not match:
+        return spaced(name)
+    joint, bolt, ring = match.groups()
+    return ", ".join([spaced(joint), *([f"bolt {bolt}"] if bolt else []), f"ring {ring}"])
+
+
+def group_words(part: Attribution, unit: str) -> str:
+    """A group of data in words: a condition has its unit."""
+    if part.by != "condition":
+        return part.label
+    try:
+        return condition_value(float(part.label), unit)
+    except ValueError:
+        return part.label

@@ -1,0 +1,37 @@
+"""The ``diagnose --plan`` command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+from fenics_joints.case import Case
+from fenics_joints.commands.outcome import Outcome
+from fenics_joints.commands.plan.page import plan_html
+from fenics_joints.commands.plan.summary import show_plan
+from fenics_joints.diagnosis.plan.planned import plan
+from fenics_joints.diagnosis.plan.result import Plan
+from fenics_joints.progress import Progress
+
+__all__ = ["run_plan"]
+
+
+def run_plan(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
+) -> Outcome[Plan]:
+    """Which causes a test could tell apart, before any data. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        keep: Folder of the reduced model, which the next run goes on from.
+
+    Raises:
+        JointsError: If the case, the mesh or a solution fails.
+    """
+    found = plan(case, comm, progress, keep=keep)
+    return Outcome(
+        found, found.to_json, lambda: plan_html(found), lambda console: show_plan(console, found)
+    )

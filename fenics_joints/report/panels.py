@@ -1,0 +1,180 @@
+"""Panels over the condition: measured and modelled frequencies, parameters and their curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from fenics_joints.formatting import prefixed
+from fenics_joints.report.style import CHOSEN, INK, NOMINAL, new_figure, style, to_svg
+
+if TYPE_CHECKING:
+    from fenics_joints.measurements.gap import Gap
+
+__all__ = ["frequency_panels", "parameter_panels"]
+
+
+def frequency_panels(
+    before: Gap | None,
+    after: Gap,
+    condition: tuple[str, str],
+    *,
+    labels: tuple[str, str] = ("nominal model", "model with the cause"),
+    log_sd: np.ndarray | None = None,
+    validation: tuple[Gap | None, Gap] | None = None,
+    held_out: np.ndarray | None = None,
+    name: str = "frequencies",
+) -> str:
+    """Measured and modelled frequencies against the condition, a panel for each mode.
+
+    Args:
+        before: The model before, or None.
+        after: The model after.
+        condition: Name and unit of the condition.
+        labels: Names of the two models.
+        log_sd: Standard deviations of the measured ln f, shape (n, m), for error bars of two.
+        validation: Before and after on data that were never fitted.
+        held_out: Conditions that were left out of the fit, shape (n,), bool: hollow points.
+        name: Unique in the page.
+    """
+    m = len(after.mode_names)
+    columns = 2 if m > 1 else 1
+    rows = -(-m // columns)
+    with style():
+        figure = new_figure(7.6, 2.35 * rows + 0.5)
+        panels = np.atleast_1d(figure.subplots(rows, columns, sharex=True, squeeze=False)).ravel()
+        for i in range(m):
+            _frequency_panel(panels[i], i, before, after, labels, log_sd, validation, held_out)
+            panels[i].set_title(f"{after.mode_names[i]}, Hz", loc="left")
+        for panel in panels[m:]:
+            panel.set_visible(False)
+        for panel in panels[max(m - columns, 0) : m]:
+            panel.set_xlabel(_with_unit(*condition))
+            panel.tick_params(labelbottom=True)
+        handles, names = _legend_of(panels[:m])
+        figure.legend(handles, names, loc="outside upper center", ncols=3)
+        alt = (
+            f"Frequency against {condition[0]} for {m} modes: measured points and the lines of "
+            "the models; the numbers are in the tables of this page."
+        )
+        return to_svg(figure, name, alt)
+
+
+def _frequency_panel(axes, i, before, after, labels, log_sd, validation, held_out) -> None:
+    order = np.argsort(after.conditions)
+    x, single = after.conditions[order], len(after.conditions) == 1
+    measured = after.test_hz[order, i]
+    sd = None if log_sd is None else 2 * np.asarray(log_sd)[order, i] * measured
+    hollow = np.zeros(len(x), bool) if held_out is None else np.asarray(held_out)[order]
+    shown = [(~hollow, INK, "measured"), (hollow, "none", "measured, held out")]
+    for mask, face, label in shown:
+        if not mask.any():
+            continue
+        axes.errorbar(
+            x[mask], measured[mask], None if sd is None else sd[mask], fmt="o", ms=4.2,
+            color=INK, mfc=face, elinewidth=0.9, capsize=2, zorder=4,
+            label=label + ("" if sd is None else " (± 2 s.d.)"),
+        )  # fmt: skip
+    marks = [(before, NOMINAL, labels[0], (0, (5, 2)), "s"), (after, CHOSEN, labels[1], "-", "D")]
+    for gap, colour, label, dashes, mark in marks:
+        if gap is not None:
+            line = mark if single else ""
+            axes.plot(
+                x, gap.model_hz[order, i], color=colour, ls=dashes, lw=1.8, marker=line, label=label
+            )
+    if validation is not None:
+        _validation_points(axes, i, validation, labels)
+    axes.grid(axis="y")
+    axes.margins(x=0.05, y=0.1)
+
+
+def _validation_points(axes, i, validation, labels) -> None:
+    old, new = validation
+    axes.plot(
+        new.conditions, new.test_hz[:, i], "o", ms=6.5, mfc="none", color=INK, zorder=4,
+        label="measured, never fitted",
+    )  # fmt: skip
+    for gap, colour, label in ((old, NOMINAL, labels[0]), (new, CHOSEN, labels[1])):
+        if gap is not None:
+            axes.plot(
+                gap.conditions, gap.model_hz[:, i], "x", ms=6.5, mew=2, color=colour, zorder=3,
+                label=f"{label}, predicted",
+            )  # fmt: skip
+
+
+def _legend_of(panels) -> tuple[list, list[str]]:
+    """Each label once, over all panels."""
+    found: dict[str, object] = {}
+    for panel in panels:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    names = sorted(found, key=lambda label: not label.startswith("measured"))
+    return [found[label] for label in names], names
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name}, {unit}" if unit else name
+
+
+def parameter_panels(rows: Sequence[dict], condition: tuple[str, str]) -> str:
+    """Fitted parameters against the condition with their curves, a logarithmic panel for each.
+
+    Args:
+        rows: For each parameter: ``name``, ``unit``, ``x``, ``value``, ``sd`` (relative), and
+            ``held_out`` arrays of shape (n,), and ``curve``, arrays (x, value), or None.
+        condition: Name and unit of the condition.
+    """
+    columns = 2 if len(rows) > 1 else 1
+    n = -(-len(rows) // columns)
+    with style():
+        figure = new_figure(7.6, 2.2 * n + 0.5)
+        panels = figure.subplots(n, columns, sharex=True, squeeze=False).ravel()
+        for panel, row in zip(panels, rows, strict=False):
+            _parameter_panel(panel, row)
+        for panel in panels[len(rows) :]:
+            panel.set_visible(False)
+        for panel in panels[max(len(rows) - columns, 0) : len(rows)]:
+            panel.set_xlabel(_with_unit(*condition))
+            panel.tick_params(labelbottom=True)
+        handles, names = _legend_of(panels[: len(rows)])
+        figure.legend(handles, names, loc="outside upper center", ncols=3)
+        names = ", ".join(row["name"] for row in rows)
+        alt = f"{names} against {condition[0]}, identified at each and the curve through them."
+        return to_svg(figure, "parameters", alt)
+
+
+def _log_steps(values: np.ndarray) -> tuple[float, ...]:
+    """Ticks within a decade: the fewer, the more decades there are."""
+    decades = np.log10(np.nanmax(values) / np.nanmin(values))
+    return (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
+
+
+def _parameter_panel(axes, row) -> None:
+    x, value, held_out = (np.asarray(row[key]) for key in ("x", "value", "held_out"))
+    factor, unit = prefixed(float(np.nanmedian(value)), row["unit"])
+    value = factor * value
+    sd = np.nan_to_num(np.clip(np.asarray(row["sd"], dtype=float), 0, 5))
+    bars = np.array([value * (1 - np.exp(-2 * sd)), value * (np.exp(2 * sd) - 1)])
+    shown = [(~held_out, CHOSEN, "fitted"), (held_out, "none", "identified, held out of the curve")]
+    for mask, face, label in shown:
+        if mask.any():
+            axes.errorbar(
+                x[mask], value[mask], bars[:, mask], fmt="o", ms=4.5, color=CHOSEN, mfc=face,
+                elinewidth=0.9, capsize=2, label=f"{label} (± 2 s.d.)",
+            )  # fmt: skip
+    shown = value
+    if row.get("curve") is not None:
+        fine, curve = row["curve"]
+        axes.plot(fine, factor * np.asarray(curve), color=INK, lw=1.4, label="curve")
+        shown = np.concatenate([value, factor * np.asarray(curve)])
+    axes.set_yscale("log")
+    # Limits by values and curve: the bars of what the data do not determine have no end.
+    axes.set_ylim(np.nanmin(shown) / 2.5, np.nanmax(shown) * 2.5)
+    axes.yaxis.set_major_locator(LogLocator(subs=_log_steps(shown)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_title(_with_unit(row["name"], unit), loc="left")
+    axes.grid(axis="y")
