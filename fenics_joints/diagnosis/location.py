@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.model.prepared import Prepared
@@ -73,7 +74,7 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
 
     def tests(groups: dict[str, list[str]]) -> tuple[ZoneTest, ...]:
         sensitivities = zone_sensitivities(
-            forward, evidence, baseline, groups, interfaces=model.subject.interfaces,
+            forward, evidence, baseline, groups, interfaces=interfaces(model.zones, model.baseline),
             by_torque=torque,
         )  # fmt: skip
         return tuple(zone_tests(residual, sensitivities, nuisance, evidence))
@@ -100,10 +101,10 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
 
 def _yielding(model: Prepared):
     """The full model's modes with all joints giving way, paired with the test's; None without."""
-    interfaces = model.subject.interfaces
-    if not interfaces:
+    if not len(model.zones):
         return None
-    surrogate, values = model.surrogate, given_way(model.baseline, interfaces)
+    surrogate = model.surrogate
+    values = given_way(model.baseline, interfaces(model.zones, model.baseline))
     modes = solve_modes(
         model.full, values, n_modes=surrogate.n_modes, solver=surrogate.nominal.solver
     )

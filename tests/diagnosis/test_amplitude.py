@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fenics_joints.diagnosis.zones.zone import Zone
+
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
@@ -337,7 +339,7 @@ def test_damping_slopes_are_those_of_the_prediction():
             log_f = -0.5 * np.log(1 / 3 + 1 / g)
             return np.array([log_f, log_f + 1]), np.full((2, 1), 0.5 * share / g)
 
-    effect = micro_slip(["lap"], reference=4.0)
+    effect = micro_slip([Zone("lap")], reference=4.0)
     hypothesis = Hypothesis((effect,), modes=("a", "b"), damped=True)
     z = np.array([0.7, 0.4, -0.3, 0.5, 0.2, -0.6])
     assert len(hypothesis.priors) == len(z)

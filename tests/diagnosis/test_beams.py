@@ -273,11 +273,11 @@ def test_zones_of_laps(tmp_path):
     case = write_case(tmp_path, measured(), text=finer)
     zones = lap_zones(case)
     assert [zones.laps[0].zones.count(z) for z in zones.names] == [2, 1, 2, 1, 2]
-    assert [len(group) for group in zones.symmetric.values()] == [1, 2, 2]
+    assert [len(group) for group in zones.gradings[0].groups.values()] == [1, 2, 2]
     assert zone_words(zones.names[1]) == "lap, stretch 2"
     off = CASE.replace("bolted = true", "bolts = [[0.32, 0, 0]]")
     zones = lap_zones(write_case(tmp_path, measured(), text=off))
-    assert list(zones.symmetric.values())[0] == ("lap_s1", "lap_s2")
+    assert list(zones.gradings[0].groups.values())[0] == ("lap_s1", "lap_s2")
     beside = CASE.replace("bolted = true", "bolts = [[0.3, 0, 0]]")
     wrong = write_case(tmp_path, measured(), text=beside)
     with pytest.raises(InputError, match=r"lap.bolts\[0\].*0.31 to 0.36"):
@@ -298,14 +298,14 @@ def test_laps_without_bolts(tmp_path):
         text = text.replace(old, new)
     case = write_case(tmp_path, measured(), text=text)
     model = prepare(case, MPI.COMM_SELF, QUIET)
-    assert not model.zones.by_bolt and not len(model.zones.bolts)
+    assert not model.zones.by("bolt") and not len(model.zones.bolts)
     assert not any("bolt" in e.name or "preload" in e.name for e in model.effects)
     assert "no lap has a bolt" in {s.effect: s.reason for s in model.silent}[LOW_PRELOAD]
     free = next(e for e in model.effects if e.name == "joint slip stiffness graded zone by zone")
     assert [p.name for p in free.priors][5] == "lap_2 stretch 1, slip"
     text = text.replace('["lap_1", "lap_2"]', '["lap_1", "lap_2"]\nbolts = [[0.54, 0, 0]]')
     zones = lap_zones(write_case(tmp_path, measured(), text=text))
-    assert zones.bolt == (-1,) * 5 + (0,) * 5 and list(zones.by_bolt) == ["bolt 1"]
+    assert zones.by("bolt") == {"bolt 1": zones.names[5:]}
     text = text.replace("[[0.54, 0, 0]]", "[[0.54, 0, 0], [0.4, 0, 0]]")
     with pytest.raises(InputError, match=r"bolts\[1\].*0.31 to 0.36 or 0.51 to 0.57 m"):
         lap_zones(write_case(tmp_path, measured(), text=text))

@@ -52,12 +52,13 @@ def test_layer_loses_contact_as_separate_bodies_do():
     pairs = CutoffModel(solve_preload(model))
     zones = contact_zones(case, comm, 12)
     layer = build_structure(zones.case, comm, tagged=zones.tagged)
-    effect = lost_contact(zones.names, zones.low, zones.high)
+    effect = lost_contact(zones.all)
     # Each cell of the layer got the pressure of its own facet: areas and forces agree.
-    volumes = layer.volumes()[1:] / zones.thickness
+    volumes = layer.volumes()[1:] / zones.all[0].thickness
     assert volumes == pytest.approx(zones.area, rel=1e-9)
     state = next(iter(pairs.states))
-    assert np.sum(zones.low * zones.area) <= state.normal_force <= np.sum(zones.high * zones.area)
+    low, high = np.array([zone.pressure for zone in zones]).T
+    assert np.sum(low * zones.area) <= state.normal_force <= np.sum(high * zones.area)
     # As stiff as the bodies it is as good as none. Bolts as masses for bolts as beams are in this.
     stuck = elastic(LinearJoint(model))
     nominal = elastic(layer)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,8 +18,8 @@ from fenics_joints.diagnosis.effects.bolts import loose_bolt, low_preload
 from fenics_joints.diagnosis.effects.damping import hysteretic_damping, viscous_damping
 from fenics_joints.diagnosis.effects.joint import (
     bell_pressure,
-    compliance,
-    graded_compliance,
+    gives_way,
+    graded,
     lost_beyond,
     pressed_by_bolts,
 )
@@ -32,9 +31,10 @@ from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.diagnosis.zones.joints import JointZones, joint_zones
+from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.diagnosis.zones.nominal import bonded_values
-from fenics_joints.diagnosis.zones.places import joint_places
+from fenics_joints.diagnosis.zones.places import Row, placed
+from fenics_joints.diagnosis.zones.zone import Zone, Zones
 from fenics_joints.errors import InputError
 from fenics_joints.forms import lame_from_moduli
 from fenics_joints.measurements.data import TestData
@@ -97,8 +97,7 @@ def whole(tables):
 
 def library(case, zones, data, **diagnose):
     case = case.model_copy(update={"diagnose": case.diagnose.model_copy(update=diagnose)})
-    thickness = dict.fromkeys(case.joints, LAYER)
-    return case_effects(case, data, thickness, replace(zones, case=case))
+    return case_effects(case, data, zones.with_thickness(dict.fromkeys(case.joints, LAYER)))
 
 
 def theta_of(effect, z=0.7):
@@ -201,10 +200,10 @@ def test_what_a_test_cannot_speak_of_is_said(case, zones):
 
 # -- joints ----------------------------------------------------------------------------------------
 
-RINGS = ("r1", "r2", "r3")
 DISTANCE = np.array([[2e-3, 8e-3], [9e-3, 14e-3], [15e-3, 21e-3]])
-THIN = dict.fromkeys(RINGS, LAYER)
-STIFF = {f"{zone}.{key}": value for zone in RINGS for key, value in (("E", 2e11), ("G", 8e10))}
+RINGS = [Zone(f"r{i + 1}", thickness=LAYER, distance=tuple(d)) for i, d in enumerate(DISTANCE)]
+STIFF = {key: value for zone in RINGS
+         for key, value in zip(zone.parameters(), (2e11, 8e10), strict=True)}  # fmt: skip
 
 
 def put(effect, condition=20.0, **theta):
@@ -214,12 +213,11 @@ def put(effect, condition=20.0, **theta):
 
 
 def joint_law(kind):
-    both = {"normal": True, "tangential": True, "describe": ""}
     return {
-        "all": compliance("c", "joint", RINGS, THIN, reference=20.0, **both),
-        "graded": graded_compliance({"in": RINGS[:1], "out": RINGS[1:]}, THIN, 20.0, ""),
-        "pressed": pressed_by_bolts(RINGS, DISTANCE, THIN, 20.0),
-        "loose": loose_bolt("b1", RINGS, THIN, 1.0),
+        "all": gives_way("c", "joint", RINGS, reference=20.0),
+        "graded": graded({"in": RINGS[:1], "out": RINGS[1:]}, "nt", "somehow", 20.0),
+        "pressed": pressed_by_bolts(RINGS, 20.0),
+        "loose": loose_bolt("b1", RINGS, 1.0),
     }[kind]
 
 
@@ -258,9 +256,9 @@ def test_bell_is_the_mean_of_the_pressure_over_a_ring():
 
 
 def test_pressed_interface_is_softer_further_out_and_lost_beyond():
-    effect = pressed_by_bolts(RINGS, DISTANCE, THIN, None)
+    effect = pressed_by_bolts(RINGS, None)
     values = put(effect, radius=14.5e-3, k_t=1e12, k_n=1e12, beta=0.5)
-    springs = [1 / (1 / values[f"{r}.G"] - 1 / 8e10) / LAYER for r in RINGS[:2]]
+    springs = [1 / (1 / values[f"{r}.G"] - 1 / 8e10) / LAYER for r in ("r1", "r2")]
     pressure = bell_pressure(*DISTANCE.T, 14.5e-3)
     assert springs == pytest.approx(1e12 * np.sqrt(pressure[:2]))
     assert values["r3.G"] < 1e-8 * STIFF["r3.G"]
@@ -268,9 +266,9 @@ def test_pressed_interface_is_softer_further_out_and_lost_beyond():
 
 
 def test_contact_is_lost_ring_by_ring_from_outside():
-    effect = lost_beyond(RINGS, DISTANCE)
+    effect = lost_beyond(RINGS)
     assert put(effect, radius=0.1) == STIFF
-    left = np.array([[put(effect, radius=r)[f"{z}.E"] / 2e11 for z in RINGS]
+    left = np.array([[put(effect, radius=r)[f"{z.name}.E"] / 2e11 for z in RINGS]
                      for r in np.linspace(30e-3, 0.0, 200)])  # fmt: skip
     assert np.all(np.diff(left, axis=0) <= 0) and np.all(np.diff(left, axis=1) <= 0)
     assert left[-1, 1:] == pytest.approx([1e-9, 1e-9])
@@ -299,34 +297,28 @@ def test_given_joints_are_those_of_the_case():
         Case.model_validate(data | {"diagnose": {"joints": "glued"}})
 
 
-def zones_at(joints, bolts, axes, normals=None):
+def zones_at(joints, axes):
     """Zones without a mesh, two rings each."""
-    names = tuple(f"{j}_{b}_r{r}" for j, b in zip(joints, bolts, strict=True) for r in (1, 2))
-    twice = [k for k in range(len(joints)) for _ in (1, 2)]
-    normals = normals or [(0.0, 0.0, 1.0)] * len(joints)
-    own = {n: SimpleNamespace(bolted=False, normal=normals[k])
-           for n, k in zip(names, twice, strict=True)}  # fmt: skip
-    return JointZones(
-        SimpleNamespace(joints=own), None, names, tuple(joints[k] for k in twice),
-        tuple(bolts[k] for k in twice), tuple((1, 2) * len(joints)),
-        np.tile([[0.0, 5e-3], [6e-3, 9e-3]], (len(joints), 1)), np.ones(len(names)),
-        np.array([axes[k] for k in twice], dtype=float),
-    )  # fmt: skip
+    rows = [
+        Row(f"{joint}_b1_r{ring}", joint, 1.0, 1, ring, span, axis)
+        for joint, axis in zip(joints, axes, strict=True)
+        for ring, span in ((1, (0.0, 5e-3)), (2, (6e-3, 9e-3)))
+    ]
+    own = {row.name: SimpleNamespace(bolted=False, normal=(0.0, 0.0, 1.0)) for row in rows}
+    return placed(SimpleNamespace(joints=own), rows)
 
 
 def test_bolts_of_stacked_layers_are_one_and_those_of_other_joints_are_not():
-    stacked = zones_at(["low", "up"], ["b1", "b1"], [[0.1, 0, 0], [0.1, 0, 0.02]])
-    places = joint_places(stacked.case, stacked)
-    assert places.bolts == {"bolt 1": stacked.names} and places.joints == {"low, up": stacked.names}
-    assert places.single() == {}
-    apart = zones_at(["left", "right"], ["b1", "b1"], [[0, 0, 0], [0.5, 0, 0]])
-    places = joint_places(apart.case, apart)
-    assert places.bolts == {"bolt 1": apart.names[:2], "right bolt 1": apart.names[2:]}
-    assert places.joints == {"left": apart.names[:2], "right": apart.names[2:]}
+    stacked = zones_at(["low", "up"], [[0.1, 0, 0], [0.1, 0, 0.02]])
+    assert stacked.by("bolt") == {"bolt 1": stacked.names}
+    assert stacked.places == {}
+    apart = zones_at(["left", "right"], [[0, 0, 0], [0.5, 0, 0]])
+    assert apart.by("bolt") == {"bolt 1": apart.names[:2], "right bolt 1": apart.names[2:]}
     # A joint with one bolt is that bolt's place.
-    assert set(places.single()) == {"joint"}
-    assert places.away == (("left_b1_r2", "right_b1_r2"), ("left", "right"))
-    assert places.groups == {
+    assert apart.places == {"joint": {"left": apart.names[:2], "right": apart.names[2:]}}
+    assert apart.away == ("left_b1_r2", "right_b1_r2")
+    (grading,) = apart.gradings
+    assert grading.groups == {
         "ring 1": ("left_b1_r1", "right_b1_r1"), "ring 2": ("left_b1_r2", "right_b1_r2")
     }  # fmt: skip
 
@@ -355,7 +347,7 @@ class Springs:
 @pytest.mark.parametrize("kind", ["hysteretic", "viscous"])
 def test_damping_is_the_share_of_the_energy_at_the_frequency(kind):
     make = {"hysteretic": hysteretic_damping, "viscous": lambda z: viscous_damping(z, 200.0)}
-    effect = make[kind](["lap"])
+    effect = make[kind]([Zone("lap")])
     hypothesis = Hypothesis((effect,), modes=MODES, damped=True)
     flat = np.zeros((1, 3))
     evidence = Evidence(np.ones(1), flat, flat + 0.01, 0.01, log_damping=flat)
@@ -399,7 +391,8 @@ def test_causes_in_the_test_change_how_it_reads():
 
 
 def test_nuisances_hold_what_the_case_says():
-    names = {effect.name for effect in case_nuisances(whole({"springs": RIG["springs"]}))}
+    sprung = whole({"springs": RIG["springs"]})
+    names = {effect.name for effect in case_nuisances(sprung, Zones(sprung))}
     assert {"width of lower, within tolerance", "stiffness of cord, within tolerance"} <= names
     assert "width of upper, within tolerance" not in names
 
@@ -420,10 +413,10 @@ def test_samples_hold_every_effect_within_its_prior(case, zones):
     # 1.5 standard deviations of 15 % for a wrong material; a temperature may come on top.
     off = np.log([values["upper.E"] / baseline["upper.E"] for values in samples])
     assert 0.05 < np.abs(off).max() < 0.25
-    of_joints = sample_values(found, baseline, TORQUES, 30, seed=2, known=sample_ranges(case, {}))
+    of_joints = sample_values(found, baseline, TORQUES, 30, seed=2, known=sample_ranges(case))
     touched_alone = [[k for k in v if v[k] != baseline[k]] for v in of_joints[:10]]
     assert all(key.split("_")[0] in ("near", "away") for keys in touched_alone for key in keys)
-    ranges = sample_ranges(case, {})
+    ranges = sample_ranges(case)
     assert {"upper.width", "left_end.k_n", "left_end.k_t", "cord.stiffness", "nut.mass"} <= set(
         ranges
     )

@@ -10,12 +10,13 @@ from linear_forward import Linear
 from scipy.stats import kstest, multivariate_normal, norm
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.effects.joint import compliance
+from fenics_joints.diagnosis.effects.joint import gives_way
 from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable, distance
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.shrinkage import folds
+from fenics_joints.diagnosis.zones.zone import Zone
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 RNG_SEED = 7
@@ -109,11 +110,7 @@ def test_p_value_is_uniform_when_the_hypothesis_is_right():
 
 def test_slopes_hold_through_torque_and_tightening():
     """Derivatives of all predictions by z against differences of the predictions."""
-    thickness = {"joint": 5e-4}
-    effect = compliance(
-        "c", "joint", ["joint"], thickness,
-        normal=True, tangential=True, reference=30.0, describe="",
-    )  # fmt: skip
+    effect = gives_way("c", "joint", [Zone("joint", thickness=5e-4)], reference=30.0)
 
     class Layer:
         model = SimpleNamespace(parameters=dict.fromkeys(["joint.E", "joint.G"]))
@@ -143,10 +140,9 @@ def test_slopes_hold_through_torque_and_tightening():
 
 def test_compliances_act_in_series():
     """Springs in series: k_ref (T/T_ref)^beta over the layer's own E / h."""
-    zones, thickness = ["near", "away"], {"near": 1e-3, "away": 2e-3}
-    effect = compliance(
-        "c", "joint", zones, thickness, normal=True, tangential=False, reference=20.0, describe=""
-    )
+    thickness = {"near": 1e-3, "away": 2e-3}
+    zones = [Zone(name, thickness=h) for name, h in thickness.items()]
+    effect = gives_way("c", "joint", zones, "n", 20.0)
     values = {"near.E": 3e9, "away.E": 3e9, "near.G": 1e9, "away.G": 1e9}
     effect.apply(values, {"k_n": 1e12, "beta_n": 0.5}, 5.0)
     for zone, h in thickness.items():

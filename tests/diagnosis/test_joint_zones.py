@@ -30,6 +30,8 @@ BEAM = {
     },
 }
 
+BOLTS = ("bolt 1", "bolt 2", "bolt 3", "bolt 4")
+
 
 def zones(data, comm=MPI.COMM_SELF, **joints):
     joints = {name: joint | joints.get(name, {}) for name, joint in data["joints"].items()}
@@ -37,20 +39,23 @@ def zones(data, comm=MPI.COMM_SELF, **joints):
     return joint_zones(case, build_mesh(case, comm))
 
 
+def areas(found, attribute, label):
+    return np.array([zone.area for zone in found if getattr(zone, attribute) == label])
+
+
 def test_zones_are_the_joints_and_equal_at_mirrored_bolts():
     found = zones(PLATES)
     assert len(found.names) == 20 == len(set(found.names))
     assert "away_b4_r4" in found.names and "near_b1_r1" in found.names
-    area = {name: found.area[[j == name for j in found.joint]].sum() for name in PLATES["joints"]}
+    area = {name: areas(found, "joint", name).sum() for name in PLATES["joints"]}
     assert area == pytest.approx({"near": 4 * 0.02**2, "away": 0.08**2 - 4 * 0.02**2})
-    by_bolt = np.array([[a for a, b in zip(found.area, found.bolt, strict=True) if b == label]
-                        for label in ("b1", "b2", "b3", "b4")])  # fmt: skip
+    by_bolt = np.array([areas(found, "bolt", label) for label in BOLTS])
     assert by_bolt == pytest.approx(np.tile(by_bolt[0], (4, 1)))
     span = found.distance[[n.startswith("away_b1") for n in found.names]]
     assert np.all(span[1:, 0] > span[:-1, 1])
     # Equal shares, as nearly as small cells allow; 5 mm ones come in lumps.
     fine = zones(PLATES | {"mesh": PLATES["mesh"] | {"element_size": 2e-3}})
-    away = fine.area[[j == "away" for j in fine.joint]]
+    away = areas(fine, "joint", "away")
     assert len(away) == 16 and away == pytest.approx(np.full(16, area["away"] / 16), rel=0.15)
     assert found.case.joints["near_b2_r1"].tolerance.E == 0.2
     assert found.case.joints["near_b2_r1"].bolted
@@ -65,21 +70,20 @@ def test_split_structure_is_the_whole_one():
     cells = {r.name: c for r, c in model.field.regions}
     x = model.mesh.geometry.x[geometry_dofmap(model.mesh)].mean(axis=1)
     bolts = found.tagged.points["bolts"]
-    for name, label, span in zip(found.names, found.bolt, found.distance, strict=True):
-        off = np.linalg.norm(x[cells[name]][:, None, :2] - bolts[:, :2], axis=2)
-        assert np.all(off.argmin(axis=1) == int(label[1:]) - 1)
-        assert [off.min(axis=1).min(), off.min(axis=1).max()] == pytest.approx(span)
+    for zone in found:
+        off = np.linalg.norm(x[cells[zone.name]][:, None, :2] - bolts[:, :2], axis=2)
+        assert np.all(off.argmin(axis=1) == BOLTS.index(zone.bolt))
+        assert [off.min(axis=1).min(), off.min(axis=1).max()] == pytest.approx(zone.distance)
 
 
 def test_a_layer_far_from_the_bolt_stays_whole():
     found = zones(BEAM)
-    assert found.names[-1] == "root" and found.joint[-1] == "root" and found.bolt[-1] == ""
+    assert (found.all[-1].name, found.all[-1].joint, found.all[-1].bolt) == ("root", "root", "")
     assert set(found.names[:-1]) == {f"lap_r{k}" for k in range(1, len(found.names))}
     assert len(found.names) >= 4 and np.isnan(found.distance[-1]).all()
     assert found.area[:-1].sum() == pytest.approx(0.05 * 0.0254)
     two = zones(BEAM, lap={"bolts": [[0.19, 0.0], [0.23, 0.0]]})
-    left, right = (sum(a for a, b in zip(two.area, two.bolt, strict=True) if b == label)
-                   for label in ("b1", "b2"))  # fmt: skip
+    left, right = (areas(two, "bolt", label).sum() for label in BOLTS[:2])
     assert left == pytest.approx(right) and left + right == pytest.approx(found.area[:-1].sum())
 
 
@@ -91,8 +95,7 @@ def test_two_ranks_make_the_same_zones(size):
     alone, together = (zones(plates, comm) for comm in (MPI.COMM_SELF, MPI.COMM_WORLD))
     assert together.names == alone.names
     assert together.area == pytest.approx(alone.area)
-    bolts = ("b1", "b2", "b3", "b4")
-    share = [alone.area[[b == bolt for b in alone.bolt]].sum() / 0.04**2 for bolt in bolts]
+    share = [areas(alone, "bolt", bolt).sum() / 0.04**2 for bolt in BOLTS]
     assert share == pytest.approx([1.0] * 4, abs=1e-9 if size < 0.01 else 0.07)
     assert together.distance == pytest.approx(alone.distance)
     model = build_structure(together.case, MPI.COMM_WORLD, tagged=together.tagged)

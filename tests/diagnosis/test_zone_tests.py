@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from scipy.stats import binom, kstest, ncx2
 
+from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.where.zone_sensitivity import layer_interfaces, zone_sensitivities
+from fenics_joints.diagnosis.where.zone_sensitivity import zone_sensitivities
 from fenics_joints.diagnosis.where.zone_tests import attribution, holm, zone_tests
+from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
 
 TORQUES = np.array([5.0, 10.0, 20.0, 30.0])
@@ -229,9 +231,9 @@ def test_zone_sensitivities_are_changes_of_the_prediction():
     forward.model, forward.sensors = SimpleNamespace(parameters=dict.fromkeys(names)), None
     evidence = Evidence(TORQUES, np.tile(log_f(baseline), (4, 1)), np.full((4, 2), 0.003), 0.005)
     zones = zone_sensitivities(
-        forward, evidence, baseline, ["bar", "layer"], interfaces=layer_interfaces({"layer": h}),
-        by_torque=True,
-    )
+        forward, evidence, baseline, ["bar", "layer"],
+        interfaces=interfaces([Zone("layer", thickness=h)], baseline), by_torque=True,
+    )  # fmt: skip
     assert zones["bar"].shape == (8, 2) and zones["layer"].shape == (8, 4)
     share = (0.1 / 70e9) / (0.1 / 70e9 + h / 1e11)
     assert zones["bar"][0] == pytest.approx([0.15 * 0.5 * share, -0.05], rel=1e-5)
@@ -264,7 +266,7 @@ def test_zones_of_joints_share_what_the_joints_do_together():
     evidence = Evidence(np.ones(1), log_f(baseline)[None], np.full((1, 2), 0.003), 0.005)
     zones = zone_sensitivities(
         forward, evidence, baseline, ["one", "two"],
-        interfaces=layer_interfaces({"one": h, "two": h}),
+        interfaces=interfaces([Zone(name, thickness=h) for name in ("one", "two")], baseline),
     )  # fmt: skip
     soft = 1 / (1 / 1e11 + 1 / (1e12 * h))
     both = log_f(baseline | {"one.E": soft, "two.E": soft}) - log_f(baseline)

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 from fenics_joints.diagnosis.effects.bolts import loose_bolt
 from fenics_joints.diagnosis.effects.effect import Prior, relative_error
-from fenics_joints.diagnosis.effects.joint import compliance
+from fenics_joints.diagnosis.effects.joint import gives_way
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import (
     MISPLACED,
@@ -41,6 +41,7 @@ from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.shrinkage import cross_validate, folds
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
+from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData, read_test_data
 from fenics_joints.measurements.gap import Gap
@@ -176,13 +177,10 @@ def measured(*, places=PLACES, gains=(), seed=1, **truth) -> TestData:
 
 # -- the diagnosis ---------------------------------------------------------------------------------
 
-THICKNESS = dict.fromkeys(BOLTS, LAYER)
+ZONES = [Zone(bolt, thickness=LAYER) for bolt in BOLTS]
 LIBRARY = (
-    compliance(
-        "joint compliance", "joint", BOLTS, THICKNESS,
-        normal=False, tangential=True, reference=20.0, describe="",
-    ),
-    *(loose_bolt(f"bolt {i + 1}", [bolt], THICKNESS, 1 / 4) for i, bolt in enumerate(BOLTS)),
+    gives_way("joint compliance", "joint", ZONES, "t", 20.0),
+    *(loose_bolt(f"bolt {i + 1}", [zone], 1 / 4) for i, zone in enumerate(ZONES)),
     relative_error("modulus error", "bar", ["bar.E"], 0.15, ""),
     attached(
         "sensor mass", "tip", "tip", [Prior("mass", 0.03, 0.5, "kg", True, (1e-4, 1.0))], ""
@@ -406,10 +404,7 @@ def test_frequencies_of_another_mode_are_called_so(truth):
     library = LIBRARY
     if truth:
         # Two things at once: the exchange is found beside a joint that is known to be soft.
-        known = compliance(
-            "known joint", "joint", BOLTS, THICKNESS,
-            normal=False, tangential=True, reference=20.0, describe="",
-        )  # fmt: skip
+        known = gives_way("known joint", "joint", ZONES, "t", 20.0)
         model = prepared(data, shapes=True)
         swaps = [swapped_modes(j, MODES) for j in range(4)]
         hypotheses = [(known,), *((known, swap) for swap in swaps)]

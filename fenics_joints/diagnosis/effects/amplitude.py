@@ -12,6 +12,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.damping import has_damping
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent
+from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData
 
 __all__ = [
@@ -67,29 +68,28 @@ def iwan_loss_factor(drop: float, chi: float) -> float:
     return drop / (1 - drop) * 4 * (chi + 1) / (np.pi * (chi + 3))
 
 
-def micro_slip(zones: Sequence[str], reference: float, keys: Sequence[str] = ("G",)) -> Effect:
+def micro_slip(zones: Sequence[Zone], reference: float) -> Effect:
     """Micro-slip: the tangential stiffness falls by a power of the level, and damping grows.
 
     G (1 - s), s = drop (level / reference)^(1 + chi); the loss factor is `iwan_loss_factor` of it
     times ``loss``.
 
     Args:
-        zones: Joint zones it acts in; each has parameters ``ZONE.KEY``.
+        zones: Zones of the joint.
         reference: Level at which ``drop`` holds.
-        keys: Those that slip.
     """
+    slipping = [key for zone in zones for key in zone.parameters(zone.interface.slipping)]
 
     def drop(theta, level) -> float:
         return relative_drop(theta["drop"] * (level / reference) ** (1 + theta["chi"]))
 
     def apply(values, theta, level):
-        for zone in zones:
-            for key in keys:
-                values[f"{zone}.{key}"] *= 1 - drop(theta, level)
+        for key in slipping:
+            values[key] *= 1 - drop(theta, level)
 
     def loss(theta, level, hz):
         eta = theta["loss"] * iwan_loss_factor(drop(theta, level), theta["chi"])
-        return dict.fromkeys((f"{zone}.{key}" for zone in zones for key in keys), eta)
+        return dict.fromkeys(slipping, eta)
 
     priors = (_log("drop", _DROP), _normal("chi", _CHI), _log("loss", _LOSS))
     words = "Parts of the interface slip before all of it does: it softens and damps with the level"
@@ -98,24 +98,21 @@ def micro_slip(zones: Sequence[str], reference: float, keys: Sequence[str] = ("G
     )
 
 
-def gapping(
-    zones: Sequence[str], reference: float, keys: Sequence[str] = ("E", "G")
-) -> Effect:
+def gapping(zones: Sequence[Zone], reference: float) -> Effect:
     """Gapping, or any other elastic softening of the joint: no damping comes with it.
 
     E and G fall by s = drop (level / reference)^power.
 
     Args:
-        zones: Joint zones it acts in; each has parameters ``ZONE.KEY``.
+        zones: Zones of the joint.
         reference: Level at which ``drop`` holds.
-        keys: Those that fall.
     """
 
     def apply(values, theta, level):
         left = 1 - relative_drop(theta["drop"] * (level / reference) ** theta["power"])
         for zone in zones:
-            for key in keys:
-                values[f"{zone}.{key}"] *= left
+            for key in zone.parameters():
+                values[key] *= left
 
     priors = (_log("drop", _DROP), _normal("power", _POWER))
     words = "The joint softens with the level elastically: gaps open, or its geometry changes."
@@ -151,18 +148,13 @@ def _normal(name: str, given) -> Prior:
 
 
 def amplitude_effects(
-    data: TestData,
-    zones: Sequence[str],
-    slipping: Sequence[str] = ("G",),
-    opening: Sequence[str] = ("E", "G"),
+    data: TestData, zones: Sequence[Zone]
 ) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
     """The effects that this test can speak of, and those it cannot, each with the reason.
 
     Args:
         data: The test.
         zones: The joint's zones.
-        slipping: Parameters of a zone that fall when it slips.
-        opening: Those that fall when it opens.
     """
     if not data.by_level or len(data) < 2:
         what = "level" if data.by_level else f"{data.condition_name} and not by level"
@@ -171,7 +163,7 @@ def amplitude_effects(
         return (), tuple(Silent(name, reason) for name in NAMES)
     reference, effects, silent = float(data.conditions[-1]), [], []
     if zones:
-        effects = [micro_slip(zones, reference, slipping), gapping(zones, reference, opening)]
+        effects = [micro_slip(zones, reference), gapping(zones, reference)]
     else:
         silent = [Silent(name, "the model has no joint") for name in (MICRO_SLIP, SOFTENING)]
     if has_damping(data):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData
 
 __all__ = [
@@ -21,8 +22,6 @@ _FAMILY = "joint damping"
 #: tenth of the strain energy in the joint that is a damping ratio of 0.1 %, and bolted structures
 #: of metal have 0.05 to 0.5 %, most of it from their joints.
 _LOSS = (0.02, np.log(4.0), (1e-5, 2.0))
-#: Parameters of a layer.
-MODULI = ("E", "G")
 
 
 def has_damping(data: TestData) -> bool:
@@ -40,41 +39,37 @@ def has_ratios(data: TestData) -> bool:
     )
 
 
-def hysteretic_damping(zones: Sequence[str], keys: Sequence[str] = MODULI) -> Effect:
+def hysteretic_damping(zones: Sequence[Zone]) -> Effect:
     """A loss factor of the joint, the same at all frequencies.
 
     Args:
-        zones: Joint zones; each has parameters ``ZONE.KEY``.
-        keys: Those that dissipate.
+        zones: Zones of the joint.
     """
 
     def loss(theta, condition, hz):
-        return dict.fromkeys(_moduli(zones, keys), theta["eta"])
+        return dict.fromkeys(_lossy(zones), theta["eta"])
 
     words = "The joint dissipates a share of what it stores in a cycle, at any frequency."
     return _damping(HYSTERETIC, "eta", loss, words)
 
 
-def viscous_damping(
-    zones: Sequence[str], hz_ref: float, keys: Sequence[str] = MODULI
-) -> Effect:
+def viscous_damping(zones: Sequence[Zone], hz_ref: float) -> Effect:
     """A loss factor of the joint proportional to the frequency, as of a film of oil.
 
     Args:
-        zones: Joint zones; each has parameters ``ZONE.KEY``.
+        zones: Zones of the joint.
         hz_ref: Frequency, Hz, at which ``eta_ref`` holds.
-        keys: Those that dissipate.
     """
 
     def loss(theta, condition, hz):
-        return dict.fromkeys(_moduli(zones, keys), theta["eta_ref"] * hz / hz_ref)
+        return dict.fromkeys(_lossy(zones), theta["eta_ref"] * hz / hz_ref)
 
     words = "The joint dissipates in proportion to the frequency, as a film of oil does."
     return _damping(VISCOUS, "eta_ref", loss, words)
 
 
-def _moduli(zones: Sequence[str], keys: Sequence[str]) -> list[str]:
-    return [f"{zone}.{key}" for zone in zones for key in keys]
+def _lossy(zones: Sequence[Zone]) -> list[str]:
+    return [key for zone in zones for key in zone.parameters(zone.interface.damped)]
 
 
 def _damping(name: str, parameter: str, loss, words: str) -> Effect:

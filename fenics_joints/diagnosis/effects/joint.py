@@ -1,24 +1,27 @@
-"""Effects in joints: what their interfaces give way, everywhere or at a place."""
+"""Effects in joints: what their interfaces give way, everywhere or at a place.
+
+All act on zones, whatever these are of: a zone knows how an interface of a stiffness k enters the
+model's parameters (`fenics_joints.diagnosis.zones.zone.Zone.give_way`), and the table `LAWS` has
+what is known of k beforehand, and how one speaks of it, for each kind of zones.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series
+from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone
 
 __all__ = [
-    "bell_pressure", "compliance", "graded_compliance", "lost_beyond", "lost_contact",
-    "pressed_by_bolts", "pressed_compliance",
+    "LAWS", "Law", "bell_pressure", "gives_way", "graded", "interfaces", "lost_beyond",
+    "lost_contact", "pressed_by_bolts", "pressed_compliance",
 ]  # fmt: skip
 
-_FAMILY = "joint compliance"
-#: Interface stiffness per area of clamped machined metal faces, Pa/m: 1e11 to 1e13 in the
-#: literature, far less where the faces hardly touch; hence a factor of 30 either way.
-_STIFFNESS = (1e12, np.log(30.0), (1e7, 1e16))
 #: Exponent of K = alpha P^beta (seed 001, eqs. 22 and 23), P proportional to the torque.
-_EXPONENT = (0.5, 0.3, (0.0, 1.5))
+EXPONENT = (0.5, 0.3, "", False, (0.0, 1.5))
 #: Factor on the stiffness of a layer where the contact is lost: too soft to carry anything. And one
 #: at which it is about halfway, as a thin layer that stiff gives way like the bodies do.
 _LOST, _HALFWAY = 1e-9, 1e-3
@@ -38,135 +41,217 @@ _CUTOFF = (0.1, np.log(3.0))
 _REACH = (2.0, np.log(1.5))
 
 
-def compliance(
+@dataclass(frozen=True)
+class Law:
+    """What is known of the stiffness of an interface before the test, and what it is called.
+
+    Attributes:
+        known: Median, spread, unit, whether log-normal, and limits of its prior.
+        stiffness: Name of the parameter of a kind, of a kind in a group of zones, and of the
+            exponents of both.
+        family: Effects that stand for each other.
+        alone: Names and descriptions of the effect on all zones together, by kinds.
+        graded: Name of the effect on groups of zones, of ``what`` gives way and ``how``, and its
+            description; and the kinds for which it is looked for.
+        at_one: Name of the effect at one place of a ``kind``, and its description.
+    """
+
+    known: tuple[float, float, str, bool, tuple[float, float]]
+    names: tuple[str, str]
+    exponents: tuple[str, str]
+    family: str
+    alone: Mapping[tuple[str, ...], tuple[str, str]]
+    graded: tuple[str, str]
+    graded_kinds: tuple[tuple[str, ...], ...]
+    at_one: tuple[str, str]
+
+
+_LAYER = Law(
+    # Per area of clamped machined metal faces: 1e11 to 1e13 in the literature, far less where the
+    # faces hardly touch; hence a factor of 30 either way.
+    known=(1e12, np.log(30.0), "Pa/m", True, (1e7, 1e16)),
+    names=("k_{kind}", "{group}.k_{kind}"),
+    exponents=("beta_{kind}", "beta"),
+    family="joint compliance",
+    alone={
+        ("n",): ("joint normal compliance", "The interface gives way across its plane."),
+        ("t",): ("joint tangential compliance", "The interface gives way along its plane."),
+        ("n", "t"): ("joint normal and tangential compliance", "It gives way both ways."),
+    },
+    graded=(
+        "joint compliance graded {how}",
+        "The interface gives way, differently under the bolts and away from them.",
+    ),
+    graded_kinds=(("n", "t"),),
+    at_one=(
+        "compliance at one {kind}", "The interface gives way at {place}, more than elsewhere."
+    ),
+)
+_LAP = Law(
+    # In series with a lap as one piece: as stiff as it, the same spread as of clamped faces.
+    known=(1.0, np.log(30.0), "", True, (1e-5, 1e6)),
+    names=("{kind}", "{group}, {kind}"),
+    exponents=("beta of {kind}", "beta of {kind}"),
+    family="lap stiffness",
+    alone={
+        ("slap",): (
+            "joint slap stiffness", "The lap opens and shears more or less than the model says."
+        ),
+        ("slip",): (
+            "joint slip stiffness",
+            "The lap slides, and so bends, more or less than the model says.",
+        ),
+        ("slap", "slip"): ("joint slap and slip stiffness", "It does both."),
+    },
+    graded=(
+        "joint {what} stiffness graded {how}",
+        "The stiffness of {what} is not the same all along the lap: it differs {how}.",
+    ),
+    graded_kinds=(("slap",), ("slip",), ("slap", "slip")),
+    at_one=(
+        "joint stiffness at one {kind}",
+        "{place} alone is softer or stiffer than the model says.",
+    ),
+)
+#: By kind of zones. Where the lap's own stiffness was given, identified elsewhere or taken from a
+#: like joint, the interface's is a factor on it.
+LAWS = {
+    LAYER.name: _LAYER,
+    LAP.name: _LAP,
+    GIVEN_LAP.name: replace(_LAP, known=(1.0, np.log(3.0), "", True, (1e-3, 1e3))),
+}
+
+
+def interfaces(
+    zones: Sequence[Zone], baseline: Mapping[str, float]
+) -> dict[str, dict[str, float]]:
+    """Interfaces of the priors' median stiffness, by zone and by the parameter they act on.
+
+    Args:
+        zones: The zones.
+        baseline: Parameter values of the nominal model.
+
+    Returns:
+        Values that put in series with the zones' own are the interface.
+    """
+    return {
+        zone.name: {
+            key: zone.amount(LAWS[zone.interface.name].known[0], baseline[f"{zone.name}.{key}"])
+            for key in zone.interface.keys.values()
+        }
+        for zone in zones
+    }
+
+
+def gives_way(
     name: str,
     region: str,
-    zones: Sequence[str],
-    thickness: Mapping[str, float],
+    zones: Sequence[Zone] | Mapping[str, Sequence[Zone]],
+    kinds: Sequence[str] | None = None,
+    reference: float | None = None,
+    describe: str = "",
     *,
-    normal: bool,
-    tangential: bool,
-    reference: float | None,
-    describe: str,
-    family: str = _FAMILY,
+    family: str | None = None,
     weight: float = 1.0,
 ) -> Effect:
-    """Interface compliance k = k_ref (T / T_ref)^beta, in series with what the model has.
+    """Interfaces of stiffness k = k_ref (T / T_ref)^beta in zones that the model has too stiff.
 
     Args:
         name: Name of the effect.
         region: Where, for people.
-        zones: Joint zones it acts in; each has parameters ``ZONE.E`` and ``ZONE.G``.
-        thickness: Layer thickness of each zone, m.
-        normal: Whether it acts normal to the interface.
-        tangential: Whether it acts along it.
+        zones: The zones it acts in, all of one kind; or groups of them by name, each with a
+            stiffness of its own.
+        kinds: What gives way, of the interface's keys; all by default.
         reference: Torque at which k_ref holds; None when the test has one torque only, and the
             stiffness then does not depend on it.
         describe: Sentence for the report.
-        family: Effects that it stands for.
+        family: Effects that it stands for; by default the kind's.
         weight: Prior odds relative to other effects.
     """
-    kinds = [kind for kind, on in (("n", normal), ("t", tangential)) if on]
-    median, spread, span = _STIFFNESS
-    priors = []
-    for kind in kinds:
-        priors.append(Prior(f"k_{kind}", median, spread, "Pa/m", True, span))
-        if reference is not None:
-            priors.append(_exponent(f"beta_{kind}"))
+    in_groups = isinstance(zones, Mapping)
+    groups = zones if in_groups else {"": zones}
+    interface = next(iter(groups.values()))[0].interface
+    law, kinds = LAWS[interface.name], tuple(kinds or interface.keys)
+    label, exponent = law.names[in_groups], law.exponents[in_groups]
+    betas = {kind: exponent.format(kind=kind) for kind in kinds}
+    priors = {}
+    for group in groups:
+        for kind in kinds:
+            key = label.format(group=group, kind=kind)
+            priors[key] = Prior(key, *law.known)
+            if reference is not None and not in_groups:
+                priors[betas[kind]] = Prior(betas[kind], *EXPONENT)
+    if reference is not None:
+        priors |= {beta: Prior(beta, *EXPONENT) for beta in betas.values()}
 
     def apply(values, theta, condition):
-        for kind in kinds:
-            k = theta[f"k_{kind}"]
-            if reference is not None:
-                k = k * (condition / reference) ** theta[f"beta_{kind}"]
-            for zone in zones:
-                in_series(values, f"{zone}.{_MODULUS[kind]}", k * thickness[zone])
+        for group, members in groups.items():
+            for kind in kinds:
+                k = theta[label.format(group=group, kind=kind)]
+                if reference is not None:
+                    k = k * (condition / reference) ** theta[betas[kind]]
+                for zone in members:
+                    zone.give_way(values, kind, k)
 
-    torque = reference is not None
-    return Effect(name, region, tuple(priors), apply, describe, torque, family, weight=weight)
-
-
-_MODULUS = {"n": "E", "t": "G"}
-
-
-def _exponent(name: str) -> Prior:
-    mean, sd, limits = _EXPONENT
-    return Prior(name, mean, sd, "", False, limits)
+    return Effect(
+        name, region, tuple(priors.values()), apply, describe, reference is not None,
+        law.family if family is None else family, weight=weight,
+    )  # fmt: skip
 
 
-def _stiffnesses(prefix: str = "") -> list[Prior]:
-    median, spread, span = _STIFFNESS
-    return [Prior(f"{prefix}k_{kind}", median, spread, "Pa/m", True, span) for kind in "nt"]
-
-
-def graded_compliance(
-    groups: Mapping[str, Sequence[str]],
-    thickness: Mapping[str, float],
-    reference: float | None,
-    describe: str,
+def graded(
+    groups: Mapping[str, Sequence[Zone]], kinds: Sequence[str], how: str, reference: float | None
 ) -> Effect:
-    """Compliance with stiffnesses of its own in every group of zones, and one exponent (seed 001).
+    """Stiffnesses of their own in every group of zones (seed 001).
 
     Args:
         groups: Zones of each group, by its name.
-        thickness: Layer thickness of each zone, m.
-        reference: As in `compliance`.
-        describe: Sentence for the report.
+        kinds: See `gives_way`.
+        how: How the groups differ, in words.
+        reference: See `gives_way`.
     """
-    priors = [prior for group in groups for prior in _stiffnesses(f"{group}.")]
-    if reference is not None:
-        priors.append(_exponent("beta"))
-
-    def apply(values, theta, condition):
-        factor = 1.0 if reference is None else (condition / reference) ** theta["beta"]
-        for group, zones in groups.items():
-            for kind, modulus in _MODULUS.items():
-                k = theta[f"{group}.k_{kind}"] * factor
-                for zone in zones:
-                    in_series(values, f"{zone}.{modulus}", k * thickness[zone])
-
-    name = "joint compliance graded from zone to zone"
-    torque = reference is not None
-    return Effect(
-        name, "joint", tuple(priors), apply, describe, torque, _FAMILY, weight=_DESCRIPTION
-    )
+    law, what = LAWS[next(iter(groups.values()))[0].interface.name], " and ".join(kinds)
+    name, words = (text.format(what=what, how=how) for text in law.graded)
+    return gives_way(name, "joint", groups, kinds, reference, words, weight=_DESCRIPTION)
 
 
 # -- by pressure -----------------------------------------------------------------------------------
 
 
-def pressed_compliance(
-    zones: Sequence[str], pressure: np.ndarray, thickness: Mapping[str, float]
-) -> Effect:
+def pressed_compliance(zones: Sequence[Zone]) -> Effect:
     """Interface stiffness that grows with the pressure, k = k_ref (P / P_ref)^beta.
 
     Seed 001, eqs. 22 and 23; P_ref is the largest zone's. A zone without pressure is lost.
 
     Args:
-        zones: Zones of the contact's layer.
-        pressure: Pressure of each zone, Pa, (n,).
-        thickness: Layer thickness of each zone, m.
+        zones: Zones of the contact's layer; the middle of each one's pressures counts.
     """
-    relative = np.asarray(pressure) / float(np.max(pressure))
+    pressure = np.array([0.5 * sum(zone.pressure) for zone in zones])
+    relative = pressure / float(np.max(pressure))
 
     def apply(values, theta, condition):
-        _press(values, theta, zones, relative, 1.0, thickness)
+        _press(values, theta, zones, relative, 1.0)
 
     words = "The interface gives way, the more the less it is pressed."
     return Effect(
         "joint compliance that falls with the pressure", "joint",
-        (*_stiffnesses(), _exponent("beta")), apply, words, False, _FAMILY,
+        _pressed_priors(), apply, words, False, _LAYER.family,
     )  # fmt: skip
 
 
-def _press(values, theta, zones, relative, factor, thickness) -> None:
+def _pressed_priors() -> tuple[Prior, ...]:
+    springs = (Prior(f"k_{kind}", *_LAYER.known) for kind in LAYER.keys)
+    return (*springs, Prior("beta", *EXPONENT))
+
+
+def _press(values, theta, zones, relative, factor) -> None:
     """Put stiffnesses k_ref (factor p)^beta of zones at relative pressures p in series."""
     for zone, p in zip(zones, relative, strict=True):
-        for kind, modulus in _MODULUS.items():
-            key = f"{zone}.{modulus}"
+        for kind, key in zip(LAYER.keys, zone.parameters(), strict=True):
             k = theta[f"k_{kind}"] * (factor * p) ** theta["beta"] if p > 0 else 0.0
             floor = _LOST * values[key]
-            values[key] = max(1 / (1 / values[key] + 1 / (k * thickness[zone] + floor)), floor)
+            amount = zone.amount(k, values[key]) + floor
+            values[key] = max(1 / (1 / values[key] + 1 / amount), floor)
 
 
 def bell_pressure(low: np.ndarray, high: np.ndarray, radius: float) -> np.ndarray:
@@ -192,6 +277,11 @@ def bell_pressure(low: np.ndarray, high: np.ndarray, radius: float) -> np.ndarra
     return np.where(thin, np.maximum(1 - b / end, 0.0), np.maximum(mean, 0.0))
 
 
+def _distances(zones: Sequence[Zone]) -> np.ndarray:
+    """Least and largest distance of each zone from its bolt, m, (2, n)."""
+    return np.array([zone.distance for zone in zones]).T
+
+
 def _reach(low: np.ndarray, high: np.ndarray, scan: int = 0) -> Prior:
     """How far from its axis a bolt presses."""
     median, spread = _REACH
@@ -202,12 +292,7 @@ def _reach(low: np.ndarray, high: np.ndarray, scan: int = 0) -> Prior:
     return Prior("radius", median * inner, spread, "m", True, span, scan)
 
 
-def pressed_by_bolts(
-    zones: Sequence[str],
-    distance: np.ndarray,
-    thickness: Mapping[str, float],
-    reference: float | None,
-) -> Effect:
+def pressed_by_bolts(zones: Sequence[Zone], reference: float | None) -> Effect:
     """Interface stiffness graded by a bell-shaped pressure about each bolt.
 
     k = k_ref (p T / T_ref)^beta with p of `bell_pressure`, whose radius is a parameter: k_ref is
@@ -215,57 +300,54 @@ def pressed_by_bolts(
 
     Args:
         zones: Zones around bolts.
-        distance: Least and largest distance of each zone from its bolt's axis, m, (n, 2).
-        thickness: Layer thickness of each zone, m.
-        reference: As in `compliance`.
+        reference: See `gives_way`.
     """
-    low, high = np.asarray(distance, dtype=float).T
+    low, high = _distances(zones)
 
     def apply(values, theta, condition):
         factor = 1.0 if reference is None else condition / reference
         pressure = bell_pressure(low, high, theta["radius"])
-        _press(values, theta, zones, pressure, factor, thickness)
+        _press(values, theta, zones, pressure, factor)
 
     words = "The interface gives way, the more the further from the bolts that press it."
     return Effect(
         "joint compliance that falls with the pressure", "joint",
-        (*_stiffnesses(), _exponent("beta"), _reach(low, high)), apply, words,
-        reference is not None, _FAMILY,
+        (*_pressed_priors(), _reach(low, high)), apply, words, reference is not None,
+        _LAYER.family,
     )  # fmt: skip
 
 
 # -- contact lost ----------------------------------------------------------------------------------
 
 
-def lost_contact(zones: Sequence[str], low: np.ndarray, high: np.ndarray) -> Effect:
+def lost_contact(zones: Sequence[Zone]) -> Effect:
     """Contact lost where its pressure is below a cut-off (seed 004, eqs. 4 and 5).
 
     As the cut-off passes through the pressures of a zone the logarithm of its stiffness falls
     smoothly to that of next to nothing.
 
     Args:
-        zones: Zones of the contact's layer, by ascending pressure.
-        low: Least pressure of each zone, Pa, (n,).
-        high: Largest pressure of each zone, Pa, (n,); zero for one that is open.
+        zones: Zones of the contact's layer, by ascending pressure; one that is open has none.
     """
-    largest = float(high[-1])
+    low, largest = zones[-1].pressure
     median, spread = _CUTOFF
 
     def apply(values, theta, condition):
-        for zone, a, b in zip(zones, low, high, strict=True):
+        for zone in zones:
+            a, b = zone.pressure
             # Over thrice its range, so that neighbours overlap and no cut-off is without slope.
             _lose(values, zone, (1 + (theta["cutoff"] - a) / (b - a)) / 3 if b > a else 1.0)
 
     # Something must stay in contact, or the bodies part.
-    span = (1e-3 * largest, float(low[-1]))
+    span = (1e-3 * largest, low)
     prior = Prior("cutoff", median * largest, spread, "Pa", True, span, scan=_SCAN)
     words = "The faces hold together only where the bolts press them hard enough."
-    return Effect("contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY)
+    return Effect(
+        "contact lost at low pressure", "joint", (prior,), apply, words, False, _LAYER.family
+    )
 
 
-def lost_beyond(
-    zones: Sequence[str], distance: np.ndarray, reference: float | None = None
-) -> Effect:
+def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect:
     """Contact lost beyond a distance from the bolts, ring by ring as in `lost_contact`.
 
     Under a bell of pressure p = P (T / T_ref) (1 - (r / R)^2) contact is lost where p falls below
@@ -274,10 +356,9 @@ def lost_beyond(
 
     Args:
         zones: Zones around bolts.
-        distance: Least and largest distance of each zone from its bolt's axis, m, (n, 2).
         reference: Torque at which the cut-off is c; None when the test has one torque only.
     """
-    low, high = np.asarray(distance, dtype=float).T
+    low, high = _distances(zones)
     middle = 0.5 * (low + high)
     # Of a ring one cell wide too, as its cells are no points.
     width = np.maximum(high - low, 0.1 * np.max(high))
@@ -299,15 +380,15 @@ def lost_beyond(
         words = "The faces hold together only near the bolts, further out at higher torque."
     return Effect(
         "contact lost at low pressure", "joint", tuple(priors), apply, words,
-        reference is not None, _FAMILY,
+        reference is not None, _LAYER.family,
     )  # fmt: skip
 
 
-def _lose(values: dict[str, float], zone: str, t: float) -> None:
+def _lose(values: dict[str, float], zone: Zone, t: float) -> None:
     """Take a zone's stiffness: none of it at t = 0, all at t = 1."""
     factor = _LOST ** (_smooth_step(t) ** _POWER)
-    values[f"{zone}.E"] *= factor
-    values[f"{zone}.G"] *= factor
+    for key in zone.parameters():
+        values[key] *= factor
 
 
 def _smooth_step(t: float) -> float:

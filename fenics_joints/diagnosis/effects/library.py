@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,8 +20,9 @@ from fenics_joints.diagnosis.effects.damping import (
 )
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
 from fenics_joints.diagnosis.effects.joint import (
-    compliance,
-    graded_compliance,
+    LAWS,
+    gives_way,
+    graded,
     lost_beyond,
     lost_contact,
     pressed_by_bolts,
@@ -30,39 +32,51 @@ from fenics_joints.diagnosis.effects.part import CAUSES, part_error, temperature
 from fenics_joints.diagnosis.effects.rig import (
     MISPLACED,
     MISSCALED,
+    MISSED,
     attached,
     mass_error,
     misplaced_sensor,
     misscaled_sensor,
+    missed_mode,
     placed,
     spring_error,
     support_compliance,
     swapped_modes,
 )
-from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
-from fenics_joints.diagnosis.zones.contacts import ContactZones
-from fenics_joints.diagnosis.zones.joints import JointZones
-from fenics_joints.diagnosis.zones.nominal import bonded_values, layer_thickness
-from fenics_joints.diagnosis.zones.places import JointPlaces, joint_places
+from fenics_joints.diagnosis.zones.laps import lap_as_one
+from fenics_joints.diagnosis.zones.nominal import bonded_values
+from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData
 
-__all__ = [
-    "Group", "bonded_values", "by_preload", "case_effects", "case_nuisances", "common_groups",
-    "layer_thickness", "sample_ranges", "sample_values", "wanted_effects",
-]  # fmt: skip
+__all__ = ["by_preload", "case_effects", "case_nuisances"]
 
 #: Tolerances where the case gives none: handbook values, rolled plate. Of a width only what the
 #: case says: it is milled, and bending does not see it.
 _TOLERANCE = {"E": 0.015, "rho": 0.01, "thickness": 0.005, "width": 0.0}
 #: Relative spread of an attached mass or spring without a tolerance.
 _ATTACHED = {"mass": 0.3, "stiffness": 1.0}
+#: Spread of the logarithm of a factor on the axial stiffness of a lap.
+_AXIAL = np.log(3.0)
+_NOT_OF_LAPS = {
+    "joint compliance that falls with the pressure": (
+        "joint elements of beams know no pressure; a stiffness graded along the lap is looked for"
+    ),
+    "contact lost at low pressure": (
+        "joint elements have their beams' own stiffness too, which no loss of contact takes"
+    ),
+}
 #: Effects, and those that the test cannot speak of.
 Group = tuple[Sequence[Effect], Sequence[Silent]]
 
 
-def case_nuisances(case: Case) -> tuple[Effect, ...]:
-    """What is known within tolerance only, and free in every hypothesis."""
+def case_nuisances(case: Case, zones: Zones) -> tuple[Effect, ...]:
+    """What is known within tolerance only, and free in every hypothesis.
+
+    Args:
+        case: The case.
+        zones: Its joints in zones; laps that are as one piece go with their parts.
+    """
     given = case.tolerances()
     found = []
     for name in case.parts:
@@ -83,54 +97,43 @@ def case_nuisances(case: Case) -> tuple[Effect, ...]:
             words = f"stiffness of {name.replace('_', ' ')}, within tolerance"
             key = f"{name}.stiffness"
             found.append(relative_error(words, name, [key], section.tolerance, ""))
-    return tuple(found)
+    return tuple(_with_laps(effect, case, zones) for effect in found)
 
 
 # -- causes ----------------------------------------------------------------------------------------
 
 
 def case_effects(
-    case: Case,
-    data: TestData,
-    thickness: dict[str, float],
-    zones: ContactZones | JointZones | None = None,
+    case: Case, data: TestData, zones: Zones
 ) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
     """The effects of the library that this case can hold, and those its test cannot speak of.
-
-    Of solid bodies; for beams see `fenics_joints.diagnosis.effects.lap_library.beam_effects`.
 
     Args:
         case: The case, with a joint for each zone.
         data: The test.
-        thickness: Layer thickness of each joint, m.
-        zones: How its contact or its joints were split; None if they are the case's own layers.
+        zones: Its joints in zones.
 
     Raises:
         InputError: If the case asks for an effect that is not there.
     """
     reference = float(data.conditions[-1]) if by_preload(data) else None
-    joints = [
-        (_joint_effects(case, thickness, reference, zones), ()),
-        _bolt_effects(case, thickness, zones),
-        _damping_effects(case, data),
-        amplitude_effects(data, tuple(case.joints)),
-    ]
-    return wanted_effects(case, [*joints, *common_groups(case, data)])
+    of_joints = [
+        (_stiffness(zones, reference), _of_layers_alone(zones)), _bolts(case, zones),
+        _damping(data, zones),
+    ]  # fmt: skip
+    of_beams = [] if zones.laps is None else [_missed_modes(data)]
+    groups = [
+        *(of_joints if len(zones) else ()), amplitude_effects(data, zones.all),
+        (_parts(case, data, zones), ()), (_attached_effects(case), ()), _test_effects(data),
+        *of_beams,
+    ]  # fmt: skip
+    return _wanted(case, groups)
 
 
-def common_groups(case: Case, data: TestData) -> list[Group]:
-    """Effects in parts, in what is attached to them, and in the test."""
-    return [(_part_effects(case, data), ()), (_attached_effects(case), ()), _test_effects(data)]
-
-
-def wanted_effects(
+def _wanted(
     case: Case, groups: Sequence[Group]
 ) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
-    """Those that the case asks for, all by default.
-
-    Raises:
-        InputError: If it asks for one that is not there.
-    """
+    """Those that the case asks for, all by default."""
     effects = tuple(effect for found, _ in groups for effect in found)
     silent = tuple(one for _, left_out in groups for one in left_out)
     wanted = case.diagnose.effects
@@ -152,91 +155,129 @@ def by_preload(data: TestData) -> bool:
     return len(data) > 1 and bool(np.all(data.conditions > 0)) and not data.by_level
 
 
-def _places(case: Case, zones) -> JointPlaces:
-    return joint_places(case, zones if isinstance(zones, JointZones) else None)
+# -- in joints -------------------------------------------------------------------------------------
 
 
-def _joint_effects(case: Case, thickness, reference, zones) -> list[Effect]:
-    names = tuple(case.joints)
-    if not names:
-        return []
-    kinds = {
-        "joint normal compliance": (True, False, "The interface gives way across its plane."),
-        "joint tangential compliance": (False, True, "The interface gives way along its plane."),
-        "joint normal and tangential compliance": (True, True, "It gives way both ways."),
-    }
-    effects = [
-        compliance(
-            name, "joint", names, thickness,
-            normal=n, tangential=t, reference=reference, describe=words,
-        )
-        for name, (n, t, words) in kinds.items()
-    ]  # fmt: skip
-    if isinstance(zones, ContactZones):
-        effects.append(pressed_compliance(zones.names, zones.pressure, thickness))
-        return [*effects, lost_contact(zones.names, zones.low, zones.high)]
-    return effects + _placed_compliance(_places(case, zones), thickness, reference)
-
-
-def _placed_compliance(places: JointPlaces, thickness, reference) -> list[Effect]:
-    """Compliances that differ from place to place."""
-    effects = []
-    away, where = places.away
-    if away and len(away) < len(places.zones):
+def _stiffness(zones: Zones, reference: float | None) -> list[Effect]:
+    """What the joints give way: all of them alike, by their pressure, and from place to place."""
+    law, effects = LAWS[zones.all[0].interface.name], []
+    for kinds, (name, words) in law.alone.items():
+        effects.append(gives_way(name, "joint", zones.all, kinds, reference, words))
+    if zones.by_pressure:
+        return [*effects, pressed_compliance(zones.all), lost_contact(zones.all)]
+    if zones.away and len(zones.away) < len(zones):
+        away = zones.pick(zones.away)
         effects.append(
-            compliance(
-                "compliance away from the bolts only", ", ".join(where), away, thickness,
-                normal=True, tangential=True, reference=reference,
-                describe="The plates are as one under the bolts and barely touch elsewhere.",
+            gives_way(
+                "compliance away from the bolts only",
+                ", ".join(dict.fromkeys(zone.joint for zone in away)), away, None, reference,
+                "The plates are as one under the bolts and barely touch elsewhere.",
             )
         )  # fmt: skip
-    if len(places.groups) > 1:
-        words = "The interface gives way, differently under the bolts and away from them."
-        effects.append(graded_compliance(places.groups, thickness, reference, words))
-    around, distance = places.around
-    if len({tuple(row) for row in distance.tolist()}) > 1:
-        effects.append(pressed_by_bolts(around, distance, thickness, reference))
-        effects.append(lost_beyond(around, distance, reference))
-    for kind, singles in places.single().items():
-        for region, zones in singles.items():
+    for kinds in law.graded_kinds:
+        for grading in zones.gradings:
+            groups = {group: zones.pick(names) for group, names in grading.groups.items()}
+            effects.append(graded(groups, kinds, grading.how, reference))
+    effects += _by_distance(zones, reference) if zones.laps is None else _along_laps(zones)
+    for kind, places in zones.places.items():
+        for place, names in places.items():
+            name, words = (text.format(kind=kind, place=place) for text in law.at_one)
             effects.append(
-                compliance(
-                    f"compliance at one {kind}", region, zones, thickness,
-                    normal=True, tangential=True, reference=reference, family="one place",
-                    weight=1 / len(singles),
-                    describe=f"The interface gives way at {region}, more than elsewhere.",
+                gives_way(
+                    name, place, zones.pick(names), None, reference, words,
+                    family="one place", weight=1 / len(places),
                 )
             )  # fmt: skip
     return effects
 
 
-def _bolt_effects(case: Case, thickness, zones):
-    if not case.joints or isinstance(zones, ContactZones):
-        return (), ()
-    places = _places(case, zones)
-    bolts = places.bolts if len(places.bolts) > 1 else {}
-    weight = 1 / max(len(bolts), 1)
-    effects = [loose_bolt(name, own, thickness, weight) for name, own in bolts.items()]
+def _by_distance(zones: Zones, reference: float | None) -> list[Effect]:
+    """Layers pressed by their bolts, where some are further from them than others."""
+    around = [zone for zone in zones if zone.bolt]
+    if len({zone.distance for zone in around}) < 2:
+        return []
+    return [pressed_by_bolts(around, reference), lost_beyond(around, reference)]
+
+
+def _along_laps(zones: Zones) -> list[Effect]:
+    """The axial stiffness of laps, which the model takes from the beams or the case."""
+    along = {lap.name: lap.along for lap in zones.laps}
+    where = ", ".join(along) if len(along) < 3 else "all laps"
+    places = {where: list(along.values())}
+    if len(along) > 1:
+        places |= {name: [own] for name, own in along.items()}
+    words = "Along the beams the lap is softer or stiffer than the two beams side by side."
+    return [
+        relative_error(
+            "joint axial stiffness", place, [f"{lap}.axial" for lap in laps], _AXIAL, words,
+            span=(1e-3, 1e3), weight=1.0 if place == where else 1 / len(along),
+        )
+        for place, laps in places.items()
+    ]  # fmt: skip
+
+
+def _of_layers_alone(zones: Zones) -> tuple[Silent, ...]:
+    """What layers may have, and joint elements of beams not."""
+    reasons = {} if zones.laps is None else _NOT_OF_LAPS
+    return tuple(Silent(name, reason) for name, reason in reasons.items())
+
+
+def _bolts(case: Case, zones: Zones) -> Group:
+    if zones.by_pressure:
+        return (), ()  # a contact's layer stands for a preload that was solved for
+    by_bolt = {name: zones.pick(own) for name, own in zones.by("bolt").items()}
+    single = by_bolt if len(by_bolt) > 1 else {}
+    weight = 1 / max(len(single), 1)
+    effects = [loose_bolt(name, own, weight) for name, own in single.items()]
     if case.diagnose.joints == "bonded":
+        nominal = "joint is bonded" if zones.laps is None else "lap is as one piece"
         reason = (
-            "the nominal joint is bonded, so that nothing in it depends on the preload; "
+            f"the nominal {nominal}, so that nothing in it depends on the preload; "
             '[diagnose] joints = "given" takes the stiffness that the case gives'
         )
         return effects, (Silent(LOW_PRELOAD, reason),)
-    effects.append(low_preload("joint", places.zones, LOW_PRELOAD))
+    pressed = zones.all if zones.laps is None else sum(by_bolt.values(), ())
+    if not pressed:
+        reason = "no lap has a bolt ([joints.NAME] bolted, or bolts)"
+        return effects, (Silent(LOW_PRELOAD, reason),)
+    effects.append(low_preload("joint", pressed, LOW_PRELOAD))
     name = "preload of one bolt lower than nominal"
-    return [*effects, *(low_preload(b, own, name, weight) for b, own in bolts.items())], ()
+    return [*effects, *(low_preload(b, own, name, weight) for b, own in single.items())], ()
 
 
-def _damping_effects(case: Case, data: TestData):
-    if not case.joints:
-        return (), ()
+def _damping(data: TestData, zones: Zones) -> Group:
     if not has_ratios(data):
         reason = "the test has no damping ratios of known accuracy ([test] damping, damping_noise)"
         return (), tuple(Silent(name, reason) for name in (HYSTERETIC, VISCOUS))
-    zones = tuple(case.joints)
     middle = float(np.exp(np.nanmean(np.log(data.frequencies_hz))))
-    return (hysteretic_damping(zones), viscous_damping(zones, middle)), ()
+    return (hysteretic_damping(zones.all), viscous_damping(zones.all, middle)), ()
+
+
+# -- in parts, around them, and in the test --------------------------------------------------------
+
+
+def _parts(case: Case, data: TestData, zones: Zones) -> list[Effect]:
+    return [_with_laps(effect, case, zones) for effect in _part_effects(case, data)]
+
+
+def _with_laps(effect: Effect, case: Case, zones: Zones) -> Effect:
+    """The same effect, with the stiffness of a lap that is as one piece going with its parts'.
+
+    Args:
+        effect: An error of parts.
+        case: The case.
+        zones: Its joints in zones.
+    """
+    if effect.apply is None or not zones.laps or case.diagnose.joints != "bonded":
+        return effect
+
+    def apply(values, theta, condition):
+        before = lap_as_one(case, zones, values)
+        effect.apply(values, theta, condition)
+        for key, k in lap_as_one(case, zones, values).items():
+            values[key] *= k / before[key]
+
+    return replace(effect, apply=apply)
 
 
 def _part_effects(case: Case, data: TestData) -> list[Effect]:
@@ -300,3 +341,20 @@ def _test_effects(data: TestData):
     if length > 0:
         effects += [misplaced_sensor(int(i), length, 1 / len(read)) for i in read]
     return effects, ()
+
+
+def _missed_modes(data: TestData) -> Group:
+    """Modes of the beams that the test did not find, such as those along them.
+
+    Of beams alone: their model has no torsion and no motion across the plane, and its modes along
+    the beams hardly show in the plane, so that counting modes goes wrong easily.
+    """
+    reasons = {
+        "measured shapes say which mode is which": data.shapes is not None,
+        "damping ratios of one mode more are not predicted": has_ratios(data),
+        "the test is by level, and its modes are followed": data.by_level,
+    }
+    for reason, applies in reasons.items():
+        if applies:
+            return (), (Silent(MISSED, reason),)
+    return tuple(missed_mode(j, data.mode_names) for j in range(len(data.mode_names))), ()

@@ -20,23 +20,11 @@ __all__ = ["sample_ranges", "sample_values"]
 _WIDE = 1.5
 #: Stiffness of supports, Pa/m: of soft mounts, and from which on they are as good as rigid.
 _SUPPORT = (1e9, 1e16)
-#: Least stiffness of a joint's layer, Pa/m.
-_JOINT = 3e8
 
 
-def sample_ranges(
-    case: Case, thickness: Mapping[str, float]
-) -> dict[str, tuple[float, float, bool]]:
-    """Ranges (low, high, log) over which a reduced model must hold, by parameter.
-
-    Args:
-        case: The case.
-        thickness: Layer thickness, m, of the joints whose moduli are to be among them.
-    """
+def sample_ranges(case: Case) -> dict[str, tuple[float, float, bool]]:
+    """Ranges (low, high, log) over which a reduced model must hold, by parameter of no joint."""
     values, ranges = bonded_values(case), {}
-    for name, h in thickness.items():
-        for key in ("E", "G"):
-            ranges[f"{name}.{key}"] = (_JOINT * h, values[f"{name}.{key}"], True)
     for name in case.parts:
         for key, spread in CAUSES.items():
             # Two standard deviations: a basis from nearer samples is too stiff for a plate of

@@ -13,16 +13,15 @@ from fenics_joints.beams.boxes import BeamCells
 from fenics_joints.beams.cells import JOINT_KEYS, log_slopes
 from fenics_joints.case import Case
 from fenics_joints.case.build_beams import build_beams
-from fenics_joints.diagnosis.effects.effect import Effect, Silent
-from fenics_joints.diagnosis.effects.lap_library import beam_effects, beam_nuisances
 from fenics_joints.diagnosis.where.beam_constitutive import beam_constitutive_error
 from fenics_joints.diagnosis.where.constitutive import ConstitutiveError
 from fenics_joints.diagnosis.where.localise import CellMap, mean_residual
 from fenics_joints.diagnosis.where.patches import Patches, PatchMap, split_tests
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
-from fenics_joints.diagnosis.zones.laps import LapZones, lap_as_one, lap_zones
+from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
 from fenics_joints.diagnosis.zones.nominal import bonded_values
 from fenics_joints.diagnosis.zones.partition import partition
+from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
@@ -39,26 +38,9 @@ class BeamSubject:
     case: Case
     comm: MPI.Intracomm
     full: BeamStructure
-    zones: LapZones | None
+    zones: Zones
     baseline: dict[str, float]
     exact = True
-
-    @property
-    def interfaces(self) -> dict[str, dict[str, float]]:
-        """Joint elements half as stiff as nominal, all of them: the median of their prior in
-        series with a lap as one piece."""
-        names = () if self.zones is None else self.zones.names
-        return {zone: {key: self.baseline[f"{zone}.{key}"] for key in _JOINT} for zone in names}
-
-    @property
-    def shown(self) -> dict[str, str]:
-        return {} if self.zones is None else self.zones.shown()
-
-    def effects(self, data: TestData) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
-        return beam_effects(self.case, data, self.zones)
-
-    def nuisances(self) -> tuple[Effect, ...]:
-        return beam_nuisances(self.case, self.zones)
 
     @cached_property
     def cells(self) -> BeamCells:
@@ -87,7 +69,7 @@ class BeamSubject:
         total = -sum(slopes[key] @ residual for key in ("E", *JOINT_KEYS)) / self.cells.volume
         if self.comm.rank != 0:
             return None
-        shown = [self.shown.get(label, label) for label in self.labels]
+        shown = [self.zones.shown.get(label, label) for label in self.labels]
         names = tuple(dict.fromkeys(shown))
         region = np.array([names.index(label) for label in shown])
         largest = float(np.max(np.abs(total)))
@@ -101,7 +83,7 @@ class BeamSubject:
         groups = list(dict.fromkeys(pairs))
         group = np.array([groups.index(pair) for pair in pairs])
         names = [label for label, _ in groups]
-        shown = [self.shown.get(name, name) for name in names]
+        shown = [self.zones.shown.get(name, name) for name in names]
         middles = self.cells.vertices.mean(axis=1)
         return Patches(*partition(middles, self.cells.volume, group, names, shown, n))
 
@@ -112,14 +94,14 @@ class BeamSubject:
         split = self.split(n)
         sums = self._sums(split, modes, pairing)
         yielding = sums if soft is None else self._sums(split, *soft)
-        joints = set() if self.zones is None else set(self.zones.names)
+        joints = set(self.zones.names)
         of_parts = np.stack([EXPECTED[key] * sums[key] for key in ("E", "rho")], axis=-1)
         of_joints = np.stack([-yielding[key] for key in _JOINT], axis=-1)
         columns = {name: of_joints if name in joints else of_parts for name in split.region}
         tests = split_tests(split, columns, joints, evidence, residual, nuisance, by_torque)
         there = self.comm.rank == 0
         return PatchMap(
-            tuple(tests), split.region, split.middle, split.volume, self._bolts(),
+            tuple(tests), split.region, split.middle, split.volume, self.zones.bolts,
             vertices=self.cells.vertices if there else None,
             patch=split.number if there else None, side_view=True,
         )  # fmt: skip
@@ -132,11 +114,6 @@ class BeamSubject:
             found[key] = np.zeros((len(split), by_cell.shape[1]))
             np.add.at(found[key], split.number, by_cell)
         return found
-
-    def _bolts(self) -> np.ndarray:
-        """Places of the bolts, m, (n_bolts, 3)."""
-        x = () if self.zones is None else self.zones.bolts
-        return np.column_stack([x, np.zeros((len(x), 2))])
 
     def constitutive(self, data: TestData, row: int, n: int) -> ConstitutiveError:
         """The error by parts and zones, and by the patches that are tested."""
@@ -157,13 +134,11 @@ def beam_subject(case: Case, comm: MPI.Intracomm) -> BeamSubject:
         InputError: For a value that is out of range, or a bolt beside its lap.
     """
     zones = lap_zones(case)
-    case = case if zones is None else zones.case
     full = build_beams(
-        case, attached=True, width=True, elastic_supports=True,
-        laps=None if zones is None else zones.laps,
-    )  # fmt: skip
-    known = bonded_values(case)
+        zones.case, attached=True, width=True, elastic_supports=True, laps=zones.laps or None,
+    )
+    known = bonded_values(zones.case)
     baseline = {name: known.get(name, p.value) for name, p in full.parameters.items()}
-    if zones is not None and case.diagnose.joints == "bonded":
-        baseline |= lap_as_one(case, zones, baseline)
-    return BeamSubject(case, comm, full, zones, baseline)
+    if zones.laps and case.diagnose.joints == "bonded":
+        baseline |= lap_as_one(zones.case, zones, baseline)
+    return BeamSubject(zones.case, comm, full, zones, baseline)

@@ -14,13 +14,13 @@ from fenics_joints.beams.exact import ExactModel
 from fenics_joints.case import Case
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
-from fenics_joints.diagnosis.effects.library import by_preload
+from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.user import for_zones
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.model.subject import Subject, subject_of, zones_of_joints
-from fenics_joints.diagnosis.zones.contacts import ContactZones
+from fenics_joints.diagnosis.model.subject import Subject, subject_of
+from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
@@ -65,8 +65,8 @@ class Prepared:
         return self.subject.full
 
     @property
-    def zones(self):
-        """How the joints were split; None without joints."""
+    def zones(self) -> Zones:
+        """The joints in zones."""
         return self.subject.zones
 
     @property
@@ -95,7 +95,7 @@ class Prepared:
 
     def region_names(self) -> dict[str, str]:
         """What each zone of a joint or contact is called where zones are shown as one."""
-        return self.subject.shown
+        return self.zones.shown
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:
         """Make the reduced model, or read it from a folder if it is kept there. Collective.
@@ -140,7 +140,7 @@ class Prepared:
     def _samples(self, count: int) -> list[dict[str, float]]:
         """The baseline, some parameters at the ends of their ranges, a Sobol sequence of those that
         are no joint's, and every effect at places of its prior."""
-        ranges = sample_ranges(self.case, {})
+        ranges = sample_ranges(self.case)
         samples = [self.baseline]
         for name in ranges:
             if name.endswith(".thickness"):
@@ -157,15 +157,15 @@ class Prepared:
         samples += [self._sample(ranges, place) for place in places]
         conditions = self.evidence.conditions
         samples += sample_values(self.effects, self.baseline, conditions, count, 2, ranges)
-        return samples if not isinstance(self.zones, ContactZones) else self._cutoffs(samples)
+        return samples + self._cutoffs()
 
-    def _cutoffs(self, samples: list[dict[str, float]]) -> list[dict[str, float]]:
-        """The same and the cut-off between every two zones of a contact once."""
+    def _cutoffs(self) -> list[dict[str, float]]:
+        """The cut-off between every two zones of a contact once."""
         lost = next((e for e in self.effects if [p.name for p in e.priors] == ["cutoff"]), None)
-        found = list(samples)
-        for level in self.zones.low[1:] if lost is not None else ():
+        found = []
+        for zone in self.zones.all[1:] if lost is not None and self.zones.by_pressure else ():
             values = dict(self.baseline)
-            lost.apply(values, {"cutoff": float(level)}, self.data.conditions[0])
+            lost.apply(values, {"cutoff": zone.pressure[0]}, self.data.conditions[0])
             found.append(values)
         return found
 
@@ -203,10 +203,10 @@ def prepare(
     data = case.measurements() if data is None else data
     subject = subject_of(case.diagnosed(), comm, progress)
     case, zones = subject.case, subject.zones
-    effects, silent = subject.effects(data)
-    extra = [for_zones(effect, zones_of_joints(zones)) for effect in extra]
+    effects, silent = case_effects(case, data, zones)
+    extra = [for_zones(effect, zones.by("joint")) for effect in extra]
     return Prepared(
-        case, comm, data, subject, (*effects, *extra), silent, subject.nuisances(),
+        case, comm, data, subject, (*effects, *extra), silent, case_nuisances(case, zones),
         case.diagnose.preload_scatter if by_preload(data) else 0.0,
         evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
     )  # fmt: skip

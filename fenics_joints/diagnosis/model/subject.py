@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,17 +10,14 @@ from mpi4py import MPI
 
 from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.mesh import OffsetBeamsMesh
-from fenics_joints.diagnosis.effects.effect import Effect, Silent
-from fenics_joints.diagnosis.effects.library import case_effects, case_nuisances
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.where.constitutive import ConstitutiveError, constitutive_error
 from fenics_joints.diagnosis.where.localise import CellMap, cell_map, merge_regions
 from fenics_joints.diagnosis.where.patches import PatchMap, patch_tests, patches
-from fenics_joints.diagnosis.where.zone_sensitivity import layer_interfaces
-from fenics_joints.diagnosis.zones.contacts import ContactZones, contact_zones
-from fenics_joints.diagnosis.zones.joints import JointZones, joint_zones
-from fenics_joints.diagnosis.zones.laps import LapZones
+from fenics_joints.diagnosis.zones.contacts import contact_zones
+from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.diagnosis.zones.nominal import bonded_values, layer_thickness
+from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Pairing
@@ -29,7 +25,7 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["SolidSubject", "Subject", "subject_of", "zones_of_joints"]
+__all__ = ["SolidSubject", "Subject", "subject_of"]
 
 
 class Subject(Protocol):
@@ -38,30 +34,16 @@ class Subject(Protocol):
     Attributes:
         case: The case, with a joint section for each zone.
         full: The model, with all that effects need as parameters.
-        zones: How its joints were split; None without joints.
+        zones: Its joints in zones.
         baseline: Parameter values of the nominal model.
-        interfaces: What joints give way by: see `zone_sensitivity.zone_sensitivities`.
-        shown: What each zone of a joint is called where zones are shown as one.
         exact: Whether it is its own reduced model (`ExactModel`), as beams are.
     """
 
     case: Case
     full: object
-    zones: object
+    zones: Zones
     baseline: dict[str, float]
-    interfaces: Mapping[str, Mapping[str, float]]
-    shown: dict[str, str]
     exact: bool
-
-    def effects(self, data: TestData) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
-        """The effects that this case can hold, and those that the test cannot speak of.
-
-        Raises:
-            InputError: If the case asks for an effect that is not there.
-        """
-
-    def nuisances(self) -> tuple[Effect, ...]:
-        """What is known within tolerance only."""
 
     def cell_map(
         self, modes: Modes, pairing: Pairing, evidence: Evidence, nuisance: np.ndarray
@@ -81,54 +63,31 @@ class Subject(Protocol):
 
 @dataclass
 class SolidSubject:
-    """Solid bodies on a mesh of cells; see `Subject`.
-
-    Attributes:
-        thickness: Layer thickness of each joint, m.
-    """
+    """Solid bodies on a mesh of cells; see `Subject`."""
 
     case: Case
     full: Structure
-    zones: ContactZones | JointZones | None
+    zones: Zones
     baseline: dict[str, float]
-    thickness: dict[str, float]
     exact = False
-
-    @property
-    def interfaces(self) -> dict[str, dict[str, float]]:
-        return layer_interfaces(self.thickness)
-
-    @property
-    def shown(self) -> dict[str, str]:
-        if isinstance(self.zones, ContactZones):
-            return dict.fromkeys(self.zones.names, self.zones.contact)
-        if isinstance(self.zones, JointZones):
-            return dict(zip(self.zones.names, self.zones.joint, strict=True))
-        return {}
-
-    def effects(self, data: TestData) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
-        return case_effects(self.case, data, self.thickness, self.zones)
-
-    def nuisances(self) -> tuple[Effect, ...]:
-        return case_nuisances(self.case)
 
     def cell_map(self, modes, pairing, evidence, nuisance) -> CellMap | None:
         found = cell_map(self.full, modes, pairing, evidence, nuisance)
-        return None if found is None else merge_regions(found, self.shown)
+        return None if found is None else merge_regions(found, self.zones.shown)
 
     def patches(
         self, modes, pairing, evidence, residual, nuisance, n, *, soft, by_torque
     ) -> PatchMap:
         return patch_tests(
             self.full, modes, pairing, evidence, residual, nuisance, n,
-            soft=soft, by_torque=by_torque, merged=self.shown,
+            soft=soft, by_torque=by_torque, merged=self.zones.shown,
         )  # fmt: skip
 
     def constitutive(self, data: TestData, row: int, n: int) -> ConstitutiveError | None:
         there = np.isfinite(data.frequencies_hz[row])
         return constitutive_error(
             self.full, self.baseline, data.shapes[:, there], data.frequencies_hz[row][there],
-            data.sensors, split=patches(self.full, n, self.shown), noise=data.shape_noise,
+            data.sensors, split=patches(self.full, n, self.zones.shown), noise=data.shape_noise,
         )  # fmt: skip
 
 
@@ -149,30 +108,19 @@ def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
                 f"{case.path}: joints.{name}.law = 'transition': expected a layer with E and G in "
                 "a diagnosis, such as law = 'isotropic'"
             )
-    zones = None
+    zones = Zones(case)
     if case.contacts:
         progress.step("contact under preload")
         zones = contact_zones(case, comm, case.diagnose.zones)
     progress.step("building the model")
-    if zones is None and case.joints:
+    if not len(zones) and case.joints:
         zones = joint_zones(case, build_mesh(case, comm))
-    case = case if zones is None else zones.case
     full = build_structure(
-        case, comm, law="uncoupled", attached=True, width=True, elastic_supports=True,
-        tagged=None if zones is None else zones.tagged,
+        zones.case, comm, law="uncoupled", attached=True, width=True, elastic_supports=True,
+        tagged=zones.tagged,
     )  # fmt: skip
-    bonded = bonded_values(case)
+    bonded = bonded_values(zones.case)
     baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
-    return SolidSubject(case, full, zones, baseline, layer_thickness(full))
-
-
-def zones_of_joints(
-    zones: ContactZones | JointZones | LapZones | None,
-) -> dict[str, tuple[str, ...]]:
-    """Names of the zones that each joint or contact of the case is in."""
-    if isinstance(zones, ContactZones):
-        return {zones.contact: zones.names}
-    found: dict[str, tuple[str, ...]] = {}
-    for joint, name in zip(zones.joint, zones.names, strict=True) if zones is not None else ():
-        found[joint] = (*found.get(joint, ()), name)
-    return found
+    return SolidSubject(
+        zones.case, full, zones.with_thickness(layer_thickness(full)), baseline
+    )

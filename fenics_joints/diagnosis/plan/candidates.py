@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.library import case_effects
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.model.prepared import Prepared
@@ -175,7 +176,7 @@ class Candidates:
             m.data, conditions=np.array([at / 2, at]), damping=None, shapes=None, shapes_at=None,
             frequencies_hz=np.repeat(m.data.frequencies_hz, 2, axis=0),
         )  # fmt: skip
-        effects, _ = m.subject.effects(two)
+        effects, _ = case_effects(m.case, two, m.zones)
         return {e.key: e for e in effects}
 
     def _damping(self) -> list[Candidate]:

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.diagnosis.effects.joint import compliance
+from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED, EXPONENT, trend
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest, zone_tests
 from fenics_joints.diagnosis.zones.nominal import layer_thickness
 from fenics_joints.diagnosis.zones.partition import partition
+from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
@@ -304,10 +305,8 @@ def _by_property(structure, modes: Modes, pairing: Pairing, split: Patches) -> d
 
 def _given_way(q: Mapping, name: str, thickness) -> tuple[float, float]:
     """Change of ln E and ln G by an interface of the expected stiffness, to first order."""
-    effect = compliance(
-        "", "", (name,), thickness, normal=True, tangential=True, reference=None, describe=""
-    )
-    soft = [prior.median * thickness[name] for prior in effect.priors]
+    zone = Zone(name, thickness=thickness[name])
+    soft = interfaces([zone], dict.fromkeys(zone.parameters(), 0.0))[name].values()
     # A graded layer has no one modulus: there the direction counts, as it does in the tests.
     return tuple(-q.get(key, k) / k for key, k in zip(("E", "G"), soft, strict=True))
 

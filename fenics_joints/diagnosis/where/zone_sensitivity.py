@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series, relative_error
-from fenics_joints.diagnosis.effects.joint import compliance
 from fenics_joints.diagnosis.effects.rig import support_compliance
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
@@ -15,7 +14,7 @@ from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.forward import Forward
 
 __all__ = [
-    "EXPECTED", "EXPONENT", "given_way", "layer_interfaces", "trend", "zone_sensitivities",
+    "EXPECTED", "EXPONENT", "given_way", "trend", "zone_sensitivities",
 ]  # fmt: skip
 
 #: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too,
@@ -61,7 +60,7 @@ def zone_sensitivities(
         regions: Names of the model's regions, masses and springs; or, by a zone's name, those that
             are one zone.
         interfaces: For each joint the stiffness of an interface of the expected stiffness, by the
-            parameter that it is in series with (`layer_interfaces`); what is not in it is no joint.
+            parameter that it is in series with (`effects.joint.interfaces`); others are no joints.
         by_torque: Whether the conditions are torques, by which joints may stiffen.
 
     Returns:
@@ -83,22 +82,6 @@ def zone_sensitivities(
         if by_torque and len(evidence.conditions) > 1:
             columns[zone].append(EXPONENT * trend(evidence) * change)
     return {zone: np.array(columns[zone]).T for zone in regions if zone in columns}
-
-
-def layer_interfaces(thickness: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Interfaces of the prior's median stiffness, as moduli of thin layers.
-
-    Args:
-        thickness: Layer thickness, m, of each joint.
-
-    Returns:
-        By joint E and G, Pa, that put in series with the layer's are the interface.
-    """
-    effect = compliance(
-        "", "", (), thickness, normal=True, tangential=True, reference=None, describe=""
-    )
-    normal, tangential = (prior.median for prior in effect.priors)
-    return {joint: {"E": normal * h, "G": tangential * h} for joint, h in thickness.items()}
 
 
 def given_way(

@@ -9,7 +9,7 @@ mass is put on the faces under the washers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import dolfinx.mesh
 import numpy as np
@@ -19,12 +19,13 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case, build_mesh, build_preload
 from fenics_joints.case.sections import Joint, MassSection
+from fenics_joints.diagnosis.zones.zone import Zone, Zones
 from fenics_joints.errors import InputError
 from fenics_joints.forms import lame_parameters
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.preload import PreloadModel, solve_preload
 
-__all__ = ["ContactZones", "contact_zones"]
+__all__ = ["contact_zones"]
 
 #: Thickness of the layer, relative to the shortest edge of the interface: thin enough that one as
 #: stiff as the bodies is as good as none.
@@ -33,43 +34,18 @@ _THIN = 0.1
 _OPEN = 1e-9
 
 
-@dataclass(frozen=True)
-class ContactZones:
-    """A case with its contact as zones of a layer.
-
-    Attributes:
-        case: The case with a joint for each zone, and neither contacts nor bolts.
-        tagged: Its mesh.
-        contact: Name of the contact.
-        names: Names of the zones, by ascending pressure; the first is open if any part is.
-        low: Least pressure in each zone, Pa, (n,).
-        high: Largest pressure in each zone, Pa, (n,), the next one's least.
-        area: Area of each zone, m2, (n,).
-        thickness: Thickness of the layer, m.
-    """
-
-    case: Case
-    tagged: TaggedMesh
-    contact: str
-    names: tuple[str, ...]
-    low: np.ndarray
-    high: np.ndarray
-    area: np.ndarray
-    thickness: float
-
-    @property
-    def pressure(self) -> np.ndarray:
-        """Middle of each zone's range, Pa, (n,)."""
-        return 0.5 * (self.low + self.high)
-
-
-def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = 12) -> ContactZones:
+def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = 12) -> Zones:
     """Solve a case's preload and make the zones. Collective.
 
     Args:
         case: A case with one contact that can open, whose mesh builder can make a layer.
         comm: Communicator.
         n_zones: Zones of equal area where the contact is pressed; one more where it is open.
+
+    Returns:
+        Zones by ascending pressure, each with its least and largest, the next one's least; the
+        first is open, without any, if a part of the contact is. Neither contacts nor bolts are
+        left in their case.
 
     Raises:
         InputError: If the case has another number of contacts, or another mesh.
@@ -100,7 +76,11 @@ def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = 12) -> Contact
     )  # fmt: skip
     tagged = _split(build_mesh(made, comm), middles, zone, labels)
     made = made.model_copy(update={"joints": _joints(case, labels)})
-    return ContactZones(made, tagged, names[0], labels, low, high, area, thickness)
+    rows = zip(labels, low.tolist(), high.tolist(), area.tolist(), strict=True)
+    return Zones(made, tuple(
+        Zone(label, thickness=thickness, joint=names[0], shown=names[0], pressure=(a, b), area=size)
+        for label, a, b, size in rows
+    ), tagged)  # fmt: skip
 
 
 def _zones(pressure: np.ndarray, area: np.ndarray, n: int):

@@ -18,10 +18,12 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case
 from fenics_joints.case.sections import Joint
+from fenics_joints.diagnosis.zones.places import Row, placed
+from fenics_joints.diagnosis.zones.zone import Zones, check_names
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["JointZones", "joint_zones"]
+__all__ = ["joint_zones"]
 
 #: Points of a builder that are axes of bolts.
 _BOLT_POINTS = ("bolts", "bolt")
@@ -29,35 +31,6 @@ _BOLT_POINTS = ("bolts", "bolt")
 _SAME = 1e-6
 #: Cells that a ring has at a bolt on average, at least.
 _CELLS = 2
-
-
-@dataclass(frozen=True)
-class JointZones:
-    """A case with its joints in zones.
-
-    Attributes:
-        case: The case with a joint section for each zone.
-        tagged: Its mesh, the cells tagged by zone.
-        names: Names of the zones: ``JOINT_b2_r1`` is at bolt 2, ring 1 the innermost;
-            ``JOINT_r1`` where there is one bolt; ``JOINT`` where there is none.
-        joint: Name of the original joint of each zone.
-        bolt: Label of the bolt of each zone, such as ``"b2"``; ``""`` for a joint without.
-        ring: Number of the ring of each zone, 1 the innermost; 0 for a joint without bolts.
-        distance: Least and largest distance of the middles of the zone's cells from the bolt's
-            axis, m, (n, 2); nan for a joint without bolts.
-        area: Area of each zone, m2, (n,).
-        axis: A point on the axis of each zone's bolt, m, (n, 3); nan for a joint without bolts.
-    """
-
-    case: Case
-    tagged: TaggedMesh
-    names: tuple[str, ...]
-    joint: tuple[str, ...]
-    bolt: tuple[str, ...]
-    ring: tuple[int, ...]
-    distance: np.ndarray
-    area: np.ndarray
-    axis: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -89,7 +62,7 @@ class _Layer:
         return np.linalg.norm(off, axis=2)
 
 
-def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> JointZones:
+def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> Zones:
     """Split the joints of a case by nearest bolt and by distance to it. Collective.
 
     Bolts are those of ``[joints.NAME] bolts``, else the mesh builder's that pass through the joint;
@@ -100,6 +73,10 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> JointZones:
         tagged: Its mesh.
         rings: Rings of the joint with the largest area per bolt; others have fewer, so that all
             zones are about as large, and none has more than its cells allow.
+
+    Returns:
+        Zones named ``JOINT_b2_r1`` at bolt 2, ring 1 the innermost; ``JOINT_r1`` where there is one
+        bolt; ``JOINT`` where there is none.
 
     Raises:
         InputError: If ``rings`` is below 1, a bolt is outside its joint, or a zone's name is taken.
@@ -112,13 +89,12 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> JointZones:
     per_bolt = {n: layers[n].areas.sum() / len(b) for n, b in bolts.items() if len(b)}
     largest = max(per_bolt.values(), default=0.0)
     values = tagged.cell_tags.values.copy()
-    sections, found = {}, []
+    sections, rows = {}, []
     names, first = dict(tagged.cell_names), max(tagged.cell_names.values())
     for name, layer in layers.items():
         if not len(bolts[name]):
             sections[name] = layer.section
-            nowhere = (np.nan, np.nan), layer.areas.sum(), [np.nan] * 3
-            found.append((name, name, "", 0, *nowhere))
+            rows.append(Row(name, name, area=float(layer.areas.sum())))
             continue
         count = min(
             max(1, round(rings * per_bolt[name] / largest)),
@@ -127,22 +103,19 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> JointZones:
         split = _split(name, layer, bolts[name], count)
         for cells in layer.section.cells:
             del names[cells]
-        for zone, local, *rest in split:
+        for row, local in split:
             first += 1
-            names[zone] = first
-            values[np.searchsorted(tagged.cell_tags.indices, local)] = names[zone]
-            sections[zone] = layer.section.model_copy(update={"cells": [zone], "bolts": None})
-            found.append((zone, name, *rest))
-    _check_names(case, [row[0] for row in found])
+            names[row.name] = first
+            values[np.searchsorted(tagged.cell_tags.indices, local)] = first
+            update = {"cells": [row.name], "bolts": None}
+            sections[row.name] = layer.section.model_copy(update=update)
+            rows.append(row)
+    check_names(case, [row.name for row in rows], "a joint")
     tags = tagged.cell_tags
     new = dolfinx.mesh.meshtags(tagged.mesh, tags.dim, tags.indices, values)
-    columns = zip(*found, strict=True) if found else [()] * 7
-    zones, joint, bolt, ring, distance, area, axis = columns
-    return JointZones(
-        case.model_copy(update={"joints": sections}),
+    return placed(
+        case.model_copy(update={"joints": sections}), rows,
         replace(tagged, cell_tags=new, cell_names=names),
-        zones, joint, bolt, ring, np.array(distance).reshape(-1, 2), np.array(area, dtype=float),
-        np.array(axis, dtype=float).reshape(-1, 3),
     )  # fmt: skip
 
 
@@ -194,8 +167,8 @@ def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _Layer) -> np.ndarr
     return points
 
 
-def _split(name: str, layer: _Layer, bolts: np.ndarray, count: int) -> list[tuple]:
-    """Rows (zone, local cells, bolt, ring, distances, area, axis) of the zones of a joint."""
+def _split(name: str, layer: _Layer, bolts: np.ndarray, count: int) -> list[tuple[Row, np.ndarray]]:
+    """The zones of a joint, each with its local cells."""
     nearest, distance = _nearest(layer, bolts)
     edges = _radii(distance, layer.areas, count)
     ring = np.searchsorted(edges, distance)
@@ -208,10 +181,9 @@ def _split(name: str, layer: _Layer, bolts: np.ndarray, count: int) -> list[tupl
             if not mask.any():
                 continue
             zone = f"{name}_r{r + 1}" if len(bolts) == 1 else f"{name}_b{b + 1}_r{r + 1}"
-            local = layer.cells[mask[place]]
-            span = distance[mask].min(), distance[mask].max()
-            area = layer.areas[mask].sum()
-            rows.append((zone, local, f"b{b + 1}", r + 1, span, area, bolts[b]))
+            span = float(distance[mask].min()), float(distance[mask].max())
+            row = Row(zone, name, float(layer.areas[mask].sum()), b + 1, r + 1, span, bolts[b])
+            rows.append((row, layer.cells[mask[place]]))
     return rows
 
 
@@ -244,14 +216,3 @@ def _radii(distance: np.ndarray, area: np.ndarray, count: int) -> np.ndarray:
     last = np.flatnonzero(np.diff(bins) > 0)
     ends = np.searchsorted(level, last, side="right")
     return 0.5 * (d[ends - 1] + d[ends])
-
-
-def _check_names(case: Case, zones: list[str]) -> None:
-    tables = ("parts", "contacts", "bolts", "masses", "springs", "attached", "supports")
-    taken = {name for table in tables for name in getattr(case, table)}
-    for zone in zones:
-        if zone in taken or zones.count(zone) > 1:
-            raise InputError(
-                f"{case.path}: the name {zone!r} is needed for a zone of a joint; expected no "
-                "other section of that name"
-            )

@@ -2,99 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.case.build_beams import ZonedLap, lap_axial, lap_name
+from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, Grading, Zone, Zones, check_names
 from fenics_joints.errors import InputError
 
-__all__ = ["LapZones", "lap_as_one", "lap_zones"]
+__all__ = ["lap_as_one", "lap_zones"]
 
 #: Zones of a lap at most.
 _ZONES = 5
-#: Distances from the bolt closer than this, relative to the lap, are equal by symmetry.
+#: Distances from the bolt closer than this, relative to the laps, are equal by symmetry.
 _SAME = 1e-3
 
 
-@dataclass(frozen=True)
-class LapZones:
-    """A case with the joint elements of its laps in zones.
-
-    Attributes:
-        case: The case with a joint section for each zone.
-        laps: Its laps, by which zone each of their elements is in.
-        names: Names of the zones: ``JOINT_s2`` is the second from the left.
-        joint: Name of the original joint of each zone.
-        lap: Name of the lap of each zone.
-        middle: Places of the middles of the zones' elements, m, on average, (n,).
-        bolts: Places of the bolts, m, ascending, (n_bolts,).
-        bolt: Number of the nearest bolt of the same lap of each zone, from 0; -1 without one.
-        distance: Mean distance of the zone's elements from it, m, (n,); from the middle of a lap
-            that has no bolt.
-    """
-
-    case: Case
-    laps: tuple[ZonedLap, ...]
-    names: tuple[str, ...]
-    joint: tuple[str, ...]
-    lap: tuple[str, ...]
-    middle: np.ndarray
-    bolts: np.ndarray
-    bolt: tuple[int, ...]
-    distance: np.ndarray
-
-    @property
-    def symmetric(self) -> dict[str, tuple[str, ...]]:
-        """Zones by their `distance`, the nearest first, by the group's name.
-
-        Zones that are equally far, as on either side of a bolt, are in one group.
-        """
-        size = _SAME * max(float(np.ptp(self.middle)), 1e-12)
-        groups: list[tuple[float, list[str]]] = []
-        for i in np.argsort(self.distance, kind="stable"):
-            if not groups or self.distance[i] > groups[-1][0] + size:
-                groups.append((float(self.distance[i]), []))
-            groups[-1][1].append(self.names[i])
-        return {f"at {1e3 * d:.4g} mm": tuple(names) for d, names in groups}
-
-    @property
-    def by_lap(self) -> dict[str, tuple[str, ...]]:
-        """Zones of each lap."""
-        return _by(self.names, self.lap)
-
-    @property
-    def by_bolt(self) -> dict[str, tuple[str, ...]]:
-        """Zones nearest to each bolt, by its name."""
-        near = [(n, f"bolt {b + 1}") for n, b in zip(self.names, self.bolt, strict=True) if b >= 0]
-        return _by(*zip(*near, strict=True)) if near else {}
-
-    @property
-    def words(self) -> dict[str, str]:
-        """What each zone is called in the names of parameters: ``lap stretch 2``."""
-        found = {}
-        for lap in self.laps:
-            for i, zone in enumerate(dict.fromkeys(lap.zones)):
-                split = zone == _zone(lap.name, i)
-                found[zone] = f"{lap.name} stretch {i + 1}" if split else zone
-        return found
-
-    def shown(self) -> dict[str, str]:
-        """What each zone, and each lap along the beams, is called where zones are shown as one."""
-        return dict(zip(self.names, self.lap, strict=True)) | {p.along: p.name for p in self.laps}
-
-
-def _by(names, labels) -> dict[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = {}
-    for name, label in zip(names, labels, strict=True):
-        found[label] = (*found.get(label, ()), name)
-    return found
-
-
-def lap_zones(case: Case) -> LapZones | None:
-    """Split the laps of a case with beams into zones of joint elements; None without laps.
+def lap_zones(case: Case) -> Zones:
+    """Split the laps of a case with beams into zones of joint elements.
 
     A lap of one joint section is split into five zones, or as many as it has elements, which are
     as good as equal and symmetric; one of several sections keeps these as its zones. Bolts are
@@ -105,8 +32,10 @@ def lap_zones(case: Case) -> LapZones | None:
             sections has an axial stiffness.
     """
     owners = {cell: name for name, joint in case.joints.items() for cell in joint.cells}
-    laps, rows, sections = [], {}, {}
+    laps, found, sections = [], {}, {}
     bolts: list[float] = []
+    middles: list[float] = []
+    interface = LAP if case.diagnose.joints == "bonded" else GIVEN_LAP
     _check_bolts(case, owners)
     for cells, (start, length) in zip(case.mesh.lap_cells(), _laps(case), strict=True):
         joints = [owners[cell] for cell in cells]
@@ -114,25 +43,49 @@ def lap_zones(case: Case) -> LapZones | None:
         zones = tuple(joints) if len(set(joints)) > 1 else tuple(_split(label, len(cells)))
         places = start + length / len(cells) * (np.arange(len(cells)) + 0.5)
         own = _bolts(case, joints, start, length)
-        for zone in dict.fromkeys(zones):
+        for number, zone in enumerate(dict.fromkeys(zones)):
             there = np.array([z == zone for z in zones])
             joint = joints[int(np.argmax(there))]
             away = np.abs(places[there, None] - np.array(own or [start + length / 2]))
             i = int(np.argmin(away.mean(axis=0)))
-            number = len(bolts) + i if own else -1
-            rows[zone] = (joint, label, places[there].mean(), number, away[:, i].mean())
+            # On average: a zone's elements on both sides of a bolt are as far as the mean of them.
+            distance = float(away[:, i].mean())
+            found[zone] = Zone(
+                zone, interface, joint=joint, shown=label, distance=(distance, distance),
+                bolt=f"bolt {len(bolts) + i + 1}" if own else "",
+                label=f"{label} stretch {number + 1}" if zone == _zone(label, number) else zone,
+            )  # fmt: skip
+            middles.append(places[there].mean())
             update = {"cells": [zone], "k_axial": None}
             sections[zone] = case.joints[joint].model_copy(update=update)
         bolts += own
         laps.append(ZonedLap(label, zones, _axial(case, joints)))
     if not laps:
-        return None
-    _check_names(case, sections)
-    joint, lap, middle, bolt, distance = zip(*rows.values(), strict=True)
-    return LapZones(
-        case.model_copy(update={"joints": sections}), tuple(laps), tuple(rows), joint, lap,
-        np.array(middle), np.array(bolts), bolt, np.array(distance),
+        return Zones(case, laps=())
+    check_names(case, sections, "a lap")
+    zoned = Zones(
+        case.model_copy(update={"joints": sections}), tuple(found.values()), laps=tuple(laps),
+        gradings=tuple(_gradings(
+            found.values(), float(np.ptp(middles)), "bolt" if bolts else "middle of the lap"
+        )),
+        bolts=np.column_stack([bolts, np.zeros((len(bolts), 2))]),
     )  # fmt: skip
+    by_lap = zoned.by("shown")
+    return replace(zoned, places={"lap": by_lap} if len(by_lap) > 1 else {})
+
+
+def _gradings(zones: Collection[Zone], size: float, origin: str) -> Iterator[Grading]:
+    """By the distance from the bolts, those equally far on either side together; and each alone."""
+    groups: list[tuple[float, list[str]]] = []
+    for zone in sorted(zones, key=lambda zone: zone.distance[0]):
+        if not groups or zone.distance[0] > groups[-1][0] + _SAME * max(size, 1e-12):
+            groups.append((zone.distance[0], []))
+        groups[-1][1].append(zone.name)
+    symmetric = {f"at {1e3 * d:.4g} mm": tuple(names) for d, names in groups}
+    if len(symmetric) > 1:
+        yield Grading(f"by the distance from the {origin}", symmetric)
+    if len(zones) > len(symmetric):
+        yield Grading("zone by zone", {zone.label: (zone.name,) for zone in zones})
 
 
 def _laps(case: Case) -> list[tuple[float, float]]:
@@ -185,18 +138,7 @@ def _check_bolts(case: Case, owners: Mapping[str, str]) -> None:
                 )
 
 
-def _check_names(case: Case, zones) -> None:
-    tables = ("parts", "masses", "springs", "attached", "supports")
-    taken = {name for table in tables for name in getattr(case, table)}
-    for zone in zones:
-        if zone in taken:
-            raise InputError(
-                f"{case.path}: the name {zone!r} is needed for a zone of a lap; expected no other "
-                "section of that name"
-            )
-
-
-def lap_as_one(case: Case, laps: LapZones, values: Mapping[str, float]) -> dict[str, float]:
+def lap_as_one(case: Case, zones: Zones, values: Mapping[str, float]) -> dict[str, float]:
     """k1 and k2, N m, of the joint elements of each zone if its two beams were one piece.
 
     The bending and shear stiffness of both sections about their common neutral axis, in eq. 2 of
@@ -204,13 +146,13 @@ def lap_as_one(case: Case, laps: LapZones, values: Mapping[str, float]) -> dict[
 
     Args:
         case: The case.
-        laps: Its laps.
+        zones: Its laps in zones.
         values: Values of the parts' parameters.
     """
     mesh, found = case.mesh, {}
     owners = {cell: name for name, part in case.parts.items() for cell in part.cells}
     sizes = list(zip(mesh.of("width"), mesh.of("thickness"), strict=True))
-    for i, (lap, length) in enumerate(zip(laps.laps, mesh.of("laps"), strict=True)):
+    for i, (lap, length) in enumerate(zip(zones.laps, mesh.of("laps"), strict=True)):
         L = length / len(lap.zones)
         sections = []
         for j in (i, i + 1):

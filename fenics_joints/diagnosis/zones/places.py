@@ -1,16 +1,17 @@
-"""Where in its joints an effect can act: all over, at one joint, at one bolt, at a distance."""
+"""Where in its layers an effect can act: all over, at one joint, at one bolt, at a distance."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.case import Case
-from fenics_joints.diagnosis.zones.joints import JointZones
+from fenics_joints.case.case import Case
+from fenics_joints.diagnosis.zones.zone import Grading, Zone, Zones
+from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["JointPlaces", "joint_places"]
+__all__ = ["Row", "placed"]
 
 #: Groups of rings at most, as each has stiffnesses of its own.
 _GROUPS = 4
@@ -19,93 +20,90 @@ _SAME = 1e-3
 
 
 @dataclass(frozen=True)
-class JointPlaces:
-    """The zones of a case's joints, by place.
+class Row:
+    """A zone of a layer before it is known which bolts and joints are one.
 
     Attributes:
-        zones: Names of all of them.
-        joints: Zones of each joint on its own: layers that no bolt holds together with another.
-        bolts: Zones of each bolt, by its name, such as ``bolt 2``; empty where no zone has a bolt.
-        distance: Least and largest distance of each zone from its bolt, m, (n, 2); nan without.
-        away: Zones away from the bolts, and their joints' names.
-        groups: Zones by their distance from the bolts, in a few groups.
+        name: Its name.
+        joint: The joint's.
+        area: m2.
+        bolt: Number of its bolt in the joint, from 1; 0 for a joint without.
+        ring: Number of its ring, 1 the innermost.
+        distance: Least and largest distance of its cells' middles from the bolt's axis, m.
+        axis: A point on that axis, m, (3,).
     """
 
-    zones: tuple[str, ...]
-    joints: dict[str, tuple[str, ...]]
-    bolts: dict[str, tuple[str, ...]]
-    distance: np.ndarray
-    away: tuple[tuple[str, ...], tuple[str, ...]]
-    groups: dict[str, tuple[str, ...]]
-
-    @property
-    def around(self) -> tuple[tuple[str, ...], np.ndarray]:
-        """The zones that have a bolt, and their distances from it, m, (k, 2)."""
-        there = np.isfinite(self.distance[:, 0])
-        return tuple(np.array(self.zones, dtype=object)[there]), self.distance[there]
-
-    def single(self) -> Mapping[str, Mapping[str, tuple[str, ...]]]:
-        """Zones of each single place by kind, ``joint`` or ``bolt``, where there are several."""
-        kinds = {"joint": self.joints, "bolt": self.bolts}
-        seen, found = {frozenset(self.away[0])}, {}
-        for kind, places in kinds.items():
-            new = {k: zones for k, zones in places.items() if frozenset(zones) not in seen}
-            if len(places) > 1 and new:
-                found[kind] = new
-                seen |= {frozenset(zones) for zones in new.values()}
-        return found
+    name: str
+    joint: str
+    area: float = np.nan
+    bolt: int = 0
+    ring: int = 0
+    distance: tuple[float, float] = (np.nan, np.nan)
+    axis: Sequence[float] = (np.nan,) * 3
 
 
-def joint_places(case: Case, zones: JointZones | None) -> JointPlaces:
-    """The places of a case's joints.
+def placed(case: Case, rows: Sequence[Row], tagged: TaggedMesh | None = None) -> Zones:
+    """The zones of a case's layers with the places in which an effect can act.
 
     Args:
         case: The case, with a joint section for each zone.
-        zones: How its joints were split; None if they were not.
+        rows: The zones, joint by joint.
+        tagged: Its mesh.
     """
-    names = tuple(case.joints)
-    bolted = {name for name, section in case.joints.items() if section.bolted}
-    if zones is None:
-        alone = {name: (name,) for name in names}
-        away = tuple(n for n in names if n not in bolted) if bolted else ()
-        nowhere = np.full((len(names), 2), np.nan)
-        return JointPlaces(names, alone, {}, nowhere, (away, away), alone)
-    labels = _labels(zones)
-    away = _away(zones, bolted)
-    owner = dict(zip(zones.names, zones.joint, strict=True))
-    where = tuple(dict.fromkeys(owner[name] for name in away))
-    bolts = _by(names, labels)
-    bolts.pop("", None)
-    joints = _by(names, _held_together(zones.joint, labels))
-    return JointPlaces(names, joints, bolts, zones.distance, (away, where), _groups(zones))
+    labels = _labels(case, rows)
+    bolted = {row.name for row in rows if case.joints[row.name].bolted}
+    groups = _groups(rows)
+    zones = tuple(
+        Zone(r.name, joint=r.joint, shown=r.joint, bolt=label, distance=r.distance, area=r.area)
+        for r, label in zip(rows, labels, strict=True)
+    )
+    # Zones that are not under bolts: those of the joints that say so, else all but the innermost.
+    away = tuple(
+        r.name for r in rows
+        if (r.name not in bolted if bolted else r.bolt and r.ring > 1)
+    )  # fmt: skip
+    gradings = (Grading("from zone to zone", groups),) if len(groups) > 1 else ()
+    joints = _by(zip(rows, _held_together(rows, labels), strict=True))
+    bolts = _by((row, label) for row, label in zip(rows, labels, strict=True) if label)
+    places = _single({"joint": joints, "bolt": bolts}, away)
+    return Zones(case, zones, tagged, None, places, away, gradings)
 
 
-def _by(names, labels) -> dict[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = {}
-    for name, label in zip(names, labels, strict=True):
-        found[label] = (*found.get(label, ()), name)
+def _single(kinds: Mapping[str, Mapping[str, tuple[str, ...]]], away: tuple[str, ...]):
+    """Zones of each single place by kind, where there are several, and no place twice."""
+    seen, found = {frozenset(away)}, {}
+    for kind, places in kinds.items():
+        new = {k: zones for k, zones in places.items() if frozenset(zones) not in seen}
+        if len(places) > 1 and new:
+            found[kind] = new
+            seen |= {frozenset(zones) for zones in new.values()}
     return found
 
 
-def _labels(zones: JointZones) -> list[str]:
+def _by(pairs: Iterable[tuple[Row, str]]) -> dict[str, tuple[str, ...]]:
+    found: dict[str, tuple[str, ...]] = {}
+    for row, label in pairs:
+        found[label] = (*found.get(label, ()), row.name)
+    return found
+
+
+def _labels(case: Case, rows: Sequence[Row]) -> list[str]:
     """The name of the bolt of each zone: bolts of several joints are one if they are in line."""
-    scale = _SAME * np.nanmax(zones.distance, initial=0.0)
+    scale = _SAME * max((r.distance[1] for r in rows if r.bolt), default=0.0)
     known: list[tuple[np.ndarray, str]] = []
     labels = []
-    for label, joint, axis, name in zip(
-        zones.bolt, zones.joint, zones.axis, zones.names, strict=True
-    ):
-        if not label:
+    for row in rows:
+        if not row.bolt:
             labels.append("")
             continue
-        normal = np.asarray(zones.case.joints[name].normal, dtype=float)
-        normal = normal / np.linalg.norm(normal)
+        normal = np.asarray(case.joints[row.name].normal, dtype=float)
+        normal, axis = normal / np.linalg.norm(normal), np.asarray(row.axis, dtype=float)
         there = (_off(axis - point, normal) for point, _ in known)
         same = next((k for k, off in enumerate(there) if off <= scale), None)
         if same is None:
-            words = f"bolt {label.removeprefix('b')}"
+            words = f"bolt {row.bolt}"
             taken = words in (other for _, other in known)
-            known.append((axis, f"{joint} {words}" if taken else words))
+            known.append((axis, f"{row.joint} {words}" if taken else words))
             same = -1
         labels.append(known[same][1])
     return labels
@@ -116,9 +114,9 @@ def _off(vector: np.ndarray, normal: np.ndarray) -> float:
     return float(np.linalg.norm(vector - (vector @ normal) * normal))
 
 
-def _held_together(joints, labels) -> list[str]:
+def _held_together(rows: Sequence[Row], labels: Sequence[str]) -> list[str]:
     """For each zone the joints that it is one with: those that share a bolt."""
-    parent = {joint: joint for joint in joints}
+    parent = {row.joint: row.joint for row in rows}
 
     def root(joint):
         while parent[joint] != joint:
@@ -126,45 +124,30 @@ def _held_together(joints, labels) -> list[str]:
         return joint
 
     first: dict[str, str] = {}
-    for joint, label in zip(joints, labels, strict=True):
+    for row, label in zip(rows, labels, strict=True):
         if label:
-            parent[root(joint)] = root(first.setdefault(label, joint))
+            parent[root(row.joint)] = root(first.setdefault(label, row.joint))
     members = {}
     for joint in parent:
         members.setdefault(root(joint), []).append(joint)
-    return [", ".join(members[root(joint)]) for joint in joints]
+    return [", ".join(members[root(row.joint)]) for row in rows]
 
 
-def _away(zones: JointZones, bolted: set[str]) -> tuple[str, ...]:
-    """Zones that are not under bolts: those of the joints that say so, else all but the innermost
-    rings."""
-    if bolted:
-        return tuple(name for name in zones.names if name not in bolted)
-    rings = zip(zones.names, zones.bolt, zones.ring, strict=True)
-    return tuple(name for name, bolt, ring in rings if bolt and ring > 1)
-
-
-def _groups(zones: JointZones) -> dict[str, tuple[str, ...]]:
+def _groups(rows: Sequence[Row]) -> dict[str, tuple[str, ...]]:
     """Zones in a few groups by distance; a joint without bolts is a group of its own."""
-    found = {
-        joint: (name,)
-        for name, joint, bolt in zip(zones.names, zones.joint, zones.bolt, strict=True)
-        if not bolt
-    }
-    bands = _bands(zones)
+    found = {row.joint: (row.name,) for row in rows if not row.bolt}
+    bands = _bands(rows)
     parts = np.array_split(np.arange(len(bands)), _GROUPS)
     parts = [[name for k in part for name in bands[k]] for part in parts if len(part)]
     return {f"ring {i + 1}": tuple(part) for i, part in enumerate(parts)} | found
 
 
-def _bands(zones: JointZones) -> list[list[str]]:
+def _bands(rows: Sequence[Row]) -> list[list[str]]:
     """Zones in bands of distances that do not overlap, from the bolts outwards."""
     bands, end = [], -np.inf
-    for k in np.argsort(zones.distance.mean(axis=1), kind="stable"):
-        if not zones.bolt[k]:
-            continue
-        if zones.distance[k].mean() > end:
+    for row in sorted((r for r in rows if r.bolt), key=lambda r: np.mean(r.distance)):
+        if np.mean(row.distance) > end:
             bands.append([])
-            end = zones.distance[k, 1]
-        bands[-1].append(zones.names[k])
+            end = row.distance[1]
+        bands[-1].append(row.name)
     return bands

@@ -1,0 +1,208 @@
+"""Zones: parts of joints that can change each by itself, of layers, contacts and laps alike.
+
+K is proportional to a zone's parameters, and M knows nothing of them. What makes the zones of a
+case stands in `zones.joints` (layers around bolts), `zones.contacts` (layers by pressure) and
+`zones.laps` (joint elements of beams).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fenics_joints.case import Case
+from fenics_joints.case.build_beams import ZonedLap
+from fenics_joints.errors import InputError
+from fenics_joints.meshes import TaggedMesh
+
+__all__ = ["GIVEN_LAP", "LAP", "LAYER", "Grading", "Interface", "Zone", "Zones", "check_names"]
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What zones of one kind have for a stiffness, and how an interface in them enters K.
+
+    Attributes:
+        name: Its kind.
+        keys: The zone's parameter by what it resists: ``n`` and ``t``, across a layer's plane and
+            along it; ``slap`` and ``slip`` of a lap.
+        per_area: Whether an interface's stiffness is one per area, Pa/m, which times the layer's
+            thickness is a modulus; else it is relative to the zone's own.
+        series: Whether it is in series with what the model has; else it is a factor on that.
+        slipping: What falls when the faces slip.
+        damped: What dissipates.
+    """
+
+    name: str
+    keys: Mapping[str, str]
+    per_area: bool
+    series: bool
+    slipping: tuple[str, ...]
+    damped: tuple[str, ...]
+
+
+LAYER = Interface("layer", {"n": "E", "t": "G"}, True, True, ("t",), ("n", "t"))
+#: Slip alone is damped, as in eq. 3 of seed 002.
+LAP = Interface("lap", {"slap": "k1", "slip": "k2"}, False, True, ("slip",), ("slip",))
+#: A lap whose k1 and k2 are the case's own, not those of one piece.
+GIVEN_LAP = replace(LAP, name="given lap", series=False)
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A part of a joint that can change by itself.
+
+    Attributes:
+        name: The prefix of its parameters in the model.
+        interface: What it has for a stiffness.
+        thickness: Of its layer, m; nan for a lap.
+        joint: The case's joint or contact that it is a part of.
+        shown: What it is called where zones are shown as one.
+        label: What it is called in the names of an effect's parameters.
+        bolt: Name of the bolt that presses it, such as ``bolt 2``; ``""`` without.
+        distance: Least and largest distance of its cells' middles from that bolt's axis, m.
+        pressure: Least and largest contact pressure in it, Pa.
+        area: Its area, m2.
+    """
+
+    name: str
+    interface: Interface = LAYER
+    thickness: float = np.nan
+    joint: str = ""
+    shown: str = ""
+    label: str = ""
+    bolt: str = ""
+    distance: tuple[float, float] = (np.nan, np.nan)
+    pressure: tuple[float, float] = (np.nan, np.nan)
+    area: float = np.nan
+
+    def parameters(self, kinds: Sequence[str] | None = None) -> list[str]:
+        """Names of its parameters in the model.
+
+        Args:
+            kinds: Keys of `Interface.keys`; all by default.
+        """
+        keys = self.interface.keys
+        return [f"{self.name}.{keys[kind]}" for kind in (keys if kinds is None else kinds)]
+
+    def amount(self, k: float, value: float) -> float:
+        """An interface of stiffness ``k`` as a value of the parameter that is ``value`` now."""
+        return k * (self.thickness if self.interface.per_area else value)
+
+    def give_way(self, values: dict[str, float], kind: str, k: float) -> None:
+        """Put an interface of stiffness ``k`` into the model's parameter values, in place."""
+        (name,) = self.parameters([kind])
+        amount = self.amount(k, values[name])
+        values[name] = 1 / (1 / values[name] + 1 / amount) if self.interface.series else amount
+
+
+@dataclass(frozen=True)
+class Grading:
+    """A way in which the stiffness of a joint may differ from zone to zone.
+
+    Attributes:
+        how: In words: ``by the distance from the bolt``.
+        groups: Names of the zones that have one stiffness, by the group's name.
+    """
+
+    how: str
+    groups: Mapping[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Zones:
+    """A case with its joints in zones; a sequence of them.
+
+    Attributes:
+        case: The case, with a joint section for each zone.
+        all: The zones.
+        tagged: Its mesh with the cells tagged by zone; None for beams, and without zones.
+        laps: Its laps, by which zone each of their elements is in; None for solids.
+        places: Names of the zones at each single place, by the kind of place and by its name, where
+            there are several: ``{"bolt": {"bolt 1": (...), ...}}``.
+        away: Names of the zones away from the bolts.
+        gradings: How stiffnesses may differ from zone to zone.
+        bolts: Places of the bolts of laps, m, (n_bolts, 3).
+    """
+
+    case: Case
+    all: tuple[Zone, ...] = ()
+    tagged: TaggedMesh | None = field(default=None, repr=False)
+    laps: tuple[ZonedLap, ...] | None = None
+    places: Mapping[str, Mapping[str, tuple[str, ...]]] = field(default_factory=dict, repr=False)
+    away: tuple[str, ...] = ()
+    gradings: tuple[Grading, ...] = field(default=(), repr=False)
+    bolts: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+
+    def __iter__(self) -> Iterator[Zone]:
+        return iter(self.all)
+
+    def __len__(self) -> int:
+        return len(self.all)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(zone.name for zone in self.all)
+
+    @property
+    def distance(self) -> np.ndarray:
+        """Least and largest distance of each zone from its bolt, m, (n, 2); nan without."""
+        return np.array([zone.distance for zone in self.all]).reshape(-1, 2)
+
+    @property
+    def area(self) -> np.ndarray:
+        """Area of each zone, m2, (n,)."""
+        return np.array([zone.area for zone in self.all])
+
+    @property
+    def by_pressure(self) -> bool:
+        """Whether they are those of a contact whose pressure was solved for."""
+        return any(np.isfinite(zone.pressure).all() for zone in self.all)
+
+    def pick(self, names: Sequence[str]) -> tuple[Zone, ...]:
+        """Zones by their names."""
+        return tuple(zone for zone in self.all if zone.name in names)
+
+    def by(self, attribute: str) -> dict[str, tuple[str, ...]]:
+        """Names of the zones by an attribute, such as ``bolt``; those without it left out."""
+        found: dict[str, tuple[str, ...]] = {}
+        for zone in self.all:
+            label = getattr(zone, attribute)
+            if label:
+                found[label] = (*found.get(label, ()), zone.name)
+        return found
+
+    @property
+    def shown(self) -> dict[str, str]:
+        """What each zone, and each lap along the beams, is called where zones are shown as one."""
+        along = {lap.along: lap.name for lap in self.laps or ()}
+        return {zone.name: zone.shown for zone in self.all} | along
+
+    def with_thickness(self, thickness: Mapping[str, float]) -> Zones:
+        """The same with the thickness, m, of each zone's layer by its name."""
+        return replace(
+            self, all=tuple(replace(zone, thickness=thickness[zone.name]) for zone in self.all)
+        )
+
+
+def check_names(case: Case, zones: Sequence[str], what: str) -> None:
+    """Raise if a zone's name is another section's, or another zone's.
+
+    Args:
+        case: The case.
+        zones: Names of the zones.
+        what: What they are zones of.
+
+    Raises:
+        InputError: With the name.
+    """
+    tables = ("parts", "contacts", "bolts", "masses", "springs", "attached", "supports")
+    taken = {name for table in tables for name in getattr(case, table)}
+    for zone in zones:
+        if zone in taken or list(zones).count(zone) > 1:
+            raise InputError(
+                f"{case.path}: the name {zone!r} is needed for a zone of {what}; expected no "
+                "other section of that name"
+            )
