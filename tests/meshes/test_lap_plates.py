@@ -1,0 +1,149 @@
+"""Lap plates: measures and tags against closed forms, and every refusal by its message."""
+
+import re
+
+import basix.ufl
+import dolfinx
+import numpy as np
+import pytest
+from dolfinx import fem
+from mesh_measures import CELLS, COMM, areas, skin, volumes
+from mpi4py import MPI
+
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes import check_mesh, lap_plates
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", CELLS)
+def test_lap_plates_measures(cell):
+    tagged = lap_plates(COMM, cell=cell)
+    near = 4 * 0.02**2
+    assert volumes(tagged) == pytest.approx(
+        {
+            "plate_1": 0.2 * 0.08 * 0.008,
+            "plate_2": 0.2 * 0.08 * 0.008,
+            "joint_near": near * 0.5e-3,
+            "joint_away": (0.08**2 - near) * 0.5e-3,
+        },
+        rel=1e-10,
+    )
+    plate, lap, end = 0.2 * 0.08, 0.08 * 0.08, 0.08 * 0.008
+    assert areas(tagged) == pytest.approx(
+        {
+            "end_1": end, "end_2": end, "bottom": plate, "top": plate,
+            "joint_lower": lap, "joint_upper": lap,
+        },
+        rel=1e-10,
+    )  # fmt: skip
+    sides = 2 * (2 * 0.2 * 0.008 + 0.08 * 0.5e-3)
+    edges = 4 * end + 2 * 0.08 * 0.5e-3
+    assert skin(tagged) == pytest.approx(4 * plate - 2 * lap + sides + edges, rel=1e-10)
+    quality = check_mesh(tagged)
+    assert quality.scaled_jacobian > 0.04 and quality.bodies == 1
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", CELLS)
+def test_without_layer_the_plates_share_an_interface(cell):
+    tagged = lap_plates(COMM, layer=0, cell=cell)
+    assert sorted(tagged.cell_names) == ["plate_1", "plate_2"]
+    assert areas(tagged)["interface"] == pytest.approx(0.08**2, rel=1e-10)
+    interface = tagged.facet_tags.find(tagged.facet_tag("interface"))
+    links = tagged.mesh.topology.connectivity(2, 3)
+    tag_of = tagged.cell_tags.values
+    n_owned = tagged.mesh.topology.index_map(2).size_local
+    for facet in interface[interface < n_owned]:
+        # Both cells are known here, ghosts included, and one belongs to each plate.
+        assert sorted(tag_of[links.links(facet)]) == [1, 2]
+    with pytest.raises(MeshError, match="no part named 'joint_near'; it has: plate_1, plate_2"):
+        tagged.cell_tag("joint_near")
+
+
+def test_zones_are_exact_where_no_regular_grid_line_is():
+    bolts = np.array([[0.1437, 0.0213], [0.1791, 0.0571]])
+    tagged = lap_plates(MPI.COMM_SELF, bolts=bolts, zone=0.0173, element_size=6.1e-3)
+    cells = tagged.cell_tags.find(tagged.cell_tag("joint_near"))
+    mesh = tagged.mesh
+    corners = dolfinx.mesh.entities_to_geometry(mesh, 3, cells.astype(np.int32))
+    x = mesh.geometry.x[corners]
+    nearest = np.linalg.norm(x.mean(axis=1)[:, None, :2] - bolts, axis=2).argmin(axis=1)
+    for number, bolt in enumerate(bolts):
+        around = x[nearest == number][:, :, :2].reshape(-1, 2)
+        np.testing.assert_allclose(around.min(axis=0), bolt - 0.0173 / 2, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(around.max(axis=0), bolt + 0.0173 / 2, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(tagged.points["bolts"][:, :2], bolts)
+    np.testing.assert_allclose(tagged.points["bolts"][:, 2], 0.00825)
+
+
+def test_benchmark_size_is_that_of_the_count_by_hand():
+    tagged = lap_plates(MPI.COMM_SELF, n_length=60, n_width=24, n_thickness=4)
+    element = basix.ufl.element("S", "hexahedron", 2, shape=(3,))
+    space = fem.functionspace(tagged.mesh, element)
+    nx, ny, nz, lap = 60, 24, 4, 24
+    vertices = (nx + 1) * (ny + 1) * (nz + 1)
+    edges = nx * (ny + 1) * (nz + 1) + (nx + 1) * ny * (nz + 1) + (nx + 1) * (ny + 1) * nz
+    upright_in_layer = (lap + 1) * (ny + 1)
+    expected = 3 * (2 * (vertices + edges) + upright_in_layer)
+    assert space.dofmap.index_map.size_global * 3 == expected == 173145
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", CELLS)
+def test_holes_are_regular_polygons(cell):
+    hole, washer, zone, layer = 0.011, 0.016, 0.02, 0.5e-3
+    tagged = lap_plates(
+        COMM, hole_diameter=hole, washer_diameter=washer, zone=zone, layer=layer, cell=cell
+    )
+    n = 4 * 4  # the zone's side has four elements of 5 mm
+
+    def polygon(diameter):
+        return n / 2 * (diameter / 2) ** 2 * np.sin(2 * np.pi / n)
+
+    plate = 0.2 * 0.08 - 4 * polygon(hole)
+    found = volumes(tagged)
+    assert found["plate_1"] == pytest.approx(plate * 0.008, rel=1e-10)
+    assert found["plate_2"] == pytest.approx(plate * 0.008, rel=1e-10)
+    assert found["joint_near"] == pytest.approx(4 * (zone**2 - polygon(hole)) * layer, rel=1e-10)
+    assert found["joint_away"] == pytest.approx((0.08**2 - 4 * zone**2) * layer, rel=1e-10)
+    faces = areas(tagged)
+    wall = n * hole * np.sin(np.pi / n) * (2 * 0.008 + layer)
+    assert faces["holes"] == pytest.approx(4 * wall, rel=1e-10)
+    assert faces["washers"] == pytest.approx(8 * (polygon(washer) - polygon(hole)), rel=1e-10)
+    assert faces["bottom"] + faces["washers"] / 2 == pytest.approx(plate, rel=1e-10)
+    assert faces["joint_lower"] == pytest.approx(0.08**2 - 4 * polygon(hole), rel=1e-10)
+    outside = 4 * 0.2 * 0.008 + 2 * 0.08 * layer + 4 * 0.08 * 0.008 + 2 * 0.08 * layer
+    apart = 2 * (0.2 - 0.08) * 0.08  # the faces of the plates that look at each other's side
+    assert skin(tagged) == pytest.approx(2 * plate + apart + outside + 4 * wall, rel=1e-10)
+    assert check_mesh(tagged).scaled_jacobian > 0.02
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"length": -1.0}, "length is -1.0, expected a length above 0 m"),
+        ({"thickness": float("nan")}, "thickness is nan, expected"),
+        ({"lap": 0.2}, "lap is 0.2, expected less than length = 0.2 m"),
+        ({"layer": -1e-3}, "layer is -0.001, expected 0 m or"),
+        ({"element_size": 0}, "element_size is 0, expected"),
+        ({"n_length": 2.5}, "n_length is 2.5, expected a whole number"),
+        ({"n_thickness": 0}, "n_thickness is 0, expected a whole number"),
+        ({"cell": "prism"}, "cell is 'prism', expected 'hexahedron' or 'tetrahedron'"),
+        ({"bolts": [0.14, 0.02]}, "bolts is [0.14, 0.02], expected a pair (x, y)"),
+        ({"bolts": [(0.1, 0.04)]}, "bolts[0] x is 0.1, expected a position within 0.12 to 0.2 m"),
+        ({"zone": 0.05}, "zone is 0.05, expected at most 0.04 m, so that the zone of bolts[0] x"),
+        ({"hole_diameter": 0.019}, "hole_diameter is 0.019, expected a diameter above 0 m and"),
+        ({"washer_diameter": 0.02}, "washer_diameter is 0.02, expected None when hole_diameter"),
+        (
+            {"hole_diameter": 0.011, "washer_diameter": 0.01},
+            "washer_diameter is 0.01, expected more than hole_diameter = 0.011 m",
+        ),
+        (
+            {"hole_diameter": 0.01, "bolts": [(0.15, 0.04), (0.16, 0.045)]},
+            "zone is 0.02, expected at most the distance of bolts[0] and bolts[1], 0.01 m",
+        ),
+    ],
+)
+def test_impossible_lap_plates_are_refused(arguments, message):
+    with pytest.raises(MeshError, match=re.escape(message)):
+        lap_plates(MPI.COMM_SELF, **arguments)
