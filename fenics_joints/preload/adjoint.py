@@ -23,12 +23,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.modal.eigensolver import product
 from fenics_joints.modal.options import last_line, petsc_defaults
+from fenics_joints.preload.hold import dots
 from fenics_joints.preload.patch import contour_area
 from fenics_joints.preload.result import PreloadResult
 from fenics_joints.preload.system import FACTOR_OPTIONS
 
-__all__ = ["Gradient", "PreloadAdjoint", "area_gradient", "force_gradient", "pressure_gradient"]
+__all__ = ["Gradient", "PreloadAdjoint"]
 
 #: Residual, relative to the right-hand side, above which the tangent counts as singular.
 _ACCURACY = 1e-8
@@ -54,6 +56,8 @@ class Gradient:
 
 class PreloadAdjoint:
     """The adjoint of one preload state: a factorisation for any number of quantities. Collective.
+
+    In a ``with`` statement it frees what it holds at the end.
 
     Args:
         result: The state; its solver must not have been destroyed. PETSc options for the
@@ -86,6 +90,12 @@ class PreloadAdjoint:
             ksp.setFromOptions()
             ksp.setUp()
         return ksp
+
+    def __enter__(self) -> PreloadAdjoint:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.destroy()
 
     def destroy(self) -> None:
         """Free the matrix and its factorisation. Collective."""
@@ -225,19 +235,19 @@ class PreloadAdjoint:
 
     def _by_inertia(self, y: PETSc.Vec) -> np.ndarray:
         """-y^T df/dq of the load f - M V (V^T M V)^-1 V^T f, with V the motions of the whole."""
-        hold = self.solver.hold
-        V = hold.motions[: hold.n_whole]
+        hold, comm = self.solver.hold, self.model.comm
+        V = hold.motions[:, : hold.n_whole]
         load = self.model.load(self.result.forces)
         M = self.model.mass(self.solver.given)
-        heavy = [M * v for v in V]
-        gram = np.array([[v.dot(h) for h in heavy] for v in V])
-        rate = _sum(V, np.linalg.solve(gram, [v.dot(load) for v in V]))
-        left = y.copy()
-        left.axpy(-1.0, shift := _sum(V, np.linalg.solve(gram, [h.dot(y) for h in heavy])))
+        heavy = product(M, V)
+        gram = dots(comm, V, heavy)
+        rate, left = y.duplicate(), y.copy()
+        rate.array[:] = V @ np.linalg.solve(gram, dots(comm, V, load.array_r))
+        left.array[:] -= V @ np.linalg.solve(gram, dots(comm, heavy, y.array_r))
         # The form of K - lambda M at the difference of two lambda is that of M.
         scale = _inertia_scale(self.solver.K, M)
         slope = self._bilinear(left, rate, scale) - self._bilinear(left, rate, 0.0)
-        for owned in (load, M, rate, left, shift, *heavy):
+        for owned in (load, M, rate, left):
             owned.destroy()
         return -slope / scale
 
@@ -271,59 +281,6 @@ class PreloadAdjoint:
         return u
 
 
-def _sum(vectors: list[PETSc.Vec], factors) -> PETSc.Vec:
-    total = vectors[0].duplicate()
-    total.set(0.0)
-    for factor, vector in zip(factors, vectors, strict=True):
-        total.axpy(float(factor), vector)
-    return total
-
-
 def _inertia_scale(K: PETSc.Mat, M: PETSc.Mat) -> float:
     """A lambda at which lambda M is of the size of K, (rad/s)^2."""
     return K.norm(PETSc.NormType.FROBENIUS) / M.norm(PETSc.NormType.FROBENIUS)
-
-
-def pressure_gradient(result: PreloadResult, contact: str, weights) -> Gradient:
-    """Derivatives of a weighted sum of a contact's pressures, Pa. Collective.
-
-    Each call factorises; a `PreloadAdjoint` does once for several quantities.
-
-    Args:
-        result: The state.
-        contact: Name of the contact.
-        weights: Weight of the pressure at each pair, (n,).
-
-    Raises:
-        InputError: For another contact or shape.
-        ConvergenceError: If the adjoint system cannot be solved.
-    """
-    return _once(result, lambda adjoint: adjoint.pressure(contact, weights))
-
-
-def force_gradient(result: PreloadResult, contact: str) -> Gradient:
-    """Derivatives of a contact's normal force, N; see `pressure_gradient`. Collective."""
-    return _once(result, lambda adjoint: adjoint.force(contact))
-
-
-def area_gradient(result: PreloadResult, contact: str, limit: float) -> Gradient:
-    """Derivatives of the area where the pressure is at least ``limit``, Pa. Collective.
-
-    Args:
-        result: The state.
-        contact: Name of the contact.
-        limit: Least pressure, Pa, above zero.
-
-    Raises:
-        InputError: For another contact or a limit that is not above zero.
-        ConvergenceError: If the adjoint system cannot be solved.
-    """
-    return _once(result, lambda adjoint: adjoint.area(contact, limit))
-
-
-def _once(result: PreloadResult, ask) -> Gradient:
-    adjoint = PreloadAdjoint(result)
-    try:
-        return ask(adjoint)
-    finally:
-        adjoint.destroy()

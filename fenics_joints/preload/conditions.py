@@ -47,9 +47,14 @@ class Pairs:
     slip: np.ndarray
 
     @property
-    def shear_scale(self) -> np.ndarray:
-        """Stiffness c in the equation of friction, N/m, (n,)."""
-        return _SHEAR * self.scale
+    def springs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stiffness, N/m, (n,), that scales openings, and that which scales slips."""
+        return self.scale, _SHEAR * self.scale
+
+    @property
+    def share(self) -> float:
+        """Share of the present forces in the trial forces."""
+        return 1.0
 
     def split(self, array: np.ndarray):
         """Normal part, (n,), and tangential part, (n, gdim - 1), of an array over x."""
@@ -58,9 +63,11 @@ class Pairs:
 
     def trial(self, x: np.ndarray, r: np.ndarray):
         """Normal and tangential trial forces, N: N - c g, and q - c s."""
-        w, v = self.split(x)
-        N, q = self.split(r)
-        return N - self.scale * (w + self.gap), q - self.shear_scale[:, None] * (v - self.slip)
+        (w, v), (N, q), (c, shear) = self.split(x), self.split(r), self.springs
+        return (
+            self.share * N - c * (w + self.gap),
+            self.share * q - shear[:, None] * (v - self.slip),
+        )
 
     def equations(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """The left-hand sides, (n, gdim), N."""
@@ -71,11 +78,9 @@ class Pairs:
 
     def closed(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Left-hand sides of the start: all closed, and stuck where there is friction."""
-        w, v = self.split(x)
-        _, q = self.split(r)
+        (normal, tangent), (N, q) = self.trial(x, r), self.split(r)
         rough = (self.friction > 0)[:, None]
-        stuck = np.where(rough, self.scale[:, None] * (v - self.slip), q)
-        return np.column_stack([self.scale * (w + self.gap), stuck])
+        return np.column_stack([N - normal, q - np.where(rough, tangent, 0.0)])
 
     def _limit(self, normal: np.ndarray) -> np.ndarray:
         pressed = np.maximum(normal, 0.0)
@@ -86,38 +91,33 @@ class Pairs:
         """Blocks A, B, each (n, gdim, gdim): the equations' derivative is A dr + B dx."""
         normal, tangent = self.trial(x, r)
         n, gdim = self.numbers.shape
-        limit = self._limit(normal)
-        A, B = np.zeros((n, gdim, gdim)), np.zeros((n, gdim, gdim))
-        on = normal > 0
-        A[~on, 0, 0] = 1.0
-        B[on, 0, 0] = self.scale[on]
-        eye = np.eye(gdim - 1)
-        size = np.linalg.norm(tangent, axis=1)
+        slope = np.zeros((n, gdim, gdim))
+        slope[normal > 0, 0, 0] = 1.0
+        limit, size, eye = self._limit(normal), np.linalg.norm(tangent, axis=1), np.eye(gdim - 1)
         stick = (size <= limit) & (limit > 0)
-        B[stick, 1:, 1:] = self.shear_scale[stick, None, None] * eye
-        A[~stick, 1:, 1:] = eye
+        slope[stick, 1:, 1:] = eye
         slip = ~stick & (limit > 0)
         unit = tangent[slip] / size[slip, None]
         ratio = (limit[slip] / size[slip])[:, None, None]
-        across = ratio * (eye - unit[:, :, None] * unit[:, None, :])
-        A[slip, 1:, 1:] -= across
-        B[slip, 1:, 1:] += self.shear_scale[slip, None, None] * across
-        # d limit = mu (dN - c dg); N itself is free in a closed pair.
-        pull = self.friction[slip, None] * unit
-        A[slip, 1:, 0] -= pull
-        B[slip, 1:, 0] += self.scale[slip, None] * pull
-        return A, B
+        slope[slip, 1:, 1:] = ratio * (eye - unit[:, :, None] * unit[:, None, :])
+        slope[slip, 1:, 0] = self.friction[slip, None] * unit  # d limit = mu d normal
+        return self._blocks(slope)
 
     def closed_tangent(self):
         """`tangent` of `closed`."""
         n, gdim = self.numbers.shape
-        A, B = np.zeros((n, gdim, gdim)), np.zeros((n, gdim, gdim))
-        B[:, 0, 0] = self.scale
-        rough = self.friction > 0
+        slope = np.zeros((n, gdim, gdim))
+        slope[:, 0, 0] = 1.0
         for k in range(1, gdim):
-            B[rough, k, k] = self.scale[rough]
-            A[~rough, k, k] = 1.0
-        return A, B
+            slope[:, k, k] = self.friction > 0
+        return self._blocks(slope)
+
+    def _blocks(self, slope: np.ndarray):
+        """A, B from the derivative of what the equations ask for by the trial forces."""
+        gdim = slope.shape[1]
+        c, shear = self.springs
+        springs = np.column_stack([c, *[shear] * (gdim - 1)])
+        return np.eye(gdim) - self.share * slope, slope * springs[:, None, :]
 
     def friction_slope(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Derivative of the equations by each pair's own friction coefficient, (n, gdim)."""
@@ -152,48 +152,15 @@ class Penalty(Pairs):
 
     stiffness: float = 0.0
 
-    def trial(self, x: np.ndarray, r: np.ndarray):
-        """Normal and tangential spring forces, N."""
-        w, v = self.split(x)
-        k = self.stiffness * self.areas
-        return -k * (w + self.gap), -k[:, None] * (v - self.slip)
+    @property
+    def springs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stiffness of each pair's springs, N/m, (n,), across and along the contact."""
+        return self.stiffness * self.areas, self.stiffness * self.areas
 
-    def closed(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Left-hand sides of the start: every spring acts, on both sides and without limit."""
-        normal, tangent = self.trial(x, r)
-        N, q = self.split(r)
-        rough = (self.friction > 0)[:, None]
-        return np.column_stack([N - normal, q - np.where(rough, tangent, 0.0)])
-
-    def closed_tangent(self):
-        """`tangent` of `closed`."""
-        n, gdim = self.numbers.shape
-        A, B = np.tile(np.eye(gdim), (n, 1, 1)), np.zeros((n, gdim, gdim))
-        k = self.stiffness * self.areas
-        B[:, 0, 0] = k
-        for i in range(1, gdim):
-            B[:, i, i] = np.where(self.friction > 0, k, 0.0)
-        return A, B
-
-    def tangent(self, x: np.ndarray, r: np.ndarray):
-        """Blocks A, B, each (n, gdim, gdim), as `Pairs.tangent`."""
-        normal, tangent = self.trial(x, r)
-        n, gdim = self.numbers.shape
-        k = self.stiffness * self.areas
-        A, B = np.tile(np.eye(gdim), (n, 1, 1)), np.zeros((n, gdim, gdim))
-        on = normal > 0
-        B[on, 0, 0] = k[on]
-        limit, size = self._limit(normal), np.linalg.norm(tangent, axis=1)
-        eye = np.eye(gdim - 1)
-        stick = (size <= limit) & (limit > 0)
-        B[stick, 1:, 1:] = k[stick, None, None] * eye
-        slip = ~stick & (limit > 0)
-        unit = tangent[slip] / size[slip, None]
-        ratio = (limit[slip] / size[slip])[:, None, None]
-        across = ratio * (eye - unit[:, :, None] * unit[:, None, :])
-        B[slip, 1:, 1:] += k[slip, None, None] * across
-        B[slip, 1:, 0] += (self.friction[slip] * k[slip])[:, None] * unit
-        return A, B
+    @property
+    def share(self) -> float:
+        """None: springs alone make the forces."""
+        return 0.0
 
 
 def status(normal: np.ndarray, tangent: np.ndarray, limit: np.ndarray) -> np.ndarray:

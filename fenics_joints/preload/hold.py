@@ -12,10 +12,11 @@ from petsc4py import PETSc
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
+from fenics_joints.modal.eigensolver import product
 from fenics_joints.preload.bodies import body_numbers, node_positions, rigid_motions
 from fenics_joints.preload.model import PreloadModel
 
-__all__ = ["Hold", "find_hold"]
+__all__ = ["Hold", "dots", "find_hold"]
 
 #: A motion whose energy is below this share of its DOFs' own stiffness meets no resistance.
 _FREE = 1e-11
@@ -28,12 +29,12 @@ class Hold:
     """Motions without resistance, and entries of x that hold them.
 
     Attributes:
-        motions: Orthonormal vectors in x.
+        motions: Orthonormal vectors in x, this rank's rows, (n_local, k).
         pins: As many global numbers of x; held at zero they stop exactly those motions.
         n_whole: How many of the motions move the whole structure as one.
     """
 
-    motions: list[PETSc.Vec]
+    motions: np.ndarray
     pins: np.ndarray
     n_whole: int
 
@@ -51,11 +52,12 @@ class Hold:
             InputError: If the load pushes parts against one another along a motion that nothing
                 resists.
         """
-        if not self.motions:
+        comm = load.comm.tompi4py()
+        if not self.motions.shape[1]:
             return 0.0
         scale = load.norm(PETSc.NormType.N1)
-        work = np.array([v.dot(load) for v in self.motions])
-        peak = np.array([v.norm(PETSc.NormType.NORM_INFINITY) for v in self.motions])
+        work = dots(comm, self.motions, load.array_r)
+        peak = comm.allreduce(np.abs(self.motions).max(axis=0, initial=0.0), op=MPI.MAX)
         share = np.abs(work) / (peak * scale) if scale > 0 else np.zeros(len(work))
         if share.max(initial=0.0) <= _BALANCED:
             return 0.0
@@ -65,13 +67,16 @@ class Hold:
                 "or opening); expected friction, a bolt that resists it, a support or a balanced "
                 "load."
             )
-        M = mass()
-        heavy = [M * v for v in self.motions[: self.n_whole]]
-        gram = np.array([[v.dot(h) for h in heavy] for v in self.motions[: self.n_whole]])
-        for a, h in zip(np.linalg.solve(gram, work[: self.n_whole]), heavy, strict=True):
-            load.axpy(-a, h)
+        M, whole = mass(), self.motions[:, : self.n_whole]
+        heavy = product(M, whole)
+        load.array[:] -= heavy @ np.linalg.solve(dots(comm, whole, heavy), work[: self.n_whole])
         M.destroy()
         return float(share.max())
+
+
+def dots(comm: MPI.Intracomm, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Inner products of columns of which each rank has its rows. Collective."""
+    return comm.allreduce(left.T @ right)
 
 
 def find_hold(model: PreloadModel, K: PETSc.Mat) -> Hold:
@@ -82,25 +87,21 @@ def find_hold(model: PreloadModel, K: PETSc.Mat) -> Hold:
         K: Its stiffness in x.
     """
     motions, whole = _candidates(model)
-    diagonal = K.getDiagonal()
+    diagonal = K.getDiagonal().array_r[:, None]
     resisted = _contact_rows(model)
-    forces = [K * v for v in motions]
-    for v, f in zip(motions, forces, strict=True):
-        f.array[resisted] += diagonal.array_r[resisted] * v.array_r[resisted]
-    energy = np.array([[v.dot(f) for f in forces] for v in motions])
-    own = [diagonal * v for v in motions]
-    scale = np.array([[v.dot(o) for o in own] for v in motions])
+    forces = product(K, motions)
+    forces[resisted] += diagonal[resisted] * motions[resisted]
+    energy, scale = (dots(model.comm, motions, f) for f in (forces, diagonal * motions))
     values, vectors = scipy.linalg.eigh(0.5 * (energy + energy.T), scale)
     free = vectors[:, values < _FREE]
     free, n_whole = _whole_first(free, whole, scale)
-    found = [_combine(motions, c) for c in free.T]
-    _orthonormalise(found)
+    found = _orthonormal(model.comm, motions @ free)
     pins = _pins(model, found, _allowed(model, resisted))
     return Hold(found, pins, n_whole)
 
 
 def _candidates(model: PreloadModel):
-    """Rigid motions in x of each group of glued bodies, and the combinations that move them all."""
+    """Rigid motions of each group of glued bodies, (n_local, m) in x, and those that move all."""
     V = model.V
     body, n_bodies = body_numbers(V)
     x = node_positions(V)
@@ -121,7 +122,7 @@ def _candidates(model: PreloadModel):
             u = local_motions[k] * inside[:, None]
             motions.append(_in_x(model, u, moves, turns, k, centre))
     whole = np.tile(np.eye(len(local_motions)), (len(names), 1))
-    return motions, whole
+    return np.column_stack(motions), whole
 
 
 def _own(V) -> int:
@@ -149,7 +150,7 @@ def _groups(model: PreloadModel, body, n_bodies) -> np.ndarray:
     return connected_components(graph, directed=False)[1]
 
 
-def _in_x(model, u, moves, turns, k, centre) -> PETSc.Vec:
+def _in_x(model, u, moves, turns, k, centre) -> np.ndarray:
     """x of the motion k of one group: u where it moves, jumps where it meets others.
 
     Args:
@@ -161,7 +162,6 @@ def _in_x(model, u, moves, turns, k, centre) -> PETSc.Vec:
         centre: Point about which it turns.
     """
     jumps, axes = model.jumps, np.arange(model.jumps.gdim)
-    v = jumps.T.createVecRight()
     array = np.zeros(jumps.n_local)
     array[: u.size] = u.ravel()
     for c, (upper, lower) in zip(jumps.contacts, moves, strict=True):
@@ -179,8 +179,7 @@ def _in_x(model, u, moves, turns, k, centre) -> PETSc.Vec:
             shift = rigid_motions(spider.centre[None] - centre)[k, 0]
             turn = np.eye(3)[k - 3] if k >= 3 else np.zeros(3)
             _put(jumps, array, jumps.reference(i), np.concatenate([shift, turn]))
-    v.array[:] = array
-    return v
+    return array
 
 
 def _put(jumps, array: np.ndarray, numbers: np.ndarray, values) -> None:
@@ -221,20 +220,14 @@ def _whole_first(free: np.ndarray, whole: np.ndarray, scale: np.ndarray):
     return np.hstack([kept, rest]), kept.shape[1]
 
 
-def _combine(motions, coefficients) -> PETSc.Vec:
-    v = motions[0].duplicate()
-    v.set(0.0)
-    for c, m in zip(coefficients, motions, strict=True):
-        v.axpy(float(c), m)
-    return v
-
-
-def _orthonormalise(vectors: list[PETSc.Vec]) -> None:
-    for i, v in enumerate(vectors):
-        for _ in range(2):
-            for w in vectors[:i]:
-                v.axpy(-v.dot(w), w)
-        v.normalize()
+def _orthonormal(comm: MPI.Intracomm, columns: np.ndarray) -> np.ndarray:
+    """Orthonormal columns, of which the first ones span what the first ones did."""
+    for _ in range(2 if columns.shape[1] else 0):
+        gram = dots(comm, columns, columns)
+        size = np.sqrt(gram.diagonal())
+        factor = np.linalg.cholesky(gram / np.outer(size, size))
+        columns = scipy.linalg.solve_triangular(factor, (columns / size).T, lower=True).T
+    return columns
 
 
 def _allowed(model, resisted) -> np.ndarray:
@@ -244,17 +237,14 @@ def _allowed(model, resisted) -> np.ndarray:
     return allowed
 
 
-def _pins(model, motions: list[PETSc.Vec], allowed: np.ndarray) -> np.ndarray:
+def _pins(model, motions: np.ndarray, allowed: np.ndarray) -> np.ndarray:
     """Entries of x, one for each motion, on which they are best told apart (pivoted rows)."""
     jumps, comm = model.jumps, model.comm
-    if not motions:
-        return np.empty(0, dtype=np.int64)
-    rows = np.column_stack([v.array_r for v in motions])
-    rows[~allowed] = 0.0
+    rows = np.where(allowed[:, None], motions, 0.0)
     own = jumps.range[1] - jumps.range[0]
     rows[own:] = 0.0  # translations and rotations of references have other units
     pins = []
-    for _ in motions:
+    for _ in motions.T:
         size = np.einsum("ij,ij->i", rows, rows)
         best = int(np.argmax(size)) if len(size) else 0
         sizes = comm.allgather(float(size[best]) if len(size) else -1.0)

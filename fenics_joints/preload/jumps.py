@@ -14,6 +14,7 @@ have weight zero at the vertices, serendipity quadrilaterals a negative one).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 import scipy.sparse
@@ -223,14 +224,8 @@ class Jumps:
 
     def _product(self) -> PETSc.Mat:
         """T as the product of one factor for each constraint, those referred to applied last."""
-        sets = _ordered([(name, set(s.tolist()), set(m.tolist()), rows)
-                         for name, s, m, rows in self._sets()])  # fmt: skip
-        groups: list[list] = []
-        for item in sets:
-            clash = groups and any(_touch(item, other) for other in groups[-1])
-            if not groups or clash:
-                groups.append([])
-            groups[-1].append(item)
+        groups = _ordered([(name, set(s.tolist()), set(m.tolist()), rows)
+                           for name, s, m, rows in self._sets()])  # fmt: skip
         T = self._factor(groups[0] if groups else [], whole=False)
         for group in groups[1:]:
             factor = self._factor(group, whole=True)
@@ -315,19 +310,20 @@ class Jumps:
         ).astype(np.int64)
 
 
-def _touch(a, b) -> bool:
-    return bool(a[1] & b[2]) or bool(b[1] & a[2])
-
-
-def _ordered(sets: list) -> list:
-    """Constraints so that one whose masters another governs comes before that other."""
-    waiting, done = list(sets), []
-    while waiting:
-        ready = [s for s in waiting if not any(o is not s and o[2] & s[1] for o in waiting)]
-        if not ready:
-            names = ", ".join(s[0] for s in waiting)
-            raise MeshError(f"{names}: each governs vertices that another refers to; expected no "
-                            "circle. Swap lower and upper of one of them.")  # fmt: skip
-        done += ready
-        waiting = [s for s in waiting if not any(s is r for r in ready)]
-    return done
+def _ordered(sets: list) -> list[list]:
+    """Constraints in groups; one whose masters another governs comes before that other."""
+    sorter = TopologicalSorter(
+        {i: {j for j, o in enumerate(sets) if i != j and o[2] & s[1]} for i, s in enumerate(sets)}
+    )
+    try:
+        sorter.prepare()
+    except CycleError as error:
+        names = ", ".join(dict.fromkeys(sets[i][0] for i in error.args[1]))
+        raise MeshError(f"{names}: each governs vertices that another refers to; expected no "
+                        "circle. Swap lower and upper of one of them.") from None  # fmt: skip
+    groups = []
+    while sorter.is_active():
+        ready = sorter.get_ready()
+        groups.append([sets[i] for i in sorted(ready)])
+        sorter.done(*ready)
+    return groups

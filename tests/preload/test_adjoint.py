@@ -18,7 +18,7 @@ from fenics_joints.preload import (
     Traction,
     WasherForce,
 )
-from fenics_joints.preload.adjoint import PreloadAdjoint, area_gradient, pressure_gradient
+from fenics_joints.preload.adjoint import PreloadAdjoint
 from fenics_joints.structure.components import Parameter, Support, part
 from fenics_joints.structure.structure import Structure
 
@@ -97,6 +97,11 @@ def weights(state):
     return np.cos(1 + np.arange(len(state.interface)))
 
 
+def pressure_gradient(result, given):
+    with PreloadAdjoint(result) as adjoint:
+        return adjoint.pressure("c", given)
+
+
 @pytest.mark.parametrize("method", ["semismooth", "penalty"])
 @pytest.mark.parametrize("where", list(MODELS))
 def test_taylor_remainder_is_of_second_order(where, method):
@@ -162,7 +167,7 @@ def test_inertia_that_balances_the_loads():
         return PreloadSolver(plates(push=(-25e3, 24e3)), {"rho": rho}).solve()
 
     result = state(7800.0)
-    gradient = pressure_gradient(result, "c", weights(result["c"]))
+    gradient = pressure_gradient(result, weights(result["c"]))
     values = [weights(s["c"]) @ s["c"].pressure for s in (state(7800 * 1.001), state(7800 * 0.999))]
     difference = (values[0] - values[1]) / (0.002 * 7800)
     assert gradient.parameters["rho"] == pytest.approx(difference, rel=1e-5)
@@ -172,12 +177,12 @@ def test_inertia_that_balances_the_loads():
 def test_friction_without_a_limit_and_history():
     """No derivative by an infinite coefficient; the slips of the step before stay as they are."""
     result = PreloadSolver(plates(friction=np.inf)).solve()
-    assert pressure_gradient(result, "c", weights(result["c"])).friction == {}
+    assert pressure_gradient(result, weights(result["c"])).friction == {}
     solver = PreloadSolver(plates())
     before = solver.solve()
     step = {"top": 0.6, "bottom": 0.6}
     result = solver.solve(step, initial=before)
-    gradient = pressure_gradient(result, "c", weights(result["c"]))
+    gradient = pressure_gradient(result, weights(result["c"]))
     other = solver.solve({name: 0.6 * (1 + 1e-4) for name in step}, initial=before)
     assert np.array_equal(other["c"].status, result["c"].status)
     change = weights(other["c"]) @ other["c"].pressure - gradient.value
@@ -195,19 +200,20 @@ def test_bolts_force_in_a_pressed_stack():
         [WasherForce("bolt", "bottom", "top", 1e5)],
     )
     result = PreloadSolver(model).solve()
-    gradient = pressure_gradient(result, "c", np.full(4, 0.25))
+    gradient = pressure_gradient(result, np.full(4, 0.25))
     assert gradient.forces == pytest.approx({"bolt": 1.0})
     assert gradient.parameters == {}
 
 
 def test_refusals():
     result = PreloadSolver(plates()).solve()
-    with pytest.raises(InputError, match="weights of shape"):
-        pressure_gradient(result, "c", np.ones(3))
-    with pytest.raises(InputError, match="limit"):
-        area_gradient(result, "c", 0.0)
-    with pytest.raises(InputError, match="no contact 'd'"):
-        area_gradient(result, "d", 1e6)
+    with PreloadAdjoint(result) as adjoint:
+        with pytest.raises(InputError, match="weights of shape"):
+            adjoint.pressure("c", np.ones(3))
+        with pytest.raises(InputError, match="limit"):
+            adjoint.area("c", 0.0)
+        with pytest.raises(InputError, match="no contact 'd'"):
+            adjoint.area("d", 1e6)
     result.solver.destroy()
     with pytest.raises(InputError, match="destroyed"):
-        area_gradient(result, "c", 1e6)
+        PreloadAdjoint(result)
