@@ -23,8 +23,13 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.harmonic import solve_harmonic, static_state
-from fenics_joints.interfaces import InterfaceModel, reduce_contacts, with_modal_damping
+from fenics_joints.harmonic import solve_harmonic
+from fenics_joints.interfaces import (
+    InterfaceModel,
+    reduce_contacts,
+    static_state,
+    with_modal_damping,
+)
 from fenics_joints.joint_laws import CoulombStick
 from fenics_joints.meshes import lap_beam
 from fenics_joints.modal import solve_modes

@@ -24,7 +24,6 @@ from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
 from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
 from fenics_joints.harmonic.sensitivity import ResponseGradient
 from fenics_joints.harmonic.stability import floquet_exponents, stable
-from fenics_joints.harmonic.static import static_state
 
 __all__ = [
     "Backbone", "Balance", "Branch", "Fourier", "HarmonicResult", "IdentificationResult",
@@ -32,5 +31,5 @@ __all__ = [
     "ResponseGradient", "Settings", "default_samples", "floquet_exponents", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
     "solve_backbone", "solve_constant_response", "solve_harmonic", "solve_phase_resonance",
-    "stable", "static_state",
+    "stable",
 ]  # fmt: skip

@@ -10,13 +10,13 @@ from fenics_joints.interfaces.contacts import reduce_contacts
 from fenics_joints.interfaces.damping import with_modal_damping, with_rayleigh_damping
 from fenics_joints.interfaces.full import full_layers
 from fenics_joints.interfaces.layers import reduce_layers
-from fenics_joints.interfaces.loading import condense, loading_shapes
+from fenics_joints.interfaces.loading import condense, loading_shapes, static_state
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
-from fenics_joints.interfaces.motion import FullModel
 from fenics_joints.interfaces.reduced import ReducedInterfaceModel, read_interface_model
+from fenics_joints.interfaces.sparse import FullModel, SparsePoints
 
 __all__ = [
-    "FullModel", "InterfaceModel", "InterfacePoints", "ReducedInterfaceModel", "condense",
-    "full_layers", "loading_shapes", "read_interface_model", "reduce_contacts", "reduce_layers",
-    "with_modal_damping", "with_rayleigh_damping",
+    "FullModel", "InterfaceModel", "InterfacePoints", "ReducedInterfaceModel", "SparsePoints",
+    "condense", "full_layers", "loading_shapes", "read_interface_model", "reduce_contacts",
+    "reduce_layers", "static_state", "with_modal_damping", "with_rayleigh_damping",
 ]  # fmt: skip

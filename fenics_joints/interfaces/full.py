@@ -11,7 +11,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.interfaces.assembly import as_vectors
 from fenics_joints.interfaces.layer_points import LayerPoints, layer_points
 from fenics_joints.interfaces.layers import layer_numbers
-from fenics_joints.interfaces.motion import FullModel, SparsePoints, point_blocks
+from fenics_joints.interfaces.sparse import FullModel, SparsePoints, point_blocks
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.loads import Places, place_loads
@@ -110,6 +110,6 @@ def _points(name: str, law: JointLaw, found: LayerPoints, stretch: float) -> Spa
         index = PETSc.IS().createGeneral(kept[kept % gdim > 0], comm=rows.comm)
         rows = rows.createSubMatrix(index)
     return SparsePoints(
-        name, law, rows, found.weights[mine] * stretch, gdim - (not law.coupled), law.coupled,
-        found.points[mine],
+        name, law, rows, found.weights[mine] * stretch, law.coupled, found.points[mine],
+        n_components=gdim - (not law.coupled),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""How joints give way as a static load grows, and reduced bases that know it."""
+"""Joints under static loads, how they give way as one grows, and reduced bases that know it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.interfaces.model import InterfaceModel
-from fenics_joints.interfaces.motion import FullModel, SparseMotion, motion_of
+from fenics_joints.interfaces.motion import Motion
+from fenics_joints.interfaces.sparse import FullModel
 from fenics_joints.modal.options import petsc_defaults, reason_of
 
-__all__ = ["condense", "loading_shapes"]
+__all__ = ["condense", "loading_shapes", "static_state"]
 
 _PREFIX = "fenics_joints_loading_"
 #: Compliance over that at rest beyond which a joint is taken to have failed.
@@ -23,14 +24,101 @@ _COLLAPSED = 3.0
 _HALVINGS = 4
 #: Directions with less than this share of the largest energy are dependent.
 _DEPENDENT = 1e-10
-_DEFAULTS = {
-    "snes_type": "newtonls",
-    "snes_rtol": 1e-8,
-    "snes_max_it": 40,
-    "snes_linesearch_type": "cp",
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-}
+_DEFAULTS = {"snes_type": "newtonls", "snes_max_it": 40, "ksp_type": "preonly", "pc_type": "lu"}
+_SHAPES = {"snes_rtol": 1e-8, "snes_linesearch_type": "cp"}
+
+
+class _Statics:
+    """Equilibrium of a motion under one load after another, by PETSc's SNES.
+
+    Args:
+        motion: The motion.
+        options: PETSc options beside the defaults.
+
+    Attributes:
+        solver: The SNES.
+        u: Displacement.
+        load: Load of the next solution.
+        states: The interfaces' states before it.
+    """
+
+    def __init__(self, motion: Motion, options: Mapping[str, object]):
+        self.motion, self.states = motion, motion.rest()
+        self.u, self.load, self._still = motion.vector(), motion.vector(), motion.vector()
+        self._matrix = motion.matrix()
+        self.solver = PETSc.SNES().create(comm=motion.comm)
+        self.solver.setOptionsPrefix(_PREFIX)
+        self.solver.setFunction(self._residual, motion.vector())
+        self.solver.setJacobian(self._jacobian, self._matrix)
+        with petsc_defaults(_PREFIX, {**_DEFAULTS, **motion.options, **options}):
+            self.solver.setFromOptions()
+
+    def _residual(self, snes, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        self.motion.residual(x, self._still, self._still, self.load, self.states, f)
+
+    def _jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        self.motion.jacobian(x, self.states, 0.0, 0.0, P)
+
+    def solve(self) -> bool:
+        """Move u to equilibrium with the load; whether that was found. Collective."""
+        self.solver.solve(None, self.u)
+        return self.solver.getConvergedReason() >= 0
+
+    def keep(self) -> None:
+        """Take u as what the joints remember. Collective."""
+        self.states = [new for _, _, new, _ in self.motion.step(self.u, self.states)]
+
+    def destroy(self) -> None:
+        """Free solver and matrix. Collective."""
+        self.solver.destroy(), self._matrix.destroy()
+
+
+def static_state(
+    model: InterfaceModel,
+    load: np.ndarray,
+    *,
+    steps: int = 1,
+    tolerance: float = 1e-10,
+    max_iterations: int = 40,
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Equilibrium under a load that grows from zero in equal steps, by Newton's method.
+
+    Args:
+        model: The model.
+        load: Static load, N, (n,).
+        steps: Load steps; friction remembers the path.
+        tolerance: Residual relative to the load.
+        max_iterations: Newton iterations per step.
+
+    Returns:
+        (displacements (n,), states of each interface (P, E, m) by its name).
+
+    Raises:
+        InputError: If the load has the wrong size.
+        ConvergenceError: If a step does not converge.
+    """
+    load = np.asarray(load, dtype=float)
+    if load.shape != (model.n_dofs,):
+        raise InputError(f"static has shape {load.shape}: expected ({model.n_dofs},).")
+    statics = _Statics(model.motion(), {"snes_linesearch_type": "bt"})
+    for i in range(1, steps + 1):
+        statics.load.array[:] = load * i / steps
+        scale = max(statics.load.norm(), np.finfo(float).tiny)
+        statics.solver.setTolerances(
+            rtol=0.0, stol=0.0, atol=tolerance * scale, max_it=max_iterations
+        )
+        if not statics.solve():
+            left = statics.solver.getFunctionNorm() / scale
+            raise ConvergenceError(
+                f"static load: no equilibrium after {statics.solver.getIterationNumber()} Newton "
+                f"iterations (residual {left:.2g} of the load); try more load steps",
+                reason_of(statics.solver),
+            )
+        statics.keep()
+    u, names = statics.u.array_r.copy(), [p.name for p in model.interfaces]
+    states = dict(zip(names, statics.states, strict=True))
+    statics.destroy()
+    return u, states
 
 
 def loading_shapes(
@@ -62,30 +150,18 @@ def loading_shapes(
     """
     if np.any(np.diff([0.0, *factors]) <= 0):
         raise InputError(f"factors = {list(factors)}: expected ascending numbers > 0.")
-    motion = motion_of(model)
-    still, states, u = motion.vector(), motion.rest(), motion.vector()
-    whole, present = motion.vector(), motion.vector()
+    statics = _Statics(model.motion(), {**_SHAPES, **(petsc_options or {})})
+    u, whole = statics.u, statics.motion.vector()
     whole.array[:] = load.array_r if isinstance(load, PETSc.Vec) else load
-    snes = PETSc.SNES().create(comm=motion.comm)
-    snes.setOptionsPrefix(_PREFIX)
-    snes.setFunction(
-        lambda snes, x, f: motion.residual(x, still, still, present, states, f), motion.vector()
-    )
-    matrix = motion.matrix()
-    snes.setJacobian(lambda snes, x, J, P: motion.jacobian(x, states, 0.0, 0.0, P), matrix)
-    direct = {"pc_factor_mat_solver_type": "mumps"} if isinstance(motion, SparseMotion) else {}
-    with petsc_defaults(_PREFIX, {**_DEFAULTS, **direct, **(petsc_options or {})}):
-        snes.setFromOptions()
     found, first, last, pending, halvings = [], None, 0.0, [float(f) for f in factors], 0
     while pending:
-        whole.copy(present)
-        present.scale(pending[0])
-        snes.solve(None, u)
-        failed = snes.getConvergedReason() < 0
+        whole.copy(statics.load)
+        statics.load.scale(pending[0])
+        failed = not statics.solve()
         if failed and not found:
             raise ConvergenceError(
                 f"the static response to {pending[0]:g} times the load was not found; expected a "
-                "smaller first step", reason_of(snes),
+                "smaller first step", reason_of(statics.solver),
             )  # fmt: skip
         compliance = u.dot(whole) / pending[0]
         first = first or compliance
@@ -97,10 +173,10 @@ def loading_shapes(
             pending.insert(0, np.sqrt(last * pending[0]))
             found[-1].copy(u)
             continue
-        states = [new for _, _, new, _ in motion.step(u, states)]
+        statics.keep()
         found.append(u.copy())
         last = pending.pop(0)
-    snes.destroy(), matrix.destroy()
+    statics.destroy()
     return found
 
 

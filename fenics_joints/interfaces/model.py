@@ -10,35 +10,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.joint_laws.kernel import LawKernel
+from fenics_joints.interfaces.motion import LawPoints, Motion, named
 from fenics_joints.joint_laws.law import JointLaw
 
-__all__ = ["InterfaceModel", "InterfacePoints"]
+__all__ = ["DenseMotion", "InterfaceModel", "InterfacePoints"]
 
 
-@dataclass(frozen=True)
-class InterfacePoints:
-    """The points of one interface, their strains as rows, and the law that holds there.
-
-    Attributes:
-        name: Name of the joint.
-        law: What makes stress of strain.
-        rows: Strain of each point by the degrees of freedom, (P, d, n): the normal strain first,
-            if there is one, then one or two tangential ones.
-        weights: Area (zero-thickness, m2) or volume (layer, m3) of each point, (P,); 1 for a
-            discrete spring, whose stress then is a force.
-        normal: Whether the first component is the normal strain.
-        points: Positions, m, (P, gdim); None for a discrete one.
-    """
-
-    name: str
-    law: JointLaw
-    rows: np.ndarray
-    weights: np.ndarray
-    normal: bool = False
-    points: np.ndarray | None = None
+@dataclass(frozen=True, repr=False)
+class InterfacePoints(LawPoints):
+    """`LawPoints` with dense rows, (P, d, n)."""
 
     def __post_init__(self):
         shape = np.shape(self.rows)
@@ -58,13 +41,9 @@ class InterfacePoints:
             )
         self.law.values(shape[0])
 
-    def __len__(self) -> int:
-        return len(self.weights)
-
     @property
-    def kernel(self) -> LawKernel:
-        """The compiled law."""
-        return LawKernel.of(self.law, self.rows.shape[1] - self.normal, self.normal)
+    def n_components(self) -> int:
+        return self.rows.shape[1]
 
     def tangent(self) -> np.ndarray:
         """Stress by strain at rest, Pa, (P, d, d)."""
@@ -72,7 +51,7 @@ class InterfacePoints:
         return self.kernel.step(np.zeros((P, d)), None, self.law.values(P))[2]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class InterfaceModel:
     """Mass, damping and stiffness, nonlinear interfaces, places of forces and sensors.
 
@@ -111,10 +90,17 @@ class InterfaceModel:
         if self.C is None:
             object.__setattr__(self, "C", np.zeros((n, n)))
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.n_dofs} DOFs, {', '.join(map(repr, self.interfaces))})"
+
     @property
     def n_dofs(self) -> int:
         """Number of degrees of freedom, n."""
         return len(self.M)
+
+    def motion(self) -> DenseMotion:
+        """The equation of motion."""
+        return DenseMotion(self)
 
     def with_laws(self, **laws: JointLaw) -> InterfaceModel:
         """The same model with other laws at some interfaces, by the interface's name.
@@ -147,7 +133,81 @@ class InterfaceModel:
         Raises:
             InputError: If there is none of that name.
         """
-        rows = getattr(self, kind)
-        if name not in rows:
-            raise InputError(f"{kind}: no {name!r}; expected one of: {', '.join(rows) or 'none'}.")
-        return np.asarray(rows[name], dtype=float)
+        return np.asarray(named(getattr(self, kind), kind, name), dtype=float)
+
+
+class DenseMotion(Motion):
+    """The motion of a reduced model, the same on every rank."""
+
+    def __init__(self, model: InterfaceModel):
+        super().__init__(model.interfaces, PETSc.COMM_SELF)
+        self.model = model
+        n = model.n_dofs
+        self._flat = [p.rows.reshape(-1, n) for p in model.interfaces]
+        self._loads = [
+            (p.rows * p.weights[:, None, None]).reshape(-1, n).T.copy() for p in model.interfaces
+        ]
+        self._last = None
+
+    def vector(self) -> PETSc.Vec:
+        """A vector of zeros."""
+        return PETSc.Vec().createSeq(self.model.n_dofs, comm=self.comm)
+
+    def matrix(self) -> PETSc.Mat:
+        """A matrix for `jacobian`."""
+        n = self.model.n_dofs
+        return PETSc.Mat().createDense((n, n), comm=self.comm)
+
+    def place(self, kind: str, name: str) -> PETSc.Vec:
+        """The row of a force or a sensor."""
+        return PETSc.Vec().createWithArray(self.model.row(kind, name).copy(), comm=self.comm)
+
+    def _strain(self, i: int, u: PETSc.Vec) -> np.ndarray:
+        return self._flat[i] @ u.array_r
+
+    def step(self, u: PETSc.Vec, states) -> list[tuple]:
+        """See `Motion.step`."""
+        # A solver asks for residual and Jacobian, and at last the step itself, at the same place.
+        known = self._last
+        if known is None or known[0] is not states or not np.array_equal(known[1], u.array_r):
+            self._last = known = states, u.array_r.copy(), super().step(u, states)
+        return known[2]
+
+    def residual(self, u, v, a, load, states, out: PETSc.Vec) -> None:
+        """M a + C v + K u + f(u, states) - load into ``out``; loads are arrays or None."""
+        m = self.model
+        r = m.M @ a.array_r + m.C @ v.array_r + m.K @ u.array_r
+        for rows, (_, stress, _, _) in zip(self._loads, self.step(u, states), strict=True):
+            r += rows @ stress.ravel()
+        out.array[:] = r - load.array_r
+
+    def jacobian(self, u, states, shift_v: float, shift_a: float, out: PETSc.Mat) -> None:
+        """K + d f/d u + shift_v C + shift_a M into ``out``."""
+        m = self.model
+        J = m.K + shift_v * m.C + shift_a * m.M
+        for rows, points, (_, _, _, tangent) in zip(
+            self._loads, m.interfaces, self.step(u, states), strict=True
+        ):
+            moved = np.matmul(tangent, points.rows).reshape(-1, m.n_dofs)
+            J += rows @ moved
+        out.getDenseArray()[:] = J
+        out.assemble()
+
+    def energy(self, u, v) -> float:
+        """Kinetic energy and that of K, J: what interfaces store is not in it."""
+        m, x, y = self.model, u.array_r, v.array_r
+        return float(0.5 * (y @ m.M @ y + x @ m.K @ x))
+
+    def total(self, local: float) -> float:
+        """Sum over ranks."""
+        return local
+
+    def drag(self, v: PETSc.Vec) -> PETSc.Vec:
+        found = v.duplicate()
+        found.array[:] = self.model.C @ v.array_r
+        return found
+
+    def acceleration(self, force: PETSc.Vec, u: PETSc.Vec, states, step: float) -> PETSc.Vec:
+        a = self.vector()
+        a.array[:] = np.linalg.lstsq(self.model.M, force.array_r, rcond=None)[0]
+        return a

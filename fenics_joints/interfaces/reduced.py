@@ -45,7 +45,7 @@ class LayerTerm:
         return self.thin / stretch + self.flat
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ReducedInterfaceModel(InterfaceModel):
     """An `InterfaceModel` whose linear parameters live on; a `fenics_joints.structure.model.Model`.
 

@@ -13,14 +13,13 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.interfaces.motion import DenseMotion, SparseMotion, motion_of
+from fenics_joints.interfaces.motion import Motion
 from fenics_joints.modal.options import last_line, petsc_defaults, reason_of
 from fenics_joints.transient.ring_down import RingDown, ring_down
 
 __all__ = ["TransientResult", "solve_transient", "steady_harmonics", "stepped_sine"]
 
 _PREFIX = "fenics_joints_transient_"
-_SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 _DEFAULTS = {
     "ts_type": "alpha2",
     "ts_alpha_radius": 0.9,
@@ -72,64 +71,41 @@ class TransientResult:
 class _Record:
     """What is kept of each step."""
 
-    def __init__(self, motion, sensors: Sequence[str], names: Sequence[str]):
+    def __init__(self, motion: Motion, sensors: Sequence[str]):
         self.motion = motion
         self.rows = {name: motion.place("sensors", name) for name in sensors}
-        self.u, self.v, self.a = ({name: [] for name in sensors} for _ in range(3))
-        self.times, self.work, self.damped, self.energy = [], [], [], []
-        self.joint_work = {name: [] for name in names}
+        self.times, self.energy = [], []
+        self.kinds = tuple({name: [] for name in sensors} for _ in range(3))  # u, v, a
+        self.works = []  # of the load, of the damping and on each interface, in each step
         self._last = None
 
     def add(self, t, u, v, a, load, points) -> None:
         """One converged instant; work by the trapezoidal rule."""
         self.times.append(t)
-        for name, row in self.rows.items():
-            self.u[name].append(row.dot(u))
-            self.v[name].append(row.dot(v))
-            self.a[name].append(row.dot(a))
-        drag = self._drag(v)
-        now = (load.copy() if load is not None else None, u.copy(), drag, points)
+        for kind, vector in zip(self.kinds, (u, v, a), strict=True):
+            for name, row in self.rows.items():
+                kind[name].append(row.dot(vector))
         self.energy.append(self.motion.energy(u, v))
-        before = self._last
-        du = None
-        if before is not None:
-            du = u.copy()
-            du.axpy(-1.0, before[1])
-        self.work.append(self._sum(self.work, du, (before or now)[0], now[0]))
-        self.damped.append(self._sum(self.damped, du, (before or now)[2], now[2]))
-        for i, name in enumerate(self.joint_work):
-            done = 0.0
-            if before is not None:
-                (e0, f0, *_), (e1, f1, *_) = before[3][i], points[i]
-                weighted = self.motion.weights()[i][:, None] * (f0 + f1) * (e1 - e0)
-                done = 0.5 * self.motion.total(float(weighted.sum()))
-            self.joint_work[name].append((self.joint_work[name] or [0.0])[-1] + done)
+        now = u.copy(), (load.copy(), self.motion.drag(v)), points
+        last_u, last_forces, last_points = self._last or now
+        du = u - last_u
+        work = [
+            0.5 * (old.dot(du) + new.dot(du)) for old, new in zip(last_forces, now[1], strict=True)
+        ]
+        weights = self.motion.weights()
+        for w, (e0, f0, *_), (e1, f1, *_) in zip(weights, last_points, points, strict=True):
+            done = float((w[:, None] * (f0 + f1) * (e1 - e0)).sum())
+            work.append(0.5 * self.motion.total(done))
+        self.works.append(work)
         self._last = now
 
-    def _drag(self, v):
-        C = self.motion.model.C
-        if C is None:
-            return None
-        drag = v.duplicate()
-        if isinstance(self.motion, DenseMotion):
-            drag.array[:] = C @ v.array_r
-        else:
-            C.mult(v, drag)
-        return drag
-
-    @staticmethod
-    def _sum(so_far, du, first, second) -> float:
-        if du is None or first is None:
-            return (so_far or [0.0])[-1]
-        return so_far[-1] + 0.5 * (first.dot(du) + second.dot(du))
-
     def result(self, final, iterations) -> TransientResult:
-        def arrays(lists):
-            return {name: np.array(values) for name, values in lists.items()}
-
+        """All steps as arrays."""
+        kinds = [{n: np.array(values) for n, values in kind.items()} for kind in self.kinds]
+        work, damped, *joints = np.cumsum(self.works, axis=0).T
+        names = [p.name for p in self.motion.interfaces]
         return TransientResult(
-            np.array(self.times), arrays(self.u), arrays(self.v), arrays(self.a),
-            np.array(self.work), np.array(self.damped), arrays(self.joint_work),
+            np.array(self.times), *kinds, work, damped, dict(zip(names, joints, strict=True)),
             np.array(self.energy), final, iterations,
         )  # fmt: skip
 
@@ -170,16 +146,15 @@ def solve_transient(
         raise InputError(f"step = {step}: expected a time step > 0, in seconds.")
     if n_steps < 1:
         raise InputError(f"n_steps = {n_steps}: expected at least 1.")
-    run = _Integration(motion_of(model), loads or {}, petsc_options)
-    names = list(model.sensors) if sensors is None else list(sensors)
-    record = _Record(run.motion, names, [p.name for p in model.interfaces])
+    run = _Integration(model.motion(), loads or {}, petsc_options)
+    record = _Record(run.motion, list(model.sensors if sensors is None else sensors))
     return run.solve(record, initial, start, step, n_steps, progress)
 
 
 class _Integration:
     """PETSc's TS on one motion. ``solver`` is the TS."""
 
-    def __init__(self, motion: DenseMotion | SparseMotion, loads, petsc_options):
+    def __init__(self, motion: Motion, loads, petsc_options):
         self.motion = motion
         self.places = [(motion.place("forces", name), signal) for name, signal in loads.items()]
         self.load = motion.vector()
@@ -192,17 +167,12 @@ class _Integration:
         ts.setI2Function(self._i2function, self._residual)
         ts.setI2Jacobian(self._i2jacobian, self._matrix)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-        ours = {**_DEFAULTS}
-        if isinstance(motion, SparseMotion):
-            ours["pc_factor_mat_solver_type"] = "mumps"
-        with petsc_defaults(_PREFIX, ours | dict(petsc_options or {})):
+        with petsc_defaults(_PREFIX, {**_DEFAULTS, **motion.options, **(petsc_options or {})}):
             ts.setFromOptions()
             ts.getSNES().setFromOptions()
             self._gamma = _newmark_gamma(PETSc.Options(_PREFIX))
 
-    def _loaded(self, t: float) -> PETSc.Vec | None:
-        if not self.places:
-            return None
+    def _loaded(self, t: float) -> PETSc.Vec:
         self.load.set(0.0)
         for row, signal in self.places:
             self.load.axpy(float(signal(t)), row)
@@ -274,27 +244,8 @@ class _Integration:
         """M a = load - C v - K u - f(u) at the start."""
         a, r = self.motion.vector(), self.motion.vector()
         self.motion.residual(u, v, a, self._loaded(t), self.states, r)
-        if isinstance(self.motion, DenseMotion):
-            a.array[:] = np.linalg.lstsq(self.motion.model.M, -r.array_r, rcond=None)[0]
-            return a
-        # Degrees of freedom without mass, as in a layer, have no acceleration of their own; as much
-        # stiffness as a step of a thousandth of the first would bring ties them to the others.
-        A = self.motion.matrix()
-        self.motion.jacobian(u, self.states, 0.0, 1.0, A)
-        A.scale((1e-3 * step) ** 2)
-        A.axpy(1 - (1e-3 * step) ** 2, self.motion.model.M, _SUBSET)
-        ksp = PETSc.KSP().create(comm=self.motion.comm)
-        ksp.setOperators(A)
-        ksp.setType("preonly")
-        ksp.getPC().setType("lu")
-        ksp.getPC().setFactorSolverType("mumps")
         r.scale(-1.0)
-        ksp.solve(r, a)
-        reason = ksp.getConvergedReason()
-        ksp.destroy(), A.destroy()
-        if reason < 0:
-            raise ConvergenceError("the acceleration at the start was not found", str(reason))
-        return a
+        return self.motion.acceleration(r, u, self.states, step)
 
 
 def _newmark_gamma(options: PETSc.Options) -> float:

@@ -19,10 +19,10 @@ from fenics_joints.harmonic import (
     solve_harmonic,
     solve_phase_resonance,
     stable,
-    static_state,
 )
 from fenics_joints.harmonic.backbone import FreeMode, PhaseResonance
 from fenics_joints.harmonic.constant_response import ConstantResponse
+from fenics_joints.interfaces.loading import static_state
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import CoulombStick, Iwan, JointLaw, Segalman
 from fenics_joints.transient import solve_transient, steady_harmonics

@@ -16,7 +16,7 @@ from fenics_joints.interfaces import reduce_layers
 from fenics_joints.interfaces.full import full_layers
 from fenics_joints.interfaces.loading import loading_shapes
 from fenics_joints.interfaces.model import InterfaceModel
-from fenics_joints.interfaces.motion import FullModel
+from fenics_joints.interfaces.sparse import FullModel
 from fenics_joints.joint_laws import IwanLayer, RichardAbbott
 from fenics_joints.meshes import lap_beam_section
 from fenics_joints.modal.modes import Modes, solve_modes

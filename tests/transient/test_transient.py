@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic import solve_backbone
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
-from fenics_joints.interfaces.motion import FullModel, SparsePoints
+from fenics_joints.interfaces.sparse import FullModel, SparsePoints
 from fenics_joints.joint_laws import Iwan, JointLaw, Segalman
 from fenics_joints.transient import solve_transient, steady_harmonics, stepped_sine
 
@@ -60,7 +60,7 @@ def chain(comm=None, n=6):
         return A
 
     share.array[:] = end[first:last]
-    joint = SparsePoints("joint", law, shared(rows), weights[first:last], 1)
+    joint = SparsePoints("joint", law, shared(rows), weights[first:last], n_components=1)
     return FullModel(shared(M), shared(K), (joint,), shared(C), {"end": share}, {"end": share})
 
 
