@@ -61,12 +61,10 @@ from fenics_joints.forms.transition_layer import (
     average_density,
     layer_position,
     ring_pressure,
-    transition_energy,
     transition_layer,
     transition_mass,
     transition_modulus,
     transition_poisson,
-    transition_stress,
 )
 
 __all__ = [
@@ -116,12 +114,10 @@ __all__ = [
     "spring_traction",
     "strain",
     "stretched_gradient",
-    "transition_energy",
     "transition_layer",
     "transition_mass",
     "transition_modulus",
     "transition_poisson",
-    "transition_stress",
     "uncoupled_layer",
     "uncoupled_layer_stress",
     "valanis",

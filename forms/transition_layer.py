@@ -31,20 +31,17 @@ from numbers import Real
 import ufl
 
 from fenics_joints.errors import InputError
-from fenics_joints.forms.elasticity import elasticity, isotropic_stress, lame_parameters, mass
-from fenics_joints.forms.kinematics import strain, stretched_gradient
+from fenics_joints.forms.elasticity import elasticity, mass
 from fenics_joints.forms.pressure import pressure_cone
 
 __all__ = [
     "average_density",
     "layer_position",
     "ring_pressure",
-    "transition_energy",
     "transition_layer",
     "transition_mass",
     "transition_modulus",
     "transition_poisson",
-    "transition_stress",
 ]
 
 
@@ -58,12 +55,6 @@ def _stretch(thickness, meshed):
         if isinstance(value, Real) and not value > 0:
             raise InputError(f"{name} = {value} m: expected a thickness above 0 m")
     return thickness / meshed
-
-
-def transition_stress(u, E, mu, *, normal=None, thickness=None, meshed=None):
-    """Cauchy stress, Pa, in the layer; arguments as in `transition_layer`."""
-    gradient = stretched_gradient(u, normal, _stretch(thickness, meshed))
-    return isotropic_stress(strain(gradient), *lame_parameters(E, mu))
 
 
 def transition_layer(u, v, E, mu, dx=ufl.dx, *, normal=None, thickness=None, meshed=None):
@@ -88,12 +79,6 @@ def transition_layer(u, v, E, mu, dx=ufl.dx, *, normal=None, thickness=None, mes
     """
     stretch = _stretch(thickness, meshed)
     return elasticity(u, v, E, mu, dx, normal=normal, stretch=stretch)
-
-
-def transition_energy(u, E, mu, dx=ufl.dx, *, normal=None, thickness=None, meshed=None):
-    """Strain energy, J, of the layer, as a functional; arguments as in `transition_layer`."""
-    more = {"normal": normal, "thickness": thickness, "meshed": meshed}
-    return 0.5 * transition_layer(u, u, E, mu, dx, **more)
 
 
 def transition_mass(u, v, rho, dx=ufl.dx, *, thickness=None, meshed=None):

@@ -31,7 +31,6 @@ from stage_two import (
     beams,
     bolt_and_accelerometer,
     identified,
-    law_at,
     layer_law,
     linear_stage,
     nonlinear_model,
@@ -72,7 +71,7 @@ start = {"lap.E_p": 0.02 * E, "lap.S_y": 6e4}
 model = nonlinear_model(
     structure, layer_law(E, G, *start.values(), 2.5), E, G, test.shaker, test.damping
 )
-linear = predict(law_at(model, {"lap.S_y": 1e9}), curves, points=POINTS, **options())
+linear = predict(model.with_parameters({"lap.S_y": 1e9}), curves, points=POINTS, **options())
 found, predictions = identified(model, curves, start, "gradient")
 say("", "a layer that never yields")
 tell_errors(linear)

@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.optimize import least_squares
 
-from fenics_joints.harmonic import LawParameters, identify, predict, read_loops, solve_harmonic
+from fenics_joints.harmonic import identify, predict, read_loops, solve_harmonic
 from fenics_joints.interfaces import InterfaceModel, reduce_layers, with_modal_damping
 from fenics_joints.joint_laws import Iwan, IwanLayer, RichardAbbott
 from fenics_joints.measurements import read_curves
@@ -144,8 +144,9 @@ def identified(model, curves, start, method: str, loops=()):
     """Parameters from the highest level alone, and what they predict of all levels."""
     level = max(curves.levels)
     found = identify(
-        model, curves, level, start, method=method, points=POINTS, loops=loops, **options()
-    )
+        model.with_parameters, curves, level, start,
+        method=method, points=POINTS, loops=loops, **options(),
+    )  # fmt: skip
     return found, predict(found.model, curves, points=POINTS, **options())
 
 
@@ -214,7 +215,7 @@ def main() -> None:
         say("", "shear alone" if shear else "equivalent stress")
         say("linear layer")
         rigid = {"lap.S_y": 1e4 * start["lap.S_y"]}
-        tell_errors(predict(law_at(model, rigid), curves, points=POINTS, **options()))
+        tell_errors(predict(model.with_parameters(rigid), curves, points=POINTS, **options()))
         best, predictions = identified(model, curves, start, "gradient")
         tell("gradient", best, predictions)
         say(f"  {time.time() - began:.0f} s")
@@ -222,8 +223,9 @@ def main() -> None:
             tell("direct", *identified(model, curves, start, "direct"))
             say(f"  {time.time() - began:.0f} s")
         n = identify(
-            best.model, None, None, {"lap.n": 2.5}, loops=loops, **options() | {"harmonics": 5}
-        )
+            best.model.with_parameters, None, None, {"lap.n": 2.5},
+            loops=loops, **options() | {"harmonics": 5},
+        )  # fmt: skip
         say(f"n from the loop alone: {n.values['lap.n']:.3g} (+-{100 * n.sd['lap.n']:.0f} %), "
             f"rms error {100 * n.objective:.1f} %")  # fmt: skip
         tell(
@@ -233,11 +235,6 @@ def main() -> None:
     say("")
     paper_parameters()
     say(f"{time.time() - began:.0f} s")
-
-
-def law_at(model: InterfaceModel, values) -> InterfaceModel:
-    """The model with other parameters of its laws."""
-    return LawParameters(model)(values)
 
 
 if __name__ == "__main__":

@@ -12,22 +12,17 @@ from fenics_joints.harmonic.constant_response import solve_constant_response
 from fenics_joints.harmonic.continuation import Problem, Settings, follow, locate
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.harmonic.frf import solve_harmonic
-from fenics_joints.harmonic.identify import (
-    IdentificationResult,
-    LawParameters,
-    Prediction,
-    identify,
-    predict,
-)
+from fenics_joints.harmonic.identify import IdentificationResult, identify
 from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
+from fenics_joints.harmonic.predict import Prediction, predict
 from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
 from fenics_joints.harmonic.sensitivity import ResponseGradient
 from fenics_joints.harmonic.stability import floquet_exponents, stable
 
 __all__ = [
     "Backbone", "Balance", "Branch", "Fourier", "HarmonicResult", "IdentificationResult",
-    "LawParameters", "Loops", "MeasuredLoop", "Peak", "Periodic", "Prediction", "Problem",
+    "Loops", "MeasuredLoop", "Peak", "Periodic", "Prediction", "Problem",
     "ResponseGradient", "Settings", "default_samples", "floquet_exponents", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
     "solve_backbone", "solve_constant_response", "solve_harmonic", "solve_phase_resonance",

@@ -9,239 +9,31 @@ alike.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 from scipy.optimize import least_squares, minimize
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import InputError
 from fenics_joints.files import json_text, write_text
-from fenics_joints.harmonic.continuation import Settings
-from fenics_joints.harmonic.fourier import basis, differentiated
-from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.loops import MeasuredLoop
+from fenics_joints.harmonic.residuals import Change, Curve, CurveFit, checked_data
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
-from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.modal.sensitivity import Identifiability, identifiability
 
-__all__ = [
-    "IdentificationResult", "LawParameters", "Prediction", "identify", "near_peak", "peak_of",
-    "predict",
-]  # fmt: skip
+__all__ = ["IdentificationResult", "identify"]
 
 #: Bounds of a parameter by default: its start over and times this.
 _RANGE = 1e3
 #: First steps of the direct search, of ln of the parameters.
 _SIMPLEX = 0.3
 
-Change = Callable[[Mapping[str, float]], InterfaceModel]
 
-
-class LawParameters:
-    """The model for values of its laws' parameters, named ``INTERFACE.PARAMETER``.
-
-    Args:
-        model: The model.
-    """
-
-    def __init__(self, model: InterfaceModel):
-        self.model = model
-        self.laws = {points.name: points.law for points in model.interfaces}
-        for points in model.interfaces:
-            points.kernel  # noqa: B018  compiled once, and taken over by changed laws
-
-    def __call__(self, values: Mapping[str, float]) -> InterfaceModel:
-        """The model with these values.
-
-        Raises:
-            InputError: For an unknown name, or a value that the law does not allow.
-        """
-        changes: dict[str, dict[str, float]] = {}
-        for name, value in values.items():
-            interface, _, key = name.rpartition(".")
-            if interface not in self.laws:
-                known = ", ".join(self.laws) or "none"
-                raise InputError(
-                    f"parameters: {name!r} belongs to no interface; expected INTERFACE.PARAMETER "
-                    f"with one of the interfaces {known}."
-                )
-            changes.setdefault(interface, {})[key] = float(value)
-        return self.model.with_laws(**{k: _changed(self.laws[k], v) for k, v in changes.items()})
-
-
-def _changed(law: JointLaw, values: Mapping[str, float]) -> JointLaw:
-    # A law made from a backbone has its parameters, not those of its sliders.
-    change = getattr(law, "change", law.with_values)
-    return change(**values)
-
-
-# -- data ------------------------------------------------------------------------------------------
-
-
-def near_peak(amplitudes: np.ndarray, points: int) -> np.ndarray:
-    """Indices of the ``points`` largest of a curve's amplitudes, ascending."""
-    return np.sort(np.argsort(-np.asarray(amplitudes), kind="stable")[:points])
-
-
-def peak_of(frequencies_hz: np.ndarray, amplitudes: np.ndarray) -> tuple[float, float]:
-    """(frequency, Hz, amplitude) of a sampled curve's peak.
-
-    The vertex of the parabola of 1 / amplitude^2 through the largest and its neighbours, which a
-    lightly damped resonance is; the largest itself where that has none, or at an end.
-    """
-    f, a = np.asarray(frequencies_hz, dtype=float), np.asarray(amplitudes, dtype=float)
-    i = int(np.argmax(a))
-    if not 0 < i < len(a) - 1:
-        return float(f[i]), float(a[i])
-    x, y = f[i - 1 : i + 2] - f[i], a[i] ** 2 / a[i - 1 : i + 2] ** 2
-    bend, slope, level = np.polyfit(x, y, 2)
-    vertex = -slope / (2 * bend) if bend > 0 else np.inf
-    least = level + 0.5 * slope * vertex if np.isfinite(vertex) else 0.0
-    if not (x[0] < vertex < x[2] and least > 0):
-        return float(f[i]), float(a[i])
-    return float(f[i] + vertex), float(a[i] / np.sqrt(least))
-
-
-@dataclass(frozen=True)
-class _Curve:
-    """Amplitudes at some frequencies of one level; a residual for each, relative."""
-
-    level: float
-    frequencies: np.ndarray
-    amplitudes: np.ndarray
-    sensor: str
-    kind: str
-
-    def computed(self, result: HarmonicResult) -> np.ndarray:
-        return result.amplitude(self.sensor, self.kind, "first")
-
-    def residual(self, result: HarmonicResult) -> np.ndarray:
-        return self.computed(result) / self.amplitudes - 1.0
-
-    def slope(self, gradient) -> np.ndarray:
-        change = gradient.amplitude(self.sensor, self.kind, "first")
-        return change / self.amplitudes[:, None]
-
-
-@dataclass(frozen=True)
-class _Loop:
-    """One measured loop; residuals whose root of the sum of squares is its relative rms error."""
-
-    loop: MeasuredLoop
-    sensor: str
-
-    @property
-    def level(self) -> float:
-        return self.loop.level
-
-    @property
-    def frequencies(self) -> np.ndarray:
-        return np.array([self.loop.frequency_hz])
-
-    def _scale(self) -> float:
-        return np.sqrt(len(self.loop.times)) * float(np.std(self.loop.responses))
-
-    def residual(self, result: HarmonicResult) -> np.ndarray:
-        c = result.sensor_coefficients(self.sensor, self.loop.response)[0]
-        measured = self.loop.responses - self.loop.responses.mean()
-        at = basis(self.loop.angles(), len(c))
-        # An accelerometer measures no mean.
-        return (at[:, 1:] @ c[1:] - measured) / self._scale()
-
-    def slope(self, gradient) -> np.ndarray:
-        result = gradient.result
-        row = result.model.row("sensors", self.sensor)
-        change = np.einsum("n,nkj->jk", row, gradient.coefficients[0])
-        change = differentiated(change, result.omegas[0], self.loop.response)
-        at = basis(self.loop.angles(), change.shape[1])
-        return (at[:, 1:] @ change[:, 1:].T) / self._scale()
-
-
-# -- the fit ---------------------------------------------------------------------------------------
-
-
-class CurveFit:
-    """Residuals and their derivatives by ln of the parameters, and what they cost.
-
-    Args:
-        change: The model for values of the parameters.
-        names: Their names.
-        data: Curves and loops.
-        force: Place of the force.
-        options: Options of `solve_harmonic`.
-    """
-
-    def __init__(self, change: Change, names, data, force: str, options: Mapping[str, object]):
-        self.change, self.names, self.data = change, tuple(names), list(data)
-        self.force, self.options = force, dict(options)
-        self.evaluations = self.gradients = self.failures = 0
-        self.solutions = self.iterations = 0
-        self.trials, self.history = [], []
-        self.results: list = [None] * len(self.data)
-        self._at = self._residual = None
-
-    def values(self, x: np.ndarray) -> dict[str, float]:
-        """The parameters at x."""
-        return dict(zip(self.names, np.exp(x).tolist(), strict=True))
-
-    def residual(self, x: np.ndarray) -> np.ndarray:
-        """Relative residuals, (n,). The last response is kept, and not computed twice."""
-        if self._at is not None and np.array_equal(self._at, x):
-            return self._residual
-        self.evaluations += 1
-        model, found = self.change(self.values(x)), []
-        for one, warm in zip(self.data, self.results, strict=True):
-            result = solve_harmonic(
-                model, self.force, one.level, at=one.frequencies, sensor=one.sensor,
-                initial=warm, **self.options,
-            )  # fmt: skip
-            found.append(result)
-            self.solutions += len(result)
-            self.iterations += int(np.sum(result.iterations))
-        r = np.concatenate([d.residual(y) for d, y in zip(self.data, found, strict=True)])
-        self.results, self._at, self._residual = found, np.array(x), r
-        self._note(x, self.objective(r))
-        return r
-
-    def objective(self, r: np.ndarray) -> float:
-        """Eq. 6; a loop counts as one point, with its relative rms error."""
-        total, at = 0.0, 0
-        for one in self.data:
-            n = len(one.frequencies) if isinstance(one, _Curve) else len(one.loop.times)
-            part, at = r[at : at + n], at + n
-            total += np.abs(part).sum() if isinstance(one, _Curve) else np.linalg.norm(part)
-        return float(total)
-
-    def tried(self, x: np.ndarray) -> np.ndarray | None:
-        """`residual`, or None where there is no model or no response."""
-        try:
-            return self.residual(x)
-        except (ConvergenceError, InputError):
-            self.failures += 1
-            self._note(x, np.inf)
-            return None
-
-    def _note(self, x: np.ndarray, objective: float) -> None:
-        self.trials.append(np.exp(x))
-        self.history.append(objective)
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """d residual / d ln p, (n, parameters)."""
-        self.residual(x)
-        self.gradients += 1
-        parts = [
-            one.slope(result.by_parameters(self.change, self.values(x)))
-            for one, result in zip(self.data, self.results, strict=True)
-        ]
-        return np.vstack(parts) * np.exp(x)
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class IdentificationResult:
     """Identified parameters, how they were found, and how well the data determine them.
 
@@ -296,6 +88,10 @@ class IdentificationResult:
     model: InterfaceModel
     responses: tuple[HarmonicResult, ...]
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name} = {value:.4g}" for name, value in self.values.items())
+        return f"IdentificationResult({self.method}: {values}; objective {self.objective:.3g})"
+
     @property
     def sd(self) -> dict[str, float]:
         """Standard deviation of ln of each parameter, from the data alone."""
@@ -333,7 +129,7 @@ class IdentificationResult:
 
 
 def identify(
-    model: InterfaceModel | Change,
+    change: Change,
     curves: MeasuredCurves | None,
     level: float | None,
     parameters: Mapping[str, float],
@@ -348,10 +144,7 @@ def identify(
     tolerance: float = 1e-3,
     max_evaluations: int = 200,
     harmonics: int = 3,
-    samples: int | None = None,
-    static: np.ndarray | None = None,
-    settings: Settings | None = None,
-    comm: MPI.Comm | None = None,
+    **options,
 ) -> IdentificationResult:
     """Find parameters of nonlinear laws from the curve of one level, or from loops, or both.
 
@@ -360,8 +153,8 @@ def identify(
     last one. A trial whose response is not found counts as one, and is turned away.
 
     Args:
-        model: The model, whose laws' parameters are named ``INTERFACE.PARAMETER``; or a function
-            that makes the model for values of any parameters, by name.
+        change: The model for values of the parameters, by name, such as
+            `InterfaceModel.with_parameters`.
         curves: Measured curves; None to take loops alone.
         level: The level to take, N; None without curves.
         parameters: Values to start from, > 0, by name.
@@ -375,7 +168,8 @@ def identify(
         noise: Relative standard deviation of a measured amplitude.
         tolerance: Change of ln of the parameters, and relative one of the objective, at the end.
         max_evaluations: Most responses.
-        harmonics, samples, static, settings, comm: As for `solve_harmonic`.
+        harmonics, options: ``samples``, ``static``, ``settings``, ``comm``: As for
+            `solve_harmonic`.
 
     Raises:
         InputError: For an unknown name, a value out of range, or no data.
@@ -390,13 +184,8 @@ def identify(
             raise InputError(f"{key} = {value}: expected between 0 and 1.")
     if max_evaluations < 2:
         raise InputError(f"max_evaluations = {max_evaluations}: expected at least 2.")
-    change = LawParameters(model) if isinstance(model, InterfaceModel) else model
     data = checked_data(curves, level, points, loops, sensor)
-    options = {
-        "harmonics": harmonics, "samples": samples, "static": static, "settings": settings,
-        "comm": comm,
-    }  # fmt: skip
-    fit = CurveFit(change, start, data, force, options)
+    fit = CurveFit(change, start, data, force, {"harmonics": harmonics, **options})
     x = np.log(list(start.values()))
     first = fit.objective(fit.residual(x))  # raises what is wrong with names and model
     search = _direct if method == "direct" else _gradient
@@ -446,7 +235,7 @@ def _finished(fit, method, start, first, x, bounds, noise, message) -> Identific
     spread = max(noise, float(np.sqrt(r @ r / max(len(r) - len(x), 1))))
     values = fit.values(x)
     met = [min(abs(x[i] - b[i]) for b in bounds) < 1e-6 for i in range(len(x))]
-    curve = next((d for d in fit.data if isinstance(d, _Curve)), None)
+    curve = next((d for d in fit.data if isinstance(d, Curve)), None)
     return IdentificationResult(
         method=method,
         level=fit.data[0].level,
@@ -486,125 +275,3 @@ def _checked_bounds(start: Mapping[str, float], bounds) -> tuple[np.ndarray, np.
         found.append((np.log(low), np.log(high)))
     low, high = np.array(found).T
     return low, high
-
-
-def checked_data(curves, level, points, loops, sensor) -> list[_Curve | _Loop]:
-    found: list[_Curve | _Loop] = []
-    if curves is not None:
-        if level is None:
-            raise InputError("level = None: expected the level of one of the curves, N.")
-        frequencies, amplitudes = curves.at(level)
-        if not 3 <= points:
-            raise InputError(f"points = {points}: expected at least 3.")
-        kept = near_peak(amplitudes, points)
-        found.append(_Curve(level, frequencies[kept], amplitudes[kept], sensor, curves.response))
-    elif level is not None:
-        raise InputError(f"level = {level:g}: expected curves that have it.")
-    found += [_Loop(loop, sensor) for loop in loops]
-    if not found:
-        raise InputError("there are no data: expected curves and a level, or loops.")
-    return found
-
-
-# -- prediction ------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """What a model makes of a measured curve.
-
-    Attributes:
-        level: Amplitude of the force, N.
-        frequencies_hz: The measured frequencies, Hz, (n,).
-        measured: Amplitudes, in SI units, (n,).
-        computed: Those of the model, (n,).
-        near_peak: Indices of the points near the peak that `objective` takes.
-        response: The model's response.
-    """
-
-    level: float
-    frequencies_hz: np.ndarray
-    measured: np.ndarray
-    computed: np.ndarray
-    near_peak: np.ndarray
-    response: HarmonicResult
-
-    @property
-    def objective(self) -> float:
-        """Eq. 6."""
-        i = self.near_peak
-        return float(np.sum(np.abs(self.computed[i] / self.measured[i] - 1.0)))
-
-    @property
-    def mean_error(self) -> float:
-        """Eq. 6 per point: the mean relative error."""
-        return self.objective / len(self.near_peak)
-
-    @property
-    def peaks(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """(frequency, Hz, amplitude) of the measured peak and of the model's, see `peak_of`."""
-        return peak_of(self.frequencies_hz, self.measured), peak_of(
-            self.frequencies_hz, self.computed
-        )
-
-    @property
-    def frequency_error(self) -> float:
-        """Error of the peak's frequency, relative."""
-        measured, computed = self.peaks
-        return computed[0] / measured[0] - 1.0
-
-    @property
-    def amplitude_error(self) -> float:
-        """Error of the peak's amplitude, relative."""
-        measured, computed = self.peaks
-        return computed[1] / measured[1] - 1.0
-
-    def to_dict(self) -> dict:
-        """Everything that people read, for JSON."""
-        measured, computed = self.peaks
-        return {
-            "level": self.level, "frequency_hz": self.frequencies_hz.tolist(),
-            "measured": self.measured.tolist(), "computed": self.computed.tolist(),
-            "objective": self.objective, "mean_error": self.mean_error,
-            "measured_peak": list(measured), "computed_peak": list(computed),
-            "frequency_error": self.frequency_error, "amplitude_error": self.amplitude_error,
-        }  # fmt: skip
-
-
-def predict(
-    model: InterfaceModel,
-    curves: MeasuredCurves,
-    levels: Sequence[float] | None = None,
-    *,
-    force: str,
-    sensor: str,
-    points: int = 9,
-    harmonics: int = 3,
-    samples: int | None = None,
-    static: np.ndarray | None = None,
-    settings: Settings | None = None,
-    comm: MPI.Comm | None = None,
-) -> tuple[Prediction, ...]:
-    """The model's responses at the measured frequencies, and their errors, by level.
-
-    Args:
-        model: The model.
-        curves: Measured curves.
-        levels: Levels, N; all by default.
-        force, sensor, points, harmonics, samples, static, settings, comm: As for `identify`.
-
-    Raises:
-        InputError: For an unknown name or level.
-        ConvergenceError: If a response is not found.
-    """
-    found = []
-    for level in curves.levels if levels is None else levels:
-        frequencies, measured = curves.at(level)
-        result = solve_harmonic(
-            model, force, level, at=frequencies, harmonics=harmonics, samples=samples,
-            static=static, sensor=sensor, settings=settings, comm=comm,
-        )  # fmt: skip
-        computed = result.amplitude(sensor, curves.response, "first")
-        kept = near_peak(measured, points)
-        found.append(Prediction(level, frequencies, measured, computed, kept, result))
-    return tuple(found)

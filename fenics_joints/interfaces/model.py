@@ -115,6 +115,25 @@ class InterfaceModel:
         changed = [replace(p, law=laws.get(p.name, p.law)) for p in self.interfaces]
         return replace(self, interfaces=tuple(changed))
 
+    def with_parameters(self, values: Mapping[str, float]) -> InterfaceModel:
+        """The same model with other parameters of its laws, named ``INTERFACE.PARAMETER``.
+
+        Raises:
+            InputError: For an unknown name, or a value that the law does not allow.
+        """
+        laws, changes = {p.name: p.law for p in self.interfaces}, {}
+        for points in self.interfaces:
+            points.kernel  # noqa: B018  compiled once, and taken over by changed laws
+        for name, value in values.items():
+            interface, _, key = name.rpartition(".")
+            if interface not in laws:
+                raise InputError(
+                    f"parameters: {name!r} belongs to no interface; expected INTERFACE.PARAMETER "
+                    f"with one of the interfaces {', '.join(laws) or 'none'}."
+                )
+            changes.setdefault(interface, {})[key] = float(value)
+        return self.with_laws(**{k: laws[k].change(**v) for k, v in changes.items()})
+
     def stiffness_at_rest(self) -> np.ndarray:
         """Stiffness of small vibrations: K and the interfaces' tangents, N/m, (n, n)."""
         K = np.array(self.K, dtype=float)

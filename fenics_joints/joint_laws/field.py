@@ -250,22 +250,21 @@ class JointField:
         """Stress, new state, stored energy and heat of a step, as UFL."""
         law, n = self.law, self.slip.ufl_shape[0]
         stress, traction, new = ufl.as_ufl(0.0), [ufl.as_ufl(0.0)] * n, []
-        tells = hasattr(law, "stored"), hasattr(law, "dissipated")
-        self._stored = self._pressed()[1] if tells[0] or not self._m else None
-        heat = ufl.as_ufl(0.0) if tells[1] else None
+        stored, heat = [], []
         for old, p in zip(self._slices(self.state), self._parameters, strict=True):
             sigma, tau, made = law.element(self.opening, self.slip, old, p)
             stress += sigma
             traction = [traction[i] + tau[i] for i in range(n)]
             new += [made[i] for i in range(self._m)]
-            if tells[0]:
-                self._stored += law.stored(self.opening, self.slip, made, p)
-            if tells[1]:
-                heat += law.dissipated(self.opening, self.slip, old, made, p)
+            stored.append(law.stored(self.opening, self.slip, made, p))
+            heat.append(law.dissipated(self.opening, self.slip, old, made, p))
         self.stress = stress + self._pressed()[0]
         self.traction = ufl.as_vector(traction)
         self._new = ufl.as_vector(new or [ufl.as_ufl(0.0)])
-        self._increments = self._work(), heat
+        pressed = self._pressed()[1]
+        told = None if self._m and None in stored else [e for e in stored if e is not None]
+        self._stored = None if told is None else sum(told, pressed)
+        self._increments = self._work(), None if None in heat else sum(heat, ufl.as_ufl(0.0))
 
     def _pressed(self):
         """Stress and energy of the normal modulus."""
@@ -366,11 +365,6 @@ class JointField:
         For a law that does not tell heat from energy, the work done.
         """
         return self._heat
-
-    @property
-    def last_strain(self) -> fem.Function:
-        """Normal strain, shears, normal stress, tractions at the points after the last update."""
-        return self._last
 
 
 def _scalar(element):

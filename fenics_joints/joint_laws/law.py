@@ -109,6 +109,20 @@ class JointLaw(ABC):
             change it must be returned as it is (in a ``ufl.conditional``), not computed anew.
         """
 
+    def stored(self, normal, slip, state, p: Mapping[str, object]):
+        """Energy per volume or area in one element's springs, with the state after the step.
+
+        Arguments as `element`. UFL; None for a law that does not tell.
+        """
+        return
+
+    def dissipated(self, normal, slip, old, new, p: Mapping[str, object]):
+        """Energy per volume or area that one element turned to heat in a step from old to new.
+
+        Arguments as `element`. UFL; None for a law that does not tell.
+        """
+        return
+
     def values(self, n_points: int) -> np.ndarray:
         """Parameters of every element of every point, shape (n_points, E, n_parameters).
 
@@ -140,6 +154,14 @@ class JointLaw(ABC):
         other.__dict__.update(self.__dict__)
         JointLaw.__init__(other, **{**self.parameters, **values})
         return other
+
+    def change(self, **values: float) -> JointLaw:
+        """The same law with other values of what it was made of: `with_values` unless it says.
+
+        Raises:
+            InputError: For an unknown parameter or one out of range.
+        """
+        return self.with_values(**values)
 
     def __getstate__(self) -> dict:
         """Without compiled kernels, which cannot be pickled and are soon made again."""

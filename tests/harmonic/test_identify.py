@@ -9,8 +9,10 @@ from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic import Settings, solve_harmonic
-from fenics_joints.harmonic.identify import LawParameters, identify, peak_of, predict
+from fenics_joints.harmonic.identify import identify
 from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
+from fenics_joints.harmonic.predict import peak_of, predict
+from fenics_joints.harmonic.residuals import CurveFit, checked_data
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import CubicSpring, Iwan, IwanLayer, RichardAbbott
 from fenics_joints.measurements.curves import MeasuredCurves
@@ -31,6 +33,10 @@ def chain(sliders: int = 20, **changes) -> InterfaceModel:
     return InterfaceModel(
         np.eye(3), K, (joint,), 0.01 * np.eye(3), {"push": end}, {"end": end}
     )  # fmt: skip
+
+
+#: The identified model by its parameters.
+CHAIN = chain().with_parameters
 
 
 def made(level: float, at, sliders: int = 33):
@@ -70,7 +76,7 @@ def found(curves) -> dict:
     """Both methods from the highest level alone."""
     start = {"lap.E_p": 0.1, "lap.S_y": 0.5}
     return {
-        method: identify(chain(), curves, LEVELS[-1], start, method=method, **PLACES)
+        method: identify(CHAIN, curves, LEVELS[-1], start, method=method, **PLACES)
         for method in ("direct", "gradient")
     }
 
@@ -102,25 +108,23 @@ def test_evaluations_are_counted(found):
 def test_sharpness_is_found_from_a_loop(curves, loop):
     """All three from curve and loop; the loop's own scale is not known, nor when it began."""
     start = {"lap.S_y": 0.45, "lap.n": 1.5}
-    found = identify(chain(), curves, LEVELS[-1], start, loops=[loop], harmonics=5, **PLACES)
+    found = identify(CHAIN, curves, LEVELS[-1], start, loops=[loop], harmonics=5, **PLACES)
     assert found.values["lap.n"] == pytest.approx(2.5, rel=0.05)
     assert found.values["lap.S_y"] == pytest.approx(0.3, rel=0.02)
-    alone = identify(chain(), None, None, {"lap.n": 1.5}, loops=[loop], harmonics=5, **PLACES)
+    alone = identify(CHAIN, None, None, {"lap.n": 1.5}, loops=[loop], harmonics=5, **PLACES)
     assert alone.values["lap.n"] == pytest.approx(2.5, rel=0.05)
     assert alone.level == pytest.approx(LEVELS[-1]) and not len(alone.frequencies_hz)
 
 
 def test_derivatives_pass_taylors_test(curves, loop):
     """What first-order derivatives leave falls as the step's square, for curve and loop alike."""
-    from fenics_joints.harmonic.identify import CurveFit, checked_data
-
     data = checked_data(curves, LEVELS[-1], 9, [loop], "end")
     model, options = chain(), {"harmonics": 3, "settings": Settings(tolerance=1e-11)}
     (lap,) = model.interfaces
     cubic = replace(lap, law=CubicSpring(0.6, -0.02), rows=lap.rows[:, :1], normal=False)
     smooth = replace(model, interfaces=(cubic,))
-    fit = CurveFit(LawParameters(smooth), ("lap.k1", "lap.k3"), data, "push", options)
-    fit.change = lambda values: LawParameters(smooth)({**values, "lap.k3": -values["lap.k3"]})
+    fit = CurveFit(smooth.with_parameters, ("lap.k1", "lap.k3"), data, "push", options)
+    fit.change = lambda values: smooth.with_parameters({**values, "lap.k3": -values["lap.k3"]})
     x, direction = np.log([0.6, 0.02]), np.array([0.5, -1.0])
     left = []
     r, J = fit.residual(x), fit.jacobian(x)
@@ -130,7 +134,7 @@ def test_derivatives_pass_taylors_test(curves, loop):
         left.append([np.linalg.norm(part) for part in apart])
     assert np.diff(np.log2(left), axis=0) == pytest.approx(np.full((2, 2), -2.0), abs=0.1)
     # With sliders the response bends wherever one more begins to slip: differences of it.
-    fit = CurveFit(LawParameters(model), TRUTH, data, "push", options)
+    fit = CurveFit(model.with_parameters, TRUTH, data, "push", options)
     x = np.log([0.15, 0.4, 2.0])
     fit.residual(x)
     J = fit.jacobian(x)
@@ -142,7 +146,7 @@ def test_derivatives_pass_taylors_test(curves, loop):
 def test_what_the_data_do_not_determine_is_said(curves):
     """At a level that hardly slips, the slope beyond slip can be anything."""
     start = {"lap.E_p": 1e-4, "lap.S_y": 0.4}
-    found = identify(chain(), curves, LEVELS[0], start, **PLACES)
+    found = identify(CHAIN, curves, LEVELS[0], start, **PLACES)
     assert "lap.E_p" in found.undetermined and "lap.S_y" not in found.undetermined
     sd = np.sqrt(np.diag(np.linalg.inv(found.jacobian.T @ found.jacobian))) * found.noise
     assert list(found.sd.values()) == pytest.approx(sd, rel=1e-6)
@@ -150,10 +154,10 @@ def test_what_the_data_do_not_determine_is_said(curves):
 
 def test_a_law_of_one_number_is_changed_by_its_own_parameters():
     law = Iwan(RichardAbbott(1.0, 0.0, 1.0, 2.0), 5)
-    made = LawParameters(chain().with_laws())({"lap.G": 0.2, "lap.n": 3.0}).interfaces[0].law
+    made = chain().with_parameters({"lap.G": 0.2, "lap.n": 3.0}).interfaces[0].law
     assert (made.G, made.backbone.n, made.backbone.S_y) == (0.2, 3.0, 0.3)
     with pytest.raises(InputError, match="'other.n' belongs to no interface"):
-        LawParameters(chain())({"other.n": 1.0})
+        chain().with_parameters({"other.n": 1.0})
     assert law.change(n=3.0).backbone.n == 3.0
 
 
@@ -202,7 +206,7 @@ def test_loops_are_read_from_a_table(loop, shared_tmp_path):
 def test_what_cannot_be_is_refused(curves, changes, words):
     given = {"curves": curves, "level": LEVELS[-1], "parameters": {"lap.S_y": 0.4}} | PLACES
     with pytest.raises(InputError, match=words):
-        identify(chain(), **(given | changes))
+        identify(CHAIN, **(given | changes))
 
 
 def test_trials_without_a_model_are_turned_away(curves):
@@ -210,7 +214,7 @@ def test_trials_without_a_model_are_turned_away(curves):
     start = {"lap.E_p": 0.9, "lap.S_y": 0.3}
     for method in ("direct", "gradient"):
         found = identify(
-            chain(), curves, LEVELS[-1], start, method=method, max_evaluations=30, **PLACES
+            CHAIN, curves, LEVELS[-1], start, method=method, max_evaluations=30, **PLACES
         )
         assert found.values["lap.E_p"] < 1.0 and found.objective < found.start_objective
         assert found.failures == np.isinf(found.history).sum()

@@ -8,7 +8,8 @@ import fenics_joints
 from fenics_joints.case import Case
 from fenics_joints.commands.harmonic.model import HarmonicModel
 from fenics_joints.harmonic import Backbone, HarmonicResult
-from fenics_joints.harmonic.identify import IdentificationResult, Prediction
+from fenics_joints.harmonic.identify import IdentificationResult
+from fenics_joints.harmonic.predict import Prediction
 from fenics_joints.measurements.curves import UNITS, MeasuredCurves
 
 __all__ = ["HarmonicReport", "LevelFacts"]

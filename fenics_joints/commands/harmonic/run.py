@@ -19,9 +19,10 @@ from fenics_joints.commands.harmonic.summary import show_harmonic
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import HarmonicResult, solve_backbone, solve_harmonic
-from fenics_joints.harmonic.identify import IdentificationResult, identify, predict
+from fenics_joints.harmonic.identify import IdentificationResult, identify
 from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.loops import read_loops
+from fenics_joints.harmonic.predict import predict
 from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.progress import Progress
 
@@ -116,7 +117,8 @@ def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[Identif
         progress.step(f"identifying {', '.join(wanted.parameters)}, {method}")
         found.append(
             identify(
-                built.model, case.curves(), wanted.level, wanted.values(case.nonlinear),
+                built.model.with_parameters, case.curves(), wanted.level,
+                wanted.values(case.nonlinear),
                 method=method, points=wanted.points, noise=wanted.noise, loops=loops,
                 **_equations(case, comm),
             )
