@@ -1,11 +1,11 @@
 """Periodic vibration of structures with nonlinear interfaces, by harmonic balance.
 
 `solve_harmonic` makes frequency responses at constant force, `solve_constant_response` those at
-constant response, `solve_backbone` and `solve_phase_resonance` frequency and damping against
-amplitude.
+constant response, `solve_backbone` frequency and damping against amplitude; `identify` finds the
+laws' numbers from measured responses.
 """
 
-from fenics_joints.harmonic.backbone import Backbone, solve_backbone, solve_phase_resonance
+from fenics_joints.harmonic.backbone import Backbone, solve_backbone
 from fenics_joints.harmonic.balance import Balance, default_samples
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
 from fenics_joints.harmonic.constant_response import solve_constant_response
@@ -25,6 +25,6 @@ __all__ = [
     "Loops", "MeasuredLoop", "Peak", "Periodic", "Prediction", "Problem",
     "ResponseGradient", "Settings", "default_samples", "floquet_exponents", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
-    "solve_backbone", "solve_constant_response", "solve_harmonic", "solve_phase_resonance",
+    "solve_backbone", "solve_constant_response", "solve_harmonic",
     "stable",
 ]  # fmt: skip

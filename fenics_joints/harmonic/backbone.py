@@ -16,13 +16,14 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic.balance import Balance
+from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import Settings, follow
 from fenics_joints.harmonic.frf import fingerprint
 from fenics_joints.harmonic.result import Periodic, check_sensor
-from fenics_joints.interfaces.model import InterfaceModel
+from fenics_joints.interfaces.model import InterfaceModel, inverted_modes
 from fenics_joints.progress import Progress
 
-__all__ = ["Backbone", "solve_backbone", "solve_phase_resonance"]
+__all__ = ["Backbone", "solve_backbone"]
 
 _LN10 = float(np.log(10.0))
 #: Eigenvalues below this share of trace(K) / trace(M) are rigid-body motion.
@@ -65,6 +66,7 @@ def solve_backbone(
     model: InterfaceModel,
     amplitudes: tuple[float, float],
     *,
+    force: str | None = None,
     near: float | None = None,
     sensor: str | None = None,
     harmonics: int = 5,
@@ -77,11 +79,15 @@ def solve_backbone(
     progress: Progress | None = None,
     comm: MPI.Comm | None = None,
 ) -> Backbone:
-    """A nonlinear mode by the extended periodic motion concept.
+    """A nonlinear mode: by the extended periodic motion concept, or with a force at resonance.
+
+    With a force, the frequency and amplitude of it at which the sensor's first harmonic is a
+    quarter of a cycle late.
 
     Args:
-        model: The structure; its force places do not matter.
+        model: The structure.
         amplitudes: Lowest and highest first-harmonic amplitude of displacement at the sensor, m.
+        force: Place of the force; None for a motion without one.
         near: The mode whose linear frequency, Hz, is nearest; the lowest elastic one by default.
         sensor: Sensor that moves in the mode; the model's first by default.
         harmonics, samples, static, cycles, settings: As for `solve_harmonic`; scaled arc length is
@@ -95,49 +101,16 @@ def solve_backbone(
     balance = Balance(model, harmonics, samples, static=static, cycles=cycles, comm=comm)
     sensor = check_sensor(model, sensor)
     row = model.row("sensors", sensor)
-    omega, shape = _linear_mode(balance, near)
-    problem = FreeMode(balance, row, omega, shape)
-    words = "mode", sensor, *amplitudes, near
-    files = checkpoint, resume, fingerprint(balance, *words)
-    return _solve(problem, amplitudes, sensor, None, settings, files, progress)
-
-
-def solve_phase_resonance(
-    model: InterfaceModel,
-    force: str,
-    amplitudes: tuple[float, float],
-    *,
-    near: float | None = None,
-    sensor: str | None = None,
-    harmonics: int = 5,
-    samples: int | None = None,
-    static: np.ndarray | None = None,
-    cycles: int = 2,
-    settings: Settings | None = None,
-    checkpoint: str | Path | None = None,
-    resume: bool = False,
-    progress: Progress | None = None,
-    comm: MPI.Comm | None = None,
-) -> Backbone:
-    """Frequency and force at which a sensor's first harmonic is a quarter of a cycle late.
-
-    Arguments and errors as `solve_backbone`, with the place of the ``force``.
-    """
-    balance = Balance(model, harmonics, samples, static=static, cycles=cycles, comm=comm)
-    sensor = check_sensor(model, sensor)
-    rows = model.row("sensors", sensor), model.row("forces", force)
-    omega, shape = _linear_mode(balance, near)
-    problem = PhaseResonance(balance, *rows, omega, shape)
-    words = "phase resonance", sensor, force, *amplitudes, near
-    files = checkpoint, resume, fingerprint(balance, *words)
-    return _solve(problem, amplitudes, sensor, force, settings, files, progress)
-
-
-def _solve(problem, amplitudes, sensor, force, settings, files, progress) -> Backbone:
+    mode = _linear_mode(balance, near)
+    if force is None:
+        problem = FreeMode(balance, row, *mode)
+        words = "mode", sensor, *amplitudes, near
+    else:
+        problem = PhaseResonance(balance, row, model.row("forces", force), *mode)
+        words = "phase resonance", sensor, force, *amplitudes, near
     low, high = (float(a) for a in amplitudes)
     if not 0 < low < high < np.inf:
         raise InputError(f"amplitudes = ({low}, {high}): expected 0 < low < high, m.")
-    balance, (checkpoint, resume, name) = problem.balance, files
     tell = None
     if progress is not None:
         progress.step(f"{problem.method} of the mode near {problem.omega / (2 * np.pi):.4g} Hz")
@@ -145,11 +118,16 @@ def _solve(problem, amplitudes, sensor, force, settings, files, progress) -> Bac
         def tell(z: np.ndarray) -> None:
             progress.advance(1, f"{10 ** z[-1]:.3g} m")
 
-    start = np.append(problem.start(), np.log10(low))
     branch = follow(
-        problem, start, (np.log10(low), np.log10(high)), settings=settings, name=name,
-        checkpoint=checkpoint, resume=resume, on_point=tell, writes=balance.comm.rank == 0,
+        problem, np.append(problem.start(), np.log10(low)), (np.log10(low), np.log10(high)),
+        settings=settings, name=fingerprint(balance, *words), checkpoint=checkpoint,
+        resume=resume, on_point=tell, writes=balance.comm.rank == 0,
     )  # fmt: skip
+    return _backbone(problem, branch, sensor, force)
+
+
+def _backbone(problem: _Mode, branch: Branch, sensor: str, force: str | None) -> Backbone:
+    balance = problem.balance
     X = np.array([problem.coefficients(z) for z in branch.z])
     omegas, extra = branch.z[:, -3], branch.z[:, -2]
     modal = np.sqrt(np.einsum("pnk,nm,pmk->p", X[..., 1:3], balance.model.M, X[..., 1:3]))
@@ -179,15 +157,13 @@ def _linear_mode(balance: Balance, near: float | None) -> tuple[float, np.ndarra
     rest[:, 0] = balance.mean
     J = balance.interface_force(rest)[1].reshape(*balance.shape, *balance.shape)
     K, M = balance.model.K + J[:, 1, :, 1], balance.model.M
-    # Inverted, since directions of a reduced basis may have next to no mass.
-    scale = np.trace(K) / np.trace(M)
     try:
-        inverse, shapes = scipy.linalg.eigh(M, 0.5 * (K + K.T) + scale * M)
+        scale, inverse, shapes = inverted_modes(K, M, 1.0)
     except scipy.linalg.LinAlgError as error:
         raise InputError(
             f"M and K at rest: expected positive (semi-)definite matrices ({error})."
         ) from error
-    heavy = np.flatnonzero(inverse > _MASSLESS * inverse[-1])[::-1]
+    heavy = np.flatnonzero(inverse > _MASSLESS * inverse[0])
     values = 1 / inverse[heavy] - scale
     elastic = np.flatnonzero(values > _RIGID * scale)
     if not len(elastic):

@@ -14,6 +14,8 @@ from typing import Protocol
 
 import numpy as np
 import scipy.linalg
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import check_writable
@@ -115,8 +117,12 @@ class Point:
         return self.direction * self.scales
 
 
-class _Failed(Exception):
-    """A point that Newton's method did not find."""
+class _Failed(ConvergenceError):
+    """A point that Newton's method did not find, and why."""
+
+    def __init__(self, why: str):
+        super().__init__(f"Newton's method did not converge: {why}")
+        self.why = why
 
 
 def correct(
@@ -128,6 +134,8 @@ def correct(
 ) -> Point:
     """Newton's method from z, in the plane through z with a scaled normal.
 
+    A Jacobian, worth many residuals, is kept while the steps fall fast.
+
     Args:
         problem: The equations.
         z: Start, (N + 1,).
@@ -138,14 +146,6 @@ def correct(
     Raises:
         ConvergenceError: If it does not converge.
     """
-    try:
-        return _correct(problem, z, normal, settings, kept)
-    except _Failed as failure:
-        raise ConvergenceError(f"Newton's method did not converge: {failure}") from None
-
-
-def _correct(problem, z, normal, settings, kept=None) -> Point:
-    """Newton's method that keeps a Jacobian, worth many residuals, while the steps fall fast."""
     scales = problem.scales(z)
     if normal is None:
         normal = np.zeros(len(z))
@@ -284,7 +284,7 @@ def follow(
             branch, kept = _grown(problem, branch, bounds, settings, kept)
         except _Failed as failure:
             _save(checkpoint, branch, name, writes)
-            raise _stopped(branch, str(failure)) from None
+            raise _stopped(branch, failure.why) from None
         if on_point is not None:
             on_point(branch.z[-1])
         if branch.complete or len(branch) % settings.save_every == 0:
@@ -307,9 +307,9 @@ def _stopped(branch: Branch, why: str) -> ConvergenceError:
 
 def _first(problem, start, direction, settings):
     try:
-        point = _correct(problem, start, None, settings)
+        point = correct(problem, start, None, settings)
     except _Failed as failure:
-        raise ConvergenceError(f"no first point of the branch: {failure}") from None
+        raise ConvergenceError(f"no first point of the branch: {failure.why}") from None
     effort = np.array([[point.iterations, point.jacobians]])
     tangent = direction * point.tangent
     return Branch(point.z[None], tangent[None], *effort.T, settings.step, False), point.jacobian
@@ -324,11 +324,11 @@ def _grown(problem, branch: Branch, bounds, settings, kept):
     why = ""
     while step >= settings.min_step:
         try:
-            point = _correct(problem, z + step * scales * direction, direction, settings, kept)
+            point = correct(problem, z + step * scales * direction, direction, settings, kept)
             small = step <= _KINK * settings.max_step
             why = _bad(point, z, scales, direction, step, small)
         except _Failed as failure:
-            why = str(failure)
+            why = failure.why
         if not why:
             break
         step /= 2
@@ -368,9 +368,11 @@ def _bad(point: Point, z, scales, direction, step, small: bool) -> str:
 
 def _ended(problem, branch, beyond: Point, tangent, bound, settings, scales) -> Branch:
     """The branch with its last point, on a bound; a step short of it if that is not found."""
-    cubic = _Cubic(branch.z[-1], branch.tangents[-1], beyond.z, tangent, scales)
+    cubic = _cubic(branch.z[-1], branch.tangents[-1], beyond.z, tangent, scales)
+    start = cubic(brentq(lambda s: cubic(s)[-1] - bound, 0.0, 1.0))
+    start[-1] = bound
     try:
-        point = _correct(problem, cubic.where(bound), None, settings, beyond.jacobian)
+        point = correct(problem, start, None, settings, beyond.jacobian)
     except _Failed:
         return replace(branch, complete=True)
     last = point.tangent
@@ -379,32 +381,11 @@ def _ended(problem, branch, beyond: Point, tangent, bound, settings, scales) -> 
     return branch.with_point(point.z, last, (point.iterations, point.jacobians), branch.step, True)
 
 
-class _Cubic:
-    """Hermite's cubic between two points of a branch; the share s runs from 0 to 1."""
-
-    def __init__(self, a, ta, b, tb, scales):
-        length = np.linalg.norm((b - a) / scales)
-        self.a, self.b = a, b
-        self.ta, self.tb = (t * length / np.linalg.norm(t / scales) for t in (ta, tb))
-
-    def __call__(self, s: float) -> np.ndarray:
-        return (
-            (1 + 2 * s) * (1 - s) ** 2 * self.a + s**2 * (3 - 2 * s) * self.b
-            + s * (1 - s) ** 2 * self.ta - s**2 * (1 - s) * self.tb
-        )  # fmt: skip
-
-    def where(self, parameter: float) -> np.ndarray:
-        """The point where the parameter, which is on both sides of it, has a value."""
-        low, high = 0.0, 1.0
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            if (self(middle)[-1] < parameter) == (self.b[-1] > self.a[-1]):
-                low = middle
-            else:
-                high = middle
-        point = self(high)
-        point[-1] = parameter
-        return point
+def _cubic(a, ta, b, tb, scales) -> CubicHermiteSpline:
+    """The cubic between two points of a branch with its tangents there, from 0 to 1."""
+    length = np.linalg.norm((b - a) / scales)
+    slopes = [t * length / np.linalg.norm(t / scales) for t in (ta, tb)]
+    return CubicHermiteSpline([0.0, 1.0], [a, b], slopes)
 
 
 def locate(
@@ -436,26 +417,24 @@ def locate(
     ta, tb = (t / np.linalg.norm(t / scales) for t in branch.tangents[i : i + 2])
     normal = (b - a) / scales
     normal = normal / np.linalg.norm(normal)
-    cubic = _Cubic(a, ta, b, tb, scales)
-    low, f_low, high, f_high = 0.0, slope(a, ta), 1.0, slope(b, tb)
-    size = max(abs(f_low), abs(f_high))
-    kept = None
-    if f_low * f_high > 0:
+    cubic = _cubic(a, ta, b, tb, scales)
+    ends = {0.0: slope(a, ta), 1.0: slope(b, tb)}
+    if not ends[0.0] * ends[1.0] < 0:
         raise InputError(f"the slope has the same sign at points {i} and {i + 1}.")
-    for _ in range(_SECANTS):
-        s = (low * f_high - high * f_low) / (f_high - f_low)
-        point = correct(problem, cubic(s), normal, settings, kept)
-        kept = point.jacobian
+    size, found = max(map(abs, ends.values())), None
+
+    def at(s: float) -> float:
+        """Slope at the branch's point beside the cubic's; zero once it is small enough."""
+        nonlocal found
+        if s in ends:
+            return ends[s]
+        point = correct(problem, cubic(s), normal, settings, found and found[0].jacobian)
         tangent = point.tangent / np.linalg.norm(point.tangent / scales)
         if np.dot(tangent / scales, normal) < 0:
             tangent = -tangent
-        f = slope(point.z, tangent)
-        # Regula falsi, with Illinois' halving at the end that stays.
-        if f * f_high < 0:
-            low, f_low = high, f_high
-        else:
-            f_low /= 2
-        high, f_high = s, f
-        if abs(f) <= tolerance * size or abs(high - low) < 1e-9:
-            break
+        found, f = (point, tangent), slope(point.z, tangent)
+        return 0.0 if abs(f) <= tolerance * size else f
+
+    brentq(at, 0.0, 1.0, xtol=1e-9, maxiter=_SECANTS, disp=False)
+    point, tangent = found
     return branch.with_inserted(i + 1, point.z, tangent, (point.iterations, point.jacobians))

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
 
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces.model import InterfaceModel
@@ -36,17 +35,13 @@ def with_modal_damping(
         zeta[: len(ratios)] = ratios
     if not np.all(np.isfinite(zeta) & (zeta >= 0)):
         raise InputError(f"ratios = {ratios}, rest = {rest}: expected damping ratios >= 0.")
-    K, M = model.stiffness_at_rest(), model.M
-    # Scaled by the diagonal and inverted, K + s M is positive definite also for a free body.
-    s = 1e-6 * np.trace(K) / np.trace(M)
-    inverse, X = scipy.linalg.eigh(M, K + s * M)
-    inverse, X = inverse[::-1], X[:, ::-1]
+    s, inverse, X = model.modes_at_rest()
     # 2 zeta omega / mu with x^T (K + s M) x = 1, mu = x^T M x = 1 / (omega^2 + s).
     omega = np.sqrt(np.maximum(1.0 - s * inverse, 0.0))
     # A direction without mass moves with the others' forces; damping of it has no meaning.
     heavy = inverse > 1e-14 * inverse[0]
     weight = np.divide(2 * zeta * omega, np.abs(inverse) ** 1.5, out=np.zeros(n), where=heavy)
-    MX = M @ X
+    MX = model.M @ X
     return replace(model, C=(MX * weight) @ MX.T)
 
 

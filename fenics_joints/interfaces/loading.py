@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
@@ -195,16 +194,10 @@ def condense(
     """
     if not 1 <= n_modes <= model.n_dofs:
         raise InputError(f"n_modes = {n_modes}: expected 1 to {model.n_dofs}.")
-    K = model.stiffness_at_rest()
-    # Inverted, since the mass may be singular and the stiffness of a held body is not.
-    shift = 1e-6 * np.trace(K) / np.trace(model.M)
-    last = len(K) - 1
-    _, modes = scipy.linalg.eigh(
-        model.M, K + shift * model.M, subset_by_index=[last - n_modes + 1, last]
-    )
+    shift, _, modes = model.modes_at_rest()
     more = [x.array_r if isinstance(x, PETSc.Vec) else np.asarray(x) for x in shapes]
-    Z = np.column_stack([*modes.T[::-1], *more])
-    gram = Z.T @ (K + shift * model.M) @ Z
+    Z = np.column_stack([modes[:, :n_modes], *more])
+    gram = Z.T @ (model.stiffness_at_rest() + shift * model.M) @ Z
     norms = np.sqrt(np.diag(gram))
     values, vectors = np.linalg.eigh(gram / np.outer(norms, norms))
     keep = values > _DEPENDENT * values[-1]

@@ -10,13 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.linalg
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces.motion import LawPoints, Motion, named
 from fenics_joints.joint_laws.law import JointLaw
 
-__all__ = ["DenseMotion", "InterfaceModel", "InterfacePoints"]
+__all__ = ["DenseMotion", "InterfaceModel", "InterfacePoints", "inverted_modes"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -142,6 +143,10 @@ class InterfaceModel:
             K += np.einsum("pin,pij,pjm->nm", points.rows, weighted, points.rows, optimize=True)
         return 0.5 * (K + K.T)
 
+    def modes_at_rest(self) -> tuple[float, np.ndarray, np.ndarray]:
+        """`inverted_modes` of small vibrations."""
+        return inverted_modes(self.stiffness_at_rest(), self.M)
+
     def row(self, kind: str, name: str) -> np.ndarray:
         """A place of force or a sensor by its name.
 
@@ -153,6 +158,27 @@ class InterfaceModel:
             InputError: If there is none of that name.
         """
         return np.asarray(named(getattr(self, kind), kind, name), dtype=float)
+
+
+def inverted_modes(
+    K: np.ndarray, M: np.ndarray, share: float = 1e-6
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Modes by theta = 1 / (omega^2 + s), (K + s M) x theta = M x, the lowest first.
+
+    Inverted, since directions of a reduced basis may have next to no mass, and shifted, since a
+    free body has no stiffness along some.
+
+    Args:
+        K: Stiffness, N/m, (n, n).
+        M: Mass, kg, (n, n).
+        share: s over trace(K) / trace(M).
+
+    Returns:
+        (s, (rad/s)^2; theta, descending, (n,); x with x^T (K + s M) x = 1 as columns, (n, n)).
+    """
+    s = share * np.trace(K) / np.trace(M)
+    theta, X = scipy.linalg.eigh(M, 0.5 * (K + K.T) + s * M)
+    return s, theta[::-1], X[:, ::-1]
 
 
 class DenseMotion(Motion):

@@ -17,7 +17,6 @@ from fenics_joints.harmonic import (
     solve_backbone,
     solve_constant_response,
     solve_harmonic,
-    solve_phase_resonance,
     stable,
 )
 from fenics_joints.harmonic.backbone import FreeMode, PhaseResonance
@@ -344,7 +343,7 @@ def test_modes_and_responses_agree_at_the_peak():
     peak = solve_harmonic(jenkins(), "push", PUSH, BAND, **given).peak
     span = (0.5 * peak.amplitude, 2 * peak.amplitude)
     mode = solve_backbone(jenkins(), span, **given)
-    phase = solve_phase_resonance(jenkins(), "push", span, **given)
+    phase = solve_backbone(jenkins(), span, force="push", **given)
     held = solve_constant_response(jenkins(), "push", "mass", peak.amplitude, BAND, **given)
     # Both ways to the same curve: the least force of this response is the force of this peak.
     assert held.force_amplitudes[held.peak.index] == pytest.approx(PUSH, rel=2e-4)
