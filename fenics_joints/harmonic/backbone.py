@@ -32,7 +32,7 @@ _RIGID = 1e-8
 _MASSLESS = 1e-12
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Backbone(Periodic):
     """A nonlinear mode over its amplitude.
 

@@ -14,7 +14,7 @@ from fenics_joints.errors import InputError
 __all__ = ["Branch", "load_branch", "save_branch"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Branch:
     """Points of a branch, in the order in which they were found.
 
@@ -36,6 +36,10 @@ class Branch:
 
     def __len__(self) -> int:
         return len(self.z)
+
+    def __repr__(self) -> str:
+        first, last = self.z[0, -1], self.z[-1, -1]
+        return f"Branch({len(self)} points, parameter {first:.4g} to {last:.4g})"
 
     def with_point(self, z, tangent, effort, step: float, complete: bool) -> Branch:
         """The branch with one more point; effort: (Newton steps, Jacobians)."""

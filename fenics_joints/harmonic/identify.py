@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import shorten
 
 import numpy as np
 from scipy.optimize import least_squares, minimize
@@ -90,7 +91,7 @@ class IdentificationResult:
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.values.items())
-        return f"IdentificationResult({self.method}: {values}; objective {self.objective:.3g})"
+        return f"IdentificationResult({shorten(values, 60)}; objective {self.objective:.3g})"
 
     @property
     def sd(self) -> dict[str, float]:

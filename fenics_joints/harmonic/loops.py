@@ -17,7 +17,7 @@ __all__ = ["MeasuredLoop", "read_loops"]
 _NO_SINE = 0.1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MeasuredLoop:
     """Force and response over one cycle or more.
 
@@ -51,6 +51,9 @@ class MeasuredLoop:
                 f"a loop at {self.frequency_hz:g} Hz: its force is no sine of that frequency; "
                 "expected one."
             )
+
+    def __repr__(self) -> str:
+        return f"MeasuredLoop({len(self.times)} samples at {self.frequency_hz:g} Hz)"
 
     def _force(self) -> np.ndarray:
         """Mean, cosine and sine of the force, N, (3,)."""

@@ -35,7 +35,7 @@ class Peak:
     amplitude: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Loops:
     """One interface over one cycle.
 
@@ -53,8 +53,11 @@ class Loops:
     dissipation: np.ndarray
     energy: float
 
+    def __repr__(self) -> str:
+        return f"Loops({len(self.strain)} points, {self.energy:.4g} J per cycle)"
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Periodic:
     """Periodic motions of one model.
 
@@ -79,6 +82,13 @@ class Periodic:
 
     def __len__(self) -> int:
         return len(self.frequencies_hz)
+
+    def __repr__(self) -> str:
+        low, high = self.frequencies_hz.min(), self.frequencies_hz.max()
+        return (
+            f"{type(self).__name__}({len(self)} responses, {low:.4g} to {high:.4g} Hz, "
+            f"at {self.sensor})"
+        )
 
     @property
     def model(self) -> InterfaceModel:
@@ -191,7 +201,7 @@ class Periodic:
         write_text(path, json.dumps(self.to_dict(), indent=1) + "\n")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class HarmonicResult(Periodic):
     """Responses to a harmonic force, along a branch or at prescribed frequencies.
 

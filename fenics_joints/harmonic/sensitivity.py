@@ -20,7 +20,7 @@ from fenics_joints.interfaces.model import InterfaceModel
 __all__ = ["ResponseGradient", "response_gradient"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ResponseGradient:
     """Derivatives of responses by parameters.
 
@@ -35,6 +35,9 @@ class ResponseGradient:
     parameters: tuple[str, ...]
     result: object
     indices: tuple[int, ...]
+
+    def __repr__(self) -> str:
+        return f"ResponseGradient({len(self.indices)} responses by {', '.join(self.parameters)})"
 
     def amplitude(
         self, sensor: str, kind: str = "displacement", measure: str | None = None

@@ -72,8 +72,8 @@ def reduce_layers(
         given: Parameters that differ from their nominal value; the basis is best there.
         points_degree: See `fenics_joints.interfaces.layer_points.layer_points`.
         extra: Displacements to keep in the basis, such as
-            `interfaces.full.loading_shapes`: a dozen of those show it how the layer gives
-            way, which takes interface modes by the hundred.
+            `fenics_joints.interfaces.loading.loading_shapes`: a dozen of those show it how
+            the layer gives way, which takes interface modes by the hundred.
 
     Raises:
         InputError: For an unknown layer, graded properties, a place outside the mesh, or a number

@@ -14,7 +14,7 @@ import scipy.linalg
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.interfaces.motion import LawPoints, Motion, named
+from fenics_joints.interfaces.motion import LawPoints, Motion, named, named_points
 from fenics_joints.joint_laws.law import JointLaw
 
 __all__ = ["DenseMotion", "InterfaceModel", "InterfacePoints", "inverted_modes"]
@@ -92,7 +92,7 @@ class InterfaceModel:
             object.__setattr__(self, "C", np.zeros((n, n)))
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.n_dofs} DOFs, {', '.join(map(repr, self.interfaces))})"
+        return f"{type(self).__name__}({self.n_dofs} DOFs, {named_points(self.interfaces)})"
 
     @property
     def n_dofs(self) -> int:

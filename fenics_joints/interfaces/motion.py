@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import shorten
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,7 +19,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.joint_laws.kernel import LawKernel
 from fenics_joints.joint_laws.law import JointLaw
 
-__all__ = ["LawPoints", "Motion", "named"]
+__all__ = ["LawPoints", "Motion", "named", "named_points"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -143,3 +144,8 @@ def named(rows: Mapping[str, Any], kind: str, name: str):
     if name not in rows:
         raise InputError(f"{kind}: no {name!r}; expected one of: {', '.join(rows) or 'none'}.")
     return rows[name]
+
+
+def named_points(interfaces: Sequence[LawPoints]) -> str:
+    """Interfaces in a few words."""
+    return shorten(", ".join(f"{p.name}: {len(p)} points" for p in interfaces), 80) or "linear"

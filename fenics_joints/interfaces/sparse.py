@@ -11,7 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.interfaces.motion import LawPoints, Motion, named
+from fenics_joints.interfaces.motion import LawPoints, Motion, named, named_points
 from fenics_joints.modal.options import reason_of
 
 __all__ = ["FullModel", "SparseMotion", "SparsePoints", "point_blocks"]
@@ -52,7 +52,7 @@ class FullModel:
 
     def __repr__(self) -> str:
         n = self.M.getSize()[0]
-        return f"{type(self).__name__}({n} DOFs, {', '.join(map(repr, self.interfaces))})"
+        return f"FullModel({n} DOFs, {named_points(self.interfaces)})"
 
     def motion(self) -> SparseMotion:
         """The equation of motion."""

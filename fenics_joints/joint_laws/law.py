@@ -62,6 +62,9 @@ class JointLaw(ABC):
             ) from None
         self.check()
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.n_elements} elements: {', '.join(self.parameters)})"
+
     def check(self) -> None:
         """Refuse parameters that the law does not allow; every change of them is checked too.
 

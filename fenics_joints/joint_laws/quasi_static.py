@@ -31,7 +31,7 @@ _OPTIONS = {
 }
 
 
-@dataclass
+@dataclass(repr=False)
 class QuasiStaticHistory:
     """What a run through load steps gave; arrays have one entry for each step.
 
@@ -51,7 +51,11 @@ class QuasiStaticHistory:
     work: np.ndarray
     dissipated: np.ndarray
     iterations: np.ndarray
-    residuals: list[np.ndarray] = field(repr=False, default_factory=list)
+    residuals: list[np.ndarray] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        outputs = ", ".join(self.outputs) or "no outputs"
+        return f"QuasiStaticHistory({len(self.load)} steps, {outputs})"
 
 
 class QuasiStatic:

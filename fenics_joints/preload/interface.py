@@ -25,7 +25,7 @@ _TOLERANCE = 1e-3
 _OPPOSED = -0.5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Face:
     """A named face of a mesh, gathered on every rank.
 
@@ -46,6 +46,9 @@ class Face:
     edges: np.ndarray
     midsides: np.ndarray
     where: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"Face({len(self.nodes)} vertices, {len(self.facets)} facets)"
 
 
 def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, name: str) -> Face:
@@ -148,7 +151,7 @@ def _outward(x: np.ndarray, inside: np.ndarray) -> np.ndarray:
     return normal if (x.mean(axis=0) - inside) @ normal > 0 else -normal
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Interface:
     """Pairs of vertices of two matching faces.
 
@@ -185,6 +188,9 @@ class Interface:
 
     def __len__(self) -> int:
         return len(self.lower)
+
+    def __repr__(self) -> str:
+        return f"Interface({self.name!r}, {len(self)} pairs, {len(self.facets)} facets)"
 
     @property
     def normals(self) -> np.ndarray:

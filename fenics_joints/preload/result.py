@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from textwrap import shorten
 
 import numpy as np
 from dolfinx import fem
@@ -20,7 +21,7 @@ from fenics_joints.preload.system import PreloadSystem
 __all__ = ["ContactState", "PreloadResult"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ContactState:
     """One contact in a preload state; arrays are equal on all ranks.
 
@@ -39,6 +40,10 @@ class ContactState:
     gap: np.ndarray
     slip: np.ndarray
     status: np.ndarray
+
+    def __repr__(self) -> str:
+        n, closed = len(self.status), int(self.closed.sum())
+        return f"ContactState({self.name!r}, {closed} of {n} closed, {self.normal_force:.4g} N)"
 
     @property
     def pressure(self) -> np.ndarray:
@@ -132,6 +137,10 @@ class PreloadResult:
         self.reactions = self._reactions()
         self.contacts = self._contacts()
         self.complementarity = self._complementarity()
+
+    def __repr__(self) -> str:
+        contacts = shorten(", ".join(self.contacts), 60)
+        return f"PreloadResult({self.iterations} iterations, contacts {contacts})"
 
     def _reactions(self) -> PETSc.Vec:
         """K x - f: contact forces at the jumps, what the supports hold elsewhere."""

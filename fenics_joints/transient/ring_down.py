@@ -12,7 +12,7 @@ from fenics_joints.errors import InputError
 __all__ = ["RingDown", "ring_down"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RingDown:
     """What a free decay says, cycle by cycle.
 
@@ -25,6 +25,10 @@ class RingDown:
     amplitudes: np.ndarray
     frequencies_hz: np.ndarray
     damping: np.ndarray
+
+    def __repr__(self) -> str:
+        low, high = self.frequencies_hz.min(), self.frequencies_hz.max()
+        return f"RingDown({len(self.amplitudes)} cycles, {low:.4g} to {high:.4g} Hz)"
 
 
 def ring_down(times, signal) -> RingDown:

@@ -33,7 +33,7 @@ _DEFAULTS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TransientResult:
     """A motion over time.
 
@@ -62,6 +62,10 @@ class TransientResult:
     energy: np.ndarray
     final: tuple
     iterations: int
+
+    def __repr__(self) -> str:
+        sensors = ", ".join(self.displacements)
+        return f"TransientResult({len(self.times) - 1} steps to {self.times[-1]:.4g} s, {sensors})"
 
     def ring_down(self, sensor: str) -> RingDown:
         """Frequency and damping against amplitude at a sensor, from a free decay."""
