@@ -97,9 +97,7 @@ def _take_normal(K: PETSc.Mat, points: SparsePoints, modulus: float) -> None:
 
 def _points(name: str, law: JointLaw, found: LayerPoints, stretch: float) -> SparsePoints:
     """This rank's points of a layer, without the rows that the law does not ask for."""
-    rows = found.thin.copy()
-    rows.scale(1 / stretch)
-    rows.axpy(1.0, found.flat, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    rows = found.rows(stretch)
     gdim = found.points.shape[1]
     first, last = (i // gdim for i in rows.getOwnershipRange())
     mine = np.argsort(found.order)[first:last]

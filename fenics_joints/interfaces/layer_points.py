@@ -16,9 +16,10 @@ from petsc4py import PETSc
 
 from fenics_joints._compat import coordinate_map, geometry_dofmap
 from fenics_joints.errors import InputError
+from fenics_joints.preload.interface import frames
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["LayerPoints", "frame", "layer_points"]
+__all__ = ["LayerPoints", "layer_points"]
 
 #: Lines of a box cell in reference coordinates, and the cell of a section across one of them.
 _SECTIONS = {
@@ -50,22 +51,18 @@ class LayerPoints:
     flat: PETSc.Mat
     order: np.ndarray
 
+    def rows(self, stretch: float) -> PETSc.Mat:
+        """Sparse rows of the strain at a stretch, ordered as `thin`. Collective."""
+        rows = self.thin.copy()
+        rows.scale(1 / stretch)
+        rows.axpy(1.0, self.flat, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        return rows
+
     def gather(self, rows: np.ndarray) -> np.ndarray:
         """Rows of all ranks in the order of `points`, (P, gdim, m), from this rank's."""
         gdim = self.points.shape[1]
         parts = self.thin.comm.tompi4py().allgather(rows)
         return np.concatenate(parts).reshape(-1, gdim, rows.shape[1])[self.order]
-
-
-def frame(normal) -> np.ndarray:
-    """Unit normal and tangents, as near the axes as can be, as rows, (gdim, gdim)."""
-    n = np.asarray(normal, dtype=float)
-    if len(n) == 2:
-        return np.array([n, [n[1], -n[0]]])
-    axis = np.eye(3)[np.argmin(np.abs(n))]
-    first = axis - (axis @ n) * n
-    first /= np.linalg.norm(first)
-    return np.array([n, first, np.cross(n, first)])
 
 
 def layer_points(structure: Structure, number: int, degree: int | None = None) -> LayerPoints:
@@ -85,7 +82,7 @@ def layer_points(structure: Structure, number: int, degree: int | None = None) -
     msh = structure.mesh
     imap = msh.topology.index_map(msh.topology.dim)
     cells = cells[cells < imap.size_local]
-    normal = np.asarray(region.normal[: structure.gdim])
+    normal = np.asarray(region.normal[: structure.gdim], dtype=float)
     x = msh.geometry.x[geometry_dofmap(msh)[cells]][..., : structure.gdim]
     rules = _rules(structure, degree)
     axis = _axes(structure, region.name, x, normal) if len(rules) > 1 else np.zeros(len(cells), int)
@@ -98,7 +95,7 @@ def layer_points(structure: Structure, number: int, degree: int | None = None) -
         nodes.append(np.repeat(blocks[:, None], len(w), axis=1))
     flat = [np.concatenate([a.reshape(-1, *a.shape[2:]) for a in part])
             for part in (place, weight, gradient, nodes)]  # fmt: skip
-    return _collect(structure, region.name, frame(normal), *flat)
+    return _collect(structure, region.name, frames(normal[None])[0], *flat)
 
 
 def _rules(structure: Structure, degree: int | None) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -44,6 +44,7 @@ class InterfacePoints(LawPoints):
 
     @property
     def n_components(self) -> int:
+        """Components of strain, d."""
         return self.rows.shape[1]
 
     def tangent(self) -> np.ndarray:

@@ -23,8 +23,10 @@ __all__ = ["LawPoints", "Motion", "named", "named_points"]
 
 
 @dataclass(frozen=True, repr=False)
-class LawPoints(ABC):
+class LawPoints:
     """The points of one interface, their strains as rows, and the law that holds there.
+
+    Each kind says its ``n_components``, the components of strain, d.
 
     Attributes:
         name: Name of the joint.
@@ -49,11 +51,6 @@ class LawPoints(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, {self.law.label}, {len(self)} points)"
-
-    @property
-    @abstractmethod
-    def n_components(self) -> int:
-        """Components of strain, d."""
 
     @property
     def kernel(self) -> LawKernel:

@@ -12,36 +12,27 @@ import ufl
 from ufl.algorithms import expand_indices, strip_variables
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
-from ufl.classes import (
-    Abs,
-    AndCondition,
-    Conditional,
-    Conj,
-    Constant,
-    Division,
-    Indexed,
-    MaxValue,
-    MinValue,
-    NotCondition,
-    OrCondition,
-    Power,
-    Product,
-    Real,
-    ScalarValue,
-    Sum,
-    Variable,
-    Zero,
-)
+from ufl.classes import Condition, Conj, Constant, Indexed, Real, ScalarValue, Variable, Zero
 
 from fenics_joints.errors import InputError
 
 __all__ = ["assignments", "scalar"]
 
-_COMPARISONS = {"LT": "<", "GT": ">", "LE": "<=", "GE": ">=", "EQ": "==", "NE": "!="}
-_FUNCTIONS = {
-    "Sqrt": "sqrt", "Exp": "exp", "Ln": "log", "Cos": "cos", "Sin": "sin", "Tan": "tan",
-    "Cosh": "cosh", "Sinh": "sinh", "Tanh": "tanh", "Acos": "acos", "Asin": "asin",
-    "Atan": "atan", "Erf": "erf",
+#: C of UFL's operators, by the name of their class.
+_OPERATORS = {
+    "Sum": "{0} + {1}", "Product": "{0} * {1}", "Division": "{0} / {1}",
+    "Power": "pow({0}, {1})", "Abs": "fabs({0})", "Sign": "({0} > 0.0) - ({0} < 0.0)",
+    "Atan2": "atan2({0}, {1})",
+    # Not fmin and fmax, which are calls because of what they do with nan.
+    "MinValue": "{0} < {1} ? {0} : {1}", "MaxValue": "{0} > {1} ? {0} : {1}",
+    "Conditional": "{0} ? {1} : {2}", "NotCondition": "!{0}",
+    "AndCondition": "{0} && {1}", "OrCondition": "{0} || {1}",
+    "LT": "{0} < {1}", "GT": "{0} > {1}", "LE": "{0} <= {1}", "GE": "{0} >= {1}",
+    "EQ": "{0} == {1}", "NE": "{0} != {1}",
+    "Sqrt": "sqrt({0})", "Exp": "exp({0})", "Ln": "log({0})", "Erf": "erf({0})",
+    "Cos": "cos({0})", "Sin": "sin({0})", "Tan": "tan({0})",
+    "Cosh": "cosh({0})", "Sinh": "sinh({0})", "Tanh": "tanh({0})",
+    "Acos": "acos({0})", "Asin": "asin({0})", "Atan": "atan({0})",
 }  # fmt: skip
 
 
@@ -92,9 +83,15 @@ class _Writer:
             while isinstance(vector, Variable):
                 vector = vector.ufl_operands[0]
             return self._constant(vector, int(index[0]))
-        text = self._operation(e, [self.name(o) for o in e.ufl_operands])
+        operator = type(e).__name__
+        if operator not in _OPERATORS:
+            raise InputError(
+                f"a joint law holds {operator}, which a kernel cannot compute; expected "
+                "arithmetic, conditionals and functions of scalars."
+            )
+        text = _OPERATORS[operator].format(*(self.name(o) for o in e.ufl_operands))
         temporary = f"t{len(self.lines)}"
-        kind = "int" if isinstance(e, ufl.classes.Condition) else "double"
+        kind = "int" if isinstance(e, Condition) else "double"
         self.lines.append(f"const {kind} {temporary} = {text};")
         return temporary
 
@@ -105,39 +102,3 @@ class _Writer:
             )
         name = self.names[constant]
         return name if i is None else f"{name}[{i}]"
-
-    @staticmethod
-    def _operation(e, o: list[str]) -> str:
-        kind = type(e).__name__
-        if isinstance(e, Sum):
-            return f"{o[0]} + {o[1]}"
-        if isinstance(e, Product):
-            return f"{o[0]} * {o[1]}"
-        if isinstance(e, Division):
-            return f"{o[0]} / {o[1]}"
-        if isinstance(e, Power):
-            return f"pow({o[0]}, {o[1]})"
-        if isinstance(e, Conditional):
-            return f"{o[0]} ? {o[1]} : {o[2]}"
-        if isinstance(e, Abs):
-            return f"fabs({o[0]})"
-        if isinstance(e, MinValue | MaxValue):
-            # Not fmin and fmax, which are calls because of what they do with nan.
-            sign = "<" if isinstance(e, MinValue) else ">"
-            return f"{o[0]} {sign} {o[1]} ? {o[0]} : {o[1]}"
-        if isinstance(e, AndCondition | OrCondition):
-            return f"{o[0]} {'&&' if isinstance(e, AndCondition) else '||'} {o[1]}"
-        if isinstance(e, NotCondition):
-            return f"!{o[0]}"
-        if kind in _COMPARISONS:
-            return f"{o[0]} {_COMPARISONS[kind]} {o[1]}"
-        if kind == "Sign":
-            return f"({o[0]} > 0.0) - ({o[0]} < 0.0)"
-        if kind == "Atan2":
-            return f"atan2({o[0]}, {o[1]})"
-        if kind in _FUNCTIONS:
-            return f"{_FUNCTIONS[kind]}({o[0]})"
-        raise InputError(
-            f"a joint law holds {kind}, which a kernel cannot compute; expected arithmetic, "
-            "conditionals and functions of scalars."
-        )

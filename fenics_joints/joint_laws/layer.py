@@ -38,6 +38,7 @@ class IwanLayer(Iwan):
 
     name = "iwan_layer"
     coupled = True
+    _own = ("G",)
 
     def __init__(
         self,
@@ -48,27 +49,13 @@ class IwanLayer(Iwan):
         amplitudes: tuple[float, float] | None = None,
         thickness: float = 1.0,
     ):
-        if not 0 < G < np.inf:
-            raise InputError(f"{self.name}.G = {G}: expected a number > 0 (Pa).")
         self.G = G
         super().__init__(backbone, n_sliders, amplitudes=amplitudes, thickness=thickness)
 
     def _more(self) -> dict[str, float]:
+        if not 0 < self.G < np.inf:
+            raise InputError(f"{self.name}.G = {self.G}: expected a number > 0 (Pa).")
         return {"ratio": self.G / float(self.backbone.slope(0.0))}
-
-    def change(self, **values: float) -> IwanLayer:
-        """The same law with other values of G or of some of the backbone's parameters.
-
-        Raises:
-            InputError: For an unknown parameter or one out of range.
-        """
-        G = values.pop("G", self.G)
-        if not 0 < G < np.inf:
-            raise InputError(f"{self.name}.G = {G}: expected a number > 0 (Pa).")
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__, G=G)  # the compiled kernels too
-        other._make(self.backbone.change(**values))
-        return other
 
     def state_size(self, n_slip: int) -> int:
         return n_slip + 1

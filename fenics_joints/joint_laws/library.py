@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import ufl
 from numpy.typing import ArrayLike
@@ -91,18 +93,26 @@ class Iwan(JointLaw):
             spring=spring / self.thickness, **self._more(),
         )  # fmt: skip
 
+    #: Numbers that it has beside its backbone's.
+    _own: ClassVar[tuple[str, ...]] = ()
+
     def _more(self) -> dict[str, float]:
-        """Further element parameters."""
+        """Further element parameters.
+
+        Raises:
+            InputError: If a number of its own is out of range.
+        """
         return {}
 
     def change(self, **values: float) -> Iwan:
-        """The same law with other values of some of the backbone's parameters.
+        """The same law with other values of some of the backbone's parameters, or of its own.
 
         Raises:
             InputError: For an unknown parameter or one out of range.
         """
+        own = {key: values.pop(key) for key in self._own if key in values}
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)  # the compiled kernels too
+        other.__dict__.update(self.__dict__, **own)  # the compiled kernels too
         other._make(self.backbone.change(**values))
         return other
 

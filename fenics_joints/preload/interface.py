@@ -17,7 +17,7 @@ from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["Face", "Interface", "pair_faces", "read_face"]
+__all__ = ["Face", "Interface", "frames", "pair_faces", "read_face"]
 
 #: Pairs of vertices may be apart by this share of the shortest edge.
 _TOLERANCE = 1e-3
@@ -250,7 +250,7 @@ def pair_faces(
     given = np.asarray(gap(points) if callable(gap) else gap, dtype=float)
     edges, low_mid, up_mid = _pair_edges(name, pairs, lower, upper)
     return Interface(
-        name, lower.nodes[pairs[:, 0]], upper.nodes[pairs[:, 1]], points, _frames(normals), areas,
+        name, lower.nodes[pairs[:, 0]], upper.nodes[pairs[:, 1]], points, frames(normals), areas,
         meshed + np.broadcast_to(given, n), facets, shares, edges, low_mid, up_mid,
         upper.where[rows],
     )  # fmt: skip
@@ -303,8 +303,11 @@ def _upright(normals: np.ndarray, held: np.ndarray) -> np.ndarray:
     return np.where(length > -_OPPOSED, flat / np.where(length > 0, length, 1.0), normals)
 
 
-def _frames(normals: np.ndarray) -> np.ndarray:
-    """Orthonormal frames: the normal, then tangents as near the axes as can be."""
+def frames(normals: np.ndarray) -> np.ndarray:
+    """Orthonormal frames as rows, (n, gdim, gdim): unit normals, (n, gdim), then tangents.
+
+    The tangents are as near the axes as can be.
+    """
     n, gdim = normals.shape
     if gdim == 2:
         return np.stack([normals, np.column_stack([normals[:, 1], -normals[:, 0]])], axis=1)
