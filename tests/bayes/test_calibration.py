@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from linear_posterior import SLOPE, gaussian, prior
 
-from fenics_joints.bayes.calibration import calibrate, rank
+from fenics_joints.bayes import calibrate, rank
 from fenics_joints.bayes.walks import RandomWalk, generator
 
 pytest.importorskip("arviz")

@@ -8,10 +8,10 @@ from linear_posterior import MODES, SLOPE, NoLaws, linear, prior
 
 from fenics_joints.bayes import (
     Prior,
+    check_prior,
 )
-from fenics_joints.bayes.conflict import check_prior
 from fenics_joints.errors import InputError
-from fenics_joints.structure.components import Parameter
+from fenics_joints.structure import Parameter
 from fenics_joints.updating.coordinates import LogScale
 
 pytest.importorskip("arviz")

@@ -7,17 +7,27 @@ import pytest
 from mpi4py import MPI
 from scipy import stats
 
-from fenics_joints.bayes import FittedLikelihood, Posterior, Prior, Settings, sample
-from fenics_joints.bayes.calibration import calibrate, rank
-from fenics_joints.bayes.gibbs import Gibbs, Level
-from fenics_joints.bayes.hierarchical import Specimens, sample_hierarchy
-from fenics_joints.bayes.predictive import check_predictive, replicate
+from fenics_joints.bayes import (
+    FittedLikelihood,
+    Gibbs,
+    Level,
+    Posterior,
+    Prior,
+    Settings,
+    Specimens,
+    calibrate,
+    check_predictive,
+    rank,
+    replicate,
+    sample,
+    sample_hierarchy,
+)
 from fenics_joints.bayes.priors import density
 from fenics_joints.bayes.simulated import Truth, anchored, simulate
 from fenics_joints.bayes.straight import Straight, curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError
-from fenics_joints.structure.components import Parameter
+from fenics_joints.structure import Parameter
 from fenics_joints.updating.coordinates import LogScale
 
 pytest.importorskip("arviz")

@@ -9,8 +9,9 @@ from scipy import stats
 
 from fenics_joints.bayes import (
     GaussianLikelihood,
+    check_predictive,
 )
-from fenics_joints.bayes.predictive import check_predictive, outside
+from fenics_joints.bayes.predictive import outside
 from fenics_joints.errors import InputError
 
 pytest.importorskip("arviz")

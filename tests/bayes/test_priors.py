@@ -15,7 +15,7 @@ from fenics_joints.bayes import (
 )
 from fenics_joints.bayes.priors import density
 from fenics_joints.errors import InputError
-from fenics_joints.structure.components import Parameter
+from fenics_joints.structure import Parameter
 from fenics_joints.updating.coordinates import LogScale
 
 pytest.importorskip("arviz")

@@ -10,8 +10,8 @@ from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.bayes import model as module
 from fenics_joints.commands.bayes.model import case_model, case_prior, within_laws
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import pair_modes
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.measurements import pair_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.reduction.free_terms import FreeTerms
 from fenics_joints.reduction.greedy import GreedyModel
 

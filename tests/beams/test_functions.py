@@ -8,12 +8,10 @@ import scipy.linalg
 
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint
 from fenics_joints.errors import InputError
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.files import read_array_model, write_array_model
-from fenics_joints.response.frf import solve_frf
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import read_array_model, write_array_model
+from fenics_joints.response import solve_frf
+from fenics_joints.structure import Damping, Parameter, Sensors
 
 STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}
 BREADTH, HEIGHT = 0.021, 0.0106

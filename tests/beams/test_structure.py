@@ -7,18 +7,24 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
-from fenics_joints.beams import Beam, BeamStructure, GenericJoint, Held, LumpedMass, element
-from fenics_joints.beams.damped import identify_damping, slip_table
+from fenics_joints.beams import (
+    Beam,
+    BeamStructure,
+    GenericJoint,
+    Held,
+    LumpedMass,
+    element,
+    identify_damping,
+    slip_table,
+)
 from fenics_joints.beams.laws import BEAM, BEAM_MASSES
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import lap_beam
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.response.complex_modes import solve_complex_modes
-from fenics_joints.structure.components import Parameter, Spring, part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
-from fenics_joints.updating.updating import update
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import Forward
+from fenics_joints.response import solve_complex_modes
+from fenics_joints.structure import Parameter, Sensors, Spring, Structure, part
+from fenics_joints.updating import update
 
 E, NU, RHO = 208e9, 0.3, 7860.0
 BREADTH, HEIGHT = 0.021, 0.0106

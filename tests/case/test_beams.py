@@ -14,9 +14,9 @@ from fenics_joints.commands.modes.run import run_modes
 from fenics_joints.commands.preload.run import run_preload
 from fenics_joints.commands.update.run import run_combined
 from fenics_joints.errors import InputError
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure import Sensors
 
 DEMO = Path(__file__).parents[2] / "demos" / "bolted_beams"
 

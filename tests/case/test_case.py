@@ -14,11 +14,10 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.data import read_test_data
+from fenics_joints.measurements import read_test_data
 from fenics_joints.meshes import box, lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import Parameter, PointMass, joint, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Parameter, PointMass, Structure, joint, part
 from fenics_joints.units import to_si
 
 

@@ -20,7 +20,7 @@ from fenics_joints.commands.bayes.run import run_bayes
 from fenics_joints.errors import InputError
 from fenics_joints.files import json_text
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction import Forward
 
 pytest.importorskip("arviz")
 

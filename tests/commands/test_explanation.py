@@ -16,15 +16,15 @@ from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.assumptions import assumptions
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.words import zone_words
-from fenics_joints.diagnosis.effects.effect import Silent
+from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.evidence.nested import Nested
 from fenics_joints.diagnosis.location import Location
-from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult, Separation
+from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.diagnosis.where.localise import ZoneShare
 from fenics_joints.diagnosis.where.patches import PatchMap
 from fenics_joints.diagnosis.where.zone_tests import Attribution, ZoneTest
-from fenics_joints.measurements.gap import Gap
+from fenics_joints.measurements import Gap
 from fenics_joints.report import html as report
 from fenics_joints.report import terminal as summary
 

@@ -18,7 +18,7 @@ from fenics_joints.cli import app
 from fenics_joints.commands.harmonic.model import harmonic_model
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.errors import InputError
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")

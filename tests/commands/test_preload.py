@@ -21,12 +21,11 @@ from fenics_joints.cli import app
 from fenics_joints.commands.preload.run import run_preload
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import c_beams
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.preload import BeamBolt, Contact, PreloadModel, solve_preload
 from fenics_joints.preload.linear_joint import LinearJoint
 from fenics_joints.progress import Progress
-from fenics_joints.structure.components import PointMass, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import PointMass, Structure, part
 
 DEMO = Path(__file__).resolve().parents[2] / "demos" / "c_beam"
 SMALL = {"element_size": 6e-3, "radial_size": 3e-3, "middle_size": 25e-3}

@@ -22,14 +22,10 @@ from fenics_joints.commands.update.run import run_combined
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.lines import choose_lines, near_peaks
 from fenics_joints.meshes import dumbbell
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.modal.sensitivity import identifiability
+from fenics_joints.modal import identifiability, solve_modes
 from fenics_joints.reduction.combined import CombinedModel
-from fenics_joints.response.frf import solve_frf
-from fenics_joints.structure.components import Parameter, part, transition
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.response import solve_frf
+from fenics_joints.structure import Damping, Parameter, Sensors, Structure, part, transition
 from fenics_joints.updating.checks import is_at
 
 E, NU, H, LOSS = 10e9, 0.24, 10e-3, 0.02

@@ -14,22 +14,20 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 from rich.console import Console
 
-from fenics_joints.beams.damped import identify_damping
+from fenics_joints.beams import identify_damping
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.update.page import combined_outcome
 from fenics_joints.commands.update.run import run_combined
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.target import Target
+from fenics_joints.measurements import Target
 from fenics_joints.meshes import dumbbell
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import ArrayModel
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm
-from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.response.damping_ratios import damping_ratios
-from fenics_joints.structure.components import Parameter, part, transition
-from fenics_joints.structure.damping import Damping
+from fenics_joints.structure import Damping, Parameter, Structure, part, transition
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
-from fenics_joints.structure.structure import Structure
-from fenics_joints.updating.prediction import Predictor
+from fenics_joints.updating import Predictor
 
 BEAMS = Path(__file__).parents[2] / "demos" / "bolted_beams" / "case.toml"
 TRUTH = {"lap.k1": 1763.2, "lap.k2": 37402.0, "lap.c": 0.15}

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from fenics_joints import formatting
 from fenics_joints.commands.update import sweep_page
-from fenics_joints.measurements.gap import Gap
-from fenics_joints.modal.sensitivity import Identifiability
+from fenics_joints.measurements import Gap
+from fenics_joints.modal import Identifiability
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fenics_joints.database.query import Surfaces
-from fenics_joints.database.store import seed_database
+from fenics_joints.database import Surfaces, seed_database
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database.kriging import Kriging
-from fenics_joints.database.store import seed_database
+from fenics_joints.database import Kriging, seed_database
 from fenics_joints.errors import InputError
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")

@@ -9,9 +9,7 @@ import sys
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database.joints import Joint
-from fenics_joints.database.query import Surfaces, TorqueToForce, query
-from fenics_joints.database.store import seed_database
+from fenics_joints.database import Joint, Surfaces, TorqueToForce, query, seed_database
 from fenics_joints.errors import InputError
 from fenics_joints.preload.torque import motosh_force
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database.joints import Joint, settings_text
-from fenics_joints.database.store import Store, seed_database
+from fenics_joints.database import Joint, Store, seed_database
+from fenics_joints.database.joints import settings_text
 from fenics_joints.errors import InputError
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")

@@ -15,9 +15,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database.joints import Joint
-from fenics_joints.database.store import Store
-from fenics_joints.database.sweep import Sample, grid, sweep
+from fenics_joints.database import Joint, Sample, Store, grid, sweep
 from fenics_joints.errors import InputError
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")

@@ -19,8 +19,7 @@ pytest.importorskip("choreographer", reason="drives the browser")
 import choreographer
 from mpi4py import MPI
 
-from fenics_joints.database.query import Surfaces, query
-from fenics_joints.database.store import seed_database
+from fenics_joints.database import Surfaces, query, seed_database
 from fenics_joints.database.tables import in_words
 
 _NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")

@@ -31,13 +31,11 @@ from fenics_joints.diagnosis.effects.amplitude import (
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import Prediction
 from fenics_joints.forms import lame_parameters
-from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.reduced import reduce
-from fenics_joints.structure.components import Parameter, joint, part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import reduce
+from fenics_joints.structure import Parameter, Sensors, Structure, joint, part
 
 LEVELS = np.array([1.0, 2.0, 4.0])
 NOISE, DAMPING_NOISE = 5e-4, 0.05

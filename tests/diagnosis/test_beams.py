@@ -22,11 +22,10 @@ from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.diagnosis.where.beam_constitutive import beam_constitutive_error
 from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
 from fenics_joints.errors import InputError
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.batch import LeanForward
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.structure.points import Sensors
+from fenics_joints.reduction import Forward, LeanForward
+from fenics_joints.structure import Sensors
 
 STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}
 WIDTH, HEIGHT, LAP, K1, K2 = 0.021, 0.0106, 0.05, 1763.2, 37402.0

@@ -14,10 +14,8 @@ from fenics_joints.diagnosis.where.constitutive import constitutive_error
 from fenics_joints.diagnosis.where.patches import patches
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import box
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Sensors, Structure, part
 
 NAMES = ("a", "b", "c", "d")
 LENGTH = 0.4

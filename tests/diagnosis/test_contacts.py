@@ -16,10 +16,10 @@ from fenics_joints.case import build_preload, build_structure, load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.effects.joint import lost_contact
 from fenics_joints.diagnosis.zones.contacts import contact_zones
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.preload import solve_preload
 from fenics_joints.preload.linear_joint import LinearJoint
-from fenics_joints.updating.cutoff import CutoffModel
+from fenics_joints.updating import CutoffModel
 
 DEMO = Path(__file__).resolve().parents[2] / "demos" / "c_beam"
 

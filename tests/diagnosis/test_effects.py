@@ -37,8 +37,8 @@ from fenics_joints.diagnosis.zones.places import Row, placed
 from fenics_joints.diagnosis.zones.zone import Zone, Zones
 from fenics_joints.errors import InputError
 from fenics_joints.forms import lame_from_moduli
-from fenics_joints.measurements.data import TestData
-from fenics_joints.structure.points import Sensors
+from fenics_joints.measurements import TestData
+from fenics_joints.structure import Sensors
 
 STEEL = {"E": 2e11, "nu": 0.3, "rho": 7800.0}
 SOFT = {"E": 1e9, "G": 4e8}

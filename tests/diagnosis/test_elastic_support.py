@@ -11,10 +11,9 @@ from fenics_joints.case import Case, build_structure
 from fenics_joints.case.parameters import RIGID_SUPPORT
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import box
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.reduced import reduce
-from fenics_joints.structure.components import ElasticSupport, Parameter, Support, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import reduce
+from fenics_joints.structure import ElasticSupport, Parameter, Structure, Support, part
 
 LENGTH, RHO = 0.5, 7800.0
 NAMES = ("wall.k_n", "wall.k_t")

@@ -14,8 +14,8 @@ from fenics_joints.diagnosis.evidence.evidence import (
     Evidence,
     evidence_of,
 )
-from fenics_joints.measurements.data import TestData
-from fenics_joints.structure.points import Sensors
+from fenics_joints.measurements import TestData
+from fenics_joints.structure import Sensors
 
 TORQUES = np.array([5.0, 20.0])
 SENSORS = Sensors(np.array([[x, 0.0, 0.0] for x in (0.0, 0.1, 0.4)]), [0.0, 0.0, 1.0])

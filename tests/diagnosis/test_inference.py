@@ -9,7 +9,7 @@ import pytest
 from linear_forward import Linear
 from scipy.stats import kstest, multivariate_normal, norm
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.effects.joint import gives_way
 from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable, distance
 from fenics_joints.diagnosis.evidence.evidence import Evidence

@@ -11,8 +11,8 @@ from mpi4py import MPI
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import prepare
-from fenics_joints.measurements.gap import pair_modes
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.measurements import pair_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes a case in a folder")

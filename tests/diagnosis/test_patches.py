@@ -9,13 +9,11 @@ from mpi4py import MPI
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.where.patches import patch_tests, patches
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.modal.sensitivity import frequency_sensitivity
+from fenics_joints.modal import frequency_sensitivity, solve_modes
 from fenics_joints.report.mesh_pictures import patch_map
-from fenics_joints.structure.components import Parameter, PointMass, joint, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Parameter, PointMass, Structure, joint, part
 
 pytestmark = pytest.mark.parallel
 

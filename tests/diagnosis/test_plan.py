@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from fenics_joints.case import load_case
 from fenics_joints.cli import app
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit

@@ -5,18 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
 from fenics_joints.diagnosis.evidence.evidence import SHAPE, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.reduction import ArrayModel, Forward
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.structure.components import Parameter
+from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
-from fenics_joints.structure.points import Sensors
 
 N, SENSORS = 14, (0, 4, 7, 9, 13)
 NAMES = ("a.E", "a.G", "a.rho", "ground.E")

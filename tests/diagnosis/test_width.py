@@ -9,10 +9,9 @@ from mpi4py import MPI
 from fenics_joints.case import Case, build_structure
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import box
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.reduced import ReducedStructure, reduce
-from fenics_joints.structure.components import Parameter, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import ReducedStructure, reduce
+from fenics_joints.structure import Parameter, Structure, part
 
 N_MODES = 14
 ELASTIC = slice(6, None)

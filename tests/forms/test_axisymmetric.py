@@ -15,10 +15,9 @@ from petsc4py import PETSc
 from fenics_joints import forms
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import TaggedMesh
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.structure.components import Parameter, PointMass, Support, joint, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import ReducedStructure
+from fenics_joints.structure import Parameter, PointMass, Structure, Support, joint, part
 
 E, NU, RHO = 7.0, 0.3, 2.3
 A, B, HEIGHT = 0.5, 2.0, 0.8

@@ -21,8 +21,7 @@ from fenics_joints.harmonic import (
 )
 from fenics_joints.harmonic.backbone import FreeMode, PhaseResonance
 from fenics_joints.harmonic.constant_response import ConstantResponse
-from fenics_joints.interfaces.loading import static_state
-from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
+from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_state
 from fenics_joints.joint_laws import CoulombStick, Iwan, JointLaw, Segalman
 from fenics_joints.transient import solve_transient, steady_harmonics
 

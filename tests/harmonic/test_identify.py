@@ -8,14 +8,19 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.harmonic import Settings, solve_harmonic
-from fenics_joints.harmonic.identify import identify
-from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
-from fenics_joints.harmonic.predict import peak_of, predict
+from fenics_joints.harmonic import (
+    MeasuredLoop,
+    Settings,
+    identify,
+    predict,
+    read_loops,
+    solve_harmonic,
+)
+from fenics_joints.harmonic.predict import peak_of
 from fenics_joints.harmonic.residuals import CurveFit, checked_data
-from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
+from fenics_joints.interfaces import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import CubicSpring, Iwan, IwanLayer, RichardAbbott
-from fenics_joints.measurements.curves import MeasuredCurves
+from fenics_joints.measurements import MeasuredCurves
 
 TRUTH = {"lap.E_p": 0.2, "lap.S_y": 0.3, "lap.n": 2.5}
 LEVELS = (0.005, 0.015, 0.03)

@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.preload import Contact
-from fenics_joints.structure.components import part
+from fenics_joints.structure import part
 
 COMM = MPI.COMM_WORLD
 STEEL = {"E": 200e9, "nu": 0.3, "rho": 7800.0}

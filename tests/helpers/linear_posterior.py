@@ -9,7 +9,7 @@ from fenics_joints.bayes import (
     Prior,
 )
 from fenics_joints.bayes.priors import density
-from fenics_joints.structure.components import Parameter
+from fenics_joints.structure import Parameter
 from fenics_joints.updating.coordinates import LogScale
 
 SLOPE = np.array([[0.3, 0.1], [0.1, 0.4], [0.2, 0.2]])

@@ -11,12 +11,10 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.forms import lame_parameters
-from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import Parameter, PointMass, joint, part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Parameter, PointMass, Sensors, Structure, joint, part
 
 TORQUES = np.array([4.0, 8.0, 16.0, 24.0])
 NOISE, SHAPE_NOISE = 0.003, 0.02

@@ -12,16 +12,17 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.harmonic import solve_harmonic
-from fenics_joints.interfaces import reduce_layers
-from fenics_joints.interfaces.full import full_layers
-from fenics_joints.interfaces.loading import loading_shapes
-from fenics_joints.interfaces.model import InterfaceModel
-from fenics_joints.interfaces.sparse import FullModel
+from fenics_joints.interfaces import (
+    FullModel,
+    InterfaceModel,
+    full_layers,
+    loading_shapes,
+    reduce_layers,
+)
 from fenics_joints.joint_laws import IwanLayer, RichardAbbott
 from fenics_joints.meshes import lap_beam_section
-from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.structure.components import Support, joint, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import Modes, solve_modes
+from fenics_joints.structure import Structure, Support, joint, part
 from fenics_joints.transient import solve_transient, steady_harmonics, stepped_sine
 
 #: Of the meshed layer, a hundredth of the paper's, Pa.

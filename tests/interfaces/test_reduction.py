@@ -13,17 +13,15 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces import (
+    read_interface_model,
     reduce_contacts,
     reduce_layers,
     with_modal_damping,
     with_rayleigh_damping,
 )
-from fenics_joints.interfaces.reduced import read_interface_model
-from fenics_joints.joint_laws.iwan import RichardAbbott
-from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.joint_laws.library import Iwan
+from fenics_joints.joint_laws import Iwan, JointLaw, RichardAbbott
 from fenics_joints.meshes import lap_plates, stacked_blocks
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.preload import (
     OPEN,
     SLIP,
@@ -32,9 +30,16 @@ from fenics_joints.preload import (
     WasherForce,
 )
 from fenics_joints.preload.linear_joint import LinearJoint
-from fenics_joints.structure.components import Parameter, PointMass, Spring, Support, joint, part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import (
+    Parameter,
+    PointMass,
+    Sensors,
+    Spring,
+    Structure,
+    Support,
+    joint,
+    part,
+)
 
 E, G = 1e9, 3e8
 N = 14

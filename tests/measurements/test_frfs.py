@@ -11,7 +11,7 @@ import pytest
 import scipy.io
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.files import read_frfs
+from fenics_joints.measurements import read_frfs
 from fenics_joints.response.units import frf_unit
 
 pyuff = pytest.importorskip("pyuff")

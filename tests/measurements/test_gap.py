@@ -7,12 +7,11 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import Gap, mac, pair_modes, rms
+from fenics_joints.measurements import Gap, mac, pair_modes
+from fenics_joints.measurements.gap import rms
 from fenics_joints.meshes import box
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import Parameter, part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Parameter, Sensors, Structure, part
 
 LENGTH, WIDTH = 0.3, 0.06
 LINE = np.array([[x, WIDTH / 2, 0.006] for x in np.linspace(0.01, 0.29, 9)])

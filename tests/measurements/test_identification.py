@@ -10,9 +10,8 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.frfs import MeasuredFRFs
-from fenics_joints.measurements.identification import identify_modes
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.measurements import MeasuredFRFs, identify_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.report.stabilisation import label_levels, write_stabilisation
 
 pytest.importorskip("sdypy.EMA")

@@ -11,9 +11,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database.analysis import BoltedPlates, bolted_plates_radius, solve_bolted_plates
-from fenics_joints.database.store import Store
-from fenics_joints.database.sweep import Sample, grid, sweep
+from fenics_joints.database import (
+    BoltedPlates,
+    Sample,
+    Store,
+    bolted_plates_radius,
+    grid,
+    solve_bolted_plates,
+    sweep,
+)
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import bolted_plates
 from fenics_joints.preload.threads import thread

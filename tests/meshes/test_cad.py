@@ -26,9 +26,8 @@ from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.modes.run import run_modes
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import check_contact, check_mesh, dumbbell, measure_ring, read_step
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import part, transition
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Structure, part, transition
 
 COMM = MPI.COMM_WORLD
 MM, MM2, MM3 = 1e-3, 1e-6, 1e-9

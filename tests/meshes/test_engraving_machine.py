@@ -12,9 +12,8 @@ from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import check_mesh, engraving_machine
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import Parameter, part, transition
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Parameter, Structure, part, transition
 
 COMM = MPI.COMM_WORLD
 IRON = {"E": 1.5e11, "nu": 0.23, "rho": 7250.0}

@@ -16,9 +16,8 @@ from scipy.linalg import eigh
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import check_contact, check_mesh, lap_beam, lap_beam_section
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import Support, joint, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Structure, Support, joint, part
 
 COMM = MPI.COMM_WORLD
 LENGTH, WIDTH, THICKNESS, LAP, WASHER = 0.235, 0.0254, 6e-3, 0.05, 0.01

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import layer_thickness, measure_ring, read_msh
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 
 COMM = MPI.COMM_WORLD
 CENTRES = [(0.02, 0.02), (0.062, 0.018)]

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.eigensolver import EigenSolver, count_below, solve_pencil
+from fenics_joints.modal import EigenSolver, count_below, solve_pencil
 
 comm = MPI.COMM_WORLD
 

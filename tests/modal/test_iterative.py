@@ -7,19 +7,18 @@ from mpi4py import MPI
 from fenics_joints.beams import Beam, BeamStructure
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import box, dumbbell, lap_plates
-from fenics_joints.modal.iterative import IterativeEigenSolver
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import (
+from fenics_joints.modal import IterativeEigenSolver, solve_modes
+from fenics_joints.structure import (
     ElasticSupport,
     Parameter,
     PointMass,
     Spring,
+    Structure,
     Support,
     joint,
     part,
     transition,
 )
-from fenics_joints.structure.structure import Structure
 
 IRON = {"E": 1.5e11, "nu": 0.25, "rho": 7200.0}
 ALUMINIUM = {"E": 69e9, "nu": 0.3, "rho": 2750.0}

@@ -9,10 +9,8 @@ from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import box, lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import Parameter, PointMass, Spring, joint, part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Structure, joint, part
 
 VALUES = {"plates.E": 69e9, "layer.E": 8e7, "layer.G": 3e7, "tip.mass": 0.03, "tip.travel": 0.004}
 #: Odd places: no line of the mesh runs through them, and the last is inside a plate.

@@ -9,11 +9,9 @@ from mpi4py import MPI
 
 from fenics_joints import forms
 from fenics_joints.meshes import lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.modal.sensitivity import frequency_sensitivity, identifiability
-from fenics_joints.reduction.reduced import reduce
-from fenics_joints.structure.components import Parameter, PointMass, Spring, joint, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import frequency_sensitivity, identifiability, solve_modes
+from fenics_joints.reduction import reduce
+from fenics_joints.structure import Parameter, PointMass, Spring, Structure, joint, part
 
 N_MODES = 12
 #: Each kind of parameter, with its value and a step in which its curvature shows.

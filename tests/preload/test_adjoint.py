@@ -19,8 +19,7 @@ from fenics_joints.preload import (
     WasherForce,
 )
 from fenics_joints.preload.adjoint import PreloadAdjoint
-from fenics_joints.structure.components import Parameter, Support, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Parameter, Structure, Support, part
 
 pytestmark = pytest.mark.parallel
 

@@ -24,8 +24,7 @@ from fenics_joints.preload import (
     WasherForce,
     solve_preload,
 )
-from fenics_joints.structure.components import Support, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Structure, Support, part
 
 COMM = MPI.COMM_WORLD
 

@@ -15,8 +15,7 @@ from fenics_joints.preload import (
     PreloadSolver,
     Traction,
 )
-from fenics_joints.structure.components import Support, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Structure, Support, part
 
 
 def bar(n: int, t: float):

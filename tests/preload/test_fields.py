@@ -14,8 +14,7 @@ from scipy.spatial import cKDTree
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import stacked_blocks
 from fenics_joints.preload import Contact, PreloadModel, PreloadSolver, Traction, fields
-from fenics_joints.structure.components import Support, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Structure, Support, part
 
 pytestmark = pytest.mark.parallel
 COMM = MPI.COMM_WORLD

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import c_beams, stacked_blocks
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.preload import (
     OPEN,
     SLIP,
@@ -26,9 +26,7 @@ from fenics_joints.preload.linear_joint import (
     pressure_stiffness,
     status_conditions,
 )
-from fenics_joints.structure.components import Support, part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Sensors, Structure, Support, part
 
 E, NU, RHO = 194e9, 0.29, 8000.0
 SMALL = {
@@ -193,7 +191,7 @@ def test_bad_input_is_named():
 
 def test_the_gradient_by_the_modulus_is_half_the_frequency():
     """With springs none, every frequency is proportional to the root of E in parts and bolts."""
-    from fenics_joints.structure.components import Parameter
+    from fenics_joints.structure import Parameter
 
     mesh = c_beams(MPI.COMM_WORLD, **SMALL)
     parts = [part("beams", ("beam_1", "beam_2"), E="E", nu=NU, rho=RHO)]

@@ -19,8 +19,7 @@ from fenics_joints.preload import (
     WasherForce,
     solve_preload,
 )
-from fenics_joints.structure.components import Support
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Structure, Support
 
 
 def free_blocks(friction: float, loads, **mesh):

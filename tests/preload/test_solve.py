@@ -19,8 +19,7 @@ from fenics_joints.preload import (
     WasherForce,
     solve_preload,
 )
-from fenics_joints.structure.components import Spring, Support, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Spring, Structure, Support, part
 
 
 def distorted_blocks(cell: str):

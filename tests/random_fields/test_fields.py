@@ -8,16 +8,16 @@ from scipy.optimize import brentq
 
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint
 from fenics_joints.errors import InputError
-from fenics_joints.random_fields.fields import (
+from fenics_joints.random_fields import (
     FieldMap,
     RandomField,
-    covariance,
     karhunen_loeve,
-    one_variable,
+    propagate_samples,
+    propagate_sensitivities,
 )
-from fenics_joints.random_fields.propagation import propagate_samples, propagate_sensitivities
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.structure.components import Parameter
+from fenics_joints.random_fields.fields import covariance, one_variable
+from fenics_joints.reduction import Forward
+from fenics_joints.structure import Parameter
 
 N = 5
 PLACES = (np.arange(N) + 0.5) * 0.01

@@ -12,20 +12,18 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.files import read_array_model, write_array_model
-from fenics_joints.reduction.reduced import reduce
-from fenics_joints.structure.components import (
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import ArrayModel, read_array_model, reduce, write_array_model
+from fenics_joints.structure import (
     ElasticSupport,
     Parameter,
     PointMass,
+    Sensors,
     Spring,
+    Structure,
     joint,
     part,
 )
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
 
 AXIS = np.array([1.0, 0.0, 0.0])
 SENSORS = Sensors(np.array([[0.11, 0.03, 0.008], [0.31, 0.05, 0.016]]), [0.0, 0.0, 1.0])

@@ -6,19 +6,16 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.nested import Marginal, nested_evidence
 from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.reduction import ArrayModel, Forward, LeanForward, freeze
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.batch import LeanForward, freeze
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.structure.components import Parameter
+from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
-from fenics_joints.structure.points import Sensors
 
 N = 40
 BASELINE = {"left.G": 1e9, "right.G": 1e9, "rho": 1.0, "tip": 2.0, "place": 0.5, "k": 2e8}

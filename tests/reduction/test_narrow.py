@@ -7,11 +7,9 @@ import pytest
 
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint, LumpedMass
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.batch import freeze, narrow
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.structure.components import Parameter, Spring
-from fenics_joints.structure.points import Sensors
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import Forward, freeze, narrow
+from fenics_joints.structure import Parameter, Sensors, Spring
 
 VALUES = {
     "E": 208e9, "rho": 7860.0, "k1": 1763.0, "k2": 37400.0, "cord": 2e3, "mass": 0.05, "place": 0.01

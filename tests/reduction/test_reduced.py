@@ -9,11 +9,10 @@ from scipy.stats import qmc
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
-from fenics_joints.structure.components import Parameter, PointMass, Spring, joint, part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import ReducedStructure, reduce
+from fenics_joints.reduction.reduced import enrich
+from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Structure, joint, part
 
 N_MODES = 12
 #: Low and high of every parameter, log-uniform but for nu and the travel.

@@ -14,8 +14,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.meshes import c_beams, stacked_blocks
 from fenics_joints.preload import OPEN, SLIP, STICK, Contact, ContactState, PreloadModel
 from fenics_joints.report.contact_pictures import pressure_map, pressure_profile, status_map
-from fenics_joints.structure.components import part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Structure, part
 
 CENTRES = np.array([[0.0497 / 2, 0.0, 0.0], [0.508 - 0.0497 / 2, 0.0, 0.0]])
 

@@ -24,11 +24,12 @@ from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.modes.page import ModePicture, modes_html
 from fenics_joints.commands.modes.result import ModeList
 from fenics_joints.commands.modes.summary import show_modes
-from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult, Separation
+from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
+from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import Gap
+from fenics_joints.measurements import Gap
 from fenics_joints.meshes import lap_plates
 from fenics_joints.report import mesh_pictures
 

@@ -11,21 +11,20 @@ from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import box, lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.response.complex_modes import solve_complex_modes
-from fenics_joints.response.frf import solve_frf
-from fenics_joints.structure.components import (
+from fenics_joints.modal import solve_modes
+from fenics_joints.response import solve_complex_modes, solve_frf
+from fenics_joints.structure import (
+    Damping,
     ElasticSupport,
     Parameter,
     PointMass,
+    Sensors,
     Spring,
+    Structure,
     Support,
     joint,
     part,
 )
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
 
 SIDE, BLOCK = 0.02, 0.1
 AREA = SIDE**2

@@ -8,24 +8,28 @@ from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import dumbbell, lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.files import read_array_model, write_array_model
-from fenics_joints.reduction.frf_basis import checked_frf_model, frf_basis, frf_error
-from fenics_joints.reduction.reduced import reduce
-from fenics_joints.response.complex_modes import solve_complex_modes
-from fenics_joints.response.frf import solve_frf
-from fenics_joints.structure.components import (
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import (
+    checked_frf_model,
+    frf_basis,
+    frf_error,
+    read_array_model,
+    reduce,
+    write_array_model,
+)
+from fenics_joints.response import solve_complex_modes, solve_frf
+from fenics_joints.structure import (
+    Damping,
     ElasticSupport,
     Parameter,
     PointMass,
+    Sensors,
     Spring,
+    Structure,
     joint,
     part,
     transition,
 )
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
 
 # -- lap plates with every kind of component ------------------------------------------------------
 

@@ -8,20 +8,27 @@ import scipy.linalg
 from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.measurements.gap import mac
+from fenics_joints.measurements import mac
 from fenics_joints.meshes import box, lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.reduced import reduce
-from fenics_joints.response.shape_sensitivity import (
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import reduce
+from fenics_joints.response import (
     clusters,
     mac_gradients,
     shape_gradients,
     span_gradients,
     split_modes,
 )
-from fenics_joints.structure.components import Parameter, PointMass, Spring, Support, joint, part
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import (
+    Parameter,
+    PointMass,
+    Sensors,
+    Spring,
+    Structure,
+    Support,
+    joint,
+    part,
+)
 
 # -- free plates with a layer, a mass that moves and a spring: no mode near another ---------------
 

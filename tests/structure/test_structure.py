@@ -12,9 +12,8 @@ from numpy.polynomial import legendre
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.forms import lame_parameters
 from fenics_joints.meshes import box, lap_plates
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.components import Parameter, PointMass, Spring, Support, joint, part
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Parameter, PointMass, Spring, Structure, Support, joint, part
 
 E, NU, RHO = 69e9, 0.283, 2750.0
 PLATES = ("plate_1", "plate_2")

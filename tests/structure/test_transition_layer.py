@@ -17,11 +17,10 @@ from fenics_joints import forms
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import check_mesh, dumbbell
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.reduced import ReducedStructure, reduce
-from fenics_joints.structure.components import Parameter, part, transition
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import ReducedStructure, reduce
+from fenics_joints.structure import Parameter, Structure, part, transition
 from fenics_joints.structure.laws import TRANSITION
-from fenics_joints.structure.structure import Structure
 
 COMM = MPI.COMM_WORLD
 BODY = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}  # seed 000, section 4.2

@@ -19,8 +19,8 @@ from fenics_joints import __version__, files
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import main
 from fenics_joints.commands.modes import run as mode_list
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.structure.points import Sensors
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Sensors
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 

@@ -19,8 +19,8 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 from scipy.stats import chi2
 
+from fenics_joints.diagnosis import EffectResult, Prior, relative_error
 from fenics_joints.diagnosis.effects.bolts import loose_bolt
-from fenics_joints.diagnosis.effects.effect import Prior, relative_error
 from fenics_joints.diagnosis.effects.joint import gives_way
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import (
@@ -37,21 +37,17 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.kept_fits import KeptFits
-from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.shrinkage import cross_validate, folds
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.data import TestData, read_test_data
-from fenics_joints.measurements.gap import Gap
+from fenics_joints.measurements import Gap, TestData, read_test_data
 from fenics_joints.progress import Progress
+from fenics_joints.reduction import ArrayModel, Forward
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.structure.components import Parameter
+from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
-from fenics_joints.structure.points import Sensors
 
 TORQUES = np.array([5.0, 10.0, 20.0])
 MODES = tuple("abcde")

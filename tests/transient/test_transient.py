@@ -9,8 +9,7 @@ from scipy.integrate import solve_ivp
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic import solve_backbone
-from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
-from fenics_joints.interfaces.sparse import FullModel, SparsePoints
+from fenics_joints.interfaces import FullModel, InterfaceModel, InterfacePoints, SparsePoints
 from fenics_joints.joint_laws import Iwan, JointLaw, Segalman
 from fenics_joints.transient import solve_transient, steady_harmonics, stepped_sine
 

@@ -6,11 +6,10 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import c_beams
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal import solve_modes
 from fenics_joints.preload import BeamBolt, Contact, PreloadModel, solve_preload
-from fenics_joints.structure.components import part
-from fenics_joints.structure.structure import Structure
-from fenics_joints.updating.cutoff import CutoffModel, minimise, sweep
+from fenics_joints.structure import Structure, part
+from fenics_joints.updating import CutoffModel, minimise, sweep
 
 
 @pytest.fixture(scope="module")

@@ -10,22 +10,15 @@ from mpi4py import MPI
 from scipy.stats import chi2
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.measurements.frfs import MeasuredFRFs
-from fenics_joints.measurements.target import FRFTarget, Target
+from fenics_joints.measurements import FRFTarget, MeasuredFRFs, Target
 from fenics_joints.meshes import dumbbell
-from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.frf_basis import frf_basis
-from fenics_joints.response.complex_modes import solve_complex_modes
-from fenics_joints.response.frf import solve_frf
-from fenics_joints.structure.components import Parameter, part, transition
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import frf_basis
+from fenics_joints.response import solve_complex_modes, solve_frf
+from fenics_joints.structure import Damping, Parameter, Sensors, Structure, part, transition
+from fenics_joints.updating import Predictor, update_combined, update_weighted
 from fenics_joints.updating.equations import real_rows, weighted_equations
-from fenics_joints.updating.fit import update_combined
-from fenics_joints.updating.prediction import Predictor
 from fenics_joints.updating.residuals import Residuals
-from fenics_joints.updating.weighted import update_weighted
 
 BODY = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}  # seed 000, section 4.2
 TRUE = {"E": 1e10, "nu": 0.24, "h": 0.01}  # Table 6, row 1
