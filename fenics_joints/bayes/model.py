@@ -183,21 +183,18 @@ class ReducedCheck:
 def check_reduced(
     frequencies: Frequencies,
     exact: Callable[[Sequence[Mapping[str, float]]], np.ndarray],
-    prior: Prior,
-    n_points: int = 50,
-    *,
-    seed: int = 12345,
+    values: np.ndarray,
 ) -> ReducedCheck:
-    """Compare at random points of the prior. Collective where ``exact`` is.
+    """Compare at points of the prior. Collective where ``exact`` is.
 
     Args:
         frequencies: Of the reduced model.
         exact: Gives the full model's ln f, (n, m), at parameter values; nan where it lacks a mode.
-        prior: Where the points are drawn from.
-        n_points: Number of points.
-        seed: Of the points.
+        values: Of the parameters, (n, d).
+
+    Raises:
+        InputError: If the model has the test's modes at none of the points.
     """
-    values = prior.values(prior.sample(n_points, np.random.default_rng(seed)))
     off = np.abs(frequencies(values) - exact(frequencies.by_name(values)))
     there = np.all(np.isfinite(off), axis=1)
     if not there.any():

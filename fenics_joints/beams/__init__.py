@@ -8,12 +8,14 @@ from fenics_joints.beams.damped import (
     slip_table,
 )
 from fenics_joints.beams.structure import BeamStructure
+from fenics_joints.beams.tested import ExactModes
 
 __all__ = [
     "Beam",
     "BeamStructure",
     "Clamp",
     "DampingFit",
+    "ExactModes",
     "GenericJoint",
     "Held",
     "LumpedMass",

@@ -1,4 +1,4 @@
-"""Beams in the service of a fit: exact, with the calls of the models that a solid's basis needs."""
+"""Beams in the service of a fit: as small models they are exact."""
 
 from __future__ import annotations
 
@@ -7,102 +7,158 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fenics_joints.beams.structure import BeamStructure
-from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.measurements.target import Target
-from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.combined import ModelError, paired
+from fenics_joints.reduction.combined import CombinedModel, ModelError, error_limits
 from fenics_joints.reduction.forward import Forward
-from fenics_joints.response.damping_ratios import damping_ratios
+from fenics_joints.reduction.seen import SeenModes
+from fenics_joints.reduction.tested import SmallModels, tested_models
+from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["ExactBeams", "ExactCombinedModel"]
+__all__ = ["ExactModes", "ExactTarget"]
+
+#: How much less visible a mode may become than the least visible one of the test's.
+_CLEAR = 10.0
 
 
-class ExactBeams:
-    """Frequencies of the modes that a test saw, as a `fenics_joints.reduction.surrogate.Surrogate`.
+class ExactModes(SeenModes):
+    """The modes of beams that a test saw.
 
     Args:
-        structure: The beams.
-        start: Values whose modes say, by order and visibility, which the test's are.
-        sensors: What the test saw; None takes elastic modes in order, axial ones too.
-        n_test: Number of modes that the test saw.
-        n_modes: Number of modes to compute.
-        shapes: Measured shapes at the sensors, to match modes to by MAC.
-
-    Attributes:
-        model: The beams as arrays.
-        forward: Frequencies and derivatives.
-        crossings: Pairs of test modes whose order the model changes at the start.
+        full: The beams.
+        start: See `SeenModes`.
+        by_order: Whether modes go by their order, as the test's names of them do, where no shapes
+            were measured. In one plane they do not cross but veer, and by the nominal shapes one
+            along the beams, which shows little, would be taken for any other. The test may then
+            have missed one: see `Forward.further`.
+        samples: Of a basis that beams do not need; so are the next two.
+        travel: See `samples`.
+        keep: See `samples`.
+        progress: Of what takes no time here.
+        given: See `SeenModes`.
     """
+
+    unseen = "motion along the beams"
+    checking = "looking which modes change places"
 
     def __init__(
         self,
-        structure: BeamStructure,
+        full: BeamStructure,
         start: Mapping[str, float],
         *,
-        sensors: Sensors | None,
-        n_test: int,
-        n_modes: int,
+        by_order: bool = False,
+        samples=None,
+        travel=None,
+        keep=None,
+        progress: Progress | None = None,
         shapes: np.ndarray | None = None,
+        n_modes: int,
+        **given,
     ):
-        self.model = structure.arrays(sensors)
-        count = min(max(n_modes, n_test), self.model.n_dofs)
-        self.nominal = solve_modes(self.model, start, n_modes=count)
-        self.pairing = pair_modes(self.nominal, n_test, sensors, reference=shapes)
-        self.crossings: set[tuple[int, int]] = set(self.pairing.crossing)
-        reference = self.pairing.shapes if shapes is None else shapes
-        self.forward = Forward(self.model, sensors, n_test, count, reference)
+        n_modes = min(max(n_modes, given["n_test"]), full.n_dofs)
+        super().__init__(full, start, shapes=shapes, n_modes=n_modes, **given)
+        sensors, model = self.sensors, full.arrays(self.sensors)
+        if not by_order:
+            self.forward = Forward(model, sensors, self.n_test, n_modes, self.reference)
+            return
+        self.forward = Forward(model, sensors, self.n_test, n_modes, shapes, self._threshold())
+        if shapes is None:
+            self.forward.further = Forward(
+                model, sensors, self.n_test + 1, n_modes + 1, threshold=self.forward.threshold
+            )
 
-    def error(self, points: Sequence[Mapping[str, float]]) -> tuple[float, list[Modes]]:
-        """Largest relative error of the frequencies: none."""
-        return 0.0, []
+    def _threshold(self) -> float:
+        """A visibility far from those of the nominal modes, so that none comes or goes by a little.
 
-    def refine(self, modes: Sequence[Modes]) -> None:
-        """Nothing to refine."""
+        Between the least of the test's modes and the largest of the others below the highest one.
+        """
+        if self.sensors is None:
+            return VISIBLE
+        seen = self.nominal.visibility(self.sensors)
+        own = self.pairing.index
+        others = np.setdiff1d(np.arange(self.nominal.n_rigid, own.max()), own)
+        high = min(float(np.min(seen[own])), 1.0)
+        low = max(float(np.max(seen[others], initial=0.0)), high / _CLEAR)
+        return float(np.sqrt(low * high)) if low < high else VISIBLE
+
+    def log_f(self, values: Mapping[str, float]) -> np.ndarray:
+        """See `SeenModes.log_f`."""
+        return self.forward(values)[0]
+
+    def errors(self, points: Points) -> np.ndarray:
+        """None: the arrays are the structure. Looks which modes change places at the points."""
+        for values in points:
+            self.crossings.update(self.forward.pairing(values).crossing)
+        return np.zeros(len(points))
+
+    def extend(self, points: Points) -> None:
+        """Nothing: there is no basis."""
+
+    def facts(self) -> dict[str, object]:
+        """Its size and use; it is made from no samples."""
+        return {"dofs": self.full.n_dofs, "solutions": self.forward.calls}
+
+    def wide(self, points: Points) -> ArrayModel:
+        """The same that can be seen at all nodes."""
+        return self.full.arrays(self.sensors, self.everywhere(len(self.full.layout.x)))
+
+    def point_rows(self, model: ArrayModel, points: np.ndarray) -> np.ndarray:
+        """Displacement of a model's basis at points, shape (n_points, 3, n_dofs)."""
+        return self.full.displacement_rows(points)
+
+    def everywhere(self, count: int) -> Sensors:
+        """Nodes all along the beams, along and across."""
+        x = self.full.layout.x
+        at = x[np.unique(np.round(np.linspace(0, len(x) - 1, min(count, len(x)))).astype(int))]
+        points = np.column_stack([at, np.zeros((len(at), 2))])
+        return Sensors(np.repeat(points, 2, axis=0), np.tile(np.eye(3)[[0, 2]], (len(at), 1)))
 
 
-class ExactCombinedModel:
-    """Frequencies, shapes, damping ratios and functions, as a
-    `fenics_joints.reduction.combined.CombinedModel`.
+class ExactTarget(CombinedModel):
+    """Frequencies, shapes, damping ratios and functions of beams.
 
     Args:
-        structure: The beams.
+        full: The beams.
         target: The data.
         damping: The damping.
         n_modes: Number of modes to compute.
-
-    Attributes:
-        arrays: The beams as arrays.
-        samples: How many samples it took: none.
     """
 
-    samples = 0
+    def __init__(self, full: BeamStructure, target: Target, damping: Damping, n_modes: int):
+        self.target, self.damping, self.samples = target, damping, 0
+        self.n_modes, self.limits = min(n_modes, full.n_dofs), error_limits(target)
+        functions = target.frfs is not None
+        places = [target.frfs.excitation, target.frfs.sensors] if functions else []
+        self.full = self.arrays = full.arrays(target.shape_sensors, *places)
+        self._exact, self._last, self._ratios = None, None, {}
+        ratios = 0.0 if "damping" in target.kinds else None
+        self.error = ModelError(0.0, 0.0 if functions else None, ratios)
 
-    def __init__(self, structure: BeamStructure, target: Target, damping: Damping, n_modes: int):
-        self.target, self.damping = target, damping
-        self.n_modes = min(n_modes, structure.n_dofs)
-        self.functions = target.frfs is not None
-        places = [target.frfs.excitation, target.frfs.sensors] if self.functions else []
-        self.arrays = structure.arrays(target.shape_sensors, *places)
+    def sample(
+        self, parameters: Sequence[Parameter], start: Mapping[str, float], progress: Progress
+    ) -> None:
+        """Nothing: there is no basis."""
 
-    def build(self) -> ArrayModel:
-        """The beams as arrays."""
-        return self.arrays
+    def extend(self, points: Points) -> None:
+        """Nothing: there is no basis."""
 
-    def modes(self, values: Mapping[str, float]) -> Modes:
-        """Modes at some values."""
-        return solve_modes(self.arrays, values, n_modes=self.n_modes)
+    def errors(self, points: Points) -> np.ndarray:
+        """None at any point."""
+        return np.zeros(len(points))
 
-    def ratios(self, values: Mapping[str, float], modes: Modes) -> np.ndarray | None:
-        """Damping ratios of the modes that are the test's, (m,); None if they are no data."""
-        if "damping" not in self.target.kinds:
-            return None
-        index = paired(modes, self.target).index
-        return damping_ratios(self.arrays, values, self.damping, modes, index)[0]
 
-    def error(self, values: Mapping[str, float], modes: Modes) -> ModelError:
-        """Error of frequencies, ratios and functions: none."""
-        ratios = 0.0 if "damping" in self.target.kinds else None
-        return ModelError(0.0, 0.0 if self.functions else None, ratios)
+def _free(
+    full: BeamStructure, start: Mapping[str, float], free: Sequence[str], **given
+) -> ExactModes:
+    """See `GreedyModel`: of beams all parameters are free."""
+    return ExactModes(full, start, **given)
+
+
+@tested_models.register
+def _(full: BeamStructure) -> SmallModels:
+    return SmallModels(ExactModes, _free, ExactTarget, exact=True)

@@ -31,7 +31,6 @@ from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.surrogate import crossing_names
 
 __all__ = ["diagnose"]
 
@@ -195,8 +194,8 @@ class _Run:
             shrinkage=shrink,
             nested=self.nested,
             model={
-                **self.model.surrogate.facts(self.model.n_samples),
-                "crossing_modes": crossing_names(self.model.surrogate, self.data.mode_names),
+                **self.model.surrogate.facts(),
+                "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),
                 "seconds": time.perf_counter() - self.started,
             },
         )

@@ -20,6 +20,7 @@ from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.parallel import spread
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.adaptive import improve
 
 __all__ = ["Search"]
 
@@ -123,15 +124,16 @@ class Search:
         """
         surrogate, fits = self.model.surrogate, list(fits)
         limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
-        for left in reversed(range(_ROUNDS)):
+
+
+        def leading() -> list[dict[str, float]]:
             self.progress.step(surrogate.checking)
-            error, modes = surrogate.error(self._leading_values(fits, count))
-            # Every rank has to take the same way from here.
-            self.model_error = self.model.comm.bcast(error)
-            if self.model_error <= limit or not left:
-                break
-            surrogate.refine(modes)
-            self._fit_again(fits)
+            return self._leading_values(fits, count)
+
+        errors = improve(
+            surrogate, leading, limit, _ROUNDS, after=lambda: self._fit_again(fits)
+        )
+        self.model_error = float(errors.max(initial=0.0))
         return fits
 
     def _fit_again(self, fits: list[Fit]) -> None:

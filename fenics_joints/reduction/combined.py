@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.stats import qmc
@@ -12,6 +12,8 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import Pairing, pair_modes
 from fenics_joints.measurements.target import Target
 from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.frf_basis import frf_error
 from fenics_joints.reduction.reduced import ReducedStructure
@@ -23,7 +25,7 @@ from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["CombinedModel", "ModelError", "paired", "sample_values"]
+__all__ = ["CombinedModel", "ModelError", "allowed", "error_limits", "paired"]
 
 #: Samples for each parameter, beside the start, and their range about it, a factor either way.
 _SAMPLES, _RANGE = 2, 30.0
@@ -31,6 +33,9 @@ _SAMPLES, _RANGE = 2, 30.0
 #: Share of the largest energy below which a direction is left out of the basis: at first, and by
 #: which factor it falls when the model is bettered.
 _BASIS, _FINER = 1e-5, 0.03
+#: Largest accepted relative error of the reduced model's frequencies; and of its functions and
+#: damping ratios, as a share of the noise.
+_FREQUENCY, _SHARE = 2e-4, 0.1
 #: Lines at which functions are checked against the direct solution.
 _CHECKED = 6
 #: Modes of every sample reach this multiple of the highest line, but are no more than that many
@@ -52,6 +57,12 @@ class ModelError:
     frfs: float | None
     damping: float | None = None
 
+    def share(self, limits: ModelError) -> float:
+        """The largest of the errors as a share of its limit."""
+        return max(
+            (getattr(self, f.name) or 0.0) / getattr(limits, f.name) for f in fields(self)
+        )
+
 
 class CombinedModel:
     """A reduced model for the frequencies, shapes, ratios and functions of a target. Collective.
@@ -69,14 +80,20 @@ class CombinedModel:
     Attributes:
         arrays: The reduced model as it is now.
         samples: How many samples are in it.
+        limits: Largest accepted errors.
+        error: Of the reduced model at the last of the points that it was looked at.
     """
+
+    arrays: ArrayModel
+    error: ModelError
 
     def __init__(self, full: Structure, target: Target, damping: Damping, n_modes: int):
         self.full, self.target, self.damping, self.n_modes = full, target, damping, n_modes
         self.samples, self._tolerance, self._most = 0, _BASIS, _MOST * n_modes
-        self.arrays: ArrayModel | None = None
+        self.limits = error_limits(target)
         self._snapshots = Snapshots(full)
         self._solver = self._exact = None
+        self._last: Modes | None = None
         self._ratios: dict[tuple, np.ndarray] = {}
         frfs = target.frfs
         self._loads = None
@@ -84,6 +101,17 @@ class CombinedModel:
             self._loads = np.hstack([
                 full.loads(frfs.excitation, "excitation"), full.loads(frfs.sensors),
             ])  # fmt: skip
+
+    def sample(
+        self, parameters: Sequence[Parameter], start: Mapping[str, float], progress: Progress
+    ) -> None:
+        """Make the first basis, about the start."""
+        samples = sample_values(self.full, parameters, start)
+        progress.step("reduced model: sampling the parameters", len(samples))
+        for values in samples:
+            self.add(values)
+            progress.advance()
+        self.build()
 
     def add(self, values: Mapping[str, float]) -> None:
         """Take the modes and residual vectors at some values into the basis of the next `build`."""
@@ -93,7 +121,7 @@ class CombinedModel:
             for solver in (self._solver, self._exact):
                 if solver is not None:
                     solver.destroy()
-            self._solver = self._exact = None
+            self._solver = self._exact = self._last = None
             modes = self._modes(values, SNAPSHOT)
         ratios = "damping" in self.target.kinds and self.damping.layers
         if self._loads is not None or ratios:
@@ -139,17 +167,25 @@ class CombinedModel:
         self.arrays = reduced.arrays(*places)
         return self.arrays
 
-    def better(self, values: Mapping[str, float]) -> ArrayModel:
-        """The reduced model with one more sample, and with directions of less energy."""
-        self.add(values)
+    def extend(self, points: Points) -> None:
+        """Take more samples into the basis, and directions of less energy."""
+        for values in points:
+            self.add(values)
         self._tolerance *= _FINER
-        return self.build()
+        self.build()
+
+    def errors(self, points: Points) -> np.ndarray:
+        """Largest share of its limit that an error takes at each point, (n,)."""
+        found = [self.error_at(values, self.modes(values)) for values in points]
+        self.error = found[-1]
+        return np.array([error.share(self.limits) for error in found])
 
     def modes(self, values: Mapping[str, float]) -> Modes:
         """Modes of the full model."""
-        modes = solve_modes(self.full, values, n_modes=self.n_modes, solver=self._exact)
-        self._exact = modes.solver
-        return modes
+        if self._last is None or self._last.given != dict(values):
+            self._last = solve_modes(self.full, values, n_modes=self.n_modes, solver=self._exact)
+            self._exact = self._last.solver
+        return self._last
 
     def ratios(self, values: Mapping[str, float], modes: Modes) -> np.ndarray | None:
         """Damping ratios of the full model's modes that are the test's, (m,); None if no data.
@@ -166,7 +202,7 @@ class CombinedModel:
             self._ratios[key] = damping_ratios(self.full, values, self.damping, modes, index)[0]
         return self._ratios[key]
 
-    def error(self, values: Mapping[str, float], modes: Modes) -> ModelError:
+    def error_at(self, values: Mapping[str, float], modes: Modes) -> ModelError:
         """Error of the reduced model.
 
         Args:
@@ -194,6 +230,16 @@ class CombinedModel:
         return ModelError(frequencies, found.worst, off)
 
 
+def error_limits(target: Target) -> ModelError:
+    """Largest accepted errors of a reduced model for these data."""
+    frfs, functions = target.frfs, np.inf
+    if frfs is not None:
+        functions = _SHARE * float(np.median(frfs.relative_sd[frfs.used]))
+    there = np.isfinite(target.damping_ratios)
+    ratios = _SHARE * float(target.damping_log_sd[there].min(initial=np.inf))
+    return ModelError(_FREQUENCY, functions, ratios)
+
+
 def paired(modes: Modes, target: Target) -> Pairing:
     """A model's modes that are the test's."""
     return pair_modes(modes, len(target), target.shape_sensors, reference=target.shapes)
@@ -208,14 +254,15 @@ def sample_values(
         point = {p.name: _between(p, start[p.name], share)
                  for p, share in zip(parameters, row, strict=True)}  # fmt: skip
         values = {**start, **point}
-        if _allowed(full, values):
+        if allowed(full, values):
             samples.append(values)
         if len(samples) > most:
             break
     return samples
 
 
-def _allowed(full: Structure, values) -> bool:
+def allowed(full: Structure, values: Mapping[str, float]) -> bool:
+    """Whether the laws of a structure take these values."""
     try:
         for number, region in enumerate(full.regions):
             q = full.field.region_values(number, values)

@@ -15,95 +15,81 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.free_terms import FreeTerms
+from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
 
 __all__ = ["GreedyModel"]
 
-#: Least visibility of a mode that enters the basis, and modes beyond the test's.
-_SEEN, _SPARE = 0.05, 3
 #: Share of the largest energy below which a direction is left out of the basis.
 _BASIS = 1e-9
 #: Points whose residuals are formed together; deformations whose stiffness ratio is looked at.
 _CHUNK, _DIRECTIONS = 32, 40
 
 
-class GreedyModel:
-    """A reduced model, and the full one it is made of. All calls are collective.
+class GreedyModel(SeenModes):
+    """A reduced model in a few parameters, and the full one. All calls are collective.
 
     Args:
-        terms: The full model.
-        sensors: What the test saw; None takes elastic modes in order.
-        n_test: Number of modes that the test saw.
-        n_modes: Number of modes of the full model at a sample.
-        shapes: Measured shapes at the sensors, to match modes to by MAC; the shapes at the start
-            take their place where there are none.
-
-    Attributes:
-        nominal: Modes of the full model at the start.
-        forward: Frequencies of the reduced model.
+        full: The full model.
+        start: Values of all its parameters.
+        free: Names of those that vary.
+        progress: Told of every solution of the full model.
+        given: See `SeenModes`.
     """
+
+    tolerance = SNAPSHOT
 
     def __init__(
         self,
-        terms: FreeTerms,
+        full: Structure,
+        start: Mapping[str, float],
+        free: Sequence[str],
         *,
-        sensors: Sensors | None,
-        n_test: int,
-        n_modes: int,
-        shapes: np.ndarray | None = None,
+        progress: Progress | None = None,
+        **given,
     ):
-        self.terms, self.sensors, self.n_test, self.n_modes = terms, sensors, n_test, n_modes
-        self.start = {name: p.value for name, p in terms.parameters.items()}
-        self.nominal = solve_modes(terms, self.start, n_modes=n_modes)
-        pairing = pair_modes(self.nominal, n_test, sensors, reference=shapes)
-        self.reference = pairing.shapes if shapes is None else shapes
+        self.terms = FreeTerms(full, free, start)
+        self.start = {name: p.value for name, p in self.terms.parameters.items()}
+        self.progress = progress or Progress(silent=True)
+        self.progress.step("reduced model: the start")
+        super().__init__(self.terms, self.start, **given)
+        # A solver of its own: the start's keeps its factorisation, for the residuals.
         self._solver = None
-        self._snapshots = Snapshots(terms)
-        self.add([self.nominal])
+        self._snapshots = Snapshots(self.terms)
+        self._add(self.nominal, np.arange(self.nominal.n_rigid))
+        self._build()
 
     def solve(self, values: Mapping[str, float]) -> Modes:
-        """Modes of the full model."""
-        # A solver of its own: the start's keeps its factorisation, for the residuals.
-        found = solve_modes(
-            self.terms, values, n_modes=self.n_modes, solver=self._solver, tolerance=SNAPSHOT
-        )
-        self._solver = found.solver
-        return found
+        """See `SeenModes.solve`."""
+        if not self.is_solved(values):
+            self.progress.advance()
+        return super().solve(values)
 
-    def log_f(self, modes: Modes) -> np.ndarray:
-        """ln f of the test's modes, (n_test,); nan where they are not all there."""
-        try:
-            pairing = pair_modes(modes, self.n_test, self.sensors, reference=self.reference)
-        except InputError:
-            return np.full(self.n_test, np.nan)
-        return np.log(modes.frequencies_hz[pairing.index])
-
-    def add(self, modes: Sequence[Modes]) -> None:
+    def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis."""
-        for each in modes:
-            index = np.arange(len(each))
-            rigid, keep = index[: each.n_rigid] if each is self.nominal else [], index
-            if self.sensors is not None:
-                keep = index[each.visibility(self.sensors) > _SEEN]
-            keep = keep[keep >= each.n_rigid]
-            if self.sensors is not None:
-                keep = keep[: self.n_test + _SPARE]
-            self._snapshots.add(each, [*rigid, *keep])
+        new = [values for values in points if not self.is_solved(values)]
+        if new:
+            self.progress.step("reduced model: sampling the prior", len(new))
+        for values in points:
+            self._add(self.solve(values))
+        self._solved.clear()
+        self._build()
+
+    def _add(self, modes: Modes, rigid: Sequence[int] = ()) -> None:
+        self._snapshots.add(modes, [*rigid, *self._seen(modes)])
+
+    def _build(self) -> None:
         self.basis = self._snapshots.basis(_BASIS)
         model = self.terms.on(self.basis, self.sensors)
-        enough = self.n_modes if self.sensors is None else 6 + 3 * self.n_test + _SPARE
-        self.forward = Forward(
-            model, self.sensors, self.n_test, min(enough, model.n_dofs), self.reference
-        )
-        self._softened = _Softened(model, self.start)
+        self.forward, self._softened = self._forward(model), _Softened(model, self.start)
 
-    def errors(self, points: Sequence[Mapping[str, float]]) -> np.ndarray:
+    def errors(self, points: Points) -> np.ndarray:
         """Estimated relative error of the worst frequency at each point, (n,).
 
         nan where the reduced model lacks a mode that the test saw.
@@ -117,7 +103,7 @@ class GreedyModel:
         for i, values in enumerate(points):
             modes = solve_modes(self.forward.model, values, n_modes=self.forward.n_modes)
             try:
-                pairing = pair_modes(modes, self.n_test, self.sensors, reference=self.reference)
+                pairing = self.forward.paired(modes)
             except InputError:
                 continue
             columns.append(modes.shapes[:, pairing.index])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,129 +11,98 @@ from petsc4py import PETSc
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.files import write_arrays
-from fenics_joints.measurements.gap import pair_modes
-from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.modal.modes import Modes
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.files import read_array_model, write_array_model
-from fenics_joints.reduction.forward import SPARE, Forward, line_of
+from fenics_joints.reduction.forward import line_of
 from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
+from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["Surrogate", "crossing_names"]
+__all__ = ["Surrogate"]
 
-#: Least visibility of a mode that enters the basis.
-_SEEN = 0.05
 #: Share of the largest energy below which a direction is left out of the basis.
 _BASIS = 1e-6
 
 
-class Surrogate:
-    """A parametric reduced model of what a test sees, with its error under control.
+class Surrogate(SeenModes):
+    """A parametric reduced model of what a test sees, with its error under control. Collective.
 
     Args:
         full: The full structure.
-        samples: Parameter values at which its modes make the basis.
-        start: Values whose modes say, by order and visibility, which the test's are.
-        sensors: What the test saw.
-        shapes: Measured shapes at the sensors, (n_sensors, n_test), to match modes to by MAC; the
-            shapes at ``start`` take their place where there are none.
-        n_test: Number of modes that the test saw.
-        n_modes: Number of modes of the full model at a sample.
-        travel: Ranges of moving masses, see `ReducedStructure`.
-        keep: File of the reduced model: read if it is there, else written; None for neither.
-        progress: Told after each sample.
-
-    Attributes:
-        forward: Frequencies and derivatives from the reduced model.
-        nominal: Modes of the full model at ``start``.
-        pairing: Which of them the test saw.
-        crossings: Pairs of test modes whose order the model changes, where it was checked.
+        start: See `SeenModes`.
+        samples: Gives the parameter values at which its modes make the basis.
+        travel: Gives the ranges of moving masses, see `ReducedStructure`.
+        by_order: Of beams, see `fenics_joints.beams.tested.ExactModes`.
+        keep: Gives the file of the reduced model for these samples: read if it is there, else
+            written; None for neither.
+        progress: Told what is being done, and after each sample.
+        given: See `SeenModes`.
     """
-
-    #: Motions that a test may not see.
-    unseen = "torsion, in-plane motion"
-    #: What `error` does.
-    checking = "checking the reduced model against the full one"
 
     def __init__(
         self,
         full: Structure,
-        samples: Sequence[Mapping[str, float]],
         start: Mapping[str, float],
         *,
-        sensors: Sensors | None,
-        n_test: int,
-        n_modes: int,
-        shapes: np.ndarray | None = None,
-        travel: Mapping[str, tuple[float, float]] | None = None,
-        keep: Path | None = None,
+        samples: Callable[[], Points],
+        travel: Callable[[], Mapping[str, tuple[float, float]]] | None = None,
+        keep: Callable[[Points], Path] | None = None,
         progress: Progress | None = None,
+        by_order: bool = False,
+        **given,
     ):
-        self.samples, self.progress, self.keep = samples, progress, keep
-        self.full, self.sensors, self.n_test = full, sensors, n_test
-        self.n_modes, self.travel = n_modes, travel
-        self.nominal = solve_modes(full, start, n_modes=n_modes)
-        self.pairing = pair_modes(self.nominal, n_test, sensors, reference=shapes)
-        self.crossings: set[tuple[int, int]] = set(self.pairing.crossing)
+        self.samples, self.travel = samples(), travel and travel()
+        self.progress = progress or Progress(silent=True)
+        self.n_samples, self.keep = len(self.samples), keep and keep(self.samples)
+        self.progress.step("reduced model: sampling the parameters", self.n_samples)
+        super().__init__(full, start, **given)
         self._reduced: ReducedStructure | None = None
+        keep = self.keep
         kept = keep is not None and full.comm.bcast(keep.is_file() if full.comm.rank == 0 else None)
-        self.model = read_array_model(keep) if kept else self._arrays(self._reduce())
+        model = read_array_model(keep) if kept else self._arrays(self._reduce())
         if keep is not None and not kept:
-            self._write()
-        # With sensors the basis holds what they see alone, besides six rigid-body modes.
-        enough = n_modes if sensors is None else 6 + 3 * n_test + SPARE
-        reference = self.pairing.shapes if shapes is None else shapes
-        self.forward = Forward(self.model, sensors, n_test, enough, reference)
+            self._write(model)
+        self.forward = self._forward(model)
 
-    def _seen(self, modes: Modes) -> np.ndarray:
-        index = np.arange(len(modes))
-        if self.sensors is None:
-            return index
-        elastic = index[modes.n_rigid :]
-        seen = elastic[modes.visibility(self.sensors)[modes.n_rigid :] > _SEEN]
-        return np.concatenate([index[: modes.n_rigid], seen[: self.n_test + SPARE]])
+    def _in_basis(self, modes: Modes) -> np.ndarray:
+        return np.concatenate([np.arange(modes.n_rigid), self._seen(modes)])
 
-    def error(self, points: Sequence[Mapping[str, float]]) -> tuple[float, list[Modes]]:
-        """Largest relative frequency error against the full model, and its modes there."""
-        worst, found = 0.0, []
-        for values in points:
-            modes = solve_modes(
-                self.full, values, n_modes=self.n_modes, solver=self.nominal.solver
-            )
-            pairing = pair_modes(
-                modes, self.n_test, self.sensors, reference=self.forward.reference
-            )
-            self.crossings.update(pairing.crossing)
-            exact = np.log(modes.frequencies_hz[pairing.index])
-            worst = max(worst, float(np.max(np.abs(self.forward(values)[0] - exact))))
-            found.append(modes)
-        return worst, found
+    def errors(self, points: Points) -> np.ndarray:
+        """Largest relative frequency error against the full model at each point, (n,).
 
-    def refine(self, modes: Sequence[Modes]) -> None:
-        """Take further modes of the full model into the basis."""
-        shapes = [m.shape(int(i)) for m in modes for i in self._seen(m)]
+        Raises:
+            InputError: If either lacks a mode that the test saw.
+        """
+        self._solved.clear()
+        off = [self.forward(values)[0] - self.log_f(values) for values in points]
+        errors = np.array([np.max(np.abs(each)) for each in off])
+        # Every rank has to take the same way from here.
+        return self.full.comm.bcast(errors)
+
+    def extend(self, points: Points) -> None:
+        """Take modes of the full model into the basis."""
+        solved = [self.solve(values) for values in points]
+        shapes = [m.shape(int(i)) for m in solved for i in self._in_basis(m)]
         basis = self._kept_basis() if self._reduced is None else self._reduced.basis
         if basis is None:
             basis = self._reduce().basis
         self._reduced = enrich(self.full, basis, shapes, self.travel)
-        self.model = self.forward.model = self._arrays(self._reduced)
+        self.forward.model = self._arrays(self._reduced)
         self.forward.forget()
 
-    def facts(self, n_samples: int) -> dict[str, object]:
-        """Its size and use.
-
-        Args:
-            n_samples: Number of samples that it was made from.
-        """
+    def facts(self) -> dict[str, object]:
+        """Its size and use."""
         return {
-            "dofs": self.full.n_dofs, "basis": self.model.n_dofs, "samples": n_samples,
+            "dofs": self.full.n_dofs, "basis": self.model.n_dofs, "samples": self.n_samples,
             "reduced_solutions": self.forward.calls,
         }  # fmt: skip
 
-    def wide(self, points: Sequence[Mapping[str, float]]) -> ReducedStructure:
+    def wide(self, points: Points) -> ReducedStructure:
         """A reduced model with all modes, whether the test sees them or not. Collective.
 
         Args:
@@ -163,15 +132,15 @@ class Surrogate:
     def _reduce(self) -> ReducedStructure:
         """The reduced model on the modes at the samples."""
         self._reduced = reduce(
-            self.full, self.samples, self.n_modes, travel=self.travel, keep=self._seen,
-            tolerance=_BASIS, progress=self.progress.advance if self.progress else None,
+            self.full, self.samples, self.n_modes, travel=self.travel, keep=self._in_basis,
+            tolerance=_BASIS, progress=self.progress.advance,
         )  # fmt: skip
         return self._reduced
 
-    def _write(self) -> None:
+    def _write(self, model: ArrayModel) -> None:
         """Keep the model, and on one rank, whose part of the mesh is the same again, its basis."""
         comm = self.full.comm
-        on_root(comm, lambda: write_array_model(self.model, self.keep))
+        on_root(comm, lambda: write_array_model(model, self.keep))
         if comm.size == 1:
             basis = np.array([vector.array_r for vector in self._reduced.basis])
             write_arrays(self.keep.with_suffix(".npz"), basis=basis)
@@ -203,8 +172,3 @@ class Surrogate:
             line = line_of(self.sensors.points)
             shifts = self.full.observe_slopes(model.basis, self.sensors, line)
         return ArrayModel(model.affine, model.scale_hz, rows, shifts)
-
-
-def crossing_names(surrogate: Surrogate, mode_names: Sequence[str]) -> list[str]:
-    """Pairs of test modes that were seen to change places, in words; they were followed by MAC."""
-    return [f"{mode_names[i]} and {mode_names[j]}" for i, j in sorted(surrogate.crossings)]

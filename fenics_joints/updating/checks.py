@@ -7,16 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.formatting import percent, quantity
-from fenics_joints.measurements.target import Target
 from fenics_joints.reduction.combined import ModelError
 from fenics_joints.structure.components import Parameter
 from fenics_joints.updating.result import CombinedUpdate
 
-__all__ = ["bound_notes", "error_limits", "is_at", "too_far"]
+__all__ = ["bound_notes", "is_at", "too_far"]
 
-#: Largest accepted relative error of the reduced model's frequencies; and of its functions and
-#: damping ratios, as a share of the noise.
-_FREQUENCY, _SHARE = 2e-4, 0.1
 #: A value as near to a bound has been stopped there: relative to it where the scale is
 #: logarithmic, else to the room between the bounds.
 _AT_BOUND = 2e-3
@@ -25,16 +21,6 @@ _ERRORS = {
     "frequencies": ("frequencies by", 3), "frfs": ("functions by up to", 2),
     "damping": ("damping ratios by up to", 2),
 }  # fmt: skip
-
-
-def error_limits(target: Target) -> ModelError:
-    """Largest accepted errors of a reduced model for these data."""
-    frfs, functions = target.frfs, np.inf
-    if frfs is not None:
-        functions = _SHARE * float(np.median(frfs.relative_sd[frfs.used]))
-    there = np.isfinite(target.damping_ratios)
-    ratios = _SHARE * float(target.damping_log_sd[there].min(initial=np.inf))
-    return ModelError(_FREQUENCY, functions, ratios)
 
 
 def too_far(error: ModelError, limits: ModelError) -> list[str]:

@@ -74,14 +74,14 @@ def problem(bend, truth, seed=3, most=2, families=None):
     evidence = Evidence(TORQUES, log_f, np.full(log_f.shape, 0.002), 0.002)
     checked = []
 
-    def error(points):
+    def errors(points):
         checked.extend(points)
-        return 0.0, []
+        return np.zeros(len(points))
 
     return SimpleNamespace(
         comm=MPI.COMM_SELF, effects=tuple(effects), evidence=evidence, baseline=forward.baseline,
         forward=forward, checked=checked,
-        surrogate=SimpleNamespace(error=error, checking="checking"),
+        surrogate=SimpleNamespace(errors=errors, checking="checking"),
         case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=most)),
         hypothesis=lambda chosen, **kwargs: Hypothesis(tuple(chosen), known, **kwargs),
     )  # fmt: skip

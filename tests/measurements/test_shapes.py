@@ -38,14 +38,14 @@ def test_modes_follow_the_measured_shapes_not_the_order(write_case, tmp_path):
     """Columns of the first two modes' shapes exchanged: the model's modes are exchanged too."""
     case = load_case(write_case(tmp_path))
     full = build_structure(case, MPI.COMM_SELF)
-    args = dict(sensors=case.sensors(), n_test=4, n_modes=16)
-    plain = Surrogate(full, [case.nominal()], case.nominal(), **args)
+    args = dict(samples=lambda: [case.nominal()], sensors=case.sensors(), n_test=4, n_modes=16)
+    plain = Surrogate(full, case.nominal(), **args)
     swapped = plain.pairing.shapes[:, [1, 0, 2, 3]]
     rows = "".join(",".join(f"{x:.6g}" for x in row) + "\n" for row in swapped * 1e3)
     other = tmp_path / "other"
     other.mkdir()
     shapes = load_case(_with_shapes(write_case, other, HEAD + rows)).measurements().shapes
-    followed = Surrogate(full, [case.nominal()], case.nominal(), shapes=shapes, **args)
+    followed = Surrogate(full, case.nominal(), shapes=shapes, **args)
     assert followed.pairing.index.tolist() == plain.pairing.index[[1, 0, 2, 3]].tolist()
     assert followed.crossings == {(0, 1)} and plain.crossings == set()
     log_f, _ = followed.forward(case.nominal())

@@ -6,15 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.bayes.kept_lean import read_lean, write_lean
-from fenics_joints.bayes.model import Frequencies, ReducedCheck, check_reduced, narrow_frequencies
+from fenics_joints.bayes.model import Frequencies, ReducedCheck
 from fenics_joints.bayes.priors import Prior, default_density, density
-from fenics_joints.bayes.solid_model import SolidModel
-from fenics_joints.beams import BeamStructure
-from fenics_joints.beams.tested import ExactBeams
+from fenics_joints.bayes.sampled import SampledModel
 from fenics_joints.case import Case, build_structure
 from fenics_joints.case.bayes import bayes_data, prior_numbers
 from fenics_joints.case.fingerprint import fingerprint
@@ -22,6 +19,7 @@ from fenics_joints.case.update import Bayes
 from fenics_joints.errors import InputError
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.tested import tested_models
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.values import number
 from fenics_joints.units import parameter_unit
@@ -29,8 +27,6 @@ from fenics_joints.updating.coordinates import LogScale
 
 __all__ = ["CaseModel", "case_model", "case_prior"]
 
-#: Points of the prior that beams are checked at.
-_CHECKED = 50
 #: Relative distance from a law's limit.
 _INSIDE = 1e-6
 
@@ -102,15 +98,9 @@ def case_model(
     given = {"sensors": data.sensors, "n_test": len(data.mode_names),
              "n_modes": case.diagnose.n_modes, "shapes": data.shapes}  # fmt: skip
     tolerance = (case.update.bayes or Bayes()).tolerance
-    if isinstance(full, BeamStructure):
-        exact = ExactBeams(full, start, **given)
-        frequencies = narrow_frequencies(exact.forward, prior, start, tolerance=tolerance / 10)
-        check = check_reduced(frequencies, _many(exact.forward), prior, _CHECKED)
-        bound = max(frequencies.error, check.error)
-    else:
-        frequencies, check, bound = _solid(
-            case, full, start, given, prior, tolerance, progress, keep
-        )
+    # What is exact is made in no time.
+    keep = None if tested_models(full).exact else keep
+    frequencies, check, bound = _ready(case, full, start, given, prior, tolerance, progress, keep)
     check.require(tolerance)
     return CaseModel(prior, frequencies, check, bound, start, full.n_dofs,
                      frequencies.forward.model.n_dofs)  # fmt: skip
@@ -168,22 +158,8 @@ def _prior_line(case: Case, name: str, value: float) -> str:
     return f'"{name}" = {{ kind = "lognormal", median = {median}, log_sd = 0.5 }}'
 
 
-def _many(forward):
-    """ln f of a forward at many values, nan where it lacks a mode."""
-    def log_f(points):
-        found = []
-        for values in points:
-            try:
-                found.append(forward(values)[0])
-            except InputError:
-                found.append(np.full(forward.n_test, np.nan))
-        return np.array(found)
-
-    return log_f
-
-
-def _solid(case: Case, full, start, given, prior: Prior, tolerance, progress, keep):
-    """A solid model's frequencies, check and estimated error, from their file if it is there."""
+def _ready(case: Case, full, start, given, prior: Prior, tolerance, progress, keep):
+    """A model's frequencies, check and estimated error, from their file if it is there."""
     comm, name = full.comm, None
     if keep is not None:
         said = [start, prior.names, prior.exactly(), given["n_test"], tolerance]
@@ -192,7 +168,7 @@ def _solid(case: Case, full, start, given, prior: Prior, tolerance, progress, ke
         kept = read_lean(keep, name, given["sensors"])
         if comm.allreduce(kept is not None, op=MPI.LAND):
             return kept
-    found = SolidModel(full, start, prior, tolerance, progress, **given).ready()
+    found = SampledModel(full, start, prior, tolerance, progress, **given).ready()
     if keep is not None and found[1].error <= tolerance:
         on_root(comm, lambda: write_lean(keep, name, *found))
     return found

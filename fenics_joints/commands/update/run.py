@@ -9,7 +9,6 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.beams.tested import ExactCombinedModel
 from fenics_joints.case import Case, build_structure, model_damping
 from fenics_joints.commands.update.damping import DampingTable, HeldRatio
 from fenics_joints.commands.update.data import CombinedData, combined_data
@@ -20,12 +19,14 @@ from fenics_joints.measurements.gap import Pairing, mac
 from fenics_joints.measurements.target import Target
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.combined import CombinedModel, ModelError, paired, sample_values
+from fenics_joints.reduction.adaptive import improve
+from fenics_joints.reduction.combined import ModelError, paired
+from fenics_joints.reduction.tested import tested_models
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
-from fenics_joints.updating.checks import bound_notes, error_limits, too_far
+from fenics_joints.updating.checks import bound_notes, too_far
 from fenics_joints.updating.fit import update_combined
 from fenics_joints.updating.result import CombinedUpdate
 from fenics_joints.updating.weighted import noise_tolerances, update_weighted
@@ -73,10 +74,7 @@ class _Run:
         if "n_modes" in case.diagnose.model_fields_set:
             n_modes = max(case.diagnose.n_modes, n_modes)
         target = self.data.target
-        if isinstance(self.full, BeamStructure):
-            self.model = ExactCombinedModel(self.full, target, self.damping, n_modes)
-        else:
-            self.model = CombinedModel(self.full, target, self.damping, n_modes)
+        self.model = tested_models(self.full).combined(self.full, target, self.damping, n_modes)
 
     def _check_start(self) -> None:
         for p in self.parameters:
@@ -92,8 +90,10 @@ class _Run:
 
     def report(self) -> CombinedReport:
         """Fit, check, better the reduced model, fit again; then hold out, and compare."""
-        if isinstance(self.model, CombinedModel):
-            self._sample()
+        # Damping hardly changes what a basis needs.
+        own = {} if self.case.damping is None else self.case.damping.nominal()
+        moved = [p for p in self.parameters if p.name not in own]
+        self.model.sample(moved, self.start, self.progress)
         found, modes, error = self._checked()
         self.notes += bound_notes(self.parameters, found)
         first = self.model.modes(self.start)
@@ -117,31 +117,19 @@ class _Run:
             published=self._published(),
         )
 
-    def _sample(self) -> None:
-        # Damping hardly changes what a basis needs.
-        own = {} if self.case.damping is None else self.case.damping.nominal()
-        moved = [p for p in self.parameters if p.name not in own]
-        samples = sample_values(self.full, moved, self.start)
-        self.progress.step("reduced model: sampling the parameters", len(samples))
-        for values in samples:
-            self.model.add(values)
-            self.progress.advance()
-        self.model.build()
-
     def _checked(self) -> tuple[CombinedUpdate, Modes, ModelError]:
         """The fit, where the reduced model holds; else with a better one."""
-        limits = error_limits(self.data.target)
-        for round_ in range(_ROUNDS):
-            again = " again, on a better reduced model" if round_ else ""
+        found, rounds = None, 0
+
+        def fitted() -> list[dict[str, float]]:
+            nonlocal found, rounds
+            again, rounds = " again, on a better reduced model" if rounds else "", rounds + 1
             self.progress.step(f"fitting {len(self.parameters)} parameters{again}")
             found = self._fit(self.data.target)
-            values = self._values(found)
-            modes = self.model.modes(values)
-            error = self.model.error(values, modes)
-            off = too_far(error, limits)
-            if not off or round_ == _ROUNDS - 1:
-                break
-            self.model.better(values)
+            return [self._values(found)]
+
+        improve(self.model, fitted, 1.0, _ROUNDS)
+        error, off = self.model.error, too_far(self.model.error, self.model.limits)
         if found.method == "log" and found.history[-1].moved:
             self.notes.append(
                 "no values were found that bring the model within the noise of the test, so "
@@ -153,7 +141,7 @@ class _Run:
                 f"the reduced model is still off at what was found: {', '.join(off)}; the "
                 "parameters may be off by more than their standard deviations"
             )
-        return found, modes, error
+        return found, self.model.modes(self._values(found)), error
 
     def _fit(self, target: Target) -> CombinedUpdate:
         model, common = self.model.arrays, {"damping": self.damping}

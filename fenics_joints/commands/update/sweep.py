@@ -10,14 +10,14 @@ from mpi4py import MPI
 from scipy.stats import qmc
 from threadpoolctl import threadpool_limits
 
-from fenics_joints.beams import BeamStructure
-from fenics_joints.beams.tested import ExactBeams
 from fenics_joints.case import Case, build_structure
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import Gap, rms
 from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.surrogate import Surrogate, crossing_names
+from fenics_joints.reduction.adaptive import improve
+from fenics_joints.reduction.combined import allowed
+from fenics_joints.reduction.tested import tested_models
 from fenics_joints.updating.curves import CurveFit, fit_curves
 from fenics_joints.updating.updating import Update, update
 
@@ -28,6 +28,8 @@ _SAMPLES = 16
 _DOWN, _UP = 300.0, 10.0
 #: Largest accepted relative frequency error of the reduced model.
 _REDUCED = 2e-4
+#: How often the reduced model is looked at where the first condition's values are.
+_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,24 +156,12 @@ class _Run:
         at = self.section.at
         self.at = self.data.row(at) if at is not None else len(self.data) - 1
         self.failed: list[float] = []
-        self.surrogate = self._surrogate()
-        self.forward = self.surrogate.forward
-
-    def _surrogate(self) -> Surrogate | ExactBeams:
-        if isinstance(self.full, BeamStructure):
-            return ExactBeams(
-                self.full, self.start, sensors=self.data.sensors,
-                n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
-                shapes=self.data.shapes,
-            )  # fmt: skip
-        samples = self._samples()
-        self.progress.step("reduced model: sampling the parameters", len(samples))
-        return Surrogate(
-            self.full, samples, self.start, sensors=self.data.sensors,
-            n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
-            shapes=self.data.shapes,
-            progress=self.progress,
+        self.surrogate = tested_models(self.full).seen(
+            self.full, self.start, sensors=self.data.sensors, n_test=len(self.data.mode_names),
+            n_modes=case.diagnose.n_modes, shapes=self.data.shapes, samples=self._samples,
+            progress=progress,
         )  # fmt: skip
+        self.forward = self.surrogate.forward
 
     def _samples(self) -> list[dict[str, float]]:
         """A Sobol sequence about the start; points that no law allows are left out."""
@@ -183,21 +173,11 @@ class _Run:
         for row in qmc.Sobol(len(names), seed=1).random(8 * _SAMPLES):
             point = np.exp(low + row * (high - low)).tolist()
             values = {**self.start, **dict(zip(names, point, strict=True))}
-            if self._allowed(values):
+            if allowed(self.full, values):
                 samples.append(values)
             if len(samples) > _SAMPLES:
                 break
         return samples
-
-    def _allowed(self, values) -> bool:
-        try:
-            for number, region in enumerate(self.full.regions):
-                q = self.full.field.region_values(number, values)
-                if q is not None:
-                    region.law.check(region.name, q)
-        except InputError:
-            return False
-        return True
 
     # -- fits --------------------------------------------------------------------------------
 
@@ -213,12 +193,14 @@ class _Run:
 
     def _checked(self, row: int) -> Update:
         """Identify at a condition; where the reduced model errs there, better it and repeat."""
-        for _ in range(3):
+        found = None
+
+        def fitted() -> list[dict[str, float]]:
+            nonlocal found
             found = self._fit(row, self.start)
-            self.error, modes = self.surrogate.error([self._values(found)])
-            if self.error < _REDUCED:
-                break
-            self.surrogate.refine(modes)
+            return [self._values(found)]
+
+        self.error = float(improve(self.surrogate, fitted, _REDUCED, _ROUNDS).max())
         return found
 
     def _sweep(self, first: Update) -> dict[int, Update]:
@@ -277,7 +259,7 @@ class _Run:
                 "dofs": self.full.n_dofs,
                 "basis": self.surrogate.model.n_dofs,
                 "frequency_error": self.error,
-                "crossing_modes": crossing_names(self.surrogate, data.mode_names),
+                "crossing_modes": self.surrogate.crossing_names(data.mode_names),
                 "not_converged": [f"{c:g} {data.condition_unit}".strip() for c in self.failed],
             },
         )

@@ -40,7 +40,6 @@ class BeamSubject:
     full: BeamStructure
     zones: Zones
     baseline: dict[str, float]
-    exact = True
 
     @cached_property
     def cells(self) -> BeamCells:

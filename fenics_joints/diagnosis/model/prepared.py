@@ -10,7 +10,6 @@ import numpy as np
 from mpi4py import MPI
 from scipy.stats import qmc
 
-from fenics_joints.beams.exact import ExactModel
 from fenics_joints.case import Case
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
@@ -24,7 +23,8 @@ from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.surrogate import Surrogate
+from fenics_joints.reduction.seen import SeenModes
+from fenics_joints.reduction.tested import tested_models
 
 __all__ = ["Prepared", "prepare"]
 
@@ -44,7 +44,6 @@ class Prepared:
         scatter: Standard deviation of ln(preload / torque).
         evidence: The test as the inference sees it.
         surrogate: The reduced model; None until `reduce`.
-        n_samples: Number of samples it was made from.
     """
 
     case: Case
@@ -56,8 +55,7 @@ class Prepared:
     nuisances: tuple[Effect, ...]
     scatter: float
     evidence: Evidence
-    surrogate: Surrogate | ExactModel | None = None
-    n_samples: int = 0
+    surrogate: SeenModes | None = None
 
     @property
     def full(self):
@@ -104,24 +102,17 @@ class Prepared:
             progress: Told after each sample.
             keep: Folder of the reduced models, named by a hash of all that makes them.
         """
-        if self.subject.exact:
-            self.surrogate = ExactModel(
-                self.full, self.baseline, sensors=self.data.sensors,
-                n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
-                shapes=self.data.shapes,
-            )  # fmt: skip
-            return
-        samples = self._samples(self.case.diagnose.samples)
-        self.n_samples = len(samples)
-        file, n_test = None, len(self.data.mode_names)
-        if keep is not None:
+        n_test = len(self.data.mode_names)
+
+        def file(samples) -> Path:
             name = fingerprint(self.case, self.full, self.data.sensors, samples, n_test)
-            file = Path(keep) / f"model-{name}.h5"
-        progress.step("reduced model: sampling the parameters", len(samples))
-        self.surrogate = Surrogate(
-            self.full, samples, self.baseline, sensors=self.data.sensors,
-            n_test=len(self.data.mode_names), n_modes=self.case.diagnose.n_modes,
-            shapes=self.data.shapes, travel=self._travel(), keep=file, progress=progress,
+            return Path(keep) / f"model-{name}.h5"
+
+        self.surrogate = tested_models(self.full).seen(
+            self.full, self.baseline, sensors=self.data.sensors, n_test=n_test,
+            n_modes=self.case.diagnose.n_modes, shapes=self.data.shapes, by_order=True,
+            samples=lambda: self._samples(self.case.diagnose.samples), travel=self._travel,
+            keep=None if keep is None else file, progress=progress,
         )  # fmt: skip
 
     def _travel(self) -> dict:

@@ -36,14 +36,12 @@ class Subject(Protocol):
         full: The model, with all that effects need as parameters.
         zones: Its joints in zones.
         baseline: Parameter values of the nominal model.
-        exact: Whether it is its own reduced model (`ExactModel`), as beams are.
     """
 
     case: Case
     full: object
     zones: Zones
     baseline: dict[str, float]
-    exact: bool
 
     def cell_map(
         self, modes: Modes, pairing: Pairing, evidence: Evidence, nuisance: np.ndarray
@@ -69,7 +67,6 @@ class SolidSubject:
     full: Structure
     zones: Zones
     baseline: dict[str, float]
-    exact = False
 
     def cell_map(self, modes, pairing, evidence, nuisance) -> CellMap | None:
         found = cell_map(self.full, modes, pairing, evidence, nuisance)

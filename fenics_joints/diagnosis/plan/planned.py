@@ -80,7 +80,7 @@ def plan(
             additions = rank(study, offered, progress.advance)
     letters = {i: c.letter for c, members in classes for i in members}
     facts = {
-        **model.surrogate.facts(model.n_samples),
+        **model.surrogate.facts(),
         "seconds": time.perf_counter() - started,
     }
     picked = np.ix_(order, [*order, len(order)])

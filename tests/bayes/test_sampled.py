@@ -81,15 +81,13 @@ def model_and_points(case):
     free = within_laws([full.parameters[n] for n in case.update.parameters], start, full)
     prior = case_prior(case, free, start, full)
     data = case.measurements()
-    model = GreedyModel(
-        FreeTerms(full, prior.names, start), sensors=data.sensors, n_test=4, n_modes=14
-    )
+    model = GreedyModel(full, start, prior.names, sensors=data.sensors, n_test=4, n_modes=14)
 
     def drawn(n, seed):
         rows = prior.values(prior.sample(n, np.random.default_rng(seed))).tolist()
         return [dict(zip(prior.names, row, strict=True)) for row in rows]
 
-    model.add([model.solve(values) for values in drawn(2, 1)])
+    model.extend(drawn(2, 1))
     points = drawn(12, 2)
     return full, model, points, [solve_modes(full, {**start, **p}, n_modes=14) for p in points]
 
@@ -112,7 +110,7 @@ def test_estimate_is_above_the_error_and_near_it(case):
     assert np.all(estimate[seen] > before[seen]) and np.all(estimate[seen] < 30 * before[seen])
     # Where it is largest is where a sample pays.
     worst = np.argsort(estimate)[-3:]
-    model.add([model.solve(points[i]) for i in worst])
+    model.extend([points[i] for i in worst])
     assert model.errors([points[i] for i in worst]).max() < 1e-6
     assert off().max() < 0.2 * before.max()
 
@@ -146,7 +144,7 @@ def test_kept_model_is_used_for_the_same_case_alone(case, write_case, kept, tmp_
         def __init__(self, *_, **__):
             raise RuntimeError("made anew")
 
-    monkeypatch.setattr(module, "SolidModel", Refused)
+    monkeypatch.setattr(module, "SampledModel", Refused)
     again = case_model(case, MPI.COMM_SELF, keep=file)
     np.testing.assert_allclose(again.frequencies(points), first.frequencies(points), rtol=1e-12)
     assert (again.bound, again.check.error) == (first.bound, first.check.error)

@@ -1,0 +1,116 @@
+"""Small models of the modes that a test saw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.forward import SPARE, Forward
+from fenics_joints.structure.points import Sensors
+
+__all__ = ["SeenModes"]
+
+#: Least visibility of a mode that enters a basis.
+_SEEN = 0.05
+
+
+class SeenModes:
+    """What every `fenics_joints.reduction.adaptive.SmallModel` of a test's modes has.
+
+    Args:
+        full: The full model.
+        start: Values whose modes say, by order and visibility, which the test's are.
+        sensors: What the test saw; None takes elastic modes in order.
+        n_test: Number of modes that the test saw.
+        n_modes: Number of modes of the full model that are looked through.
+        shapes: Measured shapes at the sensors, (n_sensors, n_test), to match modes to by MAC; the
+            shapes at ``start`` take their place where there are none.
+
+    Attributes:
+        forward: Frequencies and derivatives from the small model.
+        nominal: Modes of the full model at ``start``.
+        pairing: Which of them the test saw.
+        reference: Shapes that modes are matched to.
+        crossings: Pairs of test modes whose order the model changes, where it was looked.
+        n_samples: Number of samples that it was made from.
+    """
+
+    #: Motions that a test may not see.
+    unseen = "torsion, in-plane motion"
+    #: What `errors` does.
+    checking = "checking the reduced model against the full one"
+    #: Tolerance of a solution of the full model.
+    tolerance: float | None = None
+
+    forward: Forward
+    n_samples = 0
+
+    def __init__(
+        self,
+        full,
+        start: Mapping[str, float],
+        *,
+        sensors: Sensors | None,
+        n_test: int,
+        n_modes: int,
+        shapes: np.ndarray | None = None,
+    ):
+        self.full, self.sensors, self.n_test, self.n_modes = full, sensors, n_test, n_modes
+        self.nominal = solve_modes(full, start, n_modes=n_modes)
+        self.pairing = pair_modes(self.nominal, n_test, sensors, reference=shapes)
+        self.reference = self.pairing.shapes if shapes is None else shapes
+        self.crossings: set[tuple[int, int]] = set(self.pairing.crossing)
+        self._solver = self.nominal.solver
+        self._solved: dict[tuple, Modes] = {}
+
+    @property
+    def model(self) -> ArrayModel:
+        """The small model."""
+        return self.forward.model
+
+    def is_solved(self, values: Mapping[str, float]) -> bool:
+        """Whether `solve` remembers the modes there."""
+        return tuple(values.items()) in self._solved
+
+    def solve(self, values: Mapping[str, float]) -> Modes:
+        """Modes of the full model; remembered until they are in the basis. Collective."""
+        key = tuple(values.items())
+        if key not in self._solved:
+            found = solve_modes(
+                self.full, values, n_modes=self.n_modes, solver=self._solver,
+                tolerance=self.tolerance,
+            )  # fmt: skip
+            self._solver, self._solved[key] = found.solver, found
+        return self._solved[key]
+
+    def log_f(self, values: Mapping[str, float]) -> np.ndarray:
+        """ln f of the test's modes of the full model, (n_test,). Collective.
+
+        Raises:
+            InputError: If they are not all there.
+        """
+        modes = self.solve(values)
+        pairing = self.forward.paired(modes)
+        self.crossings.update(pairing.crossing)
+        return np.log(modes.frequencies_hz[pairing.index])
+
+    def crossing_names(self, mode_names: Sequence[str]) -> list[str]:
+        """Pairs of test modes that were seen to change places, in words; MAC followed them."""
+        return [f"{mode_names[i]} and {mode_names[j]}" for i, j in sorted(self.crossings)]
+
+    def _seen(self, modes: Modes) -> np.ndarray:
+        """Elastic modes that enter the basis, by index."""
+        index = np.arange(modes.n_rigid, len(modes))
+        if self.sensors is None:
+            return index
+        return index[modes.visibility(self.sensors)[index] > _SEEN][: self.n_test + SPARE]
+
+    def _forward(self, model: ArrayModel) -> Forward:
+        """Of a model on a basis, which with sensors holds what they see alone, besides six
+        rigid-body modes."""
+        enough = self.n_modes if self.sensors is None else 6 + 3 * self.n_test + SPARE
+        return Forward(model, self.sensors, self.n_test, enough, self.reference)
