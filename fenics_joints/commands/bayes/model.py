@@ -160,15 +160,15 @@ def _prior_line(case: Case, name: str, value: float) -> str:
 
 def _ready(case: Case, full, start, given, prior: Prior, tolerance, progress, keep):
     """A model's frequencies, check and estimated error, from their file if it is there."""
-    comm, name = full.comm, None
+    name = None
     if keep is not None:
         said = [start, prior.names, prior.exactly(), given["n_test"], tolerance]
         shapes = None if given["shapes"] is None else given["shapes"].tolist()
         name = fingerprint(case, full, given["sensors"], *said, shapes)
         kept = read_lean(keep, name, given["sensors"])
-        if comm.allreduce(kept is not None, op=MPI.LAND):
+        if full.comm.allreduce(kept is not None, op=MPI.LAND):
             return kept
     found = SampledModel(full, start, prior, tolerance, progress, **given).ready()
     if keep is not None and found[1].error <= tolerance:
-        on_root(comm, lambda: write_lean(keep, name, *found))
+        on_root(full.comm, lambda: write_lean(keep, name, *found))
     return found
