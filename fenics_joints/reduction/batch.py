@@ -19,7 +19,8 @@ from scipy.stats import qmc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import mac
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.reduction.adaptive import Points, improve
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import Forward
@@ -137,38 +138,53 @@ def narrow(
         if not 0 < low < high < np.inf:
             raise InputError(f"range of {name} = {(low, high)}: expected 0 < low < high.")
     middle = {name: float(np.sqrt(low * high)) for name, (low, high) in ranges.items()}
-    model = freeze(model, list(ranges), {**(given or {}), **middle})
+    frozen = freeze(model, list(ranges), {**(given or {}), **middle})
     low, high = np.log(list(ranges.values())).T
 
-    def points(unit):
+    def points(unit: np.ndarray) -> Points:
         at = np.exp(low + unit * (high - low))
         return [dict(zip(ranges, row.tolist(), strict=True)) for row in at]
 
-    def shapes(values):
-        modes = solve_modes(model, values, n_modes=min(n_modes, model.n_dofs))
-        return modes.frequencies_hz[modes.n_rigid :], modes.shapes
-
-    sampled = [middle, *points(qmc.Sobol(len(ranges), seed=seed).random(_SAMPLES))]
-    snapshots = [shapes(values)[1] for values in sampled]
+    small = _Narrowing(frozen, n_modes, tolerance)
+    small.extend([middle, *points(qmc.Sobol(len(ranges), seed=seed).random(_SAMPLES))])
     chance = np.random.default_rng(seed)
-    for i in range(_ROUNDS):
-        share = _SHARE * np.sqrt(tolerance) / 10**i
-        vectors, sizes = pod(model, np.hstack(snapshots))
-        small = model.on(vectors[:, sizes > share * sizes[0]])
-        error = 0.0
-        for values in points(chance.random((n_check, len(ranges)))):
-            exact, found = shapes(values)
-            modes = solve_modes(small, values, n_modes=min(n_modes, small.n_dofs))
-            off = float(np.max(np.abs(modes.frequencies_hz[modes.n_rigid :] / exact - 1)))
-            if off > tolerance:
-                snapshots.append(found)
-            error = max(error, off)
-        if error <= tolerance:
-            return Narrow(small, error, n_check)
-    raise ConvergenceError(
-        f"the frequencies of the small model are off by {error:.1e}, more than {tolerance:.1e}, "
-        f"after {_ROUNDS} rounds: take narrower ranges, or a larger tolerance"
+    errors = improve(
+        small, lambda: points(chance.random((n_check, len(ranges)))), tolerance, _ROUNDS, least=1.0
     )
+    error = float(errors.max())
+    if error > tolerance:
+        raise ConvergenceError(
+            f"the frequencies of the small model are off by {error:.1e}, more than "
+            f"{tolerance:.1e}, after {_ROUNDS} rounds: take narrower ranges, or a larger tolerance"
+        )
+    return Narrow(small.model, error, n_check)
+
+
+class _Narrowing:
+    """A model on the modes of another at some points; see `SmallModel`."""
+
+    def __init__(self, full: ArrayModel, n_modes: int, tolerance: float):
+        self.full, self.n_modes = full, n_modes
+        self._share, self._snapshots = _SHARE * np.sqrt(tolerance), []
+
+    def _modes(self, model: ArrayModel, values: Mapping[str, float]) -> Modes:
+        return solve_modes(model, values, n_modes=min(self.n_modes, model.n_dofs))
+
+    def errors(self, points: Points) -> np.ndarray:
+        """Largest relative error of an elastic frequency at each point, (n,)."""
+        found = []
+        for values in points:
+            exact, ours = (self._modes(model, values) for model in (self.full, self.model))
+            ratio = ours.frequencies_hz[ours.n_rigid :] / exact.frequencies_hz[exact.n_rigid :]
+            found.append(np.max(np.abs(ratio - 1)))
+        return np.array(found)
+
+    def extend(self, points: Points) -> None:
+        """Take the modes at points into the basis, and a tenth of the share that is left out."""
+        self._snapshots += [self._modes(self.full, values).shapes for values in points]
+        vectors, sizes = pod(self.full, np.hstack(self._snapshots))
+        self.model = self.full.on(vectors[:, sizes > self._share * sizes[0]])
+        self._share /= 10
 
 
 def pod(

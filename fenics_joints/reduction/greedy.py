@@ -88,6 +88,7 @@ class GreedyModel(SeenModes):
         self.basis = self._snapshots.basis(_BASIS)
         model = self.terms.on(self.basis, self.sensors)
         self.forward, self._softened = self._forward(model), _Softened(model, self.start)
+        self.forward.n_modes = min(self.forward.n_modes, model.n_dofs)
 
     def errors(self, points: Points) -> np.ndarray:
         """Estimated relative error of the worst frequency at each point, (n,).
