@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,6 +44,9 @@ class Frequencies:
     error: float = 0.0
     calls: int = 0
 
+    def __repr__(self) -> str:
+        return f"Frequencies({self.n_modes} modes of {len(self.names)} parameters)"
+
     def by_name(self, values: np.ndarray) -> list[dict[str, float]]:
         """Rows of values, (n, d), as dicts of all the model's values."""
         return [
@@ -76,13 +79,6 @@ class Frequencies:
     def n_modes(self) -> int:
         """Number of the test's modes."""
         return self.forward.n_test
-
-    def log_slope(self, values: np.ndarray) -> np.ndarray:
-        """d ln f / d ln p at one point, (m, d), by central differences of the model."""
-        values, step = np.asarray(values, dtype=float), 1e-4
-        shifts = step * np.eye(len(values))
-        up, down = (self(values * np.exp(sign * shifts)) for sign in (1, -1))
-        return ((up - down) / (2 * step)).T
 
 
 def narrow_frequencies(
@@ -169,7 +165,7 @@ class ReducedCheck:
     median: float
     n_points: int
     n_missing: int
-    errors: np.ndarray
+    errors: np.ndarray = field(repr=False)
 
     def require(self, limit: float = 1e-4) -> None:
         """Raise ConvergenceError where the error is above a limit."""

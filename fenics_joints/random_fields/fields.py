@@ -78,6 +78,10 @@ class KarhunenLoeve:
     modes: np.ndarray
     share: float
 
+    def __repr__(self) -> str:
+        n, m = self.modes.shape
+        return f"KarhunenLoeve({m} terms at {n} points, {100 * self.share:.4g} % of the variance)"
+
     @property
     def factors(self) -> np.ndarray:
         """f = factors @ xi, shape (n, m)."""
@@ -176,6 +180,10 @@ class RandomField:
                 f"distribution = {self.distribution!r}: expected one of: "
                 f"{', '.join(_DISTRIBUTIONS)}."
             )
+
+    def __repr__(self) -> str:
+        count = f"{len(self.names)} parameters, {self.n_variables} variables"
+        return f"RandomField({count}, eps {self.eps:g}, {self.distribution})"
 
     @property
     def n_variables(self) -> int:

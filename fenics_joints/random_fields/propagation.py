@@ -34,6 +34,10 @@ class Moments:
     samples: np.ndarray | None = None
     parameters: np.ndarray | None = None
 
+    def __repr__(self) -> str:
+        low, high = self.mean.min(), self.mean.max()
+        return f"Moments({len(self.mean)} frequencies, means from {low:.4g} to {high:.4g} Hz)"
+
     @property
     def sd(self) -> np.ndarray:
         """Standard deviations, Hz."""

@@ -55,10 +55,9 @@ class FRFError:
         """The largest relative error of all."""
         return float(self.relative.max())
 
-    @property
-    def worst_log_magnitude(self) -> float:
-        """The largest error of ln|H|."""
-        return float(np.abs(self.log.real).max())
+    def __repr__(self) -> str:
+        points, lines = self.relative.shape[:2]
+        return f"FRFError(at most {self.worst:.2g} at {points} points, {lines} lines)"
 
 
 @dataclass(frozen=True)
@@ -83,6 +82,9 @@ class CheckedFRFModel:
     samples: tuple[Values, ...]
     history: tuple[tuple[int, float], ...]
     fresh: float | None
+
+    def __repr__(self) -> str:
+        return f"CheckedFRFModel({self.reduced.n_dofs} vectors, {self.error!r})"
 
 
 class _Sampler:
