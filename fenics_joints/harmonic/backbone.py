@@ -9,19 +9,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 
 from fenics_joints.errors import InputError
-from fenics_joints.harmonic.balance import Balance
+from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import Settings, follow
 from fenics_joints.harmonic.frf import fingerprint
 from fenics_joints.harmonic.result import Periodic, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel, inverted_modes
 from fenics_joints.progress import Progress
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 __all__ = ["Backbone", "solve_backbone"]
 
@@ -69,15 +72,11 @@ def solve_backbone(
     force: str | None = None,
     near: float | None = None,
     sensor: str | None = None,
-    harmonics: int = 5,
-    samples: int | None = None,
-    static: np.ndarray | None = None,
-    cycles: int = 2,
     settings: Settings | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-    comm: MPI.Comm | None = None,
+    **equations: Unpack[Equations],
 ) -> Backbone:
     """A nonlinear mode: by the extended periodic motion concept, or with a force at resonance.
 
@@ -90,15 +89,14 @@ def solve_backbone(
         force: Place of the force; None for a motion without one.
         near: The mode whose linear frequency, Hz, is nearest; the lowest elastic one by default.
         sensor: Sensor that moves in the mode; the model's first by default.
-        harmonics, samples, static, cycles, settings: As for `solve_harmonic`; scaled arc length is
-            about decades of the amplitude.
-        checkpoint, resume, progress, comm: As for `solve_harmonic`.
+        settings: As for `solve_harmonic`; scaled arc length is about decades of the amplitude.
+        checkpoint, resume, progress, equations: As for `solve_harmonic`.
 
     Raises:
         InputError: For an unknown name, a value out of range, or a sensor that does not move.
         ConvergenceError: If the branch cannot be followed.
     """
-    balance = Balance(model, harmonics, samples, static=static, cycles=cycles, comm=comm)
+    balance = Balance(model, **equations)
     sensor = check_sensor(model, sensor)
     row = model.row("sensors", sensor)
     mode = _linear_mode(balance, near)

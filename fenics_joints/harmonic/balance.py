@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 from mpi4py import MPI
@@ -20,7 +21,7 @@ from fenics_joints.interfaces.loading import static_state
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws.kernel import HarmonicStress
 
-__all__ = ["Balance", "default_samples"]
+__all__ = ["Balance", "Equations", "default_samples"]
 
 #: Samples that find the reversals of hysteresis loops to some 1e-4 of the amplitude.
 _SAMPLES_WITH_MEMORY = 128
@@ -45,6 +46,16 @@ class _Share:
     weighted: np.ndarray  # (P d, n)
     values: np.ndarray
     state: np.ndarray | None
+
+
+class Equations(TypedDict, total=False):
+    """Options of `Balance` that every solver takes and hands on."""
+
+    harmonics: int
+    samples: int | None
+    static: np.ndarray | None
+    cycles: int
+    comm: MPI.Comm | None
 
 
 class Balance:

@@ -7,19 +7,19 @@ equally at all frequencies, and the response is nearly that of a linear structur
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.harmonic.balance import Balance
-from fenics_joints.harmonic.continuation import Settings, follow
+from fenics_joints.harmonic.balance import Balance, Equations
+from fenics_joints.harmonic.continuation import Settings
 from fenics_joints.harmonic.fourier import KINDS
 from fenics_joints.harmonic.frf import (
     ForcedResponse,
     check_band,
-    fingerprint,
     first_response,
+    follow_band,
     linear_response,
     moving_size,
     telling,
@@ -28,6 +28,9 @@ from fenics_joints.harmonic.frf import (
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.progress import Progress
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 __all__ = ["ConstantResponse", "solve_constant_response"]
 
@@ -40,16 +43,12 @@ def solve_constant_response(
     band: tuple[float, float],
     *,
     kind: str = "displacement",
-    harmonics: int = 5,
-    samples: int | None = None,
-    static: np.ndarray | None = None,
-    cycles: int = 2,
     direction: str = "up",
     settings: Settings | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-    comm: MPI.Comm | None = None,
+    **equations: Unpack[Equations],
 ) -> HarmonicResult:
     """Force that holds the first harmonic at a sensor to an amplitude, over a band.
 
@@ -62,8 +61,7 @@ def solve_constant_response(
         amplitude: Amplitude to hold, in SI units of ``kind``.
         band: Lowest and highest frequency, Hz.
         kind: ``displacement``, ``velocity`` or ``acceleration``.
-        harmonics, samples, static, cycles, direction, settings: As for `solve_harmonic`.
-        checkpoint, resume, progress, comm: As for `solve_harmonic`.
+        direction, settings, checkpoint, resume, progress, equations: As for `solve_harmonic`.
 
     Raises:
         InputError: For an unknown name, or a value out of range.
@@ -73,20 +71,16 @@ def solve_constant_response(
         raise InputError(f"kind = {kind!r}: expected one of: {', '.join(KINDS)}.")
     if not (np.isfinite(amplitude) and amplitude > 0):
         raise InputError(f"amplitude = {amplitude}: expected a positive {kind}.")
-    if direction not in ("up", "down"):
-        raise InputError(f"direction = {direction!r}: expected up or down.")
-    low, high = check_band(band)
+    band = check_band(band, direction)
     sensor = check_sensor(model, sensor)
     rows = model.row("forces", force), model.row("sensors", sensor)
-    balance = Balance(model, harmonics, samples, static=static, cycles=cycles, comm=comm)
-    settings = settings or Settings()
-    problem = ConstantResponse(balance, *rows, amplitude, KINDS[kind], 2 * np.pi * (high - low))
-    start = problem.start(2 * np.pi * (low if direction == "up" else high), settings)
-    words = "response", force, sensor, amplitude, kind, low, high, direction
-    branch = follow(
-        problem, start, (2 * np.pi * low, 2 * np.pi * high), settings=settings,
-        direction=1 if direction == "up" else -1, checkpoint=checkpoint, resume=resume,
-        name=fingerprint(balance, *words), writes=balance.comm.rank == 0,
+    balance = Balance(model, **equations)
+    settings, width = settings or Settings(), 2 * np.pi * (band[1] - band[0])
+    problem = ConstantResponse(balance, *rows, amplitude, KINDS[kind], width)
+    branch = follow_band(
+        problem, lambda omega: problem.start(omega, settings), band, direction,
+        words=("response", force, sensor, amplitude, kind), settings=settings,
+        checkpoint=checkpoint, resume=resume,
         on_point=telling(progress, f"force for {kind} {amplitude:g} at {sensor}"),
     )  # fmt: skip
     branch = with_extremes(problem, branch, _softer, settings)

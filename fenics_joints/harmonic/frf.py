@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.harmonic.balance import Balance
+from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import Settings, correct, follow, locate
 from fenics_joints.harmonic.fourier import amplitude_gradient
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.progress import Progress
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 __all__ = ["ForcedResponse", "solve_harmonic"]
 
@@ -31,10 +34,6 @@ def solve_harmonic(
     band: tuple[float, float] | None = None,
     *,
     at: Sequence[float] | None = None,
-    harmonics: int = 5,
-    samples: int | None = None,
-    static: np.ndarray | None = None,
-    cycles: int = 2,
     sensor: str | None = None,
     measure: str = "first",
     direction: str = "up",
@@ -43,7 +42,7 @@ def solve_harmonic(
     checkpoint: str | Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-    comm: MPI.Comm | None = None,
+    **equations: Unpack[Equations],
 ) -> HarmonicResult:
     """Steady response to amplitude * cos(w t), over a band or at given frequencies.
 
@@ -58,10 +57,6 @@ def solve_harmonic(
         band: Lowest and highest frequency, Hz.
         at: Instead of the band: frequencies, Hz, in any order; each response starts from that of
             its neighbour. They are on one branch unless there is a turning point in between.
-        harmonics: Highest harmonic.
-        samples: Samples of a period; by default `default_samples`.
-        static: Static load, N, (n,), such as a preload; friction remembers it.
-        cycles: How often laws with memory run through the cycle.
         sensor: Whose maxima are found; the model's first by default.
         measure: Amplitude that is largest there: ``first`` harmonic, or ``peak``, half of peak to
             peak.
@@ -71,7 +66,9 @@ def solve_harmonic(
         checkpoint: File (npz) that the branch is written to as it grows.
         resume: Go on from ``checkpoint`` if it is there; one of another problem is an error.
         progress: Told of every point.
-        comm: Ranks that share the interfaces' points; see `Balance`.
+        equations: Options of `Balance`: ``harmonics``, the highest, 5; ``samples`` of a period;
+            ``static``, a load, N, (n,), such as a preload, which friction remembers; ``cycles``
+            that laws with memory run through; ``comm``, ranks that share the interfaces' points.
 
     Raises:
         InputError: For an unknown name, or a value out of range.
@@ -85,23 +82,18 @@ def solve_harmonic(
     sensor = check_sensor(model, sensor)
     row = model.row("forces", force)
     amplitude_gradient(np.zeros(3), measure)  # raises for an unknown one
-    balance = Balance(model, harmonics, samples, static=static, cycles=cycles, comm=comm)
+    balance = Balance(model, **equations)
     settings = settings or Settings()
     load = balance.load(amplitude * row)
     common = (force, amplitude, sensor, measure)
     if at is not None:
         return _at_frequencies(balance, load, at, settings, initial, common, progress)
-    low, high = check_band(band)
-    if direction not in ("up", "down"):
-        raise InputError(f"direction = {direction!r}: expected up or down.")
-    problem = ForcedResponse(balance, load, 2 * np.pi * (high - low))
-    start = first_response(problem, 2 * np.pi * (low if direction == "up" else high), settings)
-    branch = follow(
-        problem, start, (2 * np.pi * low, 2 * np.pi * high), settings=settings,
-        direction=1 if direction == "up" else -1, checkpoint=checkpoint, resume=resume,
-        name=fingerprint(balance, "force", *common[:2], low, high, direction),
+    band = check_band(band, direction)
+    problem = ForcedResponse(balance, load, 2 * np.pi * (band[1] - band[0]))
+    branch = follow_band(
+        problem, lambda omega: first_response(problem, omega, settings), band, direction,
+        words=("force", force, amplitude), settings=settings, checkpoint=checkpoint, resume=resume,
         on_point=telling(progress, f"response to {amplitude:g} N at {force}"),
-        writes=balance.comm.rank == 0,
     )  # fmt: skip
     branch = with_maxima(problem, branch, model.row("sensors", sensor), measure, settings)
     return _result(balance, branch.z, branch.iterations, branch.jacobians, common, branch.tangents)
@@ -123,12 +115,45 @@ def _result(balance, z, iterations, jacobians, common, tangents=None) -> Harmoni
     )
 
 
-def check_band(band) -> tuple[float, float]:
-    """A band of frequencies, Hz, or an `InputError`."""
+def check_band(band, direction: str) -> tuple[float, float]:
+    """A band of frequencies, Hz, and which way it is gone through, or an `InputError`."""
     low, high = (float(f) for f in band)
     if not 0 < low < high < np.inf:
         raise InputError(f"band = ({low}, {high}): expected 0 < low < high, Hz.")
+    if direction not in ("up", "down"):
+        raise InputError(f"direction = {direction!r}: expected up or down.")
     return low, high
+
+
+def follow_band(
+    problem,
+    start: Callable[[float], np.ndarray],
+    band: tuple[float, float],
+    direction: str,
+    *,
+    words: Sequence[object],
+    **options,
+) -> Branch:
+    """The branch of a problem over a band, omega being its parameter.
+
+    Args:
+        problem: The equations, with their `balance`.
+        start: A guess of the first point at its omega, rad/s.
+        band: Lowest and highest frequency, Hz.
+        direction: ``up`` or ``down`` the band.
+        words: What is being solved, for the branch's `fingerprint`.
+        options: As for `follow`.
+
+    Raises:
+        InputError, ConvergenceError: As `follow`.
+    """
+    low, high = (2 * np.pi * f for f in band)
+    return follow(
+        problem, start(low if direction == "up" else high), (low, high),
+        direction=1 if direction == "up" else -1,
+        name=fingerprint(problem.balance, *words, *band, direction),
+        writes=problem.balance.comm.rank == 0, **options,
+    )  # fmt: skip
 
 
 def telling(progress: Progress | None, text: str):
@@ -144,29 +169,41 @@ def telling(progress: Progress | None, text: str):
 
 
 class ForcedResponse:
-    """Harmonic balance under a given load, with omega as the parameter.
+    """Harmonic balance under a given load, with omega or the load's share as the parameter.
 
     Args:
         balance: The equations.
         load: Coefficients of the load, (n, K).
-        width: Notable change of omega, rad/s.
+        width: Notable change of the parameter: of omega, rad/s, or of the share.
+        omega: Angular frequency, rad/s, at which the load grows; None for omega as the parameter.
+        least: Least size of the motion to scale it by.
     """
 
-    def __init__(self, balance: Balance, load: np.ndarray, width: float):
+    def __init__(
+        self,
+        balance: Balance,
+        load: np.ndarray,
+        width: float,
+        *,
+        omega: float | None = None,
+        least: float = 0.0,
+    ):
         self.balance, self.load, self.width = balance, load, width
+        self.omega, self.least = omega, least
 
     def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
-        """Residual and its derivative by the coefficients and omega."""
-        X, omega = z[:-1].reshape(self.balance.shape), z[-1]
-        R, J = self.balance.evaluate(X, omega, self.load, jacobian=jacobian)
+        """Residual and its derivative by the coefficients and the parameter."""
+        X = z[:-1].reshape(self.balance.shape)
+        omega, load = (z[-1], self.load) if self.omega is None else (self.omega, z[-1] * self.load)
+        R, J = self.balance.evaluate(X, omega, load, jacobian=jacobian)
         if not jacobian:
             return R.reshape(-1), None
-        by_omega = self.balance.by_omega(X, omega).reshape(-1, 1)
-        return R.reshape(-1), np.hstack([J, by_omega])
+        last = self.balance.by_omega(X, omega) if self.omega is None else -self.load
+        return R.reshape(-1), np.hstack([J, last.reshape(-1, 1)])
 
     def scales(self, z: np.ndarray) -> np.ndarray:
         """The motion's size without its mean, and the width."""
-        size = moving_size(z[:-1].reshape(self.balance.shape))
+        size = max(moving_size(z[:-1].reshape(self.balance.shape)), self.least)
         return np.append(np.full(len(z) - 1, size), self.width)
 
 
@@ -188,7 +225,9 @@ def first_response(problem: ForcedResponse, omega: float, settings: Settings) ->
     except ConvergenceError:
         pass
     balance = problem.balance
-    growing = _GrowingLoad(balance, problem.load, omega, moving_size(linear))
+    growing = ForcedResponse(
+        balance, problem.load, 1.0, omega=omega, least=1e-3 * moving_size(linear)
+    )
     rest = np.zeros(balance.shape)
     rest[:, 0] = balance.mean
     share = 0.01
@@ -206,24 +245,6 @@ def linear_response(balance: Balance, omega: float, load: np.ndarray) -> np.ndar
         return rest - np.linalg.solve(J, R.reshape(-1)).reshape(rest.shape)
     except np.linalg.LinAlgError:
         return rest
-
-
-class _GrowingLoad:
-    """Harmonic balance at one omega, with the load's share as the parameter."""
-
-    def __init__(self, balance: Balance, load: np.ndarray, omega: float, size: float):
-        self.balance, self.load, self.omega, self.size = balance, load, omega, size
-
-    def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
-        X = z[:-1].reshape(self.balance.shape)
-        R, J = self.balance.evaluate(X, self.omega, z[-1] * self.load, jacobian=jacobian)
-        if not jacobian:
-            return R.reshape(-1), None
-        return R.reshape(-1), np.hstack([J, -self.load.reshape(-1, 1)])
-
-    def scales(self, z: np.ndarray) -> np.ndarray:
-        size = max(moving_size(z[:-1].reshape(self.balance.shape)), 1e-3 * self.size)
-        return np.append(np.full(len(z) - 1, size), 1.0)
 
 
 def with_maxima(problem, branch: Branch, row: np.ndarray, measure: str, settings) -> Branch:

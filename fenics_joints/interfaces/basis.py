@@ -9,6 +9,7 @@ modes (Castanier, Tan and Pierre, AIAA J. 39, 2001). Arrays here are this rank's
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg
@@ -19,7 +20,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.structure.sparse import product
 
-__all__ = ["Basis", "fixed_interface", "free_interface"]
+__all__ = ["Basis", "Strains", "fixed_interface", "free_interface"]
 
 #: Columns that are solved for at once: memory against the factor's traffic.
 _CHUNK = 64
@@ -28,6 +29,27 @@ _CHUNK = 64
 _SLIDING = (0.01, 0.1, 1.0)
 #: Directions of a basis with less than this share of the largest energy are dependent.
 _DEPENDENT = 1e-9
+
+
+class Strains(Protocol):
+    """Strains at the points of all interfaces, as one list of components.
+
+    Each is weighted by the root of its point's area or volume.
+
+    Attributes:
+        size: Number of components, q.
+    """
+
+    size: int
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Those of this rank's rows of displacements, (q, m), equal on all ranks. Collective."""
+
+    def stresses(self) -> np.ndarray:
+        """Their work conjugates: loads of unit stress in each, (n_local, q). Collective."""
+
+    def tangent(self) -> np.ndarray:
+        """The interface's stiffness that is in K, stress by strain, (q, q)."""
 
 
 class Basis:
@@ -93,10 +115,8 @@ def free_interface(
     solver: EigenSolver,
     modes,
     loads,
-    stresses,
-    strain: Callable,
-    tangent,
-    choose: Callable,
+    strains: Strains,
+    choose: Callable | None,
     extra: np.ndarray | None = None,
 ) -> Basis:
     """Modes of the elastic interface with residual attachment modes. Collective.
@@ -107,10 +127,7 @@ def free_interface(
         solver: The modes' solver.
         modes: M-orthonormal modes, (n_local, k).
         loads: Loads of which the static response is kept, (n_local, m).
-        stresses: Loads of unit stress at the interface, weighted by the root of the points'
-            areas, (n_local, q).
-        strain: ``columns -> (q, m)``, the work conjugate of ``stresses``, equal on all ranks.
-        tangent: The interface's stiffness that is in K, stress by strain, (q, q).
+        strains: The interface's strains.
         choose: ``energies -> n``, how many interface modes to keep; energies descend. None for
             no interface modes.
         extra: Further columns, (n_local, k).
@@ -124,17 +141,17 @@ def free_interface(
     more = [solve(solver, loads)] + ([] if extra is None else [extra])
     if choose is None:
         return Basis(K, M, -solver.shift, modes, np.hstack(more))
-    response = solve(solver, stresses)
+    response = solve(solver, strains.stresses())
     for _ in range(2):
         against = comm.allreduce(modes.T @ product(M, response))
         response = response - modes @ against
-    flexibility = strain(response)
+    flexibility = strains(response)
     energies, patterns = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     energies, patterns = energies[::-1], patterns[:, ::-1]
     n, real = choose(energies), energies > _DEPENDENT * energies[0]
     root = np.sqrt(energies[real])
     span = response @ (patterns[:, real] / root)
-    sliding = _sliding(K, M, -solver.shift, modes, span, strain, tangent)
+    sliding = _sliding(K, M, -solver.shift, modes, span, strains)
     kept = sliding[:, : (n + 1) // 2]
     rest = root[:, None] * np.eye(len(root))
     rest = rest - kept @ (kept.T @ rest)
@@ -143,7 +160,7 @@ def free_interface(
     return Basis(K, M, -solver.shift, modes, np.hstack(more))
 
 
-def _sliding(K, M, shift: float, modes, span, strain: Callable, tangent) -> np.ndarray:
+def _sliding(K, M, shift: float, modes, span, strains: Strains) -> np.ndarray:
     """What modes of the sliding interface have of a span, as orthonormal coordinates in it.
 
     The span is orthonormal in K + shift M and orthogonal to the modes. Of the lowest modes of
@@ -155,8 +172,8 @@ def _sliding(K, M, shift: float, modes, span, strain: Callable, tangent) -> np.n
     stiff = np.eye(both.shape[1])
     stiff[:k, :k] = comm.allreduce(modes.T @ (product(K, modes) + shift * product(M, modes)))
     heavy = comm.allreduce(both.T @ product(M, both))
-    rows = strain(both)
-    own = rows.T @ tangent @ rows
+    rows = strains(both)
+    own = rows.T @ strains.tangent() @ rows
     for share in _SLIDING:
         soft = stiff - (1 - share) * own
         if np.linalg.eigvalsh(soft)[0] > 0:

@@ -123,14 +123,11 @@ def _free(pairs: _Pairs, matrices, solver: EigenSolver, loads, choose: Callable)
     """Modes with the laws' tangents between the pairs, and interface modes."""
     _, elastic, M = matrices
     modes = as_columns(solver.solve(elastic, M).shapes)
-    return free_interface(
-        elastic, M, solver, modes, loads, pairs.unit(len(modes)) * pairs.root,
-        lambda columns: pairs.root[:, None] * pairs.rows(columns), pairs.tangents(), choose,
-    ).columns  # fmt: skip
+    return free_interface(elastic, M, solver, modes, loads, pairs, choose).columns
 
 
 class _Pairs:
-    """The pairs that are the interfaces, and single entries of x as the strains of them.
+    """The pairs that are the interfaces, and single entries of x as their `basis.Strains`.
 
     Attributes:
         numbers: Global numbers in x of all interfaces' components, (q,).
@@ -179,10 +176,13 @@ class _Pairs:
         self._jumps.comm.Allreduce(MPI.IN_PLACE, found)
         return found
 
-    def unit(self, n_local: int) -> np.ndarray:
-        """A column for each component, with a one there, (n_local, q)."""
-        columns = np.zeros((n_local, self.size))
-        columns[self.local[self._mine], np.flatnonzero(self._mine)] = 1.0
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        return self.root[:, None] * self.rows(columns)
+
+    def stresses(self) -> np.ndarray:
+        """Loads of unit stress in every component, (n_local, q)."""
+        columns = np.zeros((self._jumps.n_local, self.size))
+        columns[self.local[self._mine], np.flatnonzero(self._mine)] = self.root[self._mine]
         return columns
 
     def points(self, columns: np.ndarray) -> list[InterfacePoints]:
@@ -199,7 +199,7 @@ class _Pairs:
         law = self.laws[name]
         return InterfacePoints(name, law, rows, self._areas[name], law.coupled, points)
 
-    def tangents(self) -> np.ndarray:
+    def tangent(self) -> np.ndarray:
         """Stress by strain at rest of all interfaces' components, (q, q)."""
         blocks = []
         for name, numbers in self._entries.items():
@@ -210,7 +210,7 @@ class _Pairs:
         """K with the laws' tangents at rest as springs between the pairs."""
         stiff = K.copy()
         stiff.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        blocks, numbers = self.tangents(), self.numbers.astype(PETSc.IntType)
+        blocks, numbers = self.tangent(), self.numbers.astype(PETSc.IntType)
         for i, j in np.argwhere(blocks):
             if self._mine[i]:
                 value = self.root[i] * blocks[i, j] * self.root[j]

@@ -10,10 +10,9 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces.assembly import as_vectors
 from fenics_joints.interfaces.layer_points import LayerPoints, layer_points
-from fenics_joints.interfaces.layers import layer_numbers
+from fenics_joints.interfaces.layers import layer_numbers, normal_modulus
 from fenics_joints.interfaces.sparse import FullModel, SparsePoints, point_blocks
 from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.structure.laws import Law
 from fenics_joints.structure.loads import Places, place_loads
 from fenics_joints.structure.structure import Structure
 
@@ -52,7 +51,7 @@ def full_layers(
         found = layer_points(structure, number, points_degree)
         points = _points(name, law, found, q["stretch"])
         if law.coupled:
-            _take_normal(K, points, _normal_modulus(structure.regions[number].law, q))
+            _take_normal(K, points, normal_modulus(structure, number, q))
         interfaces.append(points)
     placed = [
         dict(zip(found, as_vectors(K, loads), strict=True))
@@ -73,11 +72,6 @@ def _shear_stiffness(structure: Structure, number: int, q: Mapping[str, float]) 
     for bc in structure.bcs:
         K.zeroRowsColumnsLocal(bc.dof_indices()[0], diag=0.0)
     return K
-
-
-def _normal_modulus(law: Law, q: Mapping[str, float]) -> float:
-    """Modulus, Pa, of a linear layer's normal strain: the first of its scalars, unstretched."""
-    return float(law.stiffness_terms({**q, "stretch": 1.0})[0])
 
 
 def _take_normal(K: PETSc.Mat, points: SparsePoints, modulus: float) -> None:

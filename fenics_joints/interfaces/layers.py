@@ -12,7 +12,7 @@ coupled law, since the normal stress varies more within a cell (more points: ``p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -31,7 +31,7 @@ from fenics_joints.structure.loads import Places, place_loads
 from fenics_joints.structure.sparse import product
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["layer_numbers", "reduce_layers"]
+__all__ = ["layer_numbers", "normal_modulus", "reduce_layers"]
 
 #: Layers whose normal and shear stress are apart.
 _SEPARATE = ("uncoupled", "constrained")
@@ -79,46 +79,23 @@ def reduce_layers(
         InputError: For an unknown layer, graded properties, a place outside the mesh, or a number
             out of range.
     """
-    numbers = layer_numbers(structure, laws)
-    found = {n: layer_points(structure, i, points_degree) for n, i in numbers.items()}
-    values = structure.values(given)
-    stretch = {n: structure.field.region_values(i, values)["stretch"] for n, i in numbers.items()}
-    forces, force_loads = place_loads(structure, "forces", forces)
-    sensors, sensor_loads = place_loads(structure, "sensors", sensors)
-    strains = _LayerStrains(found, numbers, stretch, {n: law.coupled for n, law in laws.items()})
+    strains = _LayerStrains(structure, laws, given, points_degree)
+    forces, sensors = (
+        place_loads(structure, "forces", forces), place_loads(structure, "sensors", sensors)
+    )  # fmt: skip
     choose = energy_share(interface_modes or None, tolerance, n_modes, strains.size)
     modes = solve_modes(structure, given, n_modes=n_modes)
     M, K = structure.mass(given), structure.stiffness(given)
     columns = free_interface(
-        K, M, modes.solver,
-        as_columns(modes.shapes),
-        np.hstack([force_loads, sensor_loads]),
-        None if interface_modes == 0 else strains.stresses(),
-        strains,
-        strains.tangent(structure, values),
-        None if interface_modes == 0 else choose,
-        as_columns(extra) if len(extra) else None,
+        K, M, modes.solver, as_columns(modes.shapes), np.hstack([forces[1], sensors[1]]), strains,
+        None if interface_modes == 0 else choose, as_columns(extra) if len(extra) else None,
     ).columns  # fmt: skip
     reduced = ReducedStructure(structure, as_vectors(K, columns))
-    layers = {
-        name: _layer_term(number, found[name], columns, laws[name])
-        for name, number in numbers.items()
-    }
-    interfaces = [
-        InterfacePoints(
-            name, laws[name], layer.rows(stretch[name]), layer.volumes * stretch[name],
-            laws[name].coupled, found[name].points,
-        )
-        for name, layer in layers.items()
-    ]  # fmt: skip
-    pencil = _without_stress(reduced.affine, laws, layers)
-    modes.solver.destroy(), strains.destroy()
-    for A in (K, M, *(B for p in found.values() for B in (p.thin, p.flat))):
-        A.destroy()
-    return assemble(
-        columns, reduced, interfaces, pencil, layers, given,
-        (forces, force_loads), (sensors, sensor_loads),
-    )  # fmt: skip
+    terms = {layer.name: layer.term(columns) for layer in strains.layers}
+    pencil = _without_stress(reduced.affine, laws, terms)
+    interfaces = [layer.interface(terms[layer.name]) for layer in strains.layers]
+    modes.solver.destroy(), strains.destroy(), K.destroy(), M.destroy()
+    return assemble(columns, reduced, interfaces, pencil, terms, given, forces, sensors)
 
 
 def layer_numbers(structure: Structure, laws: Mapping[str, JointLaw]) -> dict[str, int]:
@@ -146,11 +123,15 @@ def layer_numbers(structure: Structure, laws: Mapping[str, JointLaw]) -> dict[st
     return {name: names[name] for name in laws}
 
 
-def _layer_term(number: int, p: LayerPoints, columns: np.ndarray, law: JointLaw) -> LayerTerm:
-    """Strains of a layer in a basis, without the normal one if the law leaves it."""
-    first = 0 if law.coupled else 1
-    thin, flat = (p.gather(product(B, columns))[:, first:] for B in (p.thin, p.flat))
-    return LayerTerm(number, thin, flat, p.weights)
+def normal_modulus(structure: Structure, number: int, q: Mapping[str, float]) -> float:
+    """Modulus, Pa, of a linear layer's normal strain: the first of its scalars, unstretched.
+
+    Args:
+        structure: The structure.
+        number: Index of the layer in ``structure.regions``.
+        q: Values of its properties.
+    """
+    return float(structure.regions[number].law.stiffness_terms({**q, "stretch": 1.0})[0])
 
 
 def _without_stress(
@@ -174,60 +155,101 @@ def _without_stress(
     return replace(pencil, regions=regions)
 
 
-class _LayerStrains:
-    """Strains of all layers as one list of components, weighted by the root of their volume."""
+@dataclass(frozen=True)
+class _Layer:
+    """Strains of one layer that its law takes, weighted by the root of their volume.
 
-    def __init__(self, found: Mapping[str, LayerPoints], numbers, stretch, normal):
-        self.parts, self.numbers = [], [numbers[name] for name in found]
-        for name, p in found.items():
-            s = stretch[name]
-            B = p.thin.copy()
-            B.scale(1 / s)
-            B.axpy(1.0, p.flat, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-            self.parts.append((p, B, np.sqrt(p.weights * s), 0 if normal[name] else 1))
-        self.size = sum(r.size * (B.getSize()[0] // len(r) - first)
-                        for _, B, r, first in self.parts)  # fmt: skip
+    Attributes:
+        name: Its name.
+        number: Its index in the structure's regions.
+        law: Its law.
+        found: Its points.
+        stretch: Actual over meshed thickness.
+        moduli: The linear layer's modulus of each component, Pa, (d,).
+        rows: Rows of all components, (P gdim, n_dofs).
+    """
+
+    name: str
+    number: int
+    law: JointLaw
+    found: LayerPoints
+    stretch: float
+    moduli: np.ndarray
+    rows: PETSc.Mat
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Points, and components that the law takes: (P, d)."""
+        return len(self.found.weights), len(self.moduli)
+
+    @property
+    def root(self) -> np.ndarray:
+        """Root of the points' volumes, (P,)."""
+        return np.sqrt(self.found.weights * self.stretch)
+
+    def gather(self, rows: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
+        """The law's components of columns, (P, d, m). Collective."""
+        return self.found.gather(product(rows, columns))[:, -self.shape[1] :]
+
+    def strain(self, columns: np.ndarray) -> np.ndarray:
+        """Weighted components of columns, (P d, m). Collective."""
+        found = self.root[:, None, None] * self.gather(self.rows, columns)
+        return found.reshape(-1, columns.shape[1])
+
+    def stresses(self) -> np.ndarray:
+        """Loads of unit stress in every component, (n_local, P d). Collective."""
+        (P, d), gdim = self.shape, self.found.points.shape[1]
+        # Column of each of this rank's rows, in the order of `strain`; -1 if left out.
+        column, scale = np.full((P, gdim), -1), np.empty((P, gdim))
+        column[self.found.order, gdim - d :] = np.arange(P * d).reshape(P, d)
+        scale[self.found.order] = self.root[:, None]
+        mine = slice(*self.rows.getOwnershipRange())
+        here = column.ravel()[mine, None] == np.arange(P * d)
+        transposed = self.rows.transpose(PETSc.Mat())
+        loads = product(transposed, here * scale.ravel()[mine, None])
+        transposed.destroy()
+        return loads
+
+    def term(self, columns: np.ndarray) -> LayerTerm:
+        """Its strains in a basis. Collective."""
+        thin, flat = (self.gather(B, columns) for B in (self.found.thin, self.found.flat))
+        return LayerTerm(self.number, thin, flat, self.found.weights)
+
+    def interface(self, term: LayerTerm) -> InterfacePoints:
+        """Its points in that basis."""
+        return InterfacePoints(
+            self.name, self.law, term.rows(self.stretch), term.volumes * self.stretch,
+            self.law.coupled, self.found.points,
+        )  # fmt: skip
+
+
+class _LayerStrains:
+    """Strains of all layers as one list of components: `basis.Strains`."""
+
+    def __init__(self, structure: Structure, laws, given, degree: int | None):
+        self.layers, values = [], structure.values(given)
+        for name, number in layer_numbers(structure, laws).items():
+            q, law = structure.field.region_values(number, values), laws[name]
+            moduli = [normal_modulus(structure, number, q)] + [q["G"]] * (structure.gdim - 1)
+            moduli = np.array(moduli[0 if law.coupled else 1 :])
+            found = layer_points(structure, number, degree)
+            rows = found.rows(q["stretch"])
+            self.layers.append(_Layer(name, number, law, found, q["stretch"], moduli, rows))
+        self.size = sum(int(np.prod(layer.shape)) for layer in self.layers)
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
-        rows = []
-        for p, B, root, first in self.parts:
-            strain = root[:, None, None] * p.gather(product(B, columns))[:, first:]
-            rows.append(strain.reshape(-1, columns.shape[1]))
-        return np.concatenate(rows)
+        return np.concatenate([layer.strain(columns) for layer in self.layers])
 
-    def tangent(self, structure: Structure, values) -> np.ndarray:
+    def tangent(self) -> np.ndarray:
         """The linear layers' stress by strain of these components, (size, size)."""
-        moduli = []
-        for (p, _, _, first), number in zip(self.parts, self.numbers, strict=True):
-            q = structure.field.region_values(number, values)
-            # At unit stretch the first scalar of these laws is the normal modulus.
-            normal = structure.regions[number].law.stiffness_terms({**q, "stretch": 1.0})[0]
-            each = [normal] + [q["G"]] * (p.points.shape[1] - 1)
-            moduli.append(np.tile(each[first:], len(p.points)))
-        return np.diag(np.concatenate(moduli))
+        return np.diag(np.concatenate([np.tile(y.moduli, y.shape[0]) for y in self.layers]))
 
     def stresses(self) -> np.ndarray:
         """Loads of unit stress in every component, (n_local, size)."""
-        loads = []
-        for p, B, root, first in self.parts:
-            gdim = p.points.shape[1]
-            begin, end = B.getOwnershipRange()
-            # Column of each row of B, in the order of `__call__`; -1 for components left out.
-            column = np.full((len(root), gdim), -1)
-            kept = np.arange(len(root) * (gdim - first)).reshape(len(root), -1)
-            column[p.order, first:] = kept
-            scale = np.empty(len(root))
-            scale[p.order] = root
-            mine = column.ravel()[begin:end]
-            unit = np.zeros((end - begin, kept.size))
-            rows = np.flatnonzero(mine >= 0)
-            unit[rows, mine[rows]] = np.repeat(scale, gdim)[begin:end][rows]
-            transposed = B.transpose(PETSc.Mat())
-            loads.append(product(transposed, unit))
-            transposed.destroy()
-        return np.hstack(loads)
+        return np.hstack([layer.stresses() for layer in self.layers])
 
     def destroy(self) -> None:
         """Free the matrices of the rows."""
-        for _, B, _, _ in self.parts:
-            B.destroy()
+        for layer in self.layers:
+            for rows in (layer.rows, layer.found.thin, layer.found.flat):
+                rows.destroy()
