@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError
+from fenics_joints.files import write_arrays
 
 __all__ = ["Branch", "load_branch", "save_branch"]
 
@@ -68,18 +68,10 @@ def save_branch(path: str | Path, branch: Branch, name: str = "") -> None:
     Raises:
         InputError: If the file cannot be written.
     """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with open(part, "wb") as stream:
-            np.savez(
-                stream, z=branch.z, tangents=branch.tangents, iterations=branch.iterations,
-                jacobians=branch.jacobians, step=branch.step, complete=branch.complete, name=name,
-            )  # fmt: skip
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+    write_arrays(
+        path, z=branch.z, tangents=branch.tangents, iterations=branch.iterations,
+        jacobians=branch.jacobians, step=branch.step, complete=branch.complete, name=name,
+    )  # fmt: skip
 
 
 def load_branch(path: str | Path, name: str = "") -> Branch | None:

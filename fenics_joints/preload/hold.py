@@ -57,7 +57,8 @@ class Hold:
             return 0.0
         scale = load.norm(PETSc.NormType.N1)
         work = dots(comm, self.motions, load.array_r)
-        peak = comm.allreduce(np.abs(self.motions).max(axis=0, initial=0.0), op=MPI.MAX)
+        peak = np.abs(self.motions).max(axis=0, initial=0.0)
+        comm.Allreduce(MPI.IN_PLACE, peak, op=MPI.MAX)
         share = np.abs(work) / (peak * scale) if scale > 0 else np.zeros(len(work))
         if share.max(initial=0.0) <= _BALANCED:
             return 0.0

@@ -81,36 +81,38 @@ def _triangle(x: np.ndarray) -> np.ndarray:
     return 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
 
 
+def _corners(d: np.ndarray):
+    """Simplices of which one vertex lies apart from the others, where linear d >= 0 or where not.
+
+    Args:
+        d: Values at the vertices, (n, k).
+
+    Yields:
+        Rows of such simplices; that vertex of each, (m,), and the others, (m, k - 1); shares of the
+        edges from it that are on its side, (m, k - 1); whether its corner is where d < 0.
+    """
+    above, k = d >= 0, d.shape[1]
+    count = above.sum(axis=1)
+    for mark, chosen, below in ((above, count == 1, False), (~above, count == k - 1, True)):
+        rows = np.flatnonzero(chosen & (k > 2 or not below))
+        lone = np.argmax(mark[rows], axis=1)
+        others = np.array([[j for j in range(k) if j != i] for i in range(k)])[lone]
+        d0 = d[rows, lone][:, None]
+        yield rows, lone, others, d0 / (d0 - d[rows[:, None], others]), below
+
+
 def _share_above(p: np.ndarray):
     """Share of simplices where a linear function with vertex values p is >= 0, and slope by p."""
-    n, k = p.shape
-    share, slope = (p >= 0).all(axis=1).astype(float), np.zeros((n, k))
-    above = p >= 0
-    count = above.sum(axis=1)
-    _lone(p, above, count == 1, share, slope, complement=False)
-    if k > 2:
-        _lone(p, ~above, count == 2, share, slope, complement=True)
+    share, slope = (p >= 0).all(axis=1).astype(float), np.zeros(p.shape)
+    for rows, lone, others, t, below in _corners(p):
+        # The corner cut off there is prod p0 / (p0 - pj).
+        corner, sign = t.prod(axis=1), -1.0 if below else 1.0
+        p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
+        rest = t[:, ::-1] if p.shape[1] == 3 else np.ones_like(t)
+        share[rows] = 1 - corner if below else corner
+        slope[rows, lone] = sign * (rest * -pj / (p0 - pj) ** 2).sum(axis=1)
+        slope[rows[:, None], others] = sign * rest * p0 / (p0 - pj) ** 2
     return share, slope
-
-
-def _lone(p, mark, rows, share, slope, complement: bool) -> None:
-    """Simplices with one marked vertex: the corner cut off there is prod p0 / (p0 - pj)."""
-    rows = np.flatnonzero(rows)
-    if not len(rows):
-        return
-    k = p.shape[1]
-    lone = np.argmax(mark[rows], axis=1)
-    others = np.array([[j for j in range(k) if j != i] for i in range(k)])[lone]
-    p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
-    t = p0 / (p0 - pj)
-    corner = t.prod(axis=1)
-    rest = t[:, ::-1] if k == 3 else np.ones_like(t)
-    d0 = (rest * -pj / (p0 - pj) ** 2).sum(axis=1)
-    dj = rest * p0 / (p0 - pj) ** 2
-    sign = -1.0 if complement else 1.0
-    share[rows] = 1 - corner if complement else corner
-    slope[rows, lone] = sign * d0
-    slope[rows[:, None], others] = sign * dj
 
 
 def mean_within(interface: Interface, pressure: np.ndarray, radius: float, centre=None) -> float:
@@ -127,20 +129,11 @@ def mean_within(interface: Interface, pressure: np.ndarray, radius: float, centr
 
 def _moment_above(d: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Integral of a linear p over the part of each simplex where linear d >= 0, per measure."""
-    above = d >= 0
-    count, k = above.sum(axis=1), d.shape[1]
     whole = p.mean(axis=1)
-    result = np.where(count == k, whole, 0.0)
-    for mark, chosen, rest in ((above, count == 1, 0.0), (~above, (count == k - 1) & (k > 2), 1.0)):
-        rows = np.flatnonzero(chosen)
-        if not len(rows):
-            continue
-        lone = np.argmax(mark[rows], axis=1)
-        others = np.array([[j for j in range(k) if j != i] for i in range(k)])[lone]
-        d0, dj = d[rows, lone][:, None], d[rows[:, None], others]
+    result = np.where((d >= 0).all(axis=1), whole, 0.0)
+    for rows, lone, others, t, below in _corners(d):
         p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
-        t = d0 / (d0 - dj)
         cut = p0 + t * (pj - p0)
-        corner = t.prod(axis=1) * (p0[:, 0] + cut.sum(axis=1)) / k
-        result[rows] = rest * whole[rows] + (1 - 2 * rest) * corner
+        corner = t.prod(axis=1) * (p0[:, 0] + cut.sum(axis=1)) / d.shape[1]
+        result[rows] = whole[rows] - corner if below else corner
     return result
