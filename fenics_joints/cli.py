@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,13 +69,9 @@ def modes(
     (extents of the mesh), rings (the bolts': name, centre_m, thickness_m, r_nei_m, r_wai_m, parts).
     """
 
-    def run(case, comm, progress):
-        from fenics_joints.commands.modes.run import run_modes
-
-        method = "iterative" if iterative else "direct"
-        return run_modes(case, comm, progress, n_modes=n, state=contacts, method=method)
-
-    _command(run, case, json, report, debug)
+    method = "iterative" if iterative else "direct"
+    options = {"n_modes": n, "state": contacts, "method": method}
+    _command("run_modes", options, case, json, report, debug)
 
 
 @app.command()
@@ -97,12 +92,7 @@ def preload(
     preloaded).
     """
 
-    def run(case, comm, progress):
-        from fenics_joints.commands.preload.run import run_preload
-
-        return run_preload(case, comm, progress, fields=vtx)
-
-    _command(run, case, json, report, debug)
+    _command("run_preload", {"fields": vtx}, case, json, report, debug)
 
 
 @app.command()
@@ -145,21 +135,10 @@ def update(
     specimens), independent_check (of the paper's likelihood), sampler, model. Chains that did not
     converge predict nothing; what they are is written, and the command fails.
     """
-
-    def run(case, comm, progress):
-        if bayes:
-            from fenics_joints.commands.bayes.run import run_bayes
-
-            return run_bayes(case, comm, progress, keep=keep)
-        if keep is not None:
-            from fenics_joints.errors import InputError
-
-            raise InputError(f"--keep {keep}: expected --bayes too; there are no chains without")
-        from fenics_joints.commands.update.command import run_update
-
-        return run_update(case, comm, progress)
-
-    _command(run, case, json, report, debug)
+    if keep is not None and not bayes:
+        raise typer.BadParameter("there are no chains without --bayes", param_hint="--keep")
+    name, options = ("run_bayes", {"keep": keep}) if bayes else ("run_update", {})
+    _command(name, options, case, json, report, debug)
 
 
 @app.command()
@@ -191,17 +170,8 @@ def diagnose(
     (by the effect at work and what it is taken for), classes (members, collinearity, combination,
     left), additions (measurement, apart, seen, mean_gain, largest_gain, pair), the best first.
     """
-
-    def run(case, comm, progress):
-        if plan:
-            from fenics_joints.commands.plan.run import run_plan
-
-            return run_plan(case, comm, progress, keep=keep)
-        from fenics_joints.commands.diagnose.run import run_diagnose
-
-        return run_diagnose(case, comm, progress, keep=keep)
-
-    _command(run, case, json, report, debug)
+    name = "run_plan" if plan else "run_diagnose"
+    _command(name, {"keep": keep}, case, json, report, debug)
 
 
 @app.command()
@@ -223,13 +193,7 @@ def harmonic(
     JSON: levels (level_n, peak_hz, peak, damping_ratio, joint_energy_j, branch), backbone
     (frequency_hz and damping_ratio over amplitude), interface_points, frequencies_at_rest_hz.
     """
-
-    def run(case, comm, progress):
-        from fenics_joints.commands.harmonic.run import run_harmonic
-
-        return run_harmonic(case, comm, progress, branches=branches)
-
-    _command(run, case, json, report, debug)
+    _command("run_harmonic", {"branches": branches}, case, json, report, debug)
 
 
 def _version(wanted: bool) -> None:
@@ -260,21 +224,31 @@ def main() -> None:
 
 
 def _command(
-    run: Callable[..., Outcome], path: Path, json: Path | None, report: Path | None, debug: bool
+    name: str, options: dict, path: Path, json: Path | None, report: Path | None, debug: bool
 ) -> None:
-    """Read the case, run, write the files, show the summary; exit with the right code."""
+    """Read the case, run, write the files, show the summary; exit with the right code.
+
+    Args:
+        name: Of the function in `fenics_joints.commands`.
+        options: Its keyword arguments.
+        path: The case.
+        json: File of the results, or None.
+        report: File of the page, or None.
+        debug: Whether errors keep Python's traceback.
+    """
     from fenics_joints.parallel import guarded
 
     with guarded(debug):
         from mpi4py import MPI
 
+        from fenics_joints import commands
         from fenics_joints.files import json_text
         from fenics_joints.progress import Progress
 
         comm = MPI.COMM_WORLD
         case = _prepare(comm, path, json, report)
         with Progress(silent=comm.rank != 0) as progress:
-            outcome = run(case, comm, progress)
+            outcome = getattr(commands, name)(case, comm, progress, **options)
             contents = []
             if json is not None:
                 contents.append((json, json_text(outcome.json())))
