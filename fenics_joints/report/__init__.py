@@ -2,12 +2,10 @@
 
 from fenics_joints.report.contact_pictures import pressure_map, pressure_profile, status_map
 from fenics_joints.report.mesh_pictures import cell_map, mode_shape, patch_map
-from fenics_joints.report.motion import corner_motion
 from fenics_joints.report.stabilisation import write_stabilisation
 
 __all__ = [
     "cell_map",
-    "corner_motion",
     "mode_shape",
     "patch_map",
     "pressure_map",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize, to_rgba
 from matplotlib.patches import Rectangle
@@ -13,6 +12,7 @@ from matplotlib.patches import Rectangle
 from fenics_joints.report.mesh_pictures import (
     OUTLINES,
     UNSEEN,
+    cell_bar,
     cells_alt,
     diverging,
     patch_bar,
@@ -119,10 +119,5 @@ def beam_cells(cells: CellMap, name: str = "cells") -> str:
         colours = diverging(norm(cells.density))
         axes.add_collection(PolyCollection(boxes, facecolors=colours, edgecolors="#9aa0a8", lw=0.3))
         _frame(axes, boxes)
-        bar = figure.colorbar(
-            ScalarMappable(norm, diverging), ax=axes, location="bottom", aspect=45, shrink=0.85
-        )
-        bar.set_ticks([-1, -0.5, 0, 0.5, 1], labels=["-1", "-0.5", "0", "0.5", "1"])
-        bar.set_label("blue: stiffer here closes the gap   |   red: softer here closes the gap")
-        bar.outline.set_visible(False)
+        cell_bar(figure, axes, norm)
         return to_svg(figure, name, cells_alt(cells))

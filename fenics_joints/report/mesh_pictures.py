@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.where.patches import PatchMap
 
 __all__ = [
-    "OUTLINES", "UNSEEN", "cell_map", "cells_alt", "diverging", "mode_shape", "patch_bar",
-    "patch_legend", "patch_map", "patches_alt", "rising",
+    "OUTLINES", "UNSEEN", "cell_bar", "cell_map", "cells_alt", "diverging", "mode_shape",
+    "patch_bar", "patch_legend", "patch_map", "patches_alt", "rising",
 ]  # fmt: skip
 
 #: Red to blue through near white, which all kinds of colour vision tell apart.
@@ -132,10 +132,13 @@ def _outline(ids: np.ndarray, flat: np.ndarray) -> np.ndarray:
     """Edges, shape (n, 2, 2), where a group of quadrilaterals ends; ``ids`` number the corners."""
     edges = np.stack([ids, np.roll(ids, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = np.stack([flat, np.roll(flat, -1, axis=1)], axis=2).reshape(-1, 2, 2)
-    _, first, count = np.unique(
-        np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    return ends[first[count == 1]]
+    return ends[_alone(edges)]
+
+
+def _alone(ids: np.ndarray) -> np.ndarray:
+    """Rows of vertices, in any order, that no other row has: what bounds cells or polygons."""
+    _, first, count = np.unique(np.sort(ids, axis=1), axis=0, return_index=True, return_counts=True)
+    return first[count == 1]
 
 
 def _flat_ids(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -181,12 +184,7 @@ def cell_map(cells: CellMap) -> str:
             panel.tick_params(length=2)
             panel.set_ylabel(f"{'xyz'[across]}, mm")
         panels[-1].set_xlabel(f"{'xyz'[along]}, mm")
-        bar = figure.colorbar(
-            ScalarMappable(norm, diverging), ax=panels, location="bottom", aspect=45, shrink=0.85
-        )
-        bar.set_ticks([-1, -0.5, 0, 0.5, 1], labels=["-1", "-0.5", "0", "0.5", "1"])
-        bar.set_label("blue: stiffer here closes the gap   |   red: softer here closes the gap")
-        bar.outline.set_visible(False)
+        cell_bar(figure, panels, norm)
         return to_svg(figure, "cells", cells_alt(cells))
 
 
@@ -204,6 +202,16 @@ def _level(panel, plane, cells, members, norm) -> None:
             flat, ids = _flat_ids(flat)
             lines = _outline(ids, flat)
             panel.add_collection(LineCollection(lines, colors="#20252b", lw=0.8))
+
+
+def cell_bar(figure, axes, norm: Normalize) -> None:
+    """What colours of cells mean."""
+    bar = figure.colorbar(
+        ScalarMappable(norm, diverging), ax=axes, location="bottom", aspect=45, shrink=0.85
+    )
+    bar.set_ticks([-1, -0.5, 0, 0.5, 1], labels=["-1", "-0.5", "0", "0.5", "1"])
+    bar.set_label("blue: stiffer here closes the gap   |   red: softer here closes the gap")
+    bar.outline.set_visible(False)
 
 
 def cells_alt(cells: CellMap) -> str:
@@ -262,8 +270,7 @@ def _surface(vertices, motion) -> tuple[np.ndarray, np.ndarray]:
     """Outer faces and their motion: those that belong to one cell only."""
     faces = _faces(vertices)
     ids = _vertex_ids(vertices)[:, faces].reshape(-1, faces.shape[1])
-    _, first, count = np.unique(np.sort(ids, axis=1), axis=0, return_index=True, return_counts=True)
-    outer = first[count == 1]
+    outer = _alone(ids)
     shape = (-1, faces.shape[1], 3)
     return vertices[:, faces].reshape(shape)[outer], motion[:, faces].reshape(shape)[outer]
 
@@ -344,8 +351,7 @@ def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, norm
     patch = np.repeat(cells.patch[members], len(faces))
     middle = np.repeat(x.mean(axis=1), len(faces), axis=0)
     corners, ids = (a.reshape(-1, faces.shape[1], *a.shape[3:]) for a in (corners, ids))
-    _, first, count = np.unique(np.sort(ids, axis=1), axis=0, return_index=True, return_counts=True)
-    outer = first[count == 1]
+    outer = _alone(ids)
     flat, depth = _oblique(corners[outer])
     # Outwards from its cell is towards the viewer: of a flat cell, either way.
     _, behind = _oblique(middle[outer][:, None])

@@ -40,26 +40,43 @@ def frequency_panels(
         held_out: Conditions that were left out of the fit, shape (n,), bool: hollow points.
         name: Unique in the page.
     """
+    def draw(panel, i: int) -> None:
+        _frequency_panel(panel, i, before, after, labels, log_sd, validation, held_out)
+        panel.set_title(f"{after.mode_names[i]}, Hz", loc="left")
+
     m = len(after.mode_names)
-    columns = 2 if m > 1 else 1
-    rows = -(-m // columns)
+    alt = (
+        f"Frequency against {condition[0]} for {m} modes: measured points and the lines of "
+        "the models; the numbers are in the tables of this page."
+    )
+    return _grid(m, 2.35, draw, condition, name, alt)
+
+
+def _grid(n: int, height: float, draw, condition: tuple[str, str], name: str, alt: str) -> str:
+    """Panels in two columns over the condition, with one legend for all.
+
+    Args:
+        n: Number of panels.
+        height: Of a row, inches.
+        draw: Called with each panel and its number.
+        condition: Name and unit of the condition.
+        name: Unique in the page.
+        alt: What the picture shows, in words.
+    """
+    columns = 2 if n > 1 else 1
+    rows = -(-n // columns)
     with style():
-        figure = new_figure(7.6, 2.35 * rows + 0.5)
-        panels = np.atleast_1d(figure.subplots(rows, columns, sharex=True, squeeze=False)).ravel()
-        for i in range(m):
-            _frequency_panel(panels[i], i, before, after, labels, log_sd, validation, held_out)
-            panels[i].set_title(f"{after.mode_names[i]}, Hz", loc="left")
-        for panel in panels[m:]:
+        figure = new_figure(7.6, height * rows + 0.5)
+        panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+        for i, panel in enumerate(panels[:n]):
+            draw(panel, i)
+        for panel in panels[n:]:
             panel.set_visible(False)
-        for panel in panels[max(m - columns, 0) : m]:
+        for panel in panels[max(n - columns, 0) : n]:
             panel.set_xlabel(_with_unit(*condition))
             panel.tick_params(labelbottom=True)
-        handles, names = _legend_of(panels[:m])
+        handles, names = _legend_of(panels[:n])
         figure.legend(handles, names, loc="outside upper center", ncols=3)
-        alt = (
-            f"Frequency against {condition[0]} for {m} modes: measured points and the lines of "
-            "the models; the numbers are in the tables of this page."
-        )
         return to_svg(figure, name, alt)
 
 
@@ -127,23 +144,12 @@ def parameter_panels(rows: Sequence[dict], condition: tuple[str, str]) -> str:
             ``held_out`` arrays of shape (n,), and ``curve``, arrays (x, value), or None.
         condition: Name and unit of the condition.
     """
-    columns = 2 if len(rows) > 1 else 1
-    n = -(-len(rows) // columns)
-    with style():
-        figure = new_figure(7.6, 2.2 * n + 0.5)
-        panels = figure.subplots(n, columns, sharex=True, squeeze=False).ravel()
-        for panel, row in zip(panels, rows, strict=False):
-            _parameter_panel(panel, row)
-        for panel in panels[len(rows) :]:
-            panel.set_visible(False)
-        for panel in panels[max(len(rows) - columns, 0) : len(rows)]:
-            panel.set_xlabel(_with_unit(*condition))
-            panel.tick_params(labelbottom=True)
-        handles, names = _legend_of(panels[: len(rows)])
-        figure.legend(handles, names, loc="outside upper center", ncols=3)
-        names = ", ".join(row["name"] for row in rows)
-        alt = f"{names} against {condition[0]}, identified at each and the curve through them."
-        return to_svg(figure, "parameters", alt)
+    names = ", ".join(row["name"] for row in rows)
+    alt = f"{names} against {condition[0]}, identified at each and the curve through them."
+    return _grid(
+        len(rows), 2.2, lambda panel, i: _parameter_panel(panel, rows[i]), condition, "parameters",
+        alt,
+    )  # fmt: skip
 
 
 def _log_steps(values: np.ndarray) -> tuple[float, ...]:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from fenics_joints.case.harmonic import identifiable
 from fenics_joints.commands.harmonic.model import SENSOR
 from fenics_joints.commands.harmonic.result import HarmonicReport
 from fenics_joints.formatting import hertz, number, percent, quantity
-from fenics_joints.measurements.curves import UNITS
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import new_figure, style, to_svg
 
@@ -21,7 +19,7 @@ _SHADES = ("#8d949e", "#2b7bba", "#d9822b", "#7a5aa6", "#4d9a6a", "#c2571a")
 def harmonic_html(r: HarmonicReport) -> str:
     """The page of the ``harmonic`` command. Collective; empty on all ranks but the first."""
     # Loops are made of what all ranks hold.
-    loops = [response.loops(f_peak(response)) for response in r.responses]
+    loops = [response.loops(response.peak.index) for response in r.responses]
     if r.rank != 0:
         return ""
     pictures = [("Response at the levels of force", responses_chart(r))]
@@ -34,21 +32,12 @@ def harmonic_html(r: HarmonicReport) -> str:
         if points.points is not None:
             pictures.append((f"Where {name} slips", interface_map(r, points, made)))
     return render(
-        "harmonic.html", r=r, title=r.case.title or r.case.path.parent.name, rows=_rows(r),
-        unit=_unit(r), pictures=[(words, svg(chart)) for words, chart in pictures],
+        "harmonic.html", r=r, title=r.title, rows=_rows(r),
+        unit=r.unit, pictures=[(words, svg(chart)) for words, chart in pictures],
         points=sum(len(p) for p in r.built.model.interfaces),
         identified=_identified(r), predictions=_predictions(r),
         rest=hertz(r.built.frequencies_hz[r.built.mode]),
     )  # fmt: skip
-
-
-def f_peak(response) -> int:
-    """Point of the highest response."""
-    return response.peak.index
-
-
-def _unit(r: HarmonicReport) -> str:
-    return UNITS[r.kind].replace("s2", "s²")
 
 
 def _rows(r: HarmonicReport) -> list[list[str]]:
@@ -70,20 +59,13 @@ def _rows(r: HarmonicReport) -> list[list[str]]:
 
 def _identified(r: HarmonicReport) -> list[list[str]]:
     """A row for each parameter and method."""
-    known, rows = identifiable(r.case.nonlinear), []
-    for found in r.identified:
-        for name, value in found.values.items():
-            unit = known[name][1]
-            spread = found.sd[name]
-            rows.append(
-                [
-                    name, found.method, quantity(found.start[name], unit, 4),
-                    quantity(value, unit, 4), percent(spread, 1) if spread < 1 else "open",
-                    f"{found.start_objective:.3f}", f"{found.objective:.4f}",
-                    str(found.evaluations), str(found.solutions),
-                ]
-            )  # fmt: skip
-    return rows
+    return [
+        [
+            name, found.method, *words, f"{found.start_objective:.3f}", f"{found.objective:.4f}",
+            str(found.evaluations), str(found.solutions),
+        ]
+        for found in r.identified for name, *words in r.parameter_rows(found)
+    ]  # fmt: skip
 
 
 def _predictions(r: HarmonicReport) -> list[list[str]]:
@@ -121,7 +103,7 @@ def responses_chart(r: HarmonicReport) -> str:
             )  # fmt: skip
         axes.set(
             xlim=(low, high), ylim=(0, top), xlabel="frequency, Hz",
-            ylabel=f"{r.kind} at the sensor, {_unit(r)}",
+            ylabel=f"{r.kind} at the sensor, {r.unit}",
         )  # fmt: skip
         axes.legend(loc="best", title="x: measured" if r.curves is not None else None)
         peaks = "; ".join(f"{f.level:g} N: {f.frequency_hz:.3f} Hz" for f in r.facts)

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import fenics_joints
 from fenics_joints.case import Case
+from fenics_joints.case.harmonic import identifiable
 from fenics_joints.commands.harmonic.model import HarmonicModel
+from fenics_joints.formatting import percent, quantity
 from fenics_joints.harmonic import Backbone, HarmonicResult
 from fenics_joints.harmonic.identify import IdentificationResult
 from fenics_joints.harmonic.predict import Prediction
@@ -92,6 +94,28 @@ class HarmonicReport:
     def kind(self) -> str:
         """``displacement``, ``velocity`` or ``acceleration``."""
         return self.case.harmonic.response
+
+    @property
+    def unit(self) -> str:
+        """Unit of the responses, as people write it."""
+        return UNITS[self.kind].replace("s2", "s²")
+
+    @property
+    def title(self) -> str:
+        """The case's title, or its folder's name."""
+        return self.case.title or self.case.path.parent.name
+
+    def parameter_rows(self, found: IdentificationResult) -> list[tuple[str, str, str, str]]:
+        """Name, start, value and standard deviation of the parameters found, in words."""
+        known = identifiable(self.case.nonlinear)
+        return [
+            (
+                name, quantity(found.start[name], known[name][1], 4),
+                quantity(value, known[name][1], 4),
+                percent(found.sd[name], 1) if found.sd[name] < 1 else "open",
+            )
+            for name, value in found.values.items()
+        ]  # fmt: skip
 
     def to_json(self) -> dict[str, object]:
         """What ``--json`` writes.

@@ -5,10 +5,8 @@ from __future__ import annotations
 from rich.console import Console
 from rich.text import Text
 
-from fenics_joints.case.harmonic import identifiable
 from fenics_joints.commands.harmonic.result import HarmonicReport
 from fenics_joints.formatting import hertz, number, percent, quantity
-from fenics_joints.measurements.curves import UNITS
 from fenics_joints.report.terminal import new_table, say
 
 __all__ = ["show_harmonic"]
@@ -16,8 +14,8 @@ __all__ = ["show_harmonic"]
 
 def show_harmonic(console: Console, r: HarmonicReport) -> None:
     """Print the peaks of all levels, beside the measured ones."""
-    title, model = r.case.title or r.case.path.parent.name, r.built.model
-    say(console, f"{title}: response to sinusoidal forces", "bold")
+    model = r.built.model
+    say(console, f"{r.title}: response to sinusoidal forces", "bold")
     points = ", ".join(f"{p.name} {len(p)}" for p in model.interfaces)
     say(
         console,
@@ -26,9 +24,8 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
     )
     say(console, f"{model.n_dofs} after reduction; points of joints: {points}")
     console.print()
-    unit = UNITS[r.kind].replace("s2", "s²")
     rows = new_table(
-        ">force", ">peak, Hz", f">{r.kind}, {unit}", ">damping", ">in joints, per cycle"
+        ">force", ">peak, Hz", f">{r.kind}, {r.unit}", ">damping", ">in joints, per cycle"
     )
     for f in r.facts:
         rows.add_row(
@@ -48,7 +45,6 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
 
 def _identified(console: Console, r: HarmonicReport) -> None:
     """The parameters found, by each method."""
-    known = identifiable(r.case.nonlinear)
     for found in r.identified:
         console.print()
         say(console, f"identified from the curve at {quantity(found.level, 'N')}, {found.method}: "
@@ -56,12 +52,8 @@ def _identified(console: Console, r: HarmonicReport) -> None:
         say(console, f"sum of errors {found.start_objective:.3f} at the start, "
             f"{found.objective:.4f} at the end")  # fmt: skip
         rows = new_table("parameter", ">start", ">found", ">s.d.")
-        for name, value in found.values.items():
-            unit, spread = known[name][1], found.sd[name]
-            rows.add_row(
-                Text(name), quantity(found.start[name], unit, 4), quantity(value, unit, 4),
-                percent(spread, 1) if spread < 1 else "open",
-            )  # fmt: skip
+        for name, *words in r.parameter_rows(found):
+            rows.add_row(Text(name), *words)
         console.print(rows)
         if left := found.undetermined:
             say(console, f"not determined by these data: {', '.join(left)}")
@@ -71,9 +63,8 @@ def _predictions(console: Console, r: HarmonicReport) -> None:
     """How far the model is from every measured curve."""
     console.print()
     fitted = {found.level for found in r.identified}
-    unit = UNITS[r.kind].replace("s2", "s²")
     rows = new_table(
-        ">measured at", "", ">peak, Hz", ">error", f">peak, {unit}", ">error", ">mean error"
+        ">measured at", "", ">peak, Hz", ">error", f">peak, {r.unit}", ">error", ">mean error"
     )
     for p in r.predictions:
         (hz, amplitude), _ = p.peaks
