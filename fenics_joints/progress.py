@@ -53,12 +53,11 @@ class Progress:
         """
         if not self._open:
             return
+        self._text, self._total, self._done, self._said = text, total, 0, time.monotonic()
         if self._live is not None:
             self._finish()
-            self._text = text
             self._task = self._live.add_task(text, total=total)
             return
-        self._text, self._total, self._done, self._said = text, total, 0, time.monotonic()
         print(f"{text} ...", file=self._stream, flush=True)
 
     def advance(self, n: int = 1, note: str = "") -> None:
@@ -66,16 +65,20 @@ class Progress:
         if not self._open:
             return
         note = f" ({note})" if note else ""
+        self._done += n
         if self._live is not None:
             if self._task is not None:
                 self._live.update(self._task, advance=n, description=f"{self._text}{note}")
             return
-        self._done += n
         now = time.monotonic()
         if now - self._said > _INTERVAL:
             of = f" of {self._total}" if self._total else ""
             print(f"{self._text}: {self._done}{of}{note}", file=self._stream, flush=True)
             self._said = now
+
+    def reach(self, done: int, note: str = "") -> None:
+        """Say how many parts of the step are done in all, and how it stands."""
+        self.advance(done - self._done, note)
 
     def _finish(self) -> None:
         if self._task is not None:

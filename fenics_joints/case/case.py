@@ -201,9 +201,8 @@ class Case(Section):
         data = self._measured
         if data is None or data.damping is None:
             return False
-        at = None if self.update is None else self.update.at
         try:
-            row = len(data) - 1 if at is None else data.row(at)
+            row = data.row(None if self.update is None else self.update.at)
         except InputError:
             return False  # said where the condition is checked
         return bool(np.isfinite(data.damping[row]).any())

@@ -203,8 +203,7 @@ def _check_conditions(case: Case) -> list[str]:
     if "shapes" in wanted and data.shapes is not None:
         places.append(("test.shapes_at", data.shape_row))
     if "frfs" in wanted and case.test.frfs is not None and case.test.frequencies is not None:
-        given = case.test.frfs.at
-        places.append(("test.frfs.at", len(data) - 1 if given is None else data.row(given)))
+        places.append(("test.frfs.at", data.row(case.test.frfs.at)))
     for key, row in places:
         if row != at:
             expected = (
@@ -218,7 +217,7 @@ def _check_conditions(case: Case) -> list[str]:
 def _row(update, data) -> int | None:
     """Row of the update's condition; None if there is none."""
     try:
-        return len(data) - 1 if update.at is None else data.row(update.at)
+        return data.row(update.at)
     except InputError:
         return None
 

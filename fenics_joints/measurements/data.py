@@ -157,8 +157,14 @@ class TestData:
         rounding = self.resolution_hz / math.sqrt(12) / self.frequencies_hz
         return np.sqrt(self.noise**2 + rounding**2)
 
-    def row(self, condition: float) -> int:
-        """Row of a condition; raises InputError, naming what there is, if it was not measured."""
+    def row(self, condition: float | None) -> int:
+        """Row of a condition, None for the last one.
+
+        Raises:
+            InputError: If it was not measured; names what there is.
+        """
+        if condition is None:
+            return len(self) - 1
         found = np.flatnonzero(np.isclose(self.conditions, condition, rtol=1e-9, atol=0))
         if not len(found):
             there = ", ".join(f"{c:g}" for c in self.conditions)

@@ -13,6 +13,7 @@ from fenics_joints.bayes.predictive import PredictiveCheck
 from fenics_joints.bayes.samplers import Settings
 from fenics_joints.commands.bayes.held import Held
 from fenics_joints.commands.bayes.model import CaseModel
+from fenics_joints.files import plain
 from fenics_joints.formatting import number, quantity
 
 __all__ = ["BayesReport", "Predicted", "in_words"]
@@ -131,15 +132,15 @@ class BayesReport:
     def to_json(self) -> dict[str, object]:
         """The documented keys of ``update --bayes --json``."""
         found, (samples, burn_in) = self.predicted, self.samples
-        return {
+        return plain({
             "version": fenics_joints.__version__,
             "title": self.title,
             "converged": self.chains.converged,
             "problems": self.chains.problems,
-            "parameters": [_finite(row) for row in self.rows()],
+            "parameters": self.rows(),
             "correlation": {
                 "names": list(self.chains.names),
-                "matrix": [[_number(v) for v in row] for row in self.chains.correlation()],
+                "matrix": self.chains.correlation(),
             },
             "prior": self.prior,
             "likelihood": self.likelihood,
@@ -153,7 +154,7 @@ class BayesReport:
                 "samples": samples,
                 "burn_in": burn_in,
                 "seed": self.settings.seed,
-                "acceptance": float(np.mean(self.chains.acceptance)),
+                "acceptance": np.mean(self.chains.acceptance),
                 "evaluations": self.chains.evaluations,
             },
             "model": {
@@ -164,7 +165,7 @@ class BayesReport:
                 "checked_points": self.model.check.n_points,
                 "points_without_modes": self.model.check.n_missing,
             },
-        }
+        })  # fmt: skip
 
     def sentences(self) -> list[str]:
         """What the checks against the specimens say."""
@@ -192,16 +193,8 @@ def _rows(names, measured, draws, *, held: bool) -> list[dict]:
     low, median, high = np.quantile(draws, [0.05, 0.5, 0.95], axis=0)
     return [
         {
-            "mode": name, "measured_hz": _number(measured[i]), "median_hz": float(median[i]),
-            "low_hz": float(low[i]), "high_hz": float(high[i]), "held": held,
+            "mode": name, "measured_hz": measured[i], "median_hz": median[i],
+            "low_hz": low[i], "high_hz": high[i], "held": held,
         }
         for i, name in enumerate(names)
     ]  # fmt: skip
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _finite(row: dict) -> dict:
-    return {k: v if isinstance(v, str) else _number(v) for k, v in row.items()}

@@ -86,8 +86,7 @@ class _Run:
         self.case, self.model, self.comm, self.keep = case, model, comm, keep
         self.section = case.update.bayes or Bayes()
         self.data, self.progress = bayes_data(case), progress
-        at = case.update.at
-        self.row = self.data.row(at) if at is not None else len(self.data) - 1
+        self.row = self.data.row(case.update.at)
         self.table = None if self.section.specimens is None else specimens(case)
         own = self.section.discrepancy
         self.discrepancy = case.diagnose.discrepancy if own is None else own
@@ -97,15 +96,10 @@ class _Run:
         )
 
     def report(self) -> BayesReport:
-        section, progress, last = self.section, self.progress, [0]
+        section, progress = self.section, self.progress
         progress.step("sampling", 100)
-
-        def told(share: float) -> None:
-            now = int(100 * share)
-            progress.advance(now - last[0])
-            last[0] = now
-
-        run = {"comm": self.comm, "keep": self.keep, "told": told}
+        run = {"comm": self.comm, "keep": self.keep,
+               "told": lambda share: progress.reach(int(100 * share))}  # fmt: skip
         doubts = [*section.without_effect(), *self._prior_doubts()]
         if section.kind == "hierarchical":
             found = self._hierarchy(run)
@@ -122,10 +116,11 @@ class _Run:
             predicted, more = self._predicted(found)
             doubts = [*doubts, *more]
         log_f, sd = self._measured()
+        units = {p.name: p.unit for p in self.model.prior.parameters}  # other quantities: ratios
         condition = (self.data.condition_name, float(self.data.conditions[self.row]),
                      self.data.condition_unit)  # fmt: skip
         return BayesReport(
-            self.case.title, condition, chains, self._units(), list(self.model.prior.describe()),
+            self.case.title, condition, chains, units, list(self.model.prior.describe()),
             words, doubts, self.data.mode_names, np.exp(log_f), sd, predicted, self.model,
             self.settings, self.keep,
         )  # fmt: skip
@@ -177,10 +172,6 @@ class _Run:
             f"hierarchical: {len(self.table)} specimens scatter about a mean; discrepancy of the "
             f"model {100 * self.discrepancy:g} %"
         ]
-
-    def _units(self) -> dict[str, str]:
-        """Of the quantities: parameters in theirs, the rest are ratios."""
-        return {p.name: p.unit for p in self.model.prior.parameters}
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray]:
         """ln f that the prediction is compared with, and its standard deviation."""

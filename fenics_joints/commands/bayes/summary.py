@@ -6,7 +6,7 @@ from rich.console import Console
 
 from fenics_joints.commands.bayes.result import BayesReport, in_words
 from fenics_joints.formatting import hertz
-from fenics_joints.report.terminal import new_table, say
+from fenics_joints.report.terminal import new_table, say, tell
 
 __all__ = ["show_bayes"]
 
@@ -18,7 +18,7 @@ def show_bayes(console: Console, b: BayesReport) -> None:
     for line in (*b.answer(), *b.likelihood, how):
         say(console, line)
     for line in b.doubts:
-        console.print(f"but: {line}", style="yellow", markup=False, highlight=False)
+        tell(console, f"but: {line}", "yellow")
     if b.failure is not None:
         say(console, "not converged: the numbers below are not those of the posterior", "red")
     table = new_table("quantity", ">mean", ">s.d.", ">5 %", ">95 %", ">R-hat", ">ESS")
@@ -37,4 +37,4 @@ def show_bayes(console: Console, b: BayesReport) -> None:
         table.add_row(name, *(hertz(row[k]) for k in keys))
     console.print(table)
     for line in b.sentences():
-        console.print(f"- {line}", markup=False, highlight=False)
+        tell(console, f"- {line}")

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from fenics_joints.commands.cutoff.result import CutoffReport, SchemeReport
-from fenics_joints.commands.preload.contacts import bolt_axes
-from fenics_joints.commands.preload.page import (
-    contact_pictures,
+from fenics_joints.commands.preload.contacts import (
+    area_words,
+    bolt_axes,
     contact_rows,
     forces_in_words,
-    picture,
 )
-from fenics_joints.commands.preload.summary import area
+from fenics_joints.commands.preload.page import contact_pictures, picture
 from fenics_joints.formatting import quantity
 from fenics_joints.report.contact_pictures import status_map
 from fenics_joints.report.html import render, svg
@@ -41,13 +40,13 @@ def cutoff_html(u: CutoffReport) -> str:
                 "words": _WORDS[s.scheme],
                 "frequencies": svg(frequencies_over_cutoff(u, s)),
                 "maps": maps,
-                "area": area(s.area),
+                "area": area_words(s.area),
             }
         )
     return render(
         "cutoff.html", u=u, title=u.case.title, schemes=schemes, forces=forces_in_words(u.result),
         objective=svg(objective_over_cutoff(u)), contacts=contact_rows(u.contacts),
-        whole=area(u.whole_area), pictures=contact_pictures(u.result, centres),
+        whole=area_words(u.whole_area), pictures=contact_pictures(u.result, centres),
         stuck=float(np.sum(np.abs(u.stuck_hz / u.test_hz - 1))),
     )  # fmt: skip
 

@@ -66,8 +66,7 @@ class _Run:
         self.case, self.progress = case, progress
         self.section = case.update.cutoff
         data = case.measurements()
-        at = case.update.at
-        row = data.row(at) if at is not None else len(data) - 1
+        row = data.row(case.update.at)
         self.condition = (data.condition_name, float(data.conditions[row]), data.condition_unit)
         self.mode_names = tuple(data.mode_names)
         self.test_hz = data.frequencies_hz[row]
@@ -153,7 +152,12 @@ class _Run:
             result, scheme=name, n_elastic=self._n, given=given, contacts=contacts
         )
         self.progress.step(f"{name} conditions: {len(model)} cut-off pressures", len(model))
-        found = sweep(model, progress=self._swept())
+        found = sweep(
+            model,
+            progress=lambda n, total, error: self.progress.reach(
+                n, note=f"error {100 * error:.4f} %"
+            ),
+        )
         solves, seconds = model.solves, time.perf_counter() - start
         self.progress.step(f"{name} conditions: the minimum by full solutions")
         minimum = minimise(
@@ -177,12 +181,3 @@ class _Run:
             float(sum(s.facet_area[facets[s.name] == STICK].sum() for s in model.states)),
             solves, seconds,
         )  # fmt: skip
-
-    def _swept(self):
-        done = [0]
-
-        def tell(n: int, total: int, error: float) -> None:
-            self.progress.advance(n - done[0], note=f"error {100 * error:.4f} %")
-            done[0] = n
-
-        return tell

@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.text import Text
 
 from fenics_joints.commands.cutoff.result import CutoffReport
-from fenics_joints.commands.preload.summary import area
+from fenics_joints.commands.preload.contacts import area_words
 from fenics_joints.formatting import hertz, percent, quantity
 from fenics_joints.report.terminal import new_table, say
 
@@ -24,7 +24,7 @@ def show_cutoff(console: Console, u: CutoffReport) -> None:
         console.print()
         best = f"{quantity(s.cutoff, 'Pa')}, sum of errors {percent(s.objective)}"
         say(console, f"{s.scheme} conditions: best cut-off {best}", "bold")
-        say(console, f"stuck on {area(s.area)} of {area(u.whole_area)}")
+        say(console, f"stuck on {area_words(s.area)} of {area_words(u.whole_area)}")
         rows = new_table(
             "mode", ">test, Hz", ">stuck, Hz", ">best, Hz", ">stuck", ">best", ">crosses at"
         )

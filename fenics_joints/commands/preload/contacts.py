@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from fenics_joints.formatting import quantity
 from fenics_joints.preload import OPEN, SLIP, STICK, ContactState, PreloadResult
 from fenics_joints.preload.patch import largest_radius
 
-__all__ = ["bolt_axes", "contact_facts"]
+__all__ = ["area_words", "bolt_axes", "contact_facts", "contact_rows", "forces_in_words"]
 
 #: Pressure, Pa, that bounds the contact radius (seed 000, eq. 10).
 LIMIT = 1e6
@@ -69,3 +70,34 @@ def _radii(state: ContactState, axes: dict[str, np.ndarray]) -> dict[str, float]
         own = np.where(nearest == i, state.pressure, 0.0)
         found[name] = largest_radius(state.interface, own, LIMIT, axis)
     return found
+
+
+def area_words(square_metres: float) -> str:
+    """An area in mm2."""
+    return f"{square_metres * 1e6:.0f} mm²"
+
+
+def forces_in_words(result: PreloadResult) -> str:
+    """The bolts' forces by name."""
+    return ", ".join(f"{name} {quantity(f, 'N')}" for name, f in result.forces.items())
+
+
+def contact_rows(contacts: list[dict]) -> list[dict]:
+    """Facts of each contact in words."""
+    rows = []
+    for c in contacts:
+        facts = [
+            ("force between the faces", quantity(c["force_n"], "N")),
+            ("peak pressure, mean over a facet", quantity(c["peak_pressure_pa"], "Pa")),
+            ("peak pressure at a vertex", quantity(c["peak_nodal_pressure_pa"], "Pa")),
+            ("mean pressure over the closed area", quantity(c["mean_pressure_pa"], "Pa")),
+            ("closed area", f"{area_words(c['area_m2'])} of {area_words(c['whole_area_m2'])}"),
+            ("area above 1 MPa", area_words(c["area_above_1_mpa_m2"])),
+        ]
+        facts += [
+            (f"contact radius (1 MPa) at {bolt}", quantity(radius, "m"))
+            for bolt, radius in c["radius_m"].items()
+        ]
+        facts += [(f"{word} pairs", str(c[word])) for word in ("open", "slip", "stick")]
+        rows.append({"name": c["name"], "facts": facts})
+    return rows

@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from fenics_joints.commands.preload.contacts import bolt_axes
+from fenics_joints.commands.preload.contacts import bolt_axes, contact_rows, forces_in_words
 from fenics_joints.commands.preload.result import PreloadReport
-from fenics_joints.commands.preload.summary import area
 from fenics_joints.formatting import quantity
 from fenics_joints.preload import PreloadResult
 from fenics_joints.report.contact_pictures import pressure_map, pressure_profile
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import style, to_svg
 
-__all__ = ["contact_pictures", "contact_rows", "forces_in_words", "picture", "preload_html"]
+__all__ = ["contact_pictures", "picture", "preload_html"]
 
 
 def preload_html(p: PreloadReport) -> str:
@@ -26,11 +25,6 @@ def preload_html(p: PreloadReport) -> str:
         "preload.html", p=p, title=p.case.title, contacts=contact_rows(p.contacts),
         pictures=contact_pictures(p.result, centres), forces=forces_in_words(p.result),
     )  # fmt: skip
-
-
-def forces_in_words(result: PreloadResult) -> str:
-    """The bolts' forces by name."""
-    return ", ".join(f"{name} {quantity(f, 'N')}" for name, f in result.forces.items())
 
 
 def picture(figure, name: str, alt: str) -> Markup:
@@ -60,24 +54,3 @@ def contact_pictures(result: PreloadResult, centres) -> list[tuple[str, object]]
              picture(line, f"line{i}", f"{words} along {'xyz'[along]}."))
         )  # fmt: skip
     return found
-
-
-def contact_rows(contacts: list[dict]) -> list[dict]:
-    """Facts of each contact in words."""
-    rows = []
-    for c in contacts:
-        facts = [
-            ("force between the faces", quantity(c["force_n"], "N")),
-            ("peak pressure, mean over a facet", quantity(c["peak_pressure_pa"], "Pa")),
-            ("peak pressure at a vertex", quantity(c["peak_nodal_pressure_pa"], "Pa")),
-            ("mean pressure over the closed area", quantity(c["mean_pressure_pa"], "Pa")),
-            ("closed area", f"{area(c['area_m2'])} of {area(c['whole_area_m2'])}"),
-            ("area above 1 MPa", area(c["area_above_1_mpa_m2"])),
-        ]
-        facts += [
-            (f"contact radius (1 MPa) at {bolt}", quantity(radius, "m"))
-            for bolt, radius in c["radius_m"].items()
-        ]
-        facts += [(f"{word} pairs", str(c[word])) for word in ("open", "slip", "stick")]
-        rows.append({"name": c["name"], "facts": facts})
-    return rows
