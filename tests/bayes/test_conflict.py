@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from linear_posterior import MODES, SLOPE, NoLaws, linear, prior
 
-from fenics_joints.bayes import (
-    Prior,
-    check_prior,
-)
+from fenics_joints.bayes import Prior, check_prior
 from fenics_joints.errors import InputError
 from fenics_joints.structure import Parameter
 from fenics_joints.updating.coordinates import LogScale

@@ -7,10 +7,7 @@ import pytest
 from linear_posterior import MODES
 from scipy import stats
 
-from fenics_joints.bayes import (
-    GaussianLikelihood,
-    check_predictive,
-)
+from fenics_joints.bayes import GaussianLikelihood, check_predictive
 from fenics_joints.bayes.predictive import outside
 from fenics_joints.errors import InputError
 

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_joints.bayes import (
-    GaussianLikelihood,
-    Prior,
-)
+from fenics_joints.bayes import GaussianLikelihood, Prior
 from fenics_joints.bayes.priors import density
 from fenics_joints.structure import Parameter
 from fenics_joints.updating.coordinates import LogScale

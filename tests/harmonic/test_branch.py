@@ -1,0 +1,38 @@
+"""A branch that was kept is taken up again."""
+
+import numpy as np
+import pytest
+from oscillators import BAND, PUSH, jenkins
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.harmonic import Settings, solve_harmonic
+
+
+def test_a_branch_is_taken_up_again(tmp_path):
+    """A run that ran out of points goes on from its file to the same curve."""
+    file, given = tmp_path / "branch.npz", dict(harmonics=3, samples=64)
+    whole = solve_harmonic(jenkins(), "push", PUSH, BAND, **given)
+    few = Settings(max_points=15)
+    with pytest.raises(ConvergenceError, match="max_points") as stopped:
+        solve_harmonic(jenkins(), "push", PUSH, BAND, checkpoint=file, settings=few, **given)
+    assert len(stopped.value.branch) == 15
+    seen = []
+
+    class Told:
+        def step(self, text, total=None):
+            seen.append(text)
+
+        def advance(self, n=1, note=""):
+            seen.append(note)
+
+    again = solve_harmonic(
+        jenkins(), "push", PUSH, BAND, checkpoint=file, resume=True, progress=Told(), **given
+    )
+    assert len(seen) < len(whole) - 10 and seen[-1].endswith("Hz")
+    assert np.allclose(again.frequencies_hz, whole.frequencies_hz, rtol=1e-6)
+    assert np.allclose(again.coefficients, whole.coefficients, rtol=1e-5, atol=1e-7)
+    with pytest.raises(InputError, match="holds a branch of"):
+        solve_harmonic(jenkins(), "push", 0.1, BAND, checkpoint=file, resume=True, **given)
+    file.write_bytes(b"no branch")
+    with pytest.raises(InputError, match="not a branch"):
+        solve_harmonic(jenkins(), "push", PUSH, BAND, checkpoint=file, resume=True, **given)
