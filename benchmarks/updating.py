@@ -38,7 +38,7 @@ from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import frf_basis, frf_error
 from fenics_joints.response import solve_frf
 from fenics_joints.structure import Damping, Parameter, Sensors, Structure, part, transition
-from fenics_joints.updating import Predictor, update_combined, update_weighted
+from fenics_joints.updating import Predictor, update, update_weighted
 
 BODY = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}
 TRUE = {"E": 1e10, "nu": 0.24, "h": 0.01}
@@ -126,7 +126,7 @@ def methods(world: World) -> dict[str, Callable]:
     only = both.only("frequencies")
 
     def log(data, moves="first"):
-        return lambda start: update_combined(
+        return lambda start: update(
             model, JOINT, data, start, damping=DAMPING, moves=moves, strict=False
         )
 
@@ -211,7 +211,7 @@ def noise(world: World, args) -> dict:
 
     def fit(name, target_of, **more):
         result[name] = calibration([
-            update_combined(world.reduced, JOINT, target_of(t), START, damping=DAMPING, **more)
+            update(world.reduced, JOINT, target_of(t), START, damping=DAMPING, **more)
             for t in data
         ])  # fmt: skip
 

@@ -30,8 +30,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
-from fenics_joints.commands.update.report import in_words
-from fenics_joints.commands.update.run import run_combined
+from fenics_joints.commands.update.run import run_update
+from fenics_joints.commands.update.words import in_words
 from fenics_joints.measurements import mac, pair_modes
 from fenics_joints.modal import solve_modes
 
@@ -89,7 +89,7 @@ assert agreement.min() > 0.9
 # mm, or the fit would make a third neck of it.
 
 once = case.model_copy(update={"update": case.update.model_copy(update={"held": None})})
-three = run_combined(once, comm)
+three = run_update(once, comm).result
 say("", *in_words(three.update.identifiability))
 assert "joint.h" in three.update.identifiability.undetermined
 
@@ -114,7 +114,7 @@ say(
 # functions: a lower bar for the paper than for us. Five of the six predictions are nearer all
 # the same. The one that is not is the mode that the paper hits to 0.02 %.
 
-bodies = run_combined(load_case(here / "case_bodies.toml"), comm)
+bodies = run_update(load_case(here / "case_bodies.toml"), comm).result
 held = np.array([100 * h.error for h in bodies.held])
 better = np.abs(held) < np.abs(theirs)
 E = next(p for p in bodies.parameters if p["name"] == "bodies.E")
@@ -150,7 +150,7 @@ if comm.rank == 0:
     coarse = text.replace('element_size = "45 mm"', 'element_size = "60 mm"')
     (folder / "case.toml").write_text(coarse, encoding="utf-8")
 comm.barrier()
-sandwich = run_combined(load_case(folder), comm)
+sandwich = run_update(load_case(folder), comm).result
 comm.barrier()
 if comm.rank == 0:
     shutil.rmtree(folder)

@@ -26,7 +26,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
-from fenics_joints.commands.update import sweep
+from fenics_joints.commands.update.run import run_update
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.measurements import pair_modes
 from fenics_joints.modal import frequency_sensitivity, identifiability, solve_modes
@@ -123,11 +123,12 @@ assert np.all(np.abs(added / test - 1) < 0.017)
 # The model without masses has to make the joint give way without limit to come down to the test.
 
 for words, case in (("without masses", nominal), ("with 7 g and 10 g", with_masses)):
-    found = sweep.run(case, comm)
+    found = run_update(case, comm).result
+    before, after = found.modes.rms()
     say(
         "",
-        f"updated {words}: {100 * found.gap_before.rms:.1f} % -> {100 * found.gap_after.rms:.1f} %",
-        row("  frequencies, Hz", found.gap_after.model_hz[0]),
+        f"updated {words}: {100 * before:.1f} % -> {100 * after:.1f} %",
+        row("  frequencies, Hz", found.modes.after_hz),
     )
     for p in found.parameters:
         value = p["value"] / T / 1e9

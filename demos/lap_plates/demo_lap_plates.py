@@ -26,7 +26,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
-from fenics_joints.commands.update import sweep
+from fenics_joints.commands.update.run import run_update
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.measurements import pair_modes
 from fenics_joints.modal import solve_modes
@@ -89,13 +89,13 @@ assert np.all(np.abs(ours / printed - 1) < 0.015)
 # parameters meet four frequencies here, and the weakest direction says which of them these
 # frequencies do not determine.
 
-updated = sweep.run(case, comm)
+updated = run_update(case, comm).result
 theirs = np.array([0.49, 2.42, -0.69, -0.53])  # Table 7, error after updating, %
-errors = 100 * updated.gap_after.relative[0]
-say("", row("error before updating, %", 100 * updated.gap_before.relative[0]))
+errors = 100 * updated.modes.after
+say("", row("error before updating, %", 100 * updated.modes.before))
 say(row("after, the paper's, %", theirs), row("after, ours, %", errors))
 for parameter in updated.parameters:
-    known = parameter["name"] not in updated.identifiability.undetermined
+    known = parameter["name"] not in updated.update.identifiability.undetermined
     say(
         f"  {parameter['name']:8s} {parameter['start']:8.2e} -> {parameter['value']:8.2e} Pa"
         + ("" if known else "   not determined by these frequencies")

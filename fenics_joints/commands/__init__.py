@@ -17,7 +17,7 @@ _RUNS = {
     "run_modes": "modes.run",
     "run_plan": "plan.run",
     "run_preload": "preload.run",
-    "run_update": "update.command",
+    "run_update": "update.run",
 }
 
 __all__ = ["Outcome", *_RUNS]

@@ -1,13 +1,14 @@
 """Updating a model's parameters on a test: frequencies, shapes, damping ratios, FRFs, contact."""
 
+from fenics_joints.updating.conditions import update_all
+from fenics_joints.updating.curves import Curves, fit_curves
 from fenics_joints.updating.cutoff import CutoffMinimum, CutoffModel, CutoffSweep, minimise, sweep
-from fenics_joints.updating.fit import update_combined
+from fenics_joints.updating.fit import update
 from fenics_joints.updating.prediction import Prediction, Predictor
-from fenics_joints.updating.result import CombinedUpdate, Iteration
-from fenics_joints.updating.updating import Update, update
+from fenics_joints.updating.result import Iteration, Update
 from fenics_joints.updating.weighted import update_weighted
 
 __all__ = [
-    "CombinedUpdate", "CutoffMinimum", "CutoffModel", "CutoffSweep", "Iteration", "Prediction",
-    "Predictor", "Update", "minimise", "sweep", "update", "update_combined", "update_weighted",
+    "Curves", "CutoffMinimum", "CutoffModel", "CutoffSweep", "Iteration", "Prediction", "Predictor",
+    "Update", "fit_curves", "minimise", "sweep", "update", "update_all", "update_weighted",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""How good a combined update's models are, and what its parameters ran into."""
+"""How good an update's models are, and what its parameters ran into."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.reduction.combined import ModelError
 from fenics_joints.structure.components import Parameter
-from fenics_joints.updating.result import CombinedUpdate
+from fenics_joints.updating.result import Update
 
 __all__ = ["bound_notes", "is_at", "too_far"]
 
@@ -32,7 +32,7 @@ def too_far(error: ModelError, limits: ModelError) -> list[str]:
     ]
 
 
-def bound_notes(parameters: Sequence[Parameter], found: CombinedUpdate) -> list[str]:
+def bound_notes(parameters: Sequence[Parameter], found: Update) -> list[str]:
     """What a reader has to know of parameters at or beyond their bounds."""
     notes = []
     for p, value in zip(parameters, found.values, strict=True):

@@ -123,6 +123,10 @@ class Coordinates:
         slope[np.ix_(logs, logs)] = values[logs, None] * by_log
         return slope
 
+    def at(self, condition: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and their derivative, the same at every condition."""
+        return self.values(x), self.slope(x)
+
     def working(self, values: np.ndarray) -> np.ndarray:
         """Derivative of a value by its logarithm, or for the others by p over its size, (p,)."""
         return np.where(self.log, values, self.unit)

@@ -14,10 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from fenics_joints.reduction.forward import Forward
+from fenics_joints.measurements.target import Target
 from fenics_joints.updating.coordinates import LogScale
+from fenics_joints.updating.least_squares import Problem
+from fenics_joints.updating.prediction import Predictor
+from fenics_joints.updating.result import Update
 
-__all__ = ["CurveFit", "fit_curves"]
+__all__ = ["Curves", "fit_curves"]
 
 
 def _power(a, b, ratio):
@@ -34,10 +37,12 @@ def _saturating(a, b, ratio):
 
 _POWER, _SATURATING = "a (T/T0)^b", "a (1 - exp(-b T/T0))"
 _FORMS = {_POWER: (_power, 0.5), _SATURATING: (_saturating, 0.5)}
+#: Weak pull of the shape numbers to their usual value: an open one must not run away.
+_PULL = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class CurveFit:
+class Curves:
     """Curves of several parameters over a condition T.
 
     Attributes:
@@ -46,7 +51,7 @@ class CurveFit:
         reference: T0.
         a: Logarithms of a, shape (p,).
         b: Exponents, or logarithms of b in the saturating form, shape (p,).
-        cost: Weighted sum of squares over the fitted frequencies.
+        cost: Weighted sum of squares over the fitted data.
         scale: Coordinates that the curves are of.
     """
 
@@ -84,120 +89,89 @@ class CurveFit:
 
 
 def fit_curves(
-    forward: Forward,
-    names: Sequence[str],
+    model,
+    targets: Sequence[Target],
+    conditions: Sequence[float],
+    found: Sequence[Update],
     start: Mapping[str, float],
-    conditions: np.ndarray,
-    measured_hz: np.ndarray,
-    log_sd: np.ndarray,
-    log_values: np.ndarray,
-    information: Sequence[np.ndarray],
+    *,
     regularisation: float = 2.3,
-) -> CurveFit:
-    """Curves fitted to the measured frequencies of all conditions at once.
+    n_modes: int | None = None,
+) -> Curves:
+    """Curves fitted to the data of all conditions at once: least squares in their coefficients.
 
     They start from the parameters identified condition by condition, weighted by what each of these
     identifications knew, so that combinations the data leave open do not steer the curve.
 
     Args:
-        forward: Frequencies and sensitivities.
-        names: The p parameters.
-        start: Values of all the model's parameters.
-        conditions: Fitted conditions, shape (n,), positive.
-        measured_hz: Measured frequencies, Hz, shape (n, m); nan where missing.
-        log_sd: Standard deviations of their logarithms, shape (n, m).
-        log_values: Logarithms of the identified parameters, shape (n, p).
-        information: Inverse covariances of these, n of shape (p, p).
-        regularisation: Standard deviation of ln a about the starting value, as in `update`.
+        model: As for `update`.
+        targets: The data at each condition.
+        conditions: Fitted conditions, positive, as many.
+        found: What was identified at each.
+        start: Values of the model's parameters, about which ln a is held.
+        regularisation: Standard deviation of that.
+        n_modes: As for `update`.
     """
-    problem = _Problem(
-        forward, tuple(names), start, conditions, measured_hz, log_sd, regularisation
-    )
-    found = []
+    names = found[0].names
+    fixed = {name: value for name, value in start.items() if name not in names}
+    predictors = [Predictor(model, target, names, fixed, n_modes=n_modes) for target in targets]
+    fitted = []
     for form in _FORMS:
-        guess = problem.guess(form, log_values, information)
-        result = least_squares(
-            problem.residual, guess, problem.slope, args=(form,), max_nfev=60,
-            ftol=1e-8, xtol=1e-7, gtol=1e-8,
-        )  # fmt: skip
+        coefficients = _Coefficients(form, names, start, conditions, model, regularisation)
+        problem = Problem(predictors, coefficients, coefficients.pull)
+        result = problem.solve(coefficients.guess(found), 60)
         a, b = np.split(result.x, 2)
-        found.append(
-            CurveFit(problem.names, form, problem.reference, a, b, 2 * result.cost, problem.scale)
-        )
-    return min(found, key=lambda c: c.cost)
+        fitted.append(Curves(
+            names, form, coefficients.reference, a, b, 2 * result.cost, coefficients.scale
+        ))  # fmt: skip
+    return min(fitted, key=lambda c: c.cost)
 
 
-class _Problem:
-    #: Weak pull of the shape numbers to their usual value: an open one must not run away.
-    _PULL = 1.0
+class _Coefficients:
+    """Coordinates (ln a, b) of all parameters' curves."""
 
-    def __init__(self, forward, names, start, conditions, measured_hz, log_sd, regularisation):
-        self.forward, self.names, self.start = forward, names, dict(start)
-        self.conditions, self.reference = conditions, float(np.max(conditions))
-        self.log_f, self.log_sd = np.log(measured_hz), log_sd
-        self.scale, self.regularisation = LogScale(names, forward.model), regularisation
-        self.centre = self.scale.inverse(np.log([start[n] for n in names]))
-        position = list(forward.model.parameters)
-        self.columns = [position.index(n) for n in names]
+    def __init__(self, form, names, start, conditions, model, regularisation):
+        self.names, self.scale = tuple(names), LogScale(names, model)
+        self.curve, usual = _FORMS[form]
+        self.reference = float(np.max(conditions))
+        self.ratios = np.asarray(conditions) / self.reference
+        centre = self.scale.inverse(np.log([start[n] for n in names]))
         # Odds have no usual trend.
-        self.flat = np.isin(np.arange(len(names)), [E for E, _, _ in self.scale.pairs])
+        flat = np.isin(np.arange(len(names)), [E for E, _, _ in self.scale.pairs])
+        self.usual = np.where(flat, 0.0 if form == _POWER else 3.0, usual)
+        self.centre = np.concatenate([centre, self.usual])
+        self.sd = np.repeat([regularisation, _PULL], len(names))
 
-    def _usual(self, form) -> np.ndarray:
-        trend = 0.0 if form == _POWER else 3.0
-        return np.where(self.flat, trend, _FORMS[form][1])
+    def at(self, condition: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values of the parameters at a condition, and their derivative by (ln a, b)."""
+        at, by_a, by_b = self.curve(*np.split(x, 2), self.ratios[condition])
+        values = np.exp(self.scale.logs(at))
+        by_at = values[:, None] * self.scale.slope(at)
+        return values, np.concatenate([by_at * by_a, by_at * by_b], axis=1)
 
-    def guess(self, form, log_values, information) -> np.ndarray:
-        """Generalised least squares of the curve through the identified parameters."""
-        curve, _ = _FORMS[form]
-        points = [self.scale.inverse(log) for log in log_values]
-        turned = [self.scale.slope(x) for x in points]
-        roots = [
-            np.linalg.cholesky(T.T @ H @ T + 1e-9 * np.eye(len(T))).T
-            for T, H in zip(turned, information, strict=True)
-        ]
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """None: infinite."""
+        return -np.inf * np.ones_like(self.centre), np.inf * np.ones_like(self.centre)
 
-        def residual(theta):
-            a, b = np.split(theta, 2)
-            parts = [
-                root @ (curve(a, b, c / self.reference)[0] - x)
-                for root, c, x in zip(roots, self.conditions, points, strict=True)
-            ]
-            return np.concatenate([*parts, self._pull(theta, form)])
-
-        first = np.concatenate([points[int(np.argmax(self.conditions))], self._usual(form)])
-        return least_squares(residual, first).x
-
-    def _curve(self, theta, form, condition):
-        """Model values, logarithms' slope by the coordinates, and the curve's slopes."""
-        a, b = np.split(theta, 2)
-        x, by_a, by_b = _FORMS[form][0](a, b, condition / self.reference)
-        at = np.exp(self.scale.logs(x))
-        values = {**self.start, **dict(zip(self.names, at.tolist(), strict=True))}
-        return values, at[:, None] * self.scale.slope(x), by_a, by_b
-
-    def _pull(self, theta, form):
+    def pull(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What holds what the data leave open: a to the start, b to its usual value."""
-        a, b = np.split(theta, 2)
-        pull_a = (a - self.centre) / self.regularisation
-        return np.concatenate([pull_a, (b - self._usual(form)) / self._PULL])
+        return (x - self.centre) / self.sd, np.diag(1 / self.sd)
 
-    def residual(self, theta, form):
-        parts = []
-        for condition, log_f, sd in zip(self.conditions, self.log_f, self.log_sd, strict=True):
-            used = np.isfinite(log_f)
-            values, *_ = self._curve(theta, form, condition)
-            model, _ = self.forward(values)
-            parts.append(((model - log_f) / sd)[used])
-        return np.concatenate([*parts, self._pull(theta, form)])
+    def guess(self, found: Sequence[Update]) -> np.ndarray:
+        """Generalised least squares of the curve through the identified parameters."""
+        points = [self.scale.inverse(np.log(update.values)) for update in found]
+        roots = []
+        for x, update in zip(points, found, strict=True):
+            by_log = np.linalg.inv(self.scale.slope(x))
+            variances, directions = np.linalg.eigh(by_log @ update.log_covariance @ by_log.T)
+            roots.append((directions / np.sqrt(variances)).T)
 
-    def slope(self, theta, form):
-        p = len(self.names)
-        parts = []
-        for condition, log_f, sd in zip(self.conditions, self.log_f, self.log_sd, strict=True):
-            used = np.isfinite(log_f)
-            values, at, by_a, by_b = self._curve(theta, form, condition)
-            _, by_values = self.forward(values)
-            by_log = by_values[:, self.columns] @ at / sd[:, None]
-            parts.append(np.concatenate([by_log * by_a, by_log * by_b], axis=1)[used])
-        pull = np.diag([1 / self.regularisation] * p + [1 / self._PULL] * p)
-        return np.concatenate([*parts, pull])
+        def residual(x):
+            parts = [
+                root @ (self.curve(*np.split(x, 2), ratio)[0] - point)
+                for root, ratio, point in zip(roots, self.ratios, points, strict=True)
+            ]
+            return np.concatenate([*parts, self.pull(x)[0]])
+
+        first = np.concatenate([points[int(np.argmax(self.ratios))], self.usual])
+        return least_squares(residual, first).x

@@ -5,6 +5,7 @@ real part is a difference of levels and whose imaginary part one of phases, so t
 more than a valley (Arruda, AIAA J. 30, 1992, on fits of curves to FRFs). A trust region with bounds
 works in the logarithms of the parameters. It first fits with the lines moved along with the
 resonances (`fenics_joints.updating.prediction`); from there the fit at the lines themselves starts.
+On frequencies alone it is the bounded, weighted least squares of seed 001, eqs. 17 and 18.
 
 The same in seed 000's way is `fenics_joints.updating.weighted`.
 """
@@ -15,7 +16,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.optimize import least_squares
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.formatting import number
@@ -25,11 +25,12 @@ from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.damping import Damping
 from fenics_joints.updating.coordinates import Coordinates
 from fenics_joints.updating.equations import condition_number
-from fenics_joints.updating.prediction import Prediction, Predictor
-from fenics_joints.updating.residuals import Residuals, raw_rows, relative_errors
-from fenics_joints.updating.result import CombinedUpdate, Iteration
+from fenics_joints.updating.least_squares import Problem
+from fenics_joints.updating.prediction import Predictor
+from fenics_joints.updating.residuals import raw_rows, relative_errors
+from fenics_joints.updating.result import Iteration, Update
 
-__all__ = ["MOVES", "update_combined"]
+__all__ = ["MOVES", "update"]
 
 #: When FRF lines are moved along with the resonances: for the first of two fits, or throughout.
 MOVES = ("first", "always", "never")
@@ -40,7 +41,7 @@ _ROUGH = 1e-3
 _SHAPE = 1.0
 
 
-def update_combined(
+def update(
     model,
     parameters: Sequence[Parameter],
     target: Target,
@@ -53,7 +54,7 @@ def update_combined(
     max_evaluations: int = 100,
     n_modes: int | None = None,
     strict: bool = True,
-) -> CombinedUpdate:
+) -> Update:
     """Fit parameters to any mix of data. Collective for a full model.
 
     Args:
@@ -82,18 +83,16 @@ def update_combined(
     if moves not in MOVES:
         raise InputError(f"moves = {moves!r}: expected one of {', '.join(MOVES)}")
     fit = _Fit(model, parameters, target, start, damping, n_modes, regularisation, centre)
+    problem, x = fit.problem, fit.start
     can_move = target.frfs is not None and fit.predictor.moves.any()
-    x = fit.start
+    moved = moves == "always" and can_move
     if moves != "never" and can_move:
         fit.residuals.weaken(_SHAPE)
-        x = fit.solve(x, True, max_evaluations, rough=True).x
+        x = problem.solve(x, max_evaluations, moved=True, accuracy=_ROUGH).x
         fit.residuals.weaken(0.0)
-        if moves == "always":
-            fit.residuals.inflate(fit.predict(x, True), fit.predictor.moves)
-            done = fit.solve(x, True, max_evaluations)
-    moved = moves == "always" and can_move
-    if not moved:
-        done = fit.solve(x, False, max_evaluations)
+    if moved:
+        fit.residuals.inflate(problem.predict(0, x, True), fit.predictor.moves)
+    done = problem.solve(x, max_evaluations, moved=moved)
     converged = done.status > 0
     if strict and not converged:
         raise ConvergenceError(
@@ -117,7 +116,7 @@ _WORDS = {
 
 
 class _Fit:
-    """One fit: from coordinates to residuals and slopes, with its history."""
+    """One target: the least squares' problem, its history, and its result."""
 
     def __init__(self, model, parameters, target, start, damping, n_modes, regularisation, centre):
         self.target = target
@@ -125,83 +124,47 @@ class _Fit:
         names = self.coordinates.names
         fixed = {n: v for n, v in start.items() if n not in names}
         self.predictor = Predictor(model, target, names, fixed, damping=damping, n_modes=n_modes)
-        self.residuals = Residuals(target)
         self.first = np.array([start[n] for n in names])
-        self.start = self._inside(self.coordinates.inverse(self.first))
         self.history: list[Iteration] = []
-        self.pull = None if regularisation is None else 1 / regularisation
+        self.weight = 0.0 if regularisation is None else 1 / regularisation
         about = [{**start, **(centre or {})}[n] for n in names]
         self.centre = self._working(np.array(about))
-
-    def _inside(self, x) -> np.ndarray:
-        low, high = self.coordinates.bounds()
-        margin = 1e-6 * np.minimum(1.0, high - low)
-        return np.clip(x, low + margin, high - margin)
+        self.problem = Problem([self.predictor], self.coordinates, self._pull, self._record)
+        (self.residuals,) = self.problem.residuals
+        self.start = self.problem.inside(self.coordinates.inverse(self.first))
 
     def _working(self, values) -> np.ndarray:
         """Logarithms, or values over their size, to which the regularisation belongs."""
         log, unit = self.coordinates.log, self.coordinates.unit
         return np.where(log, np.log(np.where(log, values, 1.0)), values / unit)
 
-    def predict(self, x, moved: bool) -> Prediction:
-        """The prediction at coordinates."""
-        return self.predictor(self.coordinates.mapping(self.coordinates.values(x)), moved)
+    def _pull(self, x) -> tuple[np.ndarray, np.ndarray]:
+        """The regularisation's residuals at coordinates, and their derivatives; none without."""
+        if not self.weight:
+            return np.empty(0), np.empty((0, len(x)))
+        values, by_x = self.coordinates.at(0, x)
+        slope = by_x / self.coordinates.working(values)[:, None]
+        return self.weight * (self._working(values) - self.centre), self.weight * slope
 
-    def residual(self, x, moved: bool) -> np.ndarray:
-        """Residuals in standard deviations; infinite where a step leaves the model's range, which
-        the trust region answers with a shorter one. At the start that is an exception."""
-        try:
-            found = self.residuals.values(self.predict(x, moved))
-        except (InputError, ConvergenceError):
-            if not self.history:
-                raise
-            return np.full(self.size, np.inf)
-        if self.pull is not None:
-            off = self._working(self.coordinates.values(x)) - self.centre
-            found = np.concatenate([found, self.pull * off])
-        self.size = len(found)
-        return found
-
-    def slope(self, x, moved: bool) -> np.ndarray:
-        """Their derivatives by the coordinates; called once at each accepted step."""
-        prediction, by_x = self.predict(x, moved), self.coordinates.slope(x)
-        data = self.residuals.slopes(prediction)
-        values = self.coordinates.values(x)
-        working = self.coordinates.working(values)
-        self._record(values, prediction, moved, x, data * working)
-        slope = data @ by_x
-        if self.pull is None:
-            return slope
-        return np.concatenate([slope, self.pull * by_x / working[:, None]])
-
-    def _record(self, values, prediction, moved, x, whitened) -> None:
+    def _record(self, x, moved: bool) -> None:
+        values, prediction = self.coordinates.values(x), self.problem.predict(0, x, moved)
         frequency, frf = relative_errors(self.target, prediction)
         A, _, _ = raw_rows(self.target, prediction, "parts")
-        cost = 0.5 * float(np.sum(self.residual(x, moved) ** 2))
+        whitened = self.residuals.slopes(prediction) * self.coordinates.working(values)
+        cost = 0.5 * float(np.sum(self.problem.residual(x, moved) ** 2))
         self.history.append(Iteration(
             values, frequency, frf, moved, cost, condition_number(A), condition_number(whitened),
         ))  # fmt: skip
 
-    def solve(self, x, moved: bool, max_evaluations: int, rough: bool = False):
-        """Least squares from coordinates ``x``."""
-        end = _ROUGH if rough else 1e-8
-        return least_squares(
-            self.residual, self._inside(x), self.slope, bounds=self.coordinates.bounds(),
-            args=(moved,), x_scale=1.0, ftol=end, xtol=end, gtol=1e-8, max_nfev=max_evaluations,
-        )  # fmt: skip
-
-    def finish(self, done, moved: bool, converged: bool) -> CombinedUpdate:
+    def finish(self, done, moved: bool, converged: bool) -> Update:
         """The result at the end of a fit."""
-        values, by_x = self.coordinates.values(done.x), self.coordinates.slope(done.x)
-        prediction = self.predict(done.x, moved)
-        data = self.residuals.slopes(prediction)
-        slope, noise = data @ by_x, None
+        values, by_x = self.coordinates.at(0, done.x)
+        prediction = self.problem.predict(0, done.x, moved)
+        data, (_, pull) = self.residuals.slopes(prediction), self._pull(done.x)
+        slope, noise = np.concatenate([data @ by_x, pull]), None
         if moved:
             noise = self.residuals.noise(prediction, self.predictor.moves)
-        if self.pull is not None:
-            own = self.pull * by_x / self.coordinates.working(values)[:, None]
-            slope = np.concatenate([slope, own])
-            noise = None if noise is None else block_diag(noise, np.eye(len(own)))
+            noise = block_diag(noise, np.eye(len(pull)))
         covariance = _covariance(slope, noise, by_x)
         whitened = data * self.coordinates.working(values)
         chi2 = float(np.sum(self.residuals.values(prediction) ** 2))
@@ -210,7 +173,7 @@ class _Fit:
         if chi2 > _MISFIT**2 * max(freedom, 1):
             off = np.sqrt(chi2 / max(freedom, 1))
             message += f", where test and model differ by {number(off, 2)} standard deviations"
-        return CombinedUpdate(
+        return Update(
             "log", self.coordinates.names, self.first, values, covariance,
             identifiability(whitened, self.coordinates.names), converged,
             message, self.predictor.calls, tuple(self.history), prediction, chi2, freedom,

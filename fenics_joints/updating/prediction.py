@@ -57,8 +57,8 @@ class Prediction:
         frequencies_hz: Of the paired modes, Hz, (m,).
         frequency_slopes: d ln f / dp, (m, p).
         mac: MAC of each pair, (m,); None without shapes.
-        shapes: Mass-normalised shapes at the shape sensors, (n_s, m); None unless they are data.
-        shape_slopes: (n_s, m, p).
+        shapes: Mass-normalised shapes at the shape sensors, (n_s, m); None without sensors.
+        shape_slopes: (n_s, m, p); None unless shapes are data.
         damping_ratios: (m,); None unless they are data.
         damping_slopes: d zeta / dp, (m, p).
         lines_hz: Where the FRFs are taken, Hz, (n_f,): the test's lines, or moved ones.
@@ -145,10 +145,8 @@ class Predictor:
             found["frequencies_hz"] = modes.frequencies_hz[pairing.index]
             slopes = frequency_sensitivity(modes, pairing.index)
             found["frequency_slopes"] = slopes[:, self.columns]
-            if target.shapes is not None:
-                found["mac"] = pairing.mac
+            found |= {"mac": pairing.mac, "shapes": pairing.shapes}
         if "shapes" in target.kinds:
-            found["shapes"] = pairing.shapes
             slopes = shape_gradients(modes, pairing.index, target.shape_sensors)
             found["shape_slopes"] = np.asarray(slopes)[..., self.columns]
         if "damping" in target.kinds:

@@ -1,7 +1,8 @@
-"""What a combined updating found, by either method, and the way there."""
+"""What an update found, by either method, and the way there."""
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.updating.prediction import Prediction
 
-__all__ = ["CombinedUpdate", "Iteration"]
+__all__ = ["Iteration", "Update"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,7 @@ class Iteration:
 
 
 @dataclass(frozen=True, eq=False)
-class CombinedUpdate:
+class Update:
     """Parameters identified from a `Target`.
 
     Attributes:
@@ -85,6 +86,17 @@ class CombinedUpdate:
     def relative_sd(self) -> np.ndarray:
         """Standard deviations relative to the values, (p,)."""
         return self.sd / np.abs(self.values)
+
+    @property
+    def log_covariance(self) -> np.ndarray:
+        """Covariance of the values' logarithms, to first order, (p, p)."""
+        return self.covariance / np.outer(self.values, self.values)
+
+    def __repr__(self) -> str:
+        found = ", ".join(
+            f"{name}={value:.4g}" for name, value in zip(self.names, self.values, strict=True)
+        )
+        return f"Update({textwrap.shorten(found, 70, placeholder='...')}: {self.message[:30]})"
 
     def mapping(self) -> dict[str, float]:
         """The values by name."""

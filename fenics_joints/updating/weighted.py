@@ -19,7 +19,7 @@ from fenics_joints.updating.coordinates import Coordinates
 from fenics_joints.updating.equations import WeightedEquations, weighted_equations
 from fenics_joints.updating.prediction import Prediction, Predictor
 from fenics_joints.updating.residuals import Residuals, raw_rows, relative_errors, row_sd
-from fenics_joints.updating.result import CombinedUpdate, Iteration
+from fenics_joints.updating.result import Iteration, Update
 
 __all__ = ["noise_tolerances", "update_weighted"]
 
@@ -48,7 +48,7 @@ def update_weighted(
     max_iterations: int = 50,
     n_modes: int | None = None,
     strict: bool = True,
-) -> CombinedUpdate:
+) -> Update:
     """Seed 000, section 4.1: eqs. 15 to 20 until eq. 14. Collective for a full model.
 
     The paper gives no numbers for w_f, w_H, eps_1 and eps_2 and leaves open how complex FRFs become
@@ -173,7 +173,7 @@ class _Weighted:
         found = self.system.columns[:, None] * directions[s <= _NULL * s[0]].T
         return _LARGE * found / np.max(np.abs(found / self.values[:, None]), axis=0, initial=1e-300)
 
-    def finish(self, message: str) -> CombinedUpdate:
+    def finish(self, message: str) -> Update:
         """The result where the iteration stands."""
         residuals = Residuals(self.target)
         inverse, sd = self.system.inverse(), row_sd(self.target, self.prediction, self.how)
@@ -181,7 +181,7 @@ class _Weighted:
         names = self.coordinates.names
         working = self.coordinates.working(self.values)
         chi2 = float(np.sum(residuals.values(self.prediction) ** 2))
-        return CombinedUpdate(
+        return Update(
             "weighted", names, self.first, self.values, scaled @ scaled.T,
             identifiability(residuals.slopes(self.prediction) * working, names),
             message.startswith("converged"), message, self.predictor.calls, tuple(self.history),

@@ -19,9 +19,9 @@ from fenics_joints.beams import (
 )
 from fenics_joints.beams.laws import BEAM, BEAM_MASSES
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.measurements import Target
 from fenics_joints.meshes import lap_beam
 from fenics_joints.modal import solve_modes
-from fenics_joints.reduction import Forward
 from fenics_joints.response import solve_complex_modes
 from fenics_joints.structure import Parameter, Sensors, Spring, Structure, part
 from fenics_joints.updating import update
@@ -194,12 +194,11 @@ def test_published_stiffness_gives_the_published_frequencies():
 def test_updating_on_five_modes_leaves_the_papers_errors_on_the_others():
     structure = bolted_beams()
     sensors = Sensors(np.outer(np.linspace(0, 0.57, 20), [1.0, 0, 0]), [0.0, 0, 1])
-    forward = Forward(structure.arrays(sensors), sensors, 8, 14)
-    data = np.where(np.arange(8) < 5, MEASURED, np.nan)
+    data = Target(np.where(np.arange(8) < 5, MEASURED, np.nan), 1e-3, shape_sensors=sensors)
     start = structure.values({"k1": 900.0, "k2": 15000.0})
     unknown = [structure.parameters[name] for name in ("k1", "k2")]
-    found = update(forward, unknown, data, np.full(8, 1e-3), start)
-    errors = 100 * (found.frequencies_hz / MEASURED - 1)
+    found = update(structure.arrays(sensors), unknown, data, start, regularisation=2.3)
+    errors = 100 * (found.prediction.frequencies_hz / MEASURED - 1)
     assert np.all(np.abs(errors[:5]) < 0.25)
     np.testing.assert_allclose(errors[5:], [-2.10, 5.07, -2.50], atol=0.4)
     np.testing.assert_allclose(found.values, TABLE_2[23], rtol=0.04)
@@ -275,9 +274,8 @@ def test_against_a_solid_of_the_same_lap():
     # The plane sections of the lap's ends carry more than the solid's corners do.
     assert np.all(apart > 0)
     assert np.max(apart) < 0.02
-    forward = Forward(chain, None, 5, 10)
-    found = update(forward, parameters, solid_hz, np.full(5, 1e-3), values, regularisation=10.0)
-    assert np.max(np.abs(found.frequencies_hz / solid_hz - 1)) < 0.01
+    found = update(chain, parameters, Target(solid_hz, 1e-3), values, regularisation=10.0)
+    assert np.max(np.abs(found.prediction.frequencies_hz / solid_hz - 1)) < 0.01
     assert found.values[1] < values["k2"]
 
 

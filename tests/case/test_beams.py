@@ -12,7 +12,7 @@ from fenics_joints.case import build_structure, load_case, model_damping
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.commands.modes.run import run_modes
 from fenics_joints.commands.preload.run import run_preload
-from fenics_joints.commands.update.run import run_combined
+from fenics_joints.commands.update.run import update_case
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
@@ -37,7 +37,7 @@ def written(folder: Path, changes: dict[str, str], more: str = "") -> Path:
 @pytest.mark.parallel
 def test_update_identifies_slap_and_slip():
     """Seed 002, Tables 1 and 2."""
-    found = run_combined(load_case(DEMO), MPI.COMM_WORLD, Progress(silent=True))
+    found = update_case(load_case(DEMO), MPI.COMM_WORLD, Progress(silent=True))
     k1, k2 = (p["value"] for p in found.parameters)
     assert k1 == pytest.approx(1763.2, rel=0.04)
     assert k2 == pytest.approx(37402, rel=0.01)
@@ -112,7 +112,7 @@ def test_functions_identify_the_damping_too(shared_tmp_path):
         text = path.read_text(encoding="utf-8")
         path.write_text(text[: text.index("[update.published]")], encoding="utf-8")
     comm.barrier()
-    found = run_combined(load_case(tmp_path), MPI.COMM_WORLD, Progress(silent=True))
+    found = update_case(load_case(tmp_path), MPI.COMM_WORLD, Progress(silent=True))
     for row in found.parameters:
         assert row["value"] == pytest.approx(truth[row["name"]], rel=max(4 * row["sd"], 5e-3)), row
     held = found.functions.summary()

@@ -15,10 +15,9 @@ from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints.case import build_structure, load_case
-from fenics_joints.commands.update.data import combined_data
-from fenics_joints.commands.update.page import combined_outcome
-from fenics_joints.commands.update.report import accuracy, in_words, start_words
-from fenics_joints.commands.update.run import run_combined
+from fenics_joints.commands.update.data import update_data
+from fenics_joints.commands.update.run import update_case, update_outcome
+from fenics_joints.commands.update.words import accuracy, in_words, start_words
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.lines import choose_lines, near_peaks
 from fenics_joints.meshes import dumbbell
@@ -146,7 +145,7 @@ bands = [["1500 Hz", "1700 Hz"]]
 @pytest.fixture(scope="module")
 def everything(test_files):
     """An update to all three kinds of data, parts of each held out."""
-    return run_combined(_case(test_files, EVERYTHING, "everything"), MPI.COMM_WORLD)
+    return update_case(_case(test_files, EVERYTHING, "everything"), MPI.COMM_WORLD)
 
 
 @pytest.mark.parallel
@@ -181,7 +180,7 @@ def test_predicts_what_it_did_not_see(everything):
 
 def test_tells_it(everything):
     """JSON, page and summary hold what was found."""
-    outcome = combined_outcome(everything)
+    outcome = update_outcome(everything)
     data = json.loads(json.dumps(outcome.json(), allow_nan=False))
     assert data["method"] == "log" and data["parameters"][0]["determined"]
     assert data["modes"][4]["fitted"] is False and data["held_modes"][0]["name"] == "mode 5"
@@ -205,7 +204,7 @@ data = "frequencies"
 [update.held]
 modes = "each"
 """
-    report = run_combined(_case(test_files, update, "each"), MPI.COMM_WORLD)
+    report = update_case(_case(test_files, update, "each"), MPI.COMM_WORLD)
     assert [h.name for h in report.held] == NAMES
     for h in report.held:
         assert abs(h.error) < 4 * np.hypot(NOISE, h.sd) < 0.2 * abs(h.before_hz / h.test_hz - 1)
@@ -242,9 +241,9 @@ step_limit = 0.3
 data = ["frequencies", "frfs"]
 """
     with pytest.raises(ConvergenceError, match="weighted equations"):
-        run_combined(_case(test_files, update, "astray"), MPI.COMM_WORLD)
+        update_case(_case(test_files, update, "astray"), MPI.COMM_WORLD)
     only = update.replace(', "frfs"', "")
-    report = run_combined(_case(test_files, only, "weighted"), MPI.COMM_WORLD)
+    report = update_case(_case(test_files, only, "weighted"), MPI.COMM_WORLD)
     assert report.update.method == "weighted" and report.update.converged
     E_found, nu_found, h_found = report.update.values
     assert E_found / h_found == pytest.approx(E / H, rel=0.02)
@@ -254,7 +253,7 @@ data = ["frequencies", "frfs"]
 def test_functions_alone(test_files):
     """No mode of the test says how far up the basis has to reach: the lines do."""
     case = _case(test_files, 'parameters = ["joint.E"]\ndata = "frfs"\n', "bare")
-    target, damping = combined_data(case).target, case.damping.damping()
+    target, damping = update_data(case).target, case.damping.damping()
     model = CombinedModel(
         build_structure(case, MPI.COMM_WORLD, damping=True), target, damping, n_modes=10
     )
@@ -273,13 +272,13 @@ data = "frequencies"
 [update.held]
 modes = [{held}]
 """
-    report = run_combined(_case(test_files, update, "open"), MPI.COMM_WORLD)
+    report = update_case(_case(test_files, update, "open"), MPI.COMM_WORLD)
     # Half of the start's variance of ln E and of ln h is left, all in their product.
     log_sd = [p["sd"] for p in report.parameters]
     assert log_sd == pytest.approx([2.3 / np.sqrt(2)] * 2, rel=0.3)
     assert report.update.identifiability.undetermined == ("joint.E", "joint.h")
-    assert "update.regularisation = 2.3" in start_words(report)
-    outcome = combined_outcome(report)
+    assert "update.regularisation = 2.3" in start_words(report.update.identifiability, report.pull)
+    outcome = update_outcome(report)
     assert 'id="pull"' in outcome.page() and outcome.json()["fit"]["regularisation"] == 2.3
 
 
@@ -290,7 +289,7 @@ start = { "joint.loss_factor" = 3 }
 """
     case = _case(test_files, update, "beyond")
     with pytest.raises(InputError, match=r"update.start.joint.loss_factor = 3.*to 1"):
-        run_combined(case, MPI.COMM_WORLD)
+        update_case(case, MPI.COMM_WORLD)
 
 
 def test_bounds_have_the_parameters_size():

@@ -16,8 +16,7 @@ from rich.console import Console
 
 from fenics_joints.beams import identify_damping
 from fenics_joints.case import build_structure, load_case
-from fenics_joints.commands.update.page import combined_outcome
-from fenics_joints.commands.update.run import run_combined
+from fenics_joints.commands.update.run import update_case, update_outcome
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import Target
 from fenics_joints.meshes import dumbbell
@@ -90,7 +89,7 @@ def test_ratios_alone_give_c(measured, shared_tmp_path):
     text = beam_text('parameters = ["lap.c"]\nstart = { "lap.c" = 0.6 }\ndata = "damping"\n'
                      '[update.held]\nmodes = ["mode 6", "mode 7", "mode 8"]\n')  # fmt: skip
     case = put(shared_tmp_path, text, table(measured))
-    found = run_combined(case, MPI.COMM_WORLD)
+    found = update_case(case, MPI.COMM_WORLD)
     (c,) = found.parameters
     known = identify_damping(
         build_structure(case, MPI.COMM_WORLD), ["lap.c"], measured[:5], TRUTH, relative_sd=NOISE
@@ -114,9 +113,9 @@ def test_taken_by_default_where_damping_is_sought(measured, tmp_path):
     held = '[update.held]\nmodes = ["mode 6", "mode 7", "mode 8"]\n'
     case = put(tmp_path, text + held)
     assert case.fitted_data() == ("frequencies", "damping")
-    found = run_combined(case, MPI.COMM_WORLD)
+    found = update_case(case, MPI.COMM_WORLD)
     assert abs(found.parameters[2]["value"] / 0.15 - 1) < 0.05
-    outcome = combined_outcome(found)
+    outcome = update_outcome(found)
     rows = json.loads(json.dumps(outcome.json(), allow_nan=False))["modes"]
     assert rows[3]["damping_test"] == pytest.approx(measured[3], rel=1e-6)
     after = 100 * (rows[3]["damping_after"] / measured[3] - 1)
@@ -225,7 +224,7 @@ def test_loss_factor_of_a_layer_of_a_solid(shared_tmp_path):
             head = ",".join(name + unit for name in names)
             numbers = ",".join(f"{v:.9g}" for v in row)
             (path / file).write_text(f"{head}\n{numbers}\n", encoding="utf-8")
-    found = run_combined(put(path, SOLID), MPI.COMM_WORLD)
+    found = update_case(put(path, SOLID), MPI.COMM_WORLD)
     assert found.kinds == ("frequencies", "damping") and not found.notes
     # Strain energy leaves out terms of the order of the loss factor squared.
     values = [p["value"] for p in found.parameters]

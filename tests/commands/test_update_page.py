@@ -3,73 +3,99 @@
 from __future__ import annotations
 
 import io
-from types import SimpleNamespace
+import json
 
 import numpy as np
 from html_page import Page, check_page
 from rich.console import Console
 
 from fenics_joints import formatting
-from fenics_joints.commands.update import sweep_page
-from fenics_joints.measurements import Gap
-from fenics_joints.modal import Identifiability
+from fenics_joints.commands.update import page
+from fenics_joints.commands.update.result import ModeTable, Sweep, UpdateReport
+from fenics_joints.commands.update.summary import show_update
+from fenics_joints.measurements.gap import Gap
+from fenics_joints.modal.sensitivity import Identifiability
+from fenics_joints.updating import Iteration, Prediction, Update
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])
 TEST = np.array([[375.04, 962.47], [412.56, np.nan], [424.80, 1012.51]])
 
 
-def update(**changes) -> SimpleNamespace:
-    one = Gap(TORQUES[:1], MODES, TEST[:1], 1.02 * TEST[:1])
+def report(**changes) -> UpdateReport:
+    """An update at 2 N m, at all torques, and as a curve."""
     fits = [
         {"condition": t, "parameters": {"near.E": 1e8 * t**0.5}, "sd": {"near.E": 0.08},
-         "frequencies_hz": list(TEST[i]), "errors_percent": [0.5, None if i == 1 else -0.25],
+         "frequencies_hz": [400.0, 1000.0], "errors_percent": [0.5, None if i == 1 else -0.25],
          "held_out": i == 1}
         for i, t in enumerate(TORQUES)
     ]  # fmt: skip
+    curves = [{"name": "near.E", "form": "a (T/T0)^b", "T0": 4.0, "a": 2e8, "b": 0.5}]
+    on_curves = Gap(TORQUES, MODES, TEST, 1.005 * np.nan_to_num(TEST, nan=990.0))
+    found = Identifiability(("near.E",), 1.0, 1.0, np.array([0.1]), np.ones(1), ())
+    errors = np.full(2, 0.02), (np.nan, np.nan)
+    update = Update(
+        "log", ("near.E",), np.array([3e9]), np.array([8.63e8]),
+        np.array([[(0.081 * 8.63e8) ** 2]]), found, True, "converged", 7,
+        tuple(Iteration(np.array([E]), *errors, False, 1.0, 1.0, 1.0) for E in (3e9, 8.63e8)),
+        Prediction(1.02 * TEST[0], np.ones((2, 1))), 3.0, 1,
+    )  # fmt: skip
     values = dict(
-        title="Plates", condition=("torque", "N·m"), at=2.0, message="Converged.", iterations=7,
+        title="Plates", condition=("torque", 2.0, "N·m"), kinds=("frequencies",), update=update,
         parameters=[{"name": "near.E", "value": 8.63e8, "unit": "Pa", "sd": 0.081, "start": 3e9}],
-        gap_before=Gap(TORQUES[:1], MODES, TEST[:1], 1.1 * TEST[:1]), gap_after=one,
+        modes=ModeTable(MODES, TEST[0], 1.1 * TEST[0], 1.02 * TEST[0], np.ones(2, dtype=bool)),
+        functions=None, held=[], pull=2.3, model={"dofs": 21345},
         published={"source": "paper", "parameters": {"near.E": 8.7e8}, "model_hz": [380.0, 970.0],
                    "frequencies_hz": [375.0, None], "errors_percent": [1.3333, None]},
-        identifiability=Identifiability(("near.E",), 1.0, 1.0, np.array([0.1]), np.ones(1), ()),
-        torque_fits=fits,
-        curves=[{"name": "near.E", "form": "a (T/T0)^b", "T0": 4.0, "a": 2e8, "b": 0.5}],
-        curve_gap_fitted=0.0091, curve_gap_heldout=0.0113, curve_gap_validation=None,
-        curve_frequencies=Gap(TORQUES, MODES, TEST, 1.005 * np.nan_to_num(TEST, nan=990.0)),
-        validation=None, model={"dofs": 21345},
+        sweep=Sweep(fits, curves, on_curves, None, np.full((3, 2), 0.01)),
     )  # fmt: skip
-    return SimpleNamespace(**{**values, **changes})
+    return UpdateReport(**{**values, **changes})
 
 
 def test_page_is_well_formed_and_stands_alone():
-    check_page(sweep_page.update_html(update()))
+    check_page(page.update_page(report()))
 
 
 def test_update_page_shows_the_numbers_of_the_result():
-    page = Page(sweep_page.update_html(update()))
-    row = page.tables["values"][1]
-    assert row == ["near.E", "3.00 GPa", "863 MPa", "8.1 %", "870 MPa"]
-    assert page.column("published", 3) == ["+1.33 %", formatting.MISSING]
+    shown = Page(page.update_page(report()))
+    row = shown.tables["values"][1]
+    assert row == ["near.E", "3.000 GPa", "863.0 MPa", "8.1 %", "870.0 MPa"]
+    assert shown.column("published", 3) == ["+1.33 %", formatting.MISSING]
     # The curve goes through the points that were made on it: 2e8 (T / 4)^0.5 = 1e8 T^0.5.
-    (panel,) = sweep_page.parameter_rows(update())
+    (panel,) = page.parameter_rows(report())
     x, line = panel["curve"]
     np.testing.assert_allclose(np.interp(panel["x"], x, line), panel["value"], rtol=1e-3)
     formula = {"name": "near.E", "form": "3 near.G s/(1 + s)", "T0": 4.0, "a": 2e8, "b": 0.5}
-    assert sweep_page.curve_line(formula, TORQUES) is None
-    x, line = sweep_page.curve_line({**formula, "samples": [[2.0, 5.0], [22.0, 6.0]]}, TORQUES)
+    assert page.curve_line(formula, TORQUES) is None
+    x, line = page.curve_line({**formula, "samples": [[2.0, 5.0], [22.0, 6.0]]}, TORQUES)
     assert list(x) == [2.0, 22.0] and list(line) == [5.0, 6.0]
-    assert page.column("fits", 0) == ["2 N·m", "10 N·m *", "22 N·m"]
-    assert page.column("fits", 3) == ["-0.25 %", formatting.MISSING, "-0.25 %"]
-    assert page.texts["gap-before"] == "10.00 %" and page.texts["gap-after"] == "2.00 %"
-    bare = update(torque_fits=[], curves=[], curve_frequencies=None, published=None)
-    assert "fits" not in Page(sweep_page.update_html(bare)).tables
+    assert shown.column("fits", 0) == ["2 N·m", "10 N·m *", "22 N·m"]
+    assert shown.column("fits", 3) == ["-0.25 %", formatting.MISSING, "-0.25 %"]
+    assert shown.texts["gap-after"] == "2.00 %"
+    assert "from 10.00 % to 2.00 %" in page.verdict_words(report())
+    bare = page.update_page(report(sweep=None, published=None))
+    assert "fits" not in Page(bare).tables
+    # One condition, and no curves.
+    alone = Sweep(report().sweep.fits[:1], [], None, None, np.full((1, 2), 0.01))
+    check_page(page.update_page(report(sweep=alone)))
+
+
+def test_json_holds_what_the_command_line_promises():
+    data = json.loads(json.dumps(report().to_json(), allow_nan=False))
+    assert data["condition"] == {"name": "torque", "value": 2.0, "unit": "N·m"}
+    assert data["frequencies_hz"]["test"] == [375.04, 962.47] and data["iterations"] == 7
+    np.testing.assert_allclose(data["errors_percent"], [2.0, 2.0])
+    np.testing.assert_allclose(data["errors_before_percent"], [10.0, 10.0])
+    assert data["torque_fits"][1]["held_out"] and data["curves"][0]["T0"] == 4.0
+    gaps = data["curve_gap"]
+    assert gaps["validation"] is None
+    np.testing.assert_allclose([gaps["fitted"], gaps["heldout"]], 0.005)
+    assert len(repr(report())) <= 120 and len(repr(report().update)) <= 120
 
 
 def test_summary_fits_a_screen():
     for width in (80, 100):
         console = Console(width=width, record=True, file=io.StringIO())
-        sweep_page.show_update(console, update())
+        show_update(console, report())
         lines = console.export_text().splitlines()
         assert len(lines) <= 40 and max(map(len, lines)) <= width

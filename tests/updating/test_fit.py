@@ -16,7 +16,7 @@ from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import frf_basis
 from fenics_joints.response import solve_complex_modes, solve_frf
 from fenics_joints.structure import Damping, Parameter, Sensors, Structure, part, transition
-from fenics_joints.updating import Predictor, update_combined, update_weighted
+from fenics_joints.updating import Predictor, update, update_weighted
 from fenics_joints.updating.equations import real_rows, weighted_equations
 from fenics_joints.updating.residuals import Residuals
 
@@ -207,7 +207,7 @@ def test_slopes_of_all_residuals(kind, moved):
 
 def test_frequencies_and_frfs_find_the_sandwich():
     """From Table 6's start to its true values, on another mesh and by another FRF solution."""
-    found = update_combined(full(), [*JOINT, ETA], target(), {**START, "eta": 0.02},
+    found = update(full(), [*JOINT, ETA], target(), {**START, "eta": 0.02},
                             damping=DAMPING)  # fmt: skip
     assert errors(found).max() < 1e-4
     assert found.values[3] == pytest.approx(0.01, rel=1e-4)
@@ -221,14 +221,14 @@ def test_frequencies_and_frfs_find_the_sandwich():
 def test_frequencies_alone_say_that_they_cannot():
     """Noise of 0.1 % leaves E and h open by more than 0.5 %, of which the covariance knows."""
     only = target().only("frequencies")
-    found = update_combined(reduced(), JOINT, only, START)
+    found = update(reduced(), JOINT, only, START)
     assert errors(found).max() < 5e-3  # without noise they do
     assert found.relative_sd[[0, 2]].min() > 0.03
     assert found.identifiability.collinearity > 20
     off = []
     for seed in range(12):
         noisy = target(rng=np.random.default_rng(seed)).only("frequencies")
-        off.append(np.log(update_combined(reduced(), JOINT, noisy, START).values / WANTED))
+        off.append(np.log(update(reduced(), JOINT, noisy, START).values / WANTED))
     scatter = np.sqrt(np.mean(np.square(off), axis=0))
     assert np.all(scatter[[0, 2]] > 0.02)
     assert scatter == pytest.approx(found.relative_sd, rel=0.6)
@@ -240,7 +240,7 @@ def test_noise_stays_within_the_stated_deviations(moves):
     squares, count = 0.0, 24 if moves == "first" else 12
     for seed in range(count):
         noisy = target(rng=np.random.default_rng(100 + seed))
-        found = update_combined(reduced(), JOINT, noisy, START, damping=DAMPING, moves=moves)
+        found = update(reduced(), JOINT, noisy, START, damping=DAMPING, moves=moves)
         off = found.values - WANTED
         squares += off @ np.linalg.solve(found.covariance, off)
         assert np.all(np.abs(off) < 4.5 * found.sd)
@@ -253,11 +253,11 @@ def test_noise_stays_within_the_stated_deviations(moves):
 def test_far_starts():
     """Where the paper's iteration leaves the law's range and unmoved lines mislead."""
     far = {"E": 1.02e9, "nu": 0.37, "h": 0.028}
-    found = update_combined(reduced(), JOINT, target(), far, damping=DAMPING)
+    found = update(reduced(), JOINT, target(), far, damping=DAMPING)
     assert errors(found).max() < 5e-3
     with pytest.raises(ConvergenceError, match="weighted equations: diverged"):
         update_weighted(reduced(), JOINT, target(), far, damping=DAMPING)
-    stuck = update_combined(
+    stuck = update(
         reduced(), JOINT, target(), far, damping=DAMPING, moves="never", strict=False
     )
     assert errors(stuck).max() > 0.1
@@ -270,7 +270,7 @@ def test_damping_of_the_layer():
     exact = solve_complex_modes(full(), {**TRUE, **true}, damping=damping, n_modes=16)
     f, _, _ = test_data()
     data = Target(f, F_SD, damping_ratios=exact.damping_ratios[:6], damping_log_sd=0.02)
-    found = update_combined(full(), [ETA], data, {**TRUE, "eta": 0.05}, damping=damping)
+    found = update(full(), [ETA], data, {**TRUE, "eta": 0.05}, damping=damping)
     assert found.values == pytest.approx([0.07], rel=1e-6)
 
 
@@ -278,7 +278,7 @@ def test_damping_of_the_layer():
 def test_two_ranks_agree():
     data, near = target().only("frequencies", "frfs"), {n: 1.02 * v for n, v in TRUE.items()}
     found = [
-        update_combined(sandwich(START["h"], comm), JOINT, data, near, damping=DAMPING,
+        update(sandwich(START["h"], comm), JOINT, data, near, damping=DAMPING,
                         moves="always")
         for comm in (MPI.COMM_SELF, MPI.COMM_WORLD)
     ]  # fmt: skip
@@ -325,11 +325,11 @@ def test_bad_input_is_named():
         (lambda: FRFTarget(LINES, H, sensors, excitation, "dynamic"), "kind"),
         (lambda: FRFTarget(LINES, H, sensors, excitation, relative_sd=[1, 2]), "relative_sd"),
         (lambda: target().only("damping"), "damping"),
-        (lambda: update_combined(reduced(), JOINT, target(), START, moves="often"), "moves"),
-        (lambda: update_combined(reduced(), [], target(), START), "at least one"),
-        (lambda: update_combined(reduced(), JOINT, target(), {"E": 1e9}), "start of nu"),
+        (lambda: update(reduced(), JOINT, target(), START, moves="often"), "moves"),
+        (lambda: update(reduced(), [], target(), START), "at least one"),
+        (lambda: update(reduced(), JOINT, target(), {"E": 1e9}), "start of nu"),
         (
-            lambda: update_combined(reduced(), [Parameter("x", 1.0)], target(), {"x": 1.0}),
+            lambda: update(reduced(), [Parameter("x", 1.0)], target(), {"x": 1.0}),
             "not the model's",
         ),
         (

@@ -1,4 +1,4 @@
-"""What of a case's test a combined update fits, and what it holds out."""
+"""What of a case's test an update fits, and what it holds out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.lines import choose_lines
 from fenics_joints.measurements.target import FRFTarget, Target
 
-__all__ = ["CombinedData", "combined_data"]
+__all__ = ["UpdateData", "condition_row", "update_data"]
 
 #: Relative standard deviation of functions of which the case says nothing.
 _NOISE = 0.05
@@ -27,7 +27,7 @@ _LINES = 60
 
 
 @dataclass(frozen=True, eq=False)
-class CombinedData:
+class UpdateData:
     """A case's data at one condition.
 
     Attributes:
@@ -76,13 +76,16 @@ def _around(frequencies_hz: np.ndarray, mode: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def combined_data(case: Case) -> CombinedData:
-    """The data of a case that `case_combined.check_combined` has passed.
+def update_data(case: Case) -> UpdateData:
+    """The data of a case that `fenics_joints.case.combined.check_combined` has passed.
 
     Raises:
         InputError: If there is no line to fit.
     """
     kinds, update = case.fitted_data(), case.update
+    if not case.combined():
+        kinds = ("frequencies",)
+        case.measurements()  # an error if there are none
     fields = _modes(case, kinds)
     names = fields.pop("names")
     held = update.held.modes if update.held is not None and update.held.modes else []
@@ -93,20 +96,22 @@ def combined_data(case: Case) -> CombinedData:
     target = Target(**fields, frfs=functions.pop("target", None))
     if held_modes:
         target = target.without_modes(held_modes)
-    return CombinedData(
+    return UpdateData(
         kinds, _condition(case), names, held_modes, each, target, **functions
     )  # fmt: skip
 
 
-def _row(case: Case, data: TestData) -> int:
+def condition_row(case: Case, data: TestData) -> int:
+    """Row of the condition that an update is at."""
     return len(data) - 1 if case.update.at is None else data.row(case.update.at)
 
 
 def _condition(case: Case) -> tuple[str, float, str] | None:
     data = case._measured
-    if data is None or (len(data) == 1 and not data.condition_unit):
+    if data is None or (case.combined() and len(data) == 1 and not data.condition_unit):
         return None
-    return data.condition_name, float(data.conditions[_row(case, data)]), data.condition_unit
+    row = condition_row(case, data)
+    return data.condition_name, float(data.conditions[row]), data.condition_unit
 
 
 def _modes(case: Case, kinds) -> dict:
@@ -115,7 +120,7 @@ def _modes(case: Case, kinds) -> dict:
     if data is None or not {"frequencies", "shapes", "damping"} & set(kinds):
         # Functions alone; but where resonances are is known, and pairs them with the model's.
         return {"names": ()}
-    row = _row(case, data)
+    row = condition_row(case, data)
     fields = {"names": data.mode_names, "shape_sensors": data.sensors}
     frequencies = data.frequencies_hz[row]
     if "frequencies" not in kinds:
@@ -135,7 +140,7 @@ def _positive(log_sd: np.ndarray) -> np.ndarray:
 
 
 def _functions(case: Case, bands: list[tuple[float, float]]) -> dict:
-    """Fields of `CombinedData` on functions, and their target; no line of ``bands`` is fitted."""
+    """Fields of `UpdateData` on functions, and their target; no line of ``bands`` is fitted."""
     frfs, section, held = case.frfs(), case.test.frfs, case.update.held
     sd = np.full(frfs.values.shape, section.noise or _NOISE)
     if section.averages is not None:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
+from fenics_joints.commands.update.result import Functions, UpdateReport
 from fenics_joints.formatting import prefixed
 from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, new_figure, style, to_svg
-
-if TYPE_CHECKING:
-    from fenics_joints.commands.update.report import CombinedReport, Functions
 
 __all__ = ["convergence_chart", "function_charts", "shown_functions"]
 
@@ -91,7 +87,7 @@ def _bands(f: np.ndarray, held: np.ndarray) -> list[tuple[float, float]]:
     return [(f[a], f[b - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def convergence_chart(report: CombinedReport) -> str:
+def convergence_chart(report: UpdateReport) -> str:
     """Every parameter over the iterations, with its standard deviation at the end."""
     history, parameters = report.update.history, report.parameters
     values = np.array([i.values for i in history])

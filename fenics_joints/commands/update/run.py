@@ -1,8 +1,9 @@
-"""``fenics-joints update`` on any mix of frequencies, shapes, damping ratios and functions."""
+"""``fenics-joints update``: fits what a case names to what was measured."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
@@ -10,9 +11,21 @@ from threadpoolctl import threadpool_limits
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_structure, model_damping
-from fenics_joints.commands.update.damping import DampingTable, HeldRatio
-from fenics_joints.commands.update.data import CombinedData, combined_data
-from fenics_joints.commands.update.report import CombinedReport, Functions, HeldMode, ModeTable
+from fenics_joints.commands.cutoff.run import run_cutoff
+from fenics_joints.commands.outcome import Outcome
+from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
+from fenics_joints.commands.update.data import UpdateData, condition_row, update_data
+from fenics_joints.commands.update.page import update_page
+from fenics_joints.commands.update.result import (
+    DampingTable,
+    Functions,
+    HeldMode,
+    HeldRatio,
+    ModeTable,
+    UpdateReport,
+    finite,
+)
+from fenics_joints.commands.update.summary import show_update
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.measurements.gap import Pairing, mac
@@ -20,18 +33,18 @@ from fenics_joints.measurements.target import Target
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
-from fenics_joints.reduction.combined import ModelError, paired
+from fenics_joints.reduction.combined import CombinedModel, ModelError, paired
 from fenics_joints.reduction.tested import tested_models
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 from fenics_joints.updating.checks import bound_notes, too_far
-from fenics_joints.updating.fit import update_combined
-from fenics_joints.updating.result import CombinedUpdate
+from fenics_joints.updating.fit import update
+from fenics_joints.updating.result import Update
 from fenics_joints.updating.weighted import noise_tolerances, update_weighted
 
-__all__ = ["run_combined"]
+__all__ = ["run_update", "update_case", "update_outcome"]
 
 #: Modes beyond the rigid-body ones and those of the test.
 _SPARE = 4
@@ -42,17 +55,38 @@ _ROUNDS = 4
 _MISFIT = 9.0
 
 
-def run_combined(
-    case: Case, comm: MPI.Intracomm, progress: Progress | None = None
-) -> CombinedReport:
-    """Update a case's model at one condition. Collective.
+def run_update(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> Outcome:
+    """The ``update`` command: parameters, or the cut-off pressure of contacts. Collective.
 
     Raises:
         InputError: If the case does not ask for it.
         ConvergenceError: If the fit does not converge.
     """
-    if not case.combined():
-        raise InputError(f"{case.path}: update: expected data of several kinds, or a method")
+    progress = progress or Progress(silent=True)
+    if case.update is not None and case.update.cutoff is not None:
+        return run_cutoff(case, comm, progress)
+    return update_outcome(update_case(case, comm, progress))
+
+
+def update_outcome(found: UpdateReport) -> Outcome[UpdateReport]:
+    """A result as the command line writes it."""
+    return Outcome(
+        found, found.to_json, lambda: update_page(found),
+        lambda console: show_update(console, found),
+    )  # fmt: skip
+
+
+def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> UpdateReport:
+    """Update a case's model at one condition, and on frequencies alone at all, then as curves.
+
+    Collective.
+
+    Raises:
+        InputError: If the case does not ask for it, or has no test.
+        ConvergenceError: If the fit does not converge.
+    """
+    if case.update is None or case.update.cutoff is not None:
+        raise InputError(f"{case.path}: update is missing, expected a section [update]")
     # Matrices of this size are too small for a second BLAS thread to be worth waking.
     with threadpool_limits(1):
         return _Run(case, comm, progress or Progress(silent=True)).report()
@@ -61,20 +95,37 @@ def run_combined(
 class _Run:
     def __init__(self, case: Case, comm, progress: Progress):
         self.case, self.progress, self.section = case, progress, case.update
-        self.data: CombinedData = combined_data(case)
+        self.data: UpdateData = update_data(case)
         progress.step("building the model")
         damped = bool({"damping", "frfs"} & set(self.data.kinds))
         self.full: Structure | BeamStructure = build_structure(case, comm, damping=damped)
         self.damping = model_damping(case, self.full) if damped else Damping()
         self.parameters = [self.full.parameters[n] for n in self.section.parameters]
         self.start = {**case.nominal(damping=damped), **case.start()}
-        self._check_start()
         self.notes: list[str] = []
-        n_modes = 6 + len(self.data.target) + _SPARE
-        if "n_modes" in case.diagnose.model_fields_set:
-            n_modes = max(case.diagnose.n_modes, n_modes)
-        target = self.data.target
-        self.model = tested_models(self.full).combined(self.full, target, self.damping, n_modes)
+        self.model = self._model()
+
+    def _model(self) -> CombinedModel | FollowedModel:
+        """The small model in the loop; that of all conditions follows modes by MAC."""
+        case, target, n_modes = self.case, self.data.target, self.case.diagnose.n_modes
+        if not case.combined():
+            model = FollowedModel(
+                self.full, target, self.parameters, self.start, case.measurements(), n_modes,
+                self.progress,
+            )  # fmt: skip
+            if target.shape_sensors is not None:
+                self.data = replace(self.data, target=replace(target, shapes=model.reference))
+            return model
+        self._check_start()
+        least = 6 + len(target) + _SPARE
+        given = "n_modes" in case.diagnose.model_fields_set
+        n_modes = max(n_modes, least) if given else least
+        model = tested_models(self.full).combined(self.full, target, self.damping, n_modes)
+        # Damping hardly changes what a basis needs.
+        own = {} if case.damping is None else case.damping.nominal()
+        moved = [p for p in self.parameters if p.name not in own]
+        model.sample(moved, self.start, self.progress)
+        return model
 
     def _check_start(self) -> None:
         for p in self.parameters:
@@ -88,12 +139,8 @@ class _Run:
 
     # -- the loop ------------------------------------------------------------------------------
 
-    def report(self) -> CombinedReport:
+    def report(self) -> UpdateReport:
         """Fit, check, better the reduced model, fit again; then hold out, and compare."""
-        # Damping hardly changes what a basis needs.
-        own = {} if self.case.damping is None else self.case.damping.nominal()
-        moved = [p for p in self.parameters if p.name not in own]
-        self.model.sample(moved, self.start, self.progress)
         found, modes, error = self._checked()
         self.notes += bound_notes(self.parameters, found)
         first = self.model.modes(self.start)
@@ -102,7 +149,14 @@ class _Run:
         self.progress.step("comparing test and model, before and after")
         values = self._values(found)
         functions = self._functions(values)
-        return CombinedReport(
+        facts, sweep = self._facts(error, functions), None
+        if not self.case.combined():
+            sweep, lost = sweep_conditions(
+                self.case, self.model, self.parameters, self.start, {self._row(): found},
+                self.progress,
+            )  # fmt: skip
+            facts |= {**self.model.facts(), "not_converged": lost}
+        return UpdateReport(
             title=self.case.title or self.case.path.parent.name,
             condition=self.data.condition,
             kinds=self.data.kinds,
@@ -111,13 +165,14 @@ class _Run:
             modes=self._modes(first, modes, values),
             functions=functions,
             held=held + self._held_always(first, modes, found),
-            model=self._facts(error, functions),
+            model=facts,
+            sweep=sweep,
             notes=self.notes,
             pull=None if found.method == "weighted" else self.section.regularisation,
             published=self._published(),
         )
 
-    def _checked(self) -> tuple[CombinedUpdate, Modes, ModelError]:
+    def _checked(self) -> tuple[Update, Modes, ModelError]:
         """The fit, where the reduced model holds; else with a better one."""
         found, rounds = None, 0
 
@@ -143,7 +198,7 @@ class _Run:
             )
         return found, self.model.modes(self._values(found)), error
 
-    def _fit(self, target: Target) -> CombinedUpdate:
+    def _fit(self, target: Target) -> Update:
         model, common = self.model.arrays, {"damping": self.damping}
         if self.section.method == "weighted":
             return update_weighted(
@@ -151,16 +206,18 @@ class _Run:
                 **common, **noise_tolerances(target),
             )  # fmt: skip
         common["regularisation"] = self.section.regularisation
-        found = update_combined(model, self.parameters, target, self.start, **common)
+        if isinstance(self.model, FollowedModel):
+            common["n_modes"] = self.model.n_modes
+        found = update(model, self.parameters, target, self.start, **common)
         both = {"frequencies", "frfs"} <= set(target.kinds)
         misfit = found.chi2 / max(found.degrees_of_freedom, 1)
         if not both or misfit <= _MISFIT:
             return found
-        return update_combined(
+        return update(
             model, self.parameters, target, self.start, moves="always", **common
         )  # fmt: skip
 
-    def _values(self, found: CombinedUpdate) -> dict[str, float]:
+    def _values(self, found: Update) -> dict[str, float]:
         return {**self.start, **found.mapping()}
 
     # -- held out ------------------------------------------------------------------------------
@@ -188,13 +245,13 @@ class _Run:
             self.progress.advance()
         return rows
 
-    def _held_always(self, first: Modes, modes: Modes, found: CombinedUpdate) -> list[HeldMode]:
+    def _held_always(self, first: Modes, modes: Modes, found: Update) -> list[HeldMode]:
         return [
             self._held_row(j, first, modes, found, len(self.data.held_modes) == 1)
             for j in self.data.held_modes
         ]
 
-    def _held_row(self, j, first: Modes, modes: Modes, found: CombinedUpdate, alone) -> HeldMode:
+    def _held_row(self, j, first: Modes, modes: Modes, found: Update, alone) -> HeldMode:
         slopes = found.prediction.frequency_slopes[j]
         sd = float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))
         before, after = (m.frequencies_hz[self._pair(m).index[j]] for m in (first, modes))
@@ -204,7 +261,7 @@ class _Run:
             found.mapping(), alone, self._held_ratio(j, first, modes, found),
         )  # fmt: skip
 
-    def _held_ratio(self, j, first: Modes, modes: Modes, found: CombinedUpdate) -> HeldRatio | None:
+    def _held_ratio(self, j, first: Modes, modes: Modes, found: Update) -> HeldRatio | None:
         before = self.model.ratios(self.start, first)
         if before is None:
             return None
@@ -228,15 +285,14 @@ class _Run:
         return self.case.measurements().damping[self._row()]
 
     def _row(self) -> int:
-        data, at = self.case.measurements(), self.section.at
-        return len(data) - 1 if at is None else data.row(at)
+        return condition_row(self.case, self.case.measurements())
 
     def _modes(self, first: Modes, modes: Modes, values) -> ModeTable | None:
         target = self.data.target
         if not len(target):
             return None
         before, after = self._pair(first), self._pair(modes)
-        shapes = target.shapes
+        shapes = None if self.case.measurements().shapes is None else target.shapes
         macs = (None, None) if shapes is None else tuple(
             mac(shapes, p.shapes) for p in (before, after)
         )  # fmt: skip
@@ -279,7 +335,7 @@ class _Run:
             (frfs.response_names, frfs.reference_names), max(errors),
         )  # fmt: skip
 
-    def _table(self, found: CombinedUpdate) -> list[dict]:
+    def _table(self, found: Update) -> list[dict]:
         return [
             {"name": p.name, "value": float(v), "unit": p.unit, "sd": float(sd),
              "start": self.start[p.name]}
@@ -297,15 +353,14 @@ class _Run:
         return {
             "source": published.source,
             "parameters": given,
-            "frequencies_hz": [None if np.isnan(f) else float(f) for f in theirs],
+            "frequencies_hz": finite(theirs),
             "model_hz": model.tolist(),
-            "errors_percent": [None if np.isnan(e) else float(e)
-                               for e in 100 * (model / theirs - 1)],
-        }  # fmt: skip
+            "errors_percent": finite(100 * (model / theirs - 1)),
+        }
 
     def _facts(self, error: ModelError, functions: Functions | None) -> dict:
         facts = {"dofs": self.full.n_dofs}
-        if self.model.samples:
+        if self.model.samples or not self.case.combined():
             facts |= {
                 "basis": self.model.arrays.n_dofs, "samples": self.model.samples,
                 "frequency_error": error.frequencies,

@@ -1,0 +1,421 @@
+"""What ``fenics-joints update`` found, and its JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_joints.commands.update.words import decibel, in_words
+from fenics_joints.formatting import percent
+from fenics_joints.measurements.gap import Gap, rms
+from fenics_joints.updating.result import Update
+
+__all__ = [
+    "DampingTable", "Functions", "HeldMode", "HeldRatio", "ModeTable", "Sweep", "UpdateReport",
+    "finite",
+]  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DampingTable:
+    """Damping ratios of the test's modes beside those of the full model.
+
+    Attributes:
+        test: Measured, (m,); nan where missing.
+        before: At the start, (m,).
+        after: Updated, (m,).
+        fitted: Which of them the fit saw, (m,), bool.
+    """
+
+    test: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    fitted: np.ndarray
+
+    @property
+    def error_before(self) -> np.ndarray:
+        """Relative errors, model over test minus one, (m,); nan where not measured."""
+        return self.before / self.test - 1
+
+    @property
+    def error_after(self) -> np.ndarray:
+        """The same, updated."""
+        return self.after / self.test - 1
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Indices of the modes whose ratios were measured."""
+        return np.flatnonzero(np.isfinite(self.test))
+
+    def rms(self) -> tuple[float, float]:
+        """Root mean squares of the errors of what was fitted, before and after."""
+        return rms(self.error_before[self.fitted]), rms(self.error_after[self.fitted])
+
+    def row(self, j: int) -> dict[str, float | bool | None]:
+        """A mode in the JSON of ``update``."""
+        row = {
+            "damping_test": self.test[j], "damping_before": self.before[j],
+            "damping_after": self.after[j],
+            "damping_error_before_percent": 100 * self.error_before[j],
+            "damping_error_after_percent": 100 * self.error_after[j],
+        }  # fmt: skip
+        row = {key: finite(v) for key, v in row.items()}
+        return row | {"damping_fitted": bool(self.fitted[j])}
+
+
+@dataclass(frozen=True)
+class HeldRatio:
+    """A damping ratio that a fit did not see.
+
+    Attributes:
+        test: Measured; nan if it was not.
+        before: The model's at the start.
+        predicted: That of the model fitted to all else.
+        sd: Relative standard deviation of that by the parameters' covariance alone; nan where no
+            fitted mode had a ratio.
+    """
+
+    test: float
+    before: float
+    predicted: float
+    sd: float
+
+    @property
+    def error(self) -> float:
+        """Predicted over measured, minus one."""
+        return self.predicted / self.test - 1
+
+    def to_json(self) -> dict[str, float | None]:
+        """Keys of a held mode in the JSON of ``update``."""
+        row = {
+            "damping_test": self.test, "damping_before": self.before,
+            "damping_predicted": self.predicted, "damping_error_percent": 100 * self.error,
+            "damping_standard_deviation_percent": 100 * self.sd,
+        }  # fmt: skip
+        return {key: finite(v) for key, v in row.items()}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModeTable:
+    """Modes of the test beside those of the full model.
+
+    Attributes:
+        names: Names, m of them.
+        test_hz: Measured, Hz, (m,).
+        before_hz: At the start, Hz, (m,).
+        after_hz: Updated, Hz, (m,).
+        fitted: Which of them the fit saw, (m,), bool.
+        mac_before: MAC of test by paired model modes, (m, m); None without shapes.
+        mac_after: The same, updated.
+        damping: Damping ratios; None if they are no data.
+    """
+
+    names: tuple[str, ...]
+    test_hz: np.ndarray
+    before_hz: np.ndarray
+    after_hz: np.ndarray
+    fitted: np.ndarray
+    mac_before: np.ndarray | None = None
+    mac_after: np.ndarray | None = None
+    damping: DampingTable | None = None
+
+    @property
+    def before(self) -> np.ndarray:
+        """Relative errors, model over test minus one, (m,)."""
+        return self.before_hz / self.test_hz - 1
+
+    @property
+    def after(self) -> np.ndarray:
+        """The same, updated."""
+        return self.after_hz / self.test_hz - 1
+
+    def rms(self) -> tuple[float, float] | None:
+        """Root mean squares of the errors of what was fitted, before and after; None if nothing."""
+        if not self.fitted.any():
+            return None
+        return rms(self.before[self.fitted]), rms(self.after[self.fitted])
+
+    def to_json(self) -> list[dict[str, object]]:
+        """A row for each mode."""
+        rows = []
+        for j, name in enumerate(self.names):
+            row = {
+                "name": name, "test_hz": finite(self.test_hz[j]),
+                "before_hz": self.before_hz[j], "after_hz": self.after_hz[j],
+                "error_before_percent": finite(100 * self.before[j]),
+                "error_after_percent": finite(100 * self.after[j]),
+                "fitted": bool(self.fitted[j]),
+            }  # fmt: skip
+            if self.mac_after is not None:
+                row |= {"mac_before": self.mac_before[j, j], "mac_after": self.mac_after[j, j]}
+            if self.damping is not None:
+                row |= self.damping.row(j)
+            rows.append(row)
+        return rows
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Functions:
+    """Measured functions beside those of the full model, at the same lines.
+
+    Attributes:
+        frequencies_hz: Lines, Hz, (n,).
+        measured: Shape (n, n_responses, n_references), nan where not measured.
+        before: The model's at the start.
+        after: Updated.
+        lines: Which lines were fitted, (n,), bool.
+        held: Which values no fit saw, the shape of ``measured``, bool.
+        kind: ``receptance``, ``mobility`` or ``accelerance``.
+        unit: SI unit.
+        names: Names of responses and of references.
+        solution: Error of the model's functions by modes against a direct solution, relative.
+    """
+
+    frequencies_hz: np.ndarray
+    measured: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    lines: np.ndarray
+    held: np.ndarray
+    kind: str
+    unit: str
+    names: tuple[tuple[str, ...], tuple[str, ...]]
+    solution: float
+
+    def decibels(self, model: np.ndarray, where: np.ndarray | None = None) -> float | None:
+        """Root mean square of 20 lg |H_model / H_test|, dB; None where nothing was measured.
+
+        Args:
+            model: `before` or `after`.
+            where: Which values, bool; all by default.
+        """
+        used = np.isfinite(self.measured) & (True if where is None else where)
+        if not used.any():
+            return None
+        ratio = np.abs(model[used]) / np.abs(self.measured[used])
+        return rms(20 * np.log10(ratio))
+
+    @property
+    def fitted(self) -> np.ndarray:
+        """Which values were fitted, bool."""
+        return self.lines[:, None, None] & ~self.held
+
+    def frac(self, model: np.ndarray) -> np.ndarray:
+        """Frequency response assurance criterion of each function, (n_responses, n_references).
+
+        |sum_f conj(H_test) H_model|^2 / (sum |H_test|^2 sum |H_model|^2), over all lines.
+        """
+        cross = np.abs(np.sum(np.conj(self.measured) * model, axis=0)) ** 2
+        return cross / (np.sum(np.abs(self.measured) ** 2, 0) * np.sum(np.abs(model) ** 2, 0))
+
+    def summary(self) -> dict[str, float | None]:
+        """Errors in dB: all, fitted and held out, before and after."""
+        held = self.held if self.held.any() else None
+        found = {}
+        for name, model in (("before", self.before), ("after", self.after)):
+            found[f"all_{name}"] = self.decibels(model)
+            found[f"fitted_{name}"] = self.decibels(model, self.fitted)
+            found[f"held_{name}"] = None if held is None else self.decibels(model, held)
+        return found
+
+
+@dataclass(frozen=True)
+class HeldMode:
+    """A mode that a fit did not see.
+
+    Attributes:
+        name: Its name.
+        test_hz: Measured, Hz.
+        before_hz: The model's at the start, Hz.
+        predicted_hz: That of the model fitted to all else, Hz.
+        sd: Relative standard deviation of that by the parameters' covariance alone.
+        values: What was identified without it, by parameter.
+        alone: Whether it was the only one held out.
+        damping: Its damping ratio, held out too; None if ratios are no data.
+    """
+
+    name: str
+    test_hz: float
+    before_hz: float
+    predicted_hz: float
+    sd: float
+    values: dict[str, float]
+    alone: bool
+    damping: HeldRatio | None = None
+
+    @property
+    def error(self) -> float:
+        """Predicted over measured, minus one."""
+        return self.predicted_hz / self.test_hz - 1
+
+    def to_json(self) -> dict[str, object]:
+        """Its row in the JSON of ``update``."""
+        return {
+            "name": self.name, "test_hz": self.test_hz, "before_hz": self.before_hz,
+            "predicted_hz": self.predicted_hz, "error_percent": 100 * self.error,
+            "standard_deviation_percent": finite(100 * self.sd), "alone": self.alone,
+            "parameters": self.values, **({} if self.damping is None else self.damping.to_json()),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sweep:
+    """What was found at all conditions, and as curves over them.
+
+    Attributes:
+        fits: For every condition a dict with condition, parameters, sd (relative), frequencies_hz,
+            errors_percent, held_out.
+        curves: Dicts with name, form, T0, a, b, samples: one per parameter; empty without curves.
+        frequencies: Test against the curves' model at all conditions; None without curves.
+        validation: The same on data for validation, or None.
+        log_sd: Standard deviations of the measured ln f, (n, m).
+    """
+
+    fits: list[dict]
+    curves: list[dict]
+    frequencies: Gap | None
+    validation: Gap | None
+    log_sd: np.ndarray
+
+    @property
+    def held_out(self) -> np.ndarray:
+        """Which conditions were left out of the curves, (n,), bool."""
+        left = {fit["condition"] for fit in self.fits if fit["held_out"]}
+        return np.array([c in left for c in self.frequencies.conditions])
+
+    def gaps(self) -> dict[str, float | None]:
+        """RMS errors of the curves' model: at the conditions they were fitted to, at those held out
+        and on data for validation; None where there are none."""
+        if self.frequencies is None:
+            return {"fitted": None, "heldout": None, "validation": None}
+        errors, held = self.frequencies.relative, self.held_out
+        return {
+            "fitted": rms(errors[~held]),
+            "heldout": rms(errors[held]) if held.any() else None,
+            "validation": None if self.validation is None else self.validation.rms,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class UpdateReport:
+    """What ``fenics-joints update`` found.
+
+    Attributes:
+        title: The case's title.
+        condition: Name, value and unit of the condition; None without one.
+        kinds: Kinds of data that were fitted.
+        parameters: Dicts with name, value, unit, sd (relative), start.
+        update: The fit.
+        modes: Modes before and after; None if the test has none that are data.
+        functions: Functions before and after; None if they are no data.
+        held: Modes that were held out.
+        sweep: Fits at all conditions and curves over them; None where one condition was asked for.
+        model: Facts on the model.
+        notes: What a reader has to know, in words.
+        published: Somebody's parameters, their frequencies and this model's at those parameters:
+            keys source, parameters, frequencies_hz, model_hz, errors_percent; or None.
+        pull: Standard deviation by which the fit held each parameter at its start, of its logarithm
+            (or its value over its size there); None where nothing did.
+    """
+
+    title: str
+    condition: tuple[str, float, str] | None
+    kinds: tuple[str, ...]
+    parameters: list[dict]
+    update: Update
+    modes: ModeTable | None
+    functions: Functions | None
+    held: list[HeldMode]
+    model: dict
+    sweep: Sweep | None = None
+    notes: list[str] = field(default_factory=list)
+    published: dict | None = None
+    pull: float | None = None
+
+    def __repr__(self) -> str:
+        return f"UpdateReport({self.title[:30]!r}, {', '.join(self.kinds)}: {self.update!r})"[:120]
+
+    @property
+    def conditions(self) -> tuple[float, float]:
+        """Condition number of the seed's equations at the start: raw, and as they are solved."""
+        first = self.update.history[0]
+        return first.condition_before, first.condition_after
+
+    def changes(self) -> list[tuple[str, str, str]]:
+        """Errors before and after in words, by kind of data; the MAC if shapes alone are data."""
+        found, modes = [], self.modes
+        errors = None if modes is None else modes.rms()
+        if errors is not None:
+            found.append(("frequencies", *(percent(e) for e in errors)))
+        if modes is not None and modes.damping is not None:
+            found.append(("damping ratios", *(percent(e, 1) for e in modes.damping.rms())))
+        if self.functions is not None:
+            levels = self.functions.summary()
+            words = (decibel(levels[key]) for key in ("all_before", "all_after"))
+            found.append(("functions", *words))
+        if not found and modes is not None and modes.mac_after is not None:
+            macs = (float(np.min(np.diag(m))) for m in (modes.mac_before, modes.mac_after))
+            found.append(("lowest MAC", *(f"{m:.4f}" for m in macs)))
+        return found
+
+    def to_json(self) -> dict[str, object]:
+        """The documented keys of ``update --json``."""
+        u, found, sweep, modes = self.update, self.update.identifiability, self.sweep, self.modes
+        before, after = self.conditions
+        return {
+            "title": self.title,
+            "condition": None if self.condition is None else dict(
+                zip(("name", "value", "unit"), self.condition, strict=True)
+            ),
+            "method": u.method,
+            "data": list(self.kinds),
+            "parameters": [
+                {
+                    "name": p["name"], "value": p["value"], "unit": p["unit"],
+                    "standard_deviation": finite(p["sd"] * abs(p["value"])),
+                    "relative_standard_deviation": finite(p["sd"]), "start": p["start"],
+                    "determined": p["name"] not in found.undetermined,
+                }
+                for p in self.parameters
+            ],
+            "frequencies_hz": None if modes is None else {
+                "test": finite(modes.test_hz), "before": finite(modes.before_hz),
+                "after": finite(modes.after_hz),
+            },
+            "errors_percent": None if modes is None else finite(100 * modes.after),
+            "errors_before_percent": None if modes is None else finite(100 * modes.before),
+            "modes": None if modes is None else modes.to_json(),
+            "functions_db": None if self.functions is None else self.functions.summary(),
+            "held_modes": [h.to_json() for h in self.held],
+            "condition_numbers": {"before": finite(before), "after": finite(after)},
+            "identifiability": {
+                "condition": finite(found.condition), "collinearity": finite(found.collinearity),
+                "undetermined": list(found.undetermined),
+                "weakest_direction": dict(zip(found.names, found.weakest.tolist(), strict=True)),
+                "in_words": in_words(found),
+            },
+            "iterations": u.evaluations,
+            "fit": {
+                "chi2": finite(u.chi2), "degrees_of_freedom": u.degrees_of_freedom,
+                "evaluations": u.evaluations, "message": u.message,
+                "regularisation": self.pull,
+            },
+            "history": [
+                {"values": dict(zip(u.names, i.values.tolist(), strict=True)), "moved": i.moved}
+                for i in u.history
+            ],
+            "torque_fits": [] if sweep is None else sweep.fits,
+            "curves": [] if sweep is None else sweep.curves,
+            "curve_gap": None if sweep is None else sweep.gaps(),
+            "published": self.published,
+            "model": self.model,
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+
+def finite(value):
+    """A number, or a list of an array's numbers, for JSON: None for what is not finite."""
+    if np.ndim(value):
+        return [finite(v) for v in value]
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,153 @@
+"""An update on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from fenics_joints.commands.update.page import at_words, data_words, theirs
+from fenics_joints.commands.update.result import (
+    DampingTable,
+    Functions,
+    HeldMode,
+    ModeTable,
+    UpdateReport,
+)
+from fenics_joints.commands.update.words import (
+    accuracy,
+    decibel,
+    in_words,
+    ratio_words,
+    start_words,
+)
+from fenics_joints.formatting import hertz, number, percent, quantity
+from fenics_joints.report.terminal import new_table, say
+
+__all__ = ["show_update"]
+
+#: Rows of each table.
+_PARAMETERS, _MODES = 8, 10
+
+
+def show_update(console: Console, r: UpdateReport) -> None:
+    """Print the result on one screen."""
+    at, found = at_words(r), r.update.identifiability
+    say(console, f"{r.title}: update{' at ' + at if at else ''} on {data_words(r)}", "bold")
+    gaps = ", ".join(f"{what} {before} -> {after}" for what, before, after in r.changes())
+    gaps += f" in {r.update.evaluations} evaluations of the model; {r.update.message}"
+    console.print(gaps, markup=False, highlight=False)
+    for note in r.notes:
+        console.print(f"but: {note}", style="yellow", markup=False, highlight=False)
+    console.print()
+    table = new_table("parameter", ">start", ">identified", ">s.d.")
+    for p in r.parameters[:_PARAMETERS]:
+        start, value = (quantity(p[key], p["unit"], 4) for key in ("start", "value"))
+        table.add_row(Text(p["name"]), start, value, accuracy(p["sd"]))
+    console.print(table)
+    _rest(console, len(r.parameters) - _PARAMETERS)
+    for words in (*in_words(found), start_words(found, r.pull)):
+        if words:
+            console.print(words, style="dim", markup=False, highlight=False)
+    before, after = r.conditions
+    if len(r.parameters) > 1 and np.isfinite(before):
+        how = "weighted" if r.update.method == "weighted" else "by logarithms"
+        words = f"condition number at the start: {number(before, 2)} in SI units, "
+        say(console, f"{words}{number(after, 2)} {how}", "dim")
+    console.print()
+    if r.modes is not None:
+        console.print(_mode_rows(r.modes))
+        _rest(console, len(r.modes.names) - _MODES)
+        if not r.modes.fitted.all():
+            say(console, "* no fit saw its frequency", "dim")
+        if r.modes.damping is not None:
+            console.print()
+            console.print(_ratio_rows(r.modes.names, r.modes.damping))
+            if not r.modes.damping.fitted[r.modes.damping.measured].all():
+                say(console, "* no fit saw its damping ratio", "dim")
+    if r.functions is not None:
+        console.print()
+        console.print(_level_rows(r.functions))
+    if r.held:
+        console.print()
+        console.print(_held_rows(r))
+        _rest(console, len(r.held) - _MODES)
+        if any(h.damping is not None for h in r.held):
+            console.print()
+            console.print(_held_ratio_rows(r.held))
+    if r.sweep is not None and r.sweep.curves:
+        found = zip(("fitted", "held out", "validation"), r.sweep.gaps().values(), strict=True)
+        gaps = [f"{name} {percent(gap)}" for name, gap in found if gap is not None]
+        console.print()
+        say(console, f"curves over the {r.condition[0]}: gap {', '.join(gaps)}")
+
+
+def _rest(console: Console, more: int) -> None:
+    if more > 0:
+        say(console, f"{more} more: see --report or --json", "dim")
+
+
+def _mode_rows(modes: ModeTable):
+    shapes = modes.mac_after is not None
+    more = [">MAC"] if shapes else []
+    table = new_table("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after", *more)
+    for j, name in enumerate(modes.names[:_MODES]):
+        row = [
+            hertz(modes.test_hz[j]), hertz(modes.before_hz[j]), hertz(modes.after_hz[j]),
+            percent(modes.before[j], sign=True), percent(modes.after[j], sign=True),
+        ]  # fmt: skip
+        if shapes:
+            row.append(f"{modes.mac_after[j, j]:.2f}")
+        table.add_row(Text(name if modes.fitted[j] else f"{name} *", no_wrap=True), *row)
+    return table
+
+
+def _ratio_rows(names: Sequence[str], damping: DampingTable):
+    table = new_table(
+        "damping ratio", ">test", ">before", ">after", ">error before", ">error after"
+    )
+    for j in damping.measured[:_MODES]:
+        name = names[j] if damping.fitted[j] else f"{names[j]} *"
+        errors = damping.error_before[j], damping.error_after[j]
+        table.add_row(
+            Text(name, no_wrap=True),
+            *(ratio_words(z[j]) for z in (damping.test, damping.before, damping.after)),
+            *(percent(e, 1, sign=True) for e in errors),
+        )
+    return table
+
+
+def _held_ratio_rows(held: Sequence[HeldMode]):
+    table = new_table("damping ratio, held out", ">test", ">predicted", ">error", ">± s.d.")
+    for h in held[:_MODES]:
+        d = h.damping
+        table.add_row(Text(h.name), ratio_words(d.test), ratio_words(d.predicted),
+                      percent(d.error, 1, sign=True), accuracy(d.sd))  # fmt: skip
+    return table
+
+
+def _level_rows(functions: Functions):
+    found = functions.summary()
+    table = new_table("functions, rms of |H| in dB", ">before", ">after")
+    for key, words in (("all", "all lines"), ("fitted", "lines that were fitted"),
+                       ("held", "held out")):  # fmt: skip
+        if found[f"{key}_after"] is not None:
+            table.add_row(words, decibel(found[f"{key}_before"]), decibel(found[f"{key}_after"]))
+    return table
+
+
+def _held_rows(r: UpdateReport):
+    published = theirs(r)
+    alone = all(h.alone for h in r.held)
+    more = [">published fit"] if published else []
+    heading = "held out in turn" if alone and len(r.held) > 1 else "held out"
+    table = new_table(heading, ">test, Hz", ">predicted, Hz", ">error", ">± s.d.", *more)
+    for h in r.held[:_MODES]:
+        row = [hertz(h.test_hz), hertz(h.predicted_hz), percent(h.error, sign=True),
+               accuracy(h.sd)]  # fmt: skip
+        if published:
+            row.append(percent(published.get(h.name), sign=True))
+        table.add_row(Text(h.name), *row)
+    return table
