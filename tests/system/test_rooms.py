@@ -42,6 +42,9 @@ HALL = {
 #: Arrows that go the wrong way: none, and none is to come.
 EXCEPTIONS: set[tuple[str, str]] = set()
 
+#: Folders that use the package as others do.
+OUTSIDE = ("tests", "demos", "benchmarks")
+
 
 def modules() -> dict[str, Path]:
     """Every module of the package by its dotted name."""
@@ -139,8 +142,8 @@ def private_uses(path: Path) -> set[str]:
     return {name for name in found if isinstance(name, str) and private(name)}
 
 
-def test_tests_and_demos_take_no_private_names():
-    files = [path for folder in ("tests", "demos") for path in (ROOT / folder).rglob("*.py")]
+def test_what_stands_outside_takes_no_private_names():
+    files = [path for folder in OUTSIDE for path in (ROOT / folder).rglob("*.py")]
     uses = {path.relative_to(ROOT).as_posix(): private_uses(path) for path in files}
     assert {name: found for name, found in uses.items() if found} == {}
 
