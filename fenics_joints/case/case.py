@@ -96,6 +96,11 @@ class Case(Section):
         return self._path
 
     @property
+    def name(self) -> str:
+        """The title, or else the name of the folder."""
+        return self.title or self._path.parent.name
+
+    @property
     def folder(self) -> Path:
         """The folder that the files named in the case stand in."""
         return self._path.parent

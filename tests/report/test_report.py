@@ -112,7 +112,7 @@ def mode_list(frequencies_hz=(1e-6, 2e-6, 423.123, 800.5), n_rigid=2, seen=True)
     """Modes of which the test saw those below 500 Hz, if it is known what it saw."""
     f = np.array(frequencies_hz)
     modes = Modes(frequencies_hz=f, n_rigid=n_rigid, model=SimpleNamespace(n_dofs=21345))
-    case = SimpleNamespace(title="Plates <i>")
+    case = SimpleNamespace(title="Plates <i>", name="Plates <i>")
     return ModeList(case, modes, np.where(f < 500, 1.0, 0.0) if seen else None)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import shorten
 
 import numpy as np
 
@@ -34,6 +35,9 @@ class Predicted:
     held: Held | None
     check: PredictiveCheck | None
     rival: PredictiveCheck | None
+
+    def __repr__(self) -> str:
+        return f"Predicted({len(self.hz)} draws of {self.hz.shape[1]} frequencies)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +75,10 @@ class BayesReport:
     model: CaseModel
     settings: Settings
     keep: Path | None
+
+    def __repr__(self) -> str:
+        state = "converged" if self.chains.converged else "not converged"
+        return f"BayesReport({self.title!r}, {shorten(', '.join(self.units), 60)}, {state})"
 
     @property
     def failure(self) -> str | None:

@@ -42,6 +42,10 @@ class SchemeReport:
     sweep_solves: int
     seconds: float
 
+    def __repr__(self) -> str:
+        words = f"{self.cutoff / 1e6:.4g} MPa, sum of errors {100 * self.objective:.3g} %"
+        return f"SchemeReport({self.scheme!r}, {words})"
+
     @property
     def cutoff(self) -> float:
         """Best cut-off pressure, Pa."""
@@ -110,6 +114,9 @@ class CutoffReport:
     contacts: list[dict]
     schemes: list[SchemeReport]
     seconds: float
+
+    def __repr__(self) -> str:
+        return f"CutoffReport({self.case.name!r}, {self.schemes})"
 
     @property
     def whole_area(self) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -73,6 +74,10 @@ class Explanation:
     how_far: str
     points: tuple[Point, ...]
     doubts: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        more = f"{len(self.points)} points, {len(self.doubts)} doubts"
+        return f"Explanation({shorten(self.where, 60)!r}, {more})"
 
     @property
     def sentences(self) -> tuple[tuple[str, str], ...]:

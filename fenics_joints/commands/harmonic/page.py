@@ -32,7 +32,7 @@ def harmonic_html(r: HarmonicReport) -> str:
         if points.points is not None:
             pictures.append((f"Where {name} slips", interface_map(r, points, made)))
     return render(
-        "harmonic.html", r=r, title=r.title, rows=_rows(r),
+        "harmonic.html", r=r, title=r.case.name, rows=_rows(r),
         unit=r.unit, pictures=[(words, svg(chart)) for words, chart in pictures],
         points=sum(len(p) for p in r.built.model.interfaces),
         identified=_identified(r), predictions=_predictions(r),

@@ -90,6 +90,10 @@ class HarmonicReport:
     identified: tuple[IdentificationResult, ...] = ()
     predictions: tuple[Prediction, ...] = ()
 
+    def __repr__(self) -> str:
+        peaks = ", ".join(f"{f.level:g} N: {f.frequency_hz:.4g} Hz" for f in self.facts[:4])
+        return f"HarmonicReport({self.case.name!r}, {len(self.facts)} levels, {peaks})"
+
     @property
     def kind(self) -> str:
         """``displacement``, ``velocity`` or ``acceleration``."""
@@ -99,11 +103,6 @@ class HarmonicReport:
     def unit(self) -> str:
         """Unit of the responses, as people write it."""
         return UNITS[self.kind].replace("s2", "s²")
-
-    @property
-    def title(self) -> str:
-        """The case's title, or its folder's name."""
-        return self.case.title or self.case.path.parent.name
 
     def parameter_rows(self, found: IdentificationResult) -> list[tuple[str, str, str, str]]:
         """Name, start, value and standard deviation of the parameters found, in words."""

@@ -15,7 +15,7 @@ __all__ = ["show_harmonic"]
 def show_harmonic(console: Console, r: HarmonicReport) -> None:
     """Print the peaks of all levels, beside the measured ones."""
     model = r.built.model
-    say(console, f"{r.title}: response to sinusoidal forces", "bold")
+    say(console, f"{r.case.name}: response to sinusoidal forces", "bold")
     points = ", ".join(f"{p.name} {len(p)}" for p in model.interfaces)
     say(
         console,

@@ -35,6 +35,9 @@ class ModeList:
     size_m: np.ndarray = field(default_factory=lambda: np.empty(0))
     rings: tuple[Ring, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"ModeList({self.case.name!r}, {self.modes!r})"
+
     @property
     def frequencies_hz(self) -> np.ndarray:
         """Natural frequencies, Hz, shape (n,); 0 for rigid-body modes, whose value is round-off."""

@@ -17,7 +17,7 @@ _MODES, _RINGS = 26, 16
 
 def show_modes(console: Console, result: ModeList) -> None:
     """Print natural frequencies, the bolts' rings and the size of the model."""
-    say(console, f"{result.case.title or result.case.path.parent.name}: nominal model", "bold")
+    say(console, f"{result.case.name}: nominal model", "bold")
     table = new_table(">mode", ">frequency, Hz", "what it is")
     rows = list(zip(result.frequencies_hz, result.kinds(), strict=True))
     for i, (f, kind) in enumerate(rows[:_MODES]):

@@ -34,6 +34,10 @@ class PreloadReport:
     preloaded_hz: np.ndarray
     written: tuple[Path, ...] = ()
 
+    def __repr__(self) -> str:
+        words = f"{self.result.iterations} iterations, {len(self.contacts)} contacts"
+        return f"PreloadReport({self.case.name!r}, {words})"
+
     def to_json(self) -> dict[str, object]:
         """What ``--json`` writes.
 

@@ -15,8 +15,7 @@ __all__ = ["show_preload"]
 
 def show_preload(console: Console, p: PreloadReport) -> None:
     """Print the contacts and what the preload does to the frequencies."""
-    title = p.case.title or p.case.path.parent.name
-    say(console, f"{title}: contact under preload", "bold")
+    say(console, f"{p.case.name}: contact under preload", "bold")
     forces = forces_in_words(p.result)
     iterations = f"{p.result.iterations} iterations, {p.result.model.jumps.n} degrees of freedom"
     say(console, f"{forces}; {iterations}")
