@@ -9,7 +9,8 @@ from fenics_joints.harmonic.backbone import Backbone, solve_backbone
 from fenics_joints.harmonic.balance import Balance, default_samples
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
 from fenics_joints.harmonic.constant_response import solve_constant_response
-from fenics_joints.harmonic.continuation import Problem, Settings, follow, locate
+from fenics_joints.harmonic.continuation import follow, locate
+from fenics_joints.harmonic.corrector import Problem, Settings
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.identify import IdentificationResult, identify

@@ -17,7 +17,8 @@ import scipy.linalg
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
-from fenics_joints.harmonic.continuation import Settings, follow
+from fenics_joints.harmonic.continuation import follow
+from fenics_joints.harmonic.corrector import Settings
 from fenics_joints.harmonic.frf import fingerprint
 from fenics_joints.harmonic.result import Periodic, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel, inverted_modes

@@ -13,7 +13,7 @@ import numpy as np
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.balance import Balance, Equations
-from fenics_joints.harmonic.continuation import Settings
+from fenics_joints.harmonic.corrector import Settings
 from fenics_joints.harmonic.fourier import KINDS
 from fenics_joints.harmonic.frf import (
     ForcedResponse,

@@ -13,7 +13,8 @@ import numpy as np
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
-from fenics_joints.harmonic.continuation import Settings, correct, follow, locate
+from fenics_joints.harmonic.continuation import follow, locate
+from fenics_joints.harmonic.corrector import Settings, correct
 from fenics_joints.harmonic.fourier import amplitude_gradient
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel

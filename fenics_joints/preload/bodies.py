@@ -6,11 +6,12 @@ import basix
 import numpy as np
 import scipy.sparse
 from dolfinx import fem
+from mpi4py import MPI
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints._compat import geometry_dofmap
 
-__all__ = ["body_numbers", "node_positions", "rigid_motions"]
+__all__ = ["at_blocks", "body_numbers", "node_positions", "rigid_motions"]
 
 
 def body_numbers(V: fem.FunctionSpace) -> tuple[np.ndarray, int]:
@@ -37,6 +38,19 @@ def body_numbers(V: fem.FunctionSpace) -> tuple[np.ndarray, int]:
     joined = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(total, total))
     n_bodies, body = connected_components(joined, directed=False)
     return body[label], n_bodies
+
+
+def at_blocks(V: fem.FunctionSpace, values: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Values of this rank's blocks, (n_owned, ...), at global block numbers, on every rank.
+
+    Collective.
+    """
+    low, high = V.dofmap.index_map.local_range
+    mine = (nodes >= low) & (nodes < high)
+    found = np.zeros((len(nodes), *values.shape[1:]), dtype=values.dtype)
+    found[mine] = values[nodes[mine] - low]
+    V.mesh.comm.Allreduce(MPI.IN_PLACE, found)
+    return found
 
 
 def node_positions(V: fem.FunctionSpace) -> np.ndarray:

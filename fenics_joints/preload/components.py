@@ -56,7 +56,17 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class WasherForce:
+class _Bolt:
+    """What all bolts have: a name, two faces and the force between them."""
+
+    name: str
+    lower: str
+    upper: str
+    force: float
+
+
+@dataclass(frozen=True)
+class WasherForce(_Bolt):
     """A bolt as two opposed forces, spread evenly over the faces under its washers.
 
     Attributes:
@@ -68,15 +78,11 @@ class WasherForce:
             the last direction of space.
     """
 
-    name: str
-    lower: str
-    upper: str
-    force: float
     axis: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
-class PretensionSection:
+class PretensionSection(_Bolt):
     """A solid bolt, cut through its shank: the force is given and the shortening solved for.
 
     The two faces of the cut stay flat and parallel and move apart by the shortening along the
@@ -90,15 +96,11 @@ class PretensionSection:
         axis: Direction of the bolt's axis, shape (gdim,); by default the last direction of space.
     """
 
-    name: str
-    lower: str
-    upper: str
-    force: float
     axis: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
-class BeamBolt:
+class BeamBolt(_Bolt):
     """A bolt as a beam between two rigid spiders on the faces under its washers (seed 004, 3.2).
 
     In the preload the force is given, so the beam resists bending, shear and twist alone; about
@@ -117,10 +119,6 @@ class BeamBolt:
         n_elements: Elements along the beam.
     """
 
-    name: str
-    lower: str
-    upper: str
-    force: float
     diameter: float
     E: float = 210e9
     nu: float = 0.3

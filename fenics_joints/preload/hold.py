@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.eigensolver import product
-from fenics_joints.preload.bodies import body_numbers, node_positions, rigid_motions
+from fenics_joints.preload.bodies import at_blocks, body_numbers, node_positions, rigid_motions
 from fenics_joints.preload.model import PreloadModel
 
 __all__ = ["Hold", "dots", "find_hold"]
@@ -111,9 +111,10 @@ def _candidates(model: PreloadModel):
     names, group_of = np.unique(group, return_inverse=True)
     local_motions = rigid_motions(x[: _own(V)] - centre, model.axisymmetric)
     # Groups on both sides of each contact, and of each spider: asked of all ranks once.
-    sides = [[group_of[_body_at(model, nodes, body)] for nodes in (c.upper, c.lower)]
+    own = body[: _own(V)]
+    sides = [[group_of[at_blocks(V, own, nodes)] for nodes in (c.upper, c.lower)]
              for c in model.jumps.contacts]  # fmt: skip
-    legs = [group_of[_body_at(model, s.nodes[:1], body)[0]] for s in model.jumps.spiders]
+    legs = [group_of[at_blocks(V, own, s.nodes[:1])[0]] for s in model.jumps.spiders]
     motions = []
     for number in range(len(names)):
         inside = group_of[body[: _own(V)]] == number
@@ -130,21 +131,11 @@ def _own(V) -> int:
     return V.dofmap.index_map.size_local
 
 
-def _body_at(model, nodes: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Bodies at global block numbers, on every rank."""
-    low, high = model.V.dofmap.index_map.local_range
-    mine = (nodes >= low) & (nodes < high)
-    found = np.full(len(nodes), -1, dtype=np.int64)
-    found[mine] = body[nodes[mine] - low]
-    model.comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
-    return found
-
-
 def _groups(model: PreloadModel, body, n_bodies) -> np.ndarray:
     """Group of each body: those glued, or parted by a pretension section, are one."""
-    links = []
+    links, own = [], body[: _own(model.V)]
     for glued in (*model.jumps.bonded, *model.jumps.sections):
-        ends = [_body_at(model, nodes[:1], body)[0] for nodes in (glued.lower, glued.upper)]
+        ends = [at_blocks(model.V, own, nodes[:1])[0] for nodes in (glued.lower, glued.upper)]
         links.append(ends)
     pairs = np.array(links, dtype=int).reshape(-1, 2)
     graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n_bodies, n_bodies))

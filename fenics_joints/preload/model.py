@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.preload.beam import beam_matrices, condense, end_dofs
+from fenics_joints.preload.bodies import at_blocks
 from fenics_joints.preload.components import (
     BeamBolt,
     Contact,
@@ -63,7 +64,7 @@ class PreloadModel:
         contacts, self.bolts, self.loads = list(contacts), list(bolts), list(loads)
         self.structure, self.comm = structure, structure.comm
         self.V, self.tagged = structure.V, structure.tagged
-        self.axisymmetric = bool(getattr(structure, "axisymmetric", False))
+        self.axisymmetric = structure.axisymmetric
         self._check_names([c.name for c in (*contacts, *self.bolts, *self.loads)])
         self._faces: dict[str, object] = {}
         self.contacts = [c for c in contacts if not c.bonded]
@@ -107,16 +108,8 @@ class PreloadModel:
 
     def _held_directions(self, nodes: np.ndarray) -> np.ndarray:
         """Whether supports hold blocks, by global number, in each direction, (n, gdim)."""
-        gdim, (low, high) = self.structure.gdim, self.V.dofmap.index_map.local_range
-        owned = np.zeros((high - low) * gdim, dtype=bool)
-        for bc in self.structure.bcs:
-            dofs = bc.dof_indices()[0]
-            owned[dofs[dofs < len(owned)]] = True
-        mine = (nodes >= low) & (nodes < high)
-        found = np.zeros((len(nodes), gdim), dtype=np.int8)
-        found[mine] = owned.reshape(-1, gdim)[nodes[mine] - low]
-        self.comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
-        return found.astype(bool)
+        held = self.structure.held_dofs[: self.structure.n_local].astype(np.int8)
+        return at_blocks(self.V, held.reshape(-1, self.structure.gdim), nodes).astype(bool)
 
     def _axis(self, bolt) -> np.ndarray:
         gdim = self.structure.gdim
@@ -150,9 +143,7 @@ class PreloadModel:
         Both as global numbers, owned ones.
         """
         low, high = self.jumps.range
-        found = [bc.dof_indices()[0] for bc in self.structure.bcs] or [np.empty(0, np.int32)]
-        numbers = np.unique(np.concatenate(found))
-        numbers = numbers[numbers < high - low].astype(np.int64) + low
+        numbers = np.flatnonzero(self.structure.held_dofs[: high - low]) + low
         indptr, indices, _ = self.jumps.T.getValuesCSR()
         lone = np.diff(indptr) == 1
         same = np.zeros(high - low, dtype=bool)
