@@ -33,7 +33,7 @@ from fenics_joints.interfaces import (
 from fenics_joints.joint_laws import CoulombStick
 from fenics_joints.meshes import lap_beam
 from fenics_joints.modal import solve_modes
-from fenics_joints.preload import BeamBolt, Contact, PreloadModel
+from fenics_joints.preload import BeamBolt, Contact, LinearJoint, PreloadModel
 from fenics_joints.structure import PointMass, Structure, Support, part
 from fenics_joints.transient import solve_transient, steady_harmonics
 
@@ -69,7 +69,7 @@ def truth() -> tuple[InterfaceModel, np.ndarray]:
     """
     law = CoulombStick(**CONTACT)
     model = reduce_contacts(
-        beams(), {"lap": law}, n_modes=8, interface_modes=40,
+        LinearJoint(beams()), {"lap": law}, n_modes=8, interface_modes=40,
         forces={"shaker": ((SHAKER, 0.0, -6e-3), (0, 0, 1))},
         sensors={"tip": (TIP, (0, 0, 1))},
     )  # fmt: skip

@@ -26,7 +26,6 @@ from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.preload.conditions import OPEN, SLIP
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.linear_joint import LinearJoint
-from fenics_joints.preload.model import PreloadModel
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure.loads import Places, place_loads
@@ -41,7 +40,7 @@ _METHODS = ("craig-bampton", "free-interface")
 
 
 def reduce_contacts(
-    joint: LinearJoint | PreloadModel,
+    joint: LinearJoint,
     laws: Mapping[str, JointLaw],
     *,
     method: str = "craig-bampton",
@@ -79,7 +78,6 @@ def reduce_contacts(
         InputError: For an unknown contact, one with springs or without closed pairs, an unknown
             method, or a number out of range.
     """
-    joint = LinearJoint(joint) if isinstance(joint, PreloadModel) else joint
     if method not in _METHODS:
         raise InputError(f"method = {method!r}: expected {' or '.join(map(repr, _METHODS))}.")
     check_uniform(joint.structure)

@@ -4,6 +4,7 @@ A `PreloadModel` is a structure of several bodies with contacts, bolts and loads
 finds pressures, gaps, slips and status of every contact at given bolt forces.
 """
 
+from fenics_joints.preload.adjoint import Gradient, PreloadAdjoint
 from fenics_joints.preload.components import (
     BeamBolt,
     Contact,
@@ -12,23 +13,23 @@ from fenics_joints.preload.components import (
     WasherForce,
 )
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
+from fenics_joints.preload.linear_joint import (
+    LinearJoint,
+    cutoff_conditions,
+    pair_conditions,
+    pressure_stiffness,
+    status_conditions,
+)
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.result import ContactState, PreloadResult
 from fenics_joints.preload.solve import METHODS, PreloadSolver, solve_preload
+from fenics_joints.preload.threads import Thread, thread
+from fenics_joints.preload.torque import friction_from, motosh_force, nut_factor_force
 
 __all__ = [
-    "METHODS",
-    "OPEN",
-    "SLIP",
-    "STICK",
-    "BeamBolt",
-    "Contact",
-    "ContactState",
-    "PreloadModel",
-    "PreloadResult",
-    "PreloadSolver",
-    "PretensionSection",
-    "Traction",
-    "WasherForce",
-    "solve_preload",
-]
+    "METHODS", "OPEN", "SLIP", "STICK", "BeamBolt", "Contact", "ContactState", "Gradient",
+    "LinearJoint", "PreloadAdjoint", "PreloadModel", "PreloadResult", "PreloadSolver",
+    "PretensionSection", "Thread", "Traction", "WasherForce", "cutoff_conditions",
+    "friction_from", "motosh_force", "nut_factor_force", "pair_conditions", "pressure_stiffness",
+    "solve_preload", "status_conditions", "thread",
+]  # fmt: skip

@@ -21,14 +21,14 @@ from fenics_joints.preload.linear_joint import LinearJoint
 def test_contacts_are_springs_where_their_laws_are(method):
     model, k_n, k = blocks(), 1e13, 1e11
     exact = solve_modes(sprung(model, k_n, k), n_modes=N)
-    law = {"pads": Bond(k_n=k_n, k=k)}
-    reduced = reduce_contacts(model, law, method=method, n_modes=30)
+    joint, law = LinearJoint(model), {"pads": Bond(k_n=k_n, k=k)}
+    reduced = reduce_contacts(joint, law, method=method, n_modes=30)
     found = relative(solve_modes(reduced, n_modes=N), exact, 6)
     # Of free-interface modes the frequencies are the full model's; of fixed ones an upper bound.
     assert -1e-8 < found.min() and found.max() < (5e-3 if method == "craig-bampton" else 1e-8)
     # An uncoupled law keeps the pairs closed, as springs without end do.
     exact = solve_modes(sprung(model, 1e17, k), n_modes=N)
-    reduced = reduce_contacts(model, {"pads": Stick(k=k)}, method=method, n_modes=30)
+    reduced = reduce_contacts(joint, {"pads": Stick(k=k)}, method=method, n_modes=30)
     found = relative(solve_modes(reduced, n_modes=N), exact, 6)
     assert -1e-6 < found.min() and found.max() < (5e-3 if method == "craig-bampton" else 1e-6)
 
@@ -51,7 +51,7 @@ def test_open_pairs_are_no_part_of_an_uncoupled_interface():
 def test_a_bolt_presses_the_contact_it_is_a_force_of():
     """Static response to the bolt's force: the pressure over the area is the force."""
     model = blocks(bolts=[WasherForce("bolt", "bottom", "top", 100.0)])
-    reduced = reduce_contacts(model, {"pads": Bond(k_n=1e12, k=1e11)}, n_modes=12)
+    reduced = reduce_contacts(LinearJoint(model), {"pads": Bond(k_n=1e12, k=1e11)}, n_modes=12)
     K, M = reduced.stiffness_at_rest(), reduced.M
     x = np.linalg.solve(K + 1.0 * M, reduced.row("forces", "bolt"))
     points = reduced.interfaces[0]

@@ -145,7 +145,7 @@ def test_bad_input_is_named(small):
         ({"pads": law}, {"interface_modes": 1000}, "expected 1 to 54"),
     ):
         with pytest.raises(InputError, match=message):
-            reduce_contacts(model, laws, **more)
+            reduce_contacts(LinearJoint(model), laws, **more)
     apart = LinearJoint(model, {"pads": np.full(len(model.interfaces[0]), OPEN)})
     with pytest.raises(InputError, match="all its pairs are open"):
         reduce_contacts(apart, {"pads": law})
