@@ -93,7 +93,7 @@ three = run_update(once, comm).result
 say("", *in_words(three.update.identifiability))
 assert "joint.h" in three.update.identifiability.undetermined
 
-theirs, before = 100 * (printed / measured - 1), 100 * three.modes.after
+theirs, before = 100 * (printed / measured - 1), 100 * three.modes.error_after
 say(
     "",
     row("the paper's errors, fitted, %", theirs),

@@ -128,7 +128,7 @@ for words, case in (("without masses", nominal), ("with 7 g and 10 g", with_mass
     say(
         "",
         f"updated {words}: {100 * before:.1f} % -> {100 * after:.1f} %",
-        row("  frequencies, Hz", found.modes.after_hz),
+        row("  frequencies, Hz", found.modes.after),
     )
     for p in found.parameters:
         value = p["value"] / T / 1e9

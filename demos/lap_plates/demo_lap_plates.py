@@ -91,8 +91,8 @@ assert np.all(np.abs(ours / printed - 1) < 0.015)
 
 updated = run_update(case, comm).result
 theirs = np.array([0.49, 2.42, -0.69, -0.53])  # Table 7, error after updating, %
-errors = 100 * updated.modes.after
-say("", row("error before updating, %", 100 * updated.modes.before))
+errors = 100 * updated.modes.error_after
+say("", row("error before updating, %", 100 * updated.modes.error_before))
 say(row("after, the paper's, %", theirs), row("after, ours, %", errors))
 for parameter in updated.parameters:
     known = parameter["name"] not in updated.update.identifiability.undetermined

@@ -166,7 +166,7 @@ def test_finds_the_truth(everything):
 def test_predicts_what_it_did_not_see(everything):
     (held,) = everything.held
     assert held.name == "mode 5" and held.alone
-    before = abs(held.before_hz / held.test_hz - 1)
+    before = abs(held.before / held.test - 1)
     assert abs(held.error) < 5 * np.hypot(NOISE, held.sd) < 0.2 * before
     functions, levels = everything.functions, everything.functions.summary()
     assert functions.held[:, functions.names[0].index("4:+z")].all()

@@ -43,7 +43,7 @@ def report(**changes) -> UpdateReport:
     values = dict(
         title="Plates", condition=("torque", 2.0, "N·m"), kinds=("frequencies",), update=update,
         parameters=[{"name": "near.E", "value": 8.63e8, "unit": "Pa", "sd": 0.081, "start": 3e9}],
-        modes=ModeTable(MODES, TEST[0], 1.1 * TEST[0], 1.02 * TEST[0], np.ones(2, dtype=bool)),
+        modes=ModeTable(TEST[0], 1.1 * TEST[0], 1.02 * TEST[0], np.ones(2, dtype=bool), MODES),
         functions=None, held=[], pull=2.3, model={"dofs": 21345},
         published={"source": "paper", "parameters": {"near.E": 8.7e8}, "model_hz": [380.0, 970.0],
                    "frequencies_hz": [375.0, None], "errors_percent": [1.3333, None]},

@@ -202,7 +202,7 @@ def theirs(r: UpdateReport) -> dict[str, float]:
     return {
         name: f / test - 1
         for name, f, test in zip(
-            r.modes.names, r.published["frequencies_hz"], r.modes.test_hz, strict=False
+            r.modes.names, r.published["frequencies_hz"], r.modes.test, strict=False
         )
         if f is not None
     }

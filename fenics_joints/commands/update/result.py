@@ -12,14 +12,14 @@ from fenics_joints.measurements.gap import Gap, rms
 from fenics_joints.updating.result import Update
 
 __all__ = [
-    "DampingTable", "Functions", "HeldMode", "HeldRatio", "ModeTable", "Sweep", "UpdateReport",
+    "Compared", "Functions", "HeldMode", "ModeTable", "Predicted", "Sweep", "UpdateReport",
     "finite",
 ]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DampingTable:
-    """Damping ratios of the test's modes beside those of the full model.
+class Compared:
+    """Frequencies, Hz, or damping ratios of the test's modes beside those of the full model.
 
     Attributes:
         test: Measured, (m,); nan where missing.
@@ -45,35 +45,34 @@ class DampingTable:
 
     @property
     def measured(self) -> np.ndarray:
-        """Indices of the modes whose ratios were measured."""
+        """Indices of the modes of which it was measured."""
         return np.flatnonzero(np.isfinite(self.test))
 
-    def rms(self) -> tuple[float, float]:
-        """Root mean squares of the errors of what was fitted, before and after."""
+    def rms(self) -> tuple[float, float] | None:
+        """Root mean squares of the errors of what was fitted, before and after; None if nothing."""
+        if not self.fitted.any():
+            return None
         return rms(self.error_before[self.fitted]), rms(self.error_after[self.fitted])
 
-    def row(self, j: int) -> dict[str, float | bool | None]:
+    def row(self, j: int, prefix: str = "", unit: str = "") -> dict[str, float | bool | None]:
         """A mode in the JSON of ``update``."""
-        row = {
-            "damping_test": self.test[j], "damping_before": self.before[j],
-            "damping_after": self.after[j],
-            "damping_error_before_percent": 100 * self.error_before[j],
-            "damping_error_after_percent": 100 * self.error_after[j],
-        }  # fmt: skip
-        row = {key: finite(v) for key, v in row.items()}
-        return row | {"damping_fitted": bool(self.fitted[j])}
+        numbers = {f"{key}{unit}": getattr(self, key)[j] for key in ("test", "before", "after")}
+        numbers["error_before_percent"] = 100 * self.error_before[j]
+        numbers["error_after_percent"] = 100 * self.error_after[j]
+        row = {key: finite(v) for key, v in numbers.items()} | {"fitted": bool(self.fitted[j])}
+        return {f"{prefix}{key}": value for key, value in row.items()}
 
 
 @dataclass(frozen=True)
-class HeldRatio:
-    """A damping ratio that a fit did not see.
+class Predicted:
+    """A frequency, Hz, or damping ratio that a fit did not see.
 
     Attributes:
         test: Measured; nan if it was not.
         before: The model's at the start.
         predicted: That of the model fitted to all else.
         sd: Relative standard deviation of that by the parameters' covariance alone; nan where no
-            fitted mode had a ratio.
+            fitted mode had such a datum.
     """
 
     test: float
@@ -86,71 +85,39 @@ class HeldRatio:
         """Predicted over measured, minus one."""
         return self.predicted / self.test - 1
 
-    def to_json(self) -> dict[str, float | None]:
+    def row(self, prefix: str = "", unit: str = "") -> dict[str, float | None]:
         """Keys of a held mode in the JSON of ``update``."""
-        row = {
-            "damping_test": self.test, "damping_before": self.before,
-            "damping_predicted": self.predicted, "damping_error_percent": 100 * self.error,
-            "damping_standard_deviation_percent": 100 * self.sd,
-        }  # fmt: skip
-        return {key: finite(v) for key, v in row.items()}
+        keys = ("test", "before", "predicted")
+        row = {f"{key}{unit}": getattr(self, key) for key in keys}
+        row |= {"error_percent": 100 * self.error, "standard_deviation_percent": 100 * self.sd}
+        return {f"{prefix}{key}": finite(v) for key, v in row.items()}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ModeTable:
-    """Modes of the test beside those of the full model.
+class ModeTable(Compared):
+    """Frequencies of the test's modes beside those of the full model, Hz, and what goes with them.
 
     Attributes:
         names: Names, m of them.
-        test_hz: Measured, Hz, (m,).
-        before_hz: At the start, Hz, (m,).
-        after_hz: Updated, Hz, (m,).
-        fitted: Which of them the fit saw, (m,), bool.
         mac_before: MAC of test by paired model modes, (m, m); None without shapes.
         mac_after: The same, updated.
         damping: Damping ratios; None if they are no data.
     """
 
     names: tuple[str, ...]
-    test_hz: np.ndarray
-    before_hz: np.ndarray
-    after_hz: np.ndarray
-    fitted: np.ndarray
     mac_before: np.ndarray | None = None
     mac_after: np.ndarray | None = None
-    damping: DampingTable | None = None
-
-    @property
-    def before(self) -> np.ndarray:
-        """Relative errors, model over test minus one, (m,)."""
-        return self.before_hz / self.test_hz - 1
-
-    @property
-    def after(self) -> np.ndarray:
-        """The same, updated."""
-        return self.after_hz / self.test_hz - 1
-
-    def rms(self) -> tuple[float, float] | None:
-        """Root mean squares of the errors of what was fitted, before and after; None if nothing."""
-        if not self.fitted.any():
-            return None
-        return rms(self.before[self.fitted]), rms(self.after[self.fitted])
+    damping: Compared | None = None
 
     def to_json(self) -> list[dict[str, object]]:
         """A row for each mode."""
         rows = []
         for j, name in enumerate(self.names):
-            row = {
-                "name": name, "test_hz": finite(self.test_hz[j]),
-                "before_hz": self.before_hz[j], "after_hz": self.after_hz[j],
-                "error_before_percent": finite(100 * self.before[j]),
-                "error_after_percent": finite(100 * self.after[j]),
-                "fitted": bool(self.fitted[j]),
-            }  # fmt: skip
+            row = {"name": name, **self.row(j, unit="_hz")}
             if self.mac_after is not None:
                 row |= {"mac_before": self.mac_before[j, j], "mac_after": self.mac_after[j, j]}
             if self.damping is not None:
-                row |= self.damping.row(j)
+                row |= self.damping.row(j, "damping_")
             rows.append(row)
         return rows
 
@@ -221,42 +188,26 @@ class Functions:
 
 
 @dataclass(frozen=True)
-class HeldMode:
-    """A mode that a fit did not see.
+class HeldMode(Predicted):
+    """A mode that a fit did not see: its frequency, Hz, and what goes with it.
 
     Attributes:
         name: Its name.
-        test_hz: Measured, Hz.
-        before_hz: The model's at the start, Hz.
-        predicted_hz: That of the model fitted to all else, Hz.
-        sd: Relative standard deviation of that by the parameters' covariance alone.
         values: What was identified without it, by parameter.
         alone: Whether it was the only one held out.
         damping: Its damping ratio, held out too; None if ratios are no data.
     """
 
     name: str
-    test_hz: float
-    before_hz: float
-    predicted_hz: float
-    sd: float
     values: dict[str, float]
     alone: bool
-    damping: HeldRatio | None = None
-
-    @property
-    def error(self) -> float:
-        """Predicted over measured, minus one."""
-        return self.predicted_hz / self.test_hz - 1
+    damping: Predicted | None = None
 
     def to_json(self) -> dict[str, object]:
         """Its row in the JSON of ``update``."""
-        return {
-            "name": self.name, "test_hz": self.test_hz, "before_hz": self.before_hz,
-            "predicted_hz": self.predicted_hz, "error_percent": 100 * self.error,
-            "standard_deviation_percent": finite(100 * self.sd), "alone": self.alone,
-            "parameters": self.values, **({} if self.damping is None else self.damping.to_json()),
-        }  # fmt: skip
+        row = {"name": self.name, **self.row(unit="_hz")}
+        row |= {"alone": self.alone, "parameters": self.values}
+        return row if self.damping is None else row | self.damping.row("damping_")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -380,11 +331,11 @@ class UpdateReport:
                 for p in self.parameters
             ],
             "frequencies_hz": None if modes is None else {
-                "test": finite(modes.test_hz), "before": finite(modes.before_hz),
-                "after": finite(modes.after_hz),
+                "test": finite(modes.test), "before": finite(modes.before),
+                "after": finite(modes.after),
             },
-            "errors_percent": None if modes is None else finite(100 * modes.after),
-            "errors_before_percent": None if modes is None else finite(100 * modes.before),
+            "errors_percent": None if modes is None else finite(100 * modes.error_after),
+            "errors_before_percent": None if modes is None else finite(100 * modes.error_before),
             "modes": None if modes is None else modes.to_json(),
             "functions_db": None if self.functions is None else self.functions.summary(),
             "held_modes": [h.to_json() for h in self.held],

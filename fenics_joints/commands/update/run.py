@@ -17,11 +17,11 @@ from fenics_joints.commands.update.conditions import FollowedModel, sweep_condit
 from fenics_joints.commands.update.data import UpdateData, condition_row, update_data
 from fenics_joints.commands.update.page import update_page
 from fenics_joints.commands.update.result import (
-    DampingTable,
+    Compared,
     Functions,
     HeldMode,
-    HeldRatio,
     ModeTable,
+    Predicted,
     UpdateReport,
     finite,
 )
@@ -252,24 +252,23 @@ class _Run:
         ]
 
     def _held_row(self, j, first: Modes, modes: Modes, found: Update, alone) -> HeldMode:
-        slopes = found.prediction.frequency_slopes[j]
-        sd = float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))
         before, after = (m.frequencies_hz[self._pair(m).index[j]] for m in (first, modes))
-        row = self._measured_hz()[j]
+        sd = _prediction_sd(found, found.prediction.frequency_slopes[j])
+        numbers = (float(v) for v in (self._measured_hz()[j], before, after, sd))
         return HeldMode(
-            self.data.mode_names[j], float(row), float(before), float(after), sd,
-            found.mapping(), alone, self._held_ratio(j, first, modes, found),
+            *numbers, self.data.mode_names[j], found.mapping(), alone,
+            self._held_ratio(j, first, modes, found),
         )  # fmt: skip
 
-    def _held_ratio(self, j, first: Modes, modes: Modes, found: Update) -> HeldRatio | None:
+    def _held_ratio(self, j, first: Modes, modes: Modes, found: Update) -> Predicted | None:
         before = self.model.ratios(self.start, first)
         if before is None:
             return None
         after, sd = self.model.ratios(self._values(found), modes)[j], np.nan
         if found.prediction.damping_ratios is not None:
-            slopes = found.prediction.damping_slopes[j] / found.prediction.damping_ratios[j]
-            sd = np.sqrt(max(slopes @ found.covariance @ slopes, 0.0))
-        return HeldRatio(*(float(v) for v in (self._measured_ratios()[j], before[j], after, sd)))
+            by_values = found.prediction.damping_slopes[j] / found.prediction.damping_ratios[j]
+            sd = _prediction_sd(found, by_values)
+        return Predicted(*(float(v) for v in (self._measured_ratios()[j], before[j], after, sd)))
 
     # -- before and after ----------------------------------------------------------------------
 
@@ -297,16 +296,16 @@ class _Run:
             mac(shapes, p.shapes) for p in (before, after)
         )  # fmt: skip
         return ModeTable(
-            self.data.mode_names, self._measured_hz(), first.frequencies_hz[before.index],
-            modes.frequencies_hz[after.index], np.isfinite(target.frequencies_hz), *macs,
-            self._ratios(first, modes, values),
+            self._measured_hz(), first.frequencies_hz[before.index],
+            modes.frequencies_hz[after.index], np.isfinite(target.frequencies_hz),
+            self.data.mode_names, *macs, self._ratios(first, modes, values),
         )  # fmt: skip
 
-    def _ratios(self, first: Modes, modes: Modes, values) -> DampingTable | None:
+    def _ratios(self, first: Modes, modes: Modes, values) -> Compared | None:
         before = self.model.ratios(self.start, first)
         if before is None:
             return None
-        return DampingTable(
+        return Compared(
             self._measured_ratios(), before, self.model.ratios(values, modes),
             np.isfinite(self.data.target.damping_ratios),
         )  # fmt: skip
@@ -378,3 +377,8 @@ class _Run:
                 "solution_error": percent(functions.solution, 2),
             }
         return facts
+
+
+def _prediction_sd(found: Update, slopes: np.ndarray) -> float:
+    """Standard deviation of what has these derivatives by the parameters, by their covariance."""
+    return float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))

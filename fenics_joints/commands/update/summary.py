@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from rich.console import Console
@@ -10,7 +10,7 @@ from rich.text import Text
 
 from fenics_joints.commands.update.page import at_words, data_words, theirs
 from fenics_joints.commands.update.result import (
-    DampingTable,
+    Compared,
     Functions,
     HeldMode,
     ModeTable,
@@ -90,32 +90,29 @@ def _rest(console: Console, more: int) -> None:
 
 
 def _mode_rows(modes: ModeTable):
-    shapes = modes.mac_after is not None
-    more = [">MAC"] if shapes else []
-    table = new_table("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after", *more)
-    for j, name in enumerate(modes.names[:_MODES]):
-        row = [
-            hertz(modes.test_hz[j]), hertz(modes.before_hz[j]), hertz(modes.after_hz[j]),
-            percent(modes.before[j], sign=True), percent(modes.after[j], sign=True),
-        ]  # fmt: skip
-        if shapes:
-            row.append(f"{modes.mac_after[j, j]:.2f}")
-        table.add_row(Text(name if modes.fitted[j] else f"{name} *", no_wrap=True), *row)
-    return table
+    headings = ("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after")
+    macs = None if modes.mac_after is None else np.diag(modes.mac_after)
+    return _compared(modes, modes.names, headings, hertz, 2, range(len(modes.names)), macs)
 
 
-def _ratio_rows(names: Sequence[str], damping: DampingTable):
-    table = new_table(
-        "damping ratio", ">test", ">before", ">after", ">error before", ">error after"
-    )
-    for j in damping.measured[:_MODES]:
-        name = names[j] if damping.fitted[j] else f"{names[j]} *"
-        errors = damping.error_before[j], damping.error_after[j]
-        table.add_row(
-            Text(name, no_wrap=True),
-            *(ratio_words(z[j]) for z in (damping.test, damping.before, damping.after)),
-            *(percent(e, 1, sign=True) for e in errors),
-        )
+def _ratio_rows(names: Sequence[str], damping: Compared):
+    headings = ("damping ratio", ">test", ">before", ">after", ">error before", ">error after")
+    return _compared(damping, names, headings, ratio_words, 1, damping.measured)
+
+
+def _compared(
+    found: Compared, names: Sequence[str], headings: Sequence[str], words: Callable[[float], str],
+    digits: int, rows: Sequence[int], macs: Sequence[float] | None = None,
+):  # fmt: skip
+    """A table of modes, before and after."""
+    table = new_table(*headings, *([] if macs is None else [">MAC"]))
+    for j in rows[:_MODES]:
+        name = names[j] if found.fitted[j] else f"{names[j]} *"
+        cells = [words(values[j]) for values in (found.test, found.before, found.after)]
+        errors = found.error_before[j], found.error_after[j]
+        cells += [percent(e, digits, sign=True) for e in errors]
+        cells += [] if macs is None else [f"{macs[j]:.2f}"]
+        table.add_row(Text(name, no_wrap=True), *cells)
     return table
 
 
@@ -145,7 +142,7 @@ def _held_rows(r: UpdateReport):
     heading = "held out in turn" if alone and len(r.held) > 1 else "held out"
     table = new_table(heading, ">test, Hz", ">predicted, Hz", ">error", ">± s.d.", *more)
     for h in r.held[:_MODES]:
-        row = [hertz(h.test_hz), hertz(h.predicted_hz), percent(h.error, sign=True),
+        row = [hertz(h.test), hertz(h.predicted), percent(h.error, sign=True),
                accuracy(h.sd)]  # fmt: skip
         if published:
             row.append(percent(published.get(h.name), sign=True))
