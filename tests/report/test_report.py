@@ -32,6 +32,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements import Gap
 from fenics_joints.meshes import lap_plates
 from fenics_joints.report import mesh_pictures
+from fenics_joints.structure import Structure
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])
@@ -301,9 +302,10 @@ def test_motion_of_corners_is_the_field_there(cell):
     A = np.array([[1.0, 2.0, -1.0], [0.5, 0.0, 3.0], [-2.0, 1.0, 0.25]])
     u = fem.Function(V)
     u.interpolate(lambda x: A @ x)
-    structure = SimpleNamespace(V=V, mesh=msh, element=element)
     n = V.dofmap.index_map.size_local * 3
-    vertices, motions = structure.corner_motion([SimpleNamespace(array_r=u.x.array[:n])])
+    structure = SimpleNamespace(V=V, mesh=msh, element=element, gdim=3, n_local=n)
+    vector = SimpleNamespace(array_r=u.x.array[:n])
+    vertices, motions = Structure.corner_motion(structure, [vector])
     if msh.comm.rank == 0:
         assert len(vertices) == msh.topology.index_map(3).size_global
         np.testing.assert_allclose(motions[0], vertices @ A.T, atol=1e-12)
