@@ -246,17 +246,30 @@ def paired(modes: Modes, target: Target) -> Pairing:
 
 
 def sample_values(
-    full: Structure, parameters: Sequence[Parameter], start: Mapping[str, float]
+    full: Structure,
+    parameters: Sequence[Parameter],
+    start: Mapping[str, float],
+    count: int | None = None,
+    span: tuple[float, float] = (_RANGE, _RANGE),
 ) -> list[dict[str, float]]:
-    """The start, and a Sobol sequence of parameters about it that the laws allow."""
-    samples, most = [dict(start)], _SAMPLES * len(parameters)
-    for row in qmc.Sobol(len(parameters), seed=1).random_base2(6) if parameters else ():
-        point = {p.name: _between(p, start[p.name], share)
+    """The start, and a Sobol sequence of parameters about it that the laws allow.
+
+    Args:
+        full: The full model.
+        parameters: What is varied.
+        start: Values of all parameters.
+        count: How many samples beside the start; by default some for each parameter.
+        span: Range about the start, as factors down and up.
+    """
+    count = _SAMPLES * len(parameters) if count is None else count
+    samples = [dict(start)]
+    for row in qmc.Sobol(len(parameters), seed=1).random_base2(7) if parameters else ():
+        point = {p.name: _between(p, start[p.name], span, share)
                  for p, share in zip(parameters, row, strict=True)}  # fmt: skip
         values = {**start, **point}
         if allowed(full, values):
             samples.append(values)
-        if len(samples) > most:
+        if len(samples) > count:
             break
     return samples
 
@@ -273,10 +286,12 @@ def allowed(full: Structure, values: Mapping[str, float]) -> bool:
     return True
 
 
-def _between(parameter: Parameter, start: float, share: float) -> float:
+def _between(
+    parameter: Parameter, start: float, span: tuple[float, float], share: float
+) -> float:
     """A value within a factor of the start and the bounds, by logarithm if that is its scale."""
     if not parameter.log and np.isfinite([parameter.lower, parameter.upper]).all():
         return float(parameter.lower + share * (parameter.upper - parameter.lower))
-    low = max(start / _RANGE, parameter.lower)
-    high = min(start * _RANGE, parameter.upper)
+    low = max(start / span[0], parameter.lower)
+    high = min(start * span[1], parameter.upper)
     return float(np.exp(np.log(low) + share * (np.log(high) - np.log(low))))

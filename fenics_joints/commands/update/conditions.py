@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import qmc
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case.case import Case
@@ -17,7 +16,7 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.combined import ModelError, allowed, error_limits
+from fenics_joints.reduction.combined import ModelError, error_limits, sample_values
 from fenics_joints.reduction.tested import tested_models
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.structure import Structure
@@ -28,9 +27,9 @@ from fenics_joints.updating.result import Update
 
 __all__ = ["FollowedModel", "frequency_target", "sweep_conditions"]
 
-_SAMPLES = 16
-#: Range of the samples about the start, as factors down and up.
-_DOWN, _UP = 300.0, 10.0
+#: Samples of the parameters, and their range about the start, as factors down and up: a torque
+#: changes stiffnesses by far more than a fit at one of them does.
+_SAMPLES, _RANGE = 16, (300.0, 10.0)
 #: Conditions at which a curve is drawn.
 _DRAWN = 40
 
@@ -71,8 +70,8 @@ class FollowedModel:
         self.names, self.limits = data.mode_names, error_limits(target)
         self._seen = tested_models(full).seen(
             full, start, sensors=data.sensors, n_test=len(data.mode_names), n_modes=n_modes,
-            shapes=data.shapes, samples=lambda: _samples(full, parameters, start),
-            progress=progress,
+            shapes=data.shapes, progress=progress,
+            samples=lambda: sample_values(full, parameters, start, _SAMPLES, _RANGE),
         )  # fmt: skip
         self.reference, self.n_modes = self._seen.reference, self._seen.forward.n_modes
 
@@ -106,25 +105,6 @@ class FollowedModel:
     def facts(self) -> dict[str, object]:
         """Which of the test's modes change places."""
         return {"crossing_modes": self._seen.crossing_names(self.names)}
-
-
-def _samples(
-    full: Structure, parameters: Sequence[Parameter], start: Mapping[str, float]
-) -> list[dict[str, float]]:
-    """A Sobol sequence about the start; points that no law allows are left out."""
-    names = [p.name for p in parameters]
-    middle = np.array([start[n] for n in names])
-    low = np.log(np.maximum(middle / _DOWN, [p.lower for p in parameters]))
-    high = np.log(np.minimum(middle * _UP, [p.upper for p in parameters]))
-    samples = [dict(start)]
-    for row in qmc.Sobol(len(names), seed=1).random(8 * _SAMPLES):
-        point = np.exp(low + row * (high - low)).tolist()
-        values = {**start, **dict(zip(names, point, strict=True))}
-        if allowed(full, values):
-            samples.append(values)
-        if len(samples) > _SAMPLES:
-            break
-    return samples
 
 
 def frequency_target(data: TestData, row: int, reference: np.ndarray | None) -> Target:

@@ -9,12 +9,11 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.case.combined import EACH, held_lines
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.lines import choose_lines
 from fenics_joints.measurements.target import FRFTarget, Target
 
-__all__ = ["UpdateData", "condition_row", "update_data"]
+__all__ = ["UpdateData", "update_data"]
 
 #: Relative standard deviation of functions of which the case says nothing.
 _NOISE = 0.05
@@ -101,16 +100,11 @@ def update_data(case: Case) -> UpdateData:
     )  # fmt: skip
 
 
-def condition_row(case: Case, data: TestData) -> int:
-    """Row of the condition that an update is at."""
-    return len(data) - 1 if case.update.at is None else data.row(case.update.at)
-
-
 def _condition(case: Case) -> tuple[str, float, str] | None:
     data = case._measured
     if data is None or (case.combined() and len(data) == 1 and not data.condition_unit):
         return None
-    row = condition_row(case, data)
+    row = data.row(case.update.at)
     return data.condition_name, float(data.conditions[row]), data.condition_unit
 
 
@@ -120,7 +114,7 @@ def _modes(case: Case, kinds) -> dict:
     if data is None or not {"frequencies", "shapes", "damping"} & set(kinds):
         # Functions alone; but where resonances are is known, and pairs them with the model's.
         return {"names": ()}
-    row = condition_row(case, data)
+    row = data.row(case.update.at)
     fields = {"names": data.mode_names, "shape_sensors": data.sensors}
     frequencies = data.frequencies_hz[row]
     if "frequencies" not in kinds:

@@ -14,7 +14,7 @@ from fenics_joints.case import Case, build_structure, model_damping
 from fenics_joints.commands.cutoff.run import run_cutoff
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
-from fenics_joints.commands.update.data import UpdateData, condition_row, update_data
+from fenics_joints.commands.update.data import UpdateData, update_data
 from fenics_joints.commands.update.page import update_page
 from fenics_joints.commands.update.result import (
     Compared,
@@ -284,7 +284,7 @@ class _Run:
         return self.case.measurements().damping[self._row()]
 
     def _row(self) -> int:
-        return condition_row(self.case, self.case.measurements())
+        return self.case.measurements().row(self.section.at)
 
     def _modes(self, first: Modes, modes: Modes, values) -> ModeTable | None:
         target = self.data.target
