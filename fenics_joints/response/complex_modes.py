@@ -87,11 +87,6 @@ class ComplexModes:
         return np.abs(self.eigenvalues) / (2 * np.pi)
 
     @property
-    def damped_hz(self) -> np.ndarray:
-        """Frequency of free vibration, Im s / 2 pi, Hz, (n,)."""
-        return self.eigenvalues.imag / (2 * np.pi)
-
-    @property
     def damping_ratios(self) -> np.ndarray:
         """-Re s / |s|, (n,); half the loss factor, where that is small."""
         return -self.eigenvalues.real / np.abs(self.eigenvalues)
