@@ -20,7 +20,9 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.structure.sparse import product
 
-__all__ = ["Basis", "Strains", "fixed_interface", "free_interface"]
+__all__ = [
+    "Basis", "Strains", "characteristic", "energy_share", "fixed_interface", "free_interface",
+]  # fmt: skip
 
 #: Columns that are solved for at once: memory against the factor's traffic.
 _CHUNK = 64
@@ -221,10 +223,7 @@ def energy_share(n: int | None, tolerance: float | None, default: int, size: int
     Raises:
         InputError: If the number or the share is out of range.
     """
-    if n is not None and not 1 <= n <= size:
-        raise InputError(
-            f"interface_modes = {n}: expected 1 to {size}, the interface's components."
-        )
+    _check_count(n, size)
     if tolerance is not None and not 0.0 <= tolerance < 1.0:
         raise InputError(f"tolerance = {tolerance}: expected a number from 0 to 1.")
 
@@ -234,3 +233,27 @@ def energy_share(n: int | None, tolerance: float | None, default: int, size: int
         return min(default, size) if n is None else n
 
     return choose
+
+
+def characteristic(n: int | None, size: int) -> Callable:
+    """What to keep of constraint modes: all, or the n lowest eigenmodes of the elastic interface.
+
+    Raises:
+        InputError: If the number is out of range.
+    """
+    _check_count(n, size)
+
+    def choose(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+        if n is None:
+            return np.eye(size)
+        vectors = scipy.linalg.eigh(mass, stiffness, subset_by_index=[size - n, size - 1])[1]
+        return vectors[:, ::-1]
+
+    return choose
+
+
+def _check_count(n: int | None, size: int) -> None:
+    if n is not None and not 1 <= n <= size:
+        raise InputError(
+            f"interface_modes = {n}: expected 1 to {size}, the interface's components."
+        )

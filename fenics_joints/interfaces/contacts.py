@@ -18,7 +18,12 @@ from fenics_joints.interfaces.assembly import (
     assemble,
     check_uniform,
 )
-from fenics_joints.interfaces.basis import energy_share, fixed_interface, free_interface
+from fenics_joints.interfaces.basis import (
+    characteristic,
+    energy_share,
+    fixed_interface,
+    free_interface,
+)
 from fenics_joints.interfaces.model import InterfacePoints
 from fenics_joints.interfaces.reduced import ReducedInterfaceModel
 from fenics_joints.joint_laws.law import JointLaw
@@ -83,7 +88,7 @@ def reduce_contacts(
     check_uniform(joint.structure)
     pairs = _Pairs(joint, laws)
     choose = (
-        _characteristic(interface_modes, pairs.size)
+        characteristic(interface_modes, pairs.size)
         if method == "craig-bampton"
         else energy_share(interface_modes, tolerance, n_modes, pairs.size)
     )
@@ -258,22 +263,6 @@ def _zero_held(joint: LinearJoint, numbers: np.ndarray, loads: np.ndarray) -> No
     """Take loads off entries that are held, in place."""
     mine = np.union1d(numbers[joint.jumps.owned(numbers)], joint.model.supported)
     loads[joint.jumps.local(mine)] = 0.0
-
-
-def _characteristic(n: int | None, size: int) -> Callable:
-    """All constraint modes, or the n lowest eigenmodes of the elastic interface."""
-    if n is not None and not 1 <= n <= size:
-        raise InputError(
-            f"interface_modes = {n}: expected 1 to {size}, the interface's components."
-        )
-
-    def choose(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
-        if n is None:
-            return np.eye(size)
-        vectors = scipy.linalg.eigh(mass, stiffness, subset_by_index=[size - n, size - 1])[1]
-        return vectors[:, ::-1]
-
-    return choose
 
 
 def _forces(joint: LinearJoint, given: Places | None) -> Placed:

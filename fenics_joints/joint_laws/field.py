@@ -22,13 +22,14 @@ from collections.abc import Callable, Mapping
 import basix.ufl
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.forms.kinematics import layer_strain, stretched_gradient
 from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.joint_laws.point_values import PointValues
 
 __all__ = ["JointField", "tangents"]
 
@@ -240,6 +241,10 @@ class JointField:
         """An expression at the points of the joint."""
         return expression if self._side is None else expression(self._side)
 
+    def _at(self, expression, space: fem.FunctionSpace) -> PointValues:
+        """An expression's values at the points, which are the nodes of a space."""
+        return PointValues(expression, space, self.dx, self._side)
+
     def _slices(self, state):
         """The state of each element, UFL vectors; None for a law without memory."""
         m, state = self._m, self._on(state)
@@ -299,12 +304,12 @@ class JointField:
             for key, e in made.items()
         }
         self._points = {
-            "state": _AtPoints(self._new, self.state.function_space, self),
-            "last": _AtPoints(ufl.as_vector(self._present()), self._last.function_space, self),
+            "state": self._at(self._new, self.state.function_space),
+            "last": self._at(ufl.as_vector(self._present()), self._last.function_space),
         }
         if heat is None:
             heat = work
-        self._points["heat"] = _AtPoints(ufl.as_vector([heat]), self._heat.function_space, self)
+        self._points["heat"] = self._at(ufl.as_vector([heat]), self._heat.function_space)
         self._before = self.stored() or 0.0
 
     def _sum(self, key: str) -> float | None:
@@ -354,8 +359,7 @@ class JointField:
         element = space.ufl_element()
         made = basix.ufl.blocked_element(_scalar(element), shape=(len(parts),))
         function = fem.Function(fem.functionspace(space.mesh, made))
-        at = _AtPoints(ufl.as_vector(parts), function.function_space, self)
-        function.x.array[:] = at()
+        function.x.array[:] = self._at(ufl.as_vector(parts), function.function_space)()
         return function
 
     @property
@@ -371,39 +375,6 @@ def _scalar(element):
     """The element of one component."""
     return element.sub_elements[0] if element.block_size > 1 or element.reference_value_shape \
         else element  # fmt: skip
-
-
-class _AtPoints:
-    """Values of an expression at the nodes of a space that are the quadrature points of a measure.
-
-    By a lumped projection: int e phi / int phi. Exact, since every shape function is one at its own
-    point and zero at the others; a node that two facets of a cell share has their mean.
-    """
-
-    def __init__(self, expression, space, joint: JointField):
-        self._space = space
-        test = ufl.TestFunction(space)
-        on = test if joint._side is None else test(joint._side)
-        ones = ufl.as_vector([1.0] * expression.ufl_shape[0])
-        self._form = fem.form(ufl.inner(expression, on) * joint.dx)
-        weights = self._assemble(fem.form(ufl.inner(ones, on) * joint.dx))
-        # Nodes away from the joint, where a shape function's trace is round-off.
-        largest = joint._comm.allreduce(float(np.abs(weights).max(initial=0.0)), op=MPI.MAX)
-        self._inside = np.abs(weights) > 1e-9 * largest
-        self._weights = np.where(self._inside, weights, 1.0)
-
-    def _assemble(self, form) -> np.ndarray:
-        """Assembled vector with ghosts."""
-        dofmap = self._space.dofmap
-        vector = la.vector(dofmap.index_map, dofmap.index_map_bs)
-        vector.array[:] = 0.0
-        fem.assemble_vector(vector.array, form)
-        vector.scatter_reverse(la.InsertMode.add)
-        vector.scatter_forward()
-        return vector.array.copy()
-
-    def __call__(self) -> np.ndarray:
-        return np.where(self._inside, self._assemble(self._form) / self._weights, 0.0)
 
 
 def _normal(normal, mesh):

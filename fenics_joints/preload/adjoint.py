@@ -23,12 +23,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.eigensolver import product
 from fenics_joints.modal.options import last_line, petsc_defaults
 from fenics_joints.preload.hold import dots
 from fenics_joints.preload.patch import contour_area
 from fenics_joints.preload.result import PreloadResult
 from fenics_joints.preload.system import FACTOR_OPTIONS
+from fenics_joints.structure.sparse import product
 
 __all__ = ["Gradient", "PreloadAdjoint"]
 

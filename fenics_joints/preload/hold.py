@@ -12,9 +12,9 @@ from petsc4py import PETSc
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
-from fenics_joints.modal.eigensolver import product
 from fenics_joints.preload.bodies import at_blocks, body_numbers, node_positions, rigid_motions
 from fenics_joints.preload.model import PreloadModel
+from fenics_joints.structure.sparse import product
 
 __all__ = ["Hold", "dots", "find_hold"]
 
