@@ -1,4 +1,4 @@
-"""Numbers and kinds of modes as people read them: SI prefixes, a dash for what is missing."""
+"""Numbers as people read them: SI prefixes, a dash for what is missing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 __all__ = [
-    "MISSING", "condition_value", "extents", "hertz", "interval", "mode_kinds", "number", "p_value",
+    "MISSING", "condition_value", "extents", "hertz", "interval", "number", "p_value",
     "percent", "prefixed", "probability", "quantity", "spaced", "spread",
 ]  # fmt: skip
 
@@ -120,16 +120,6 @@ def hertz(frequency: float | None) -> str:
 def condition_value(value: float, unit: str = "") -> str:
     """A torque or other condition, such as ``20 N·m``."""
     return f"{value:g} {_PLAIN.get(unit, unit)}".rstrip()
-
-
-def mode_kinds(n: int, n_rigid: int, visible: Sequence[bool] | None) -> list[str]:
-    """What each mode is, in words."""
-    if visible is None:
-        elastic = ["elastic"] * (n - n_rigid)
-    else:
-        seen = list(visible)[n_rigid:]
-        elastic = ["seen by the test" if s else "not seen by the test" for s in seen]
-    return ["rigid body"] * n_rigid + elastic
 
 
 def spaced(name: str) -> str:

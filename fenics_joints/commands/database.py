@@ -69,6 +69,7 @@ def query(
     def run() -> None:
         from fenics_joints.database.query import Surfaces, TorqueToForce
         from fenics_joints.database.query import query as ask
+        from fenics_joints.database.tables import show_answer
 
         question = dict(
             bolt=bolt,
@@ -81,7 +82,7 @@ def query(
         )
         with _opened(db) as store:
             answer = ask(Surfaces.fit(store, model), **question)
-        _show_answer(answer)
+        show_answer(answer)
         _write_json(json, answer.json())
 
     _on_one_rank(run, debug, json)
@@ -363,12 +364,6 @@ def _write_json(path: Path | None, content: dict) -> None:
     if path is not None:
         write_text(path, json_text(content))
         typer.echo(f"wrote {path}")
-
-
-def _show_answer(answer) -> None:
-    from fenics_joints.database.tables import show_answer
-
-    show_answer(answer)
 
 
 def _show_sweep(result, db: Path) -> None:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from fenics_joints.commands.harmonic.model import SENSOR
 from fenics_joints.commands.harmonic.result import HarmonicReport
-from fenics_joints.formatting import hertz, number, percent, quantity
+from fenics_joints.formatting import percent, quantity
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import new_figure, style, to_svg
 
@@ -32,52 +32,10 @@ def harmonic_html(r: HarmonicReport) -> str:
         if points.points is not None:
             pictures.append((f"Where {name} slips", interface_map(r, points, made)))
     return render(
-        "harmonic.html", r=r, title=r.case.name, rows=_rows(r),
-        unit=r.unit, pictures=[(words, svg(chart)) for words, chart in pictures],
+        "harmonic.html", r=r, pictures=[(words, svg(chart)) for words, chart in pictures],
         points=sum(len(p) for p in r.built.model.interfaces),
-        identified=_identified(r), predictions=_predictions(r),
-        rest=hertz(r.built.frequencies_hz[r.built.mode]),
+        fitted={found.level for found in r.identified},
     )  # fmt: skip
-
-
-def _rows(r: HarmonicReport) -> list[list[str]]:
-    rows = []
-    for f in r.facts:
-        row = [
-            quantity(f.level, "N"), f"{f.frequency_hz:.3f}", number(f.amplitude, 4),
-            quantity(f.displacement, "m"), percent(f.damping_ratio),
-            quantity(sum(f.joint_energy.values()), "J"),
-        ]  # fmt: skip
-        if r.curves is not None:
-            row += ["–"] * 2 if f.measured is None else [
-                f"{f.measured_hz:.3f} ({percent(f.frequency_hz / f.measured_hz - 1, sign=True)})",
-                f"{number(f.measured, 4)} ({percent(f.amplitude / f.measured - 1, sign=True)})",
-            ]  # fmt: skip
-        rows.append(row)
-    return rows
-
-
-def _identified(r: HarmonicReport) -> list[list[str]]:
-    """A row for each parameter and method."""
-    return [
-        [
-            name, found.method, *words, f"{found.start_objective:.3f}", f"{found.objective:.4f}",
-            str(found.evaluations), str(found.solutions),
-        ]
-        for found in r.identified for name, *words in r.parameter_rows(found)
-    ]  # fmt: skip
-
-
-def _predictions(r: HarmonicReport) -> list[list[str]]:
-    fitted = {found.level for found in r.identified}
-    return [
-        [
-            quantity(p.level, "N"), "fitted" if p.level in fitted else "predicted",
-            percent(p.frequency_error, sign=True), percent(p.amplitude_error, sign=True),
-            percent(p.mean_error),
-        ]
-        for p in r.predictions
-    ]  # fmt: skip
 
 
 def responses_chart(r: HarmonicReport) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 import fenics_joints
 from fenics_joints.case import Case
-from fenics_joints.formatting import mode_kinds, number
+from fenics_joints.formatting import number
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.meshes import Ring
 from fenics_joints.modal.modes import Modes
@@ -82,7 +82,12 @@ class ModeList:
 
     def kinds(self) -> list[str]:
         """What each mode is, in words."""
-        return mode_kinds(len(self.modes), self.modes.n_rigid, self.visible)
+        n_rigid, visible = self.modes.n_rigid, self.visible
+        if visible is None:
+            elastic = ["elastic"] * (len(self.modes) - n_rigid)
+        else:
+            elastic = [f"{'' if s else 'not '}seen by the test" for s in visible[n_rigid:]]
+        return ["rigid body"] * n_rigid + elastic
 
 
 def ring_row(ring: Ring) -> tuple[str, ...]:
