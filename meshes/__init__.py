@@ -1,16 +1,21 @@
 """Meshes with named parts and faces: builders for known geometries, and a reader of ``.msh``."""
 
 from fenics_joints.meshes.blocks import stacked_blocks
-from fenics_joints.meshes.bolted_plates import bolted_plates, bolted_plates_section
+from fenics_joints.meshes.bolted_plates import (
+    BoltedPlates,
+    BoltedPlatesSection,
+    bolted_plates,
+    bolted_plates_section,
+)
 from fenics_joints.meshes.box import box
-from fenics_joints.meshes.c_beam import c_beams
+from fenics_joints.meshes.c_beam import CBeams, c_beams
 from fenics_joints.meshes.cad import read_step
 from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.contact import ContactMatch, check_contact
-from fenics_joints.meshes.dumbbell import dumbbell
-from fenics_joints.meshes.engraving_machine import engraving_machine
-from fenics_joints.meshes.lap_beam import lap_beam, lap_beam_section
-from fenics_joints.meshes.lap_plates import lap_plates
+from fenics_joints.meshes.dumbbell import Dumbbell, dumbbell
+from fenics_joints.meshes.engraving_machine import EngravingMachine, engraving_machine
+from fenics_joints.meshes.lap_beam import LapBeam, LapBeamSection, lap_beam, lap_beam_section
+from fenics_joints.meshes.lap_plates import LapPlates, lap_plates
 from fenics_joints.meshes.msh import read_msh
 from fenics_joints.meshes.plane import graded_lines, grid_lines
 from fenics_joints.meshes.rings import Ring, layer_thickness, measure_ring
@@ -18,8 +23,10 @@ from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [
-    "ContactMatch", "MeshQuality", "Ring", "TaggedMesh", "bolted_plates", "bolted_plates_section",
-    "box", "c_beams", "check_contact", "check_mesh", "dumbbell", "engraving_machine", "extent",
-    "graded_lines", "grid_lines", "lap_beam", "lap_beam_section", "lap_plates", "layer_thickness",
-    "measure_ring", "read_msh", "read_step", "separate", "stacked_blocks",
+    "BoltedPlates", "BoltedPlatesSection", "CBeams", "ContactMatch", "Dumbbell",
+    "EngravingMachine", "LapBeam", "LapBeamSection", "LapPlates", "MeshQuality", "Ring",
+    "TaggedMesh", "bolted_plates", "bolted_plates_section", "box", "c_beams", "check_contact",
+    "check_mesh", "dumbbell", "engraving_machine", "extent", "graded_lines", "grid_lines",
+    "lap_beam", "lap_beam_section", "lap_plates", "layer_thickness", "measure_ring", "read_msh",
+    "read_step", "separate", "stacked_blocks",
 ]  # fmt: skip

@@ -1,15 +1,25 @@
-"""Checks of what is given to the builders."""
+"""What is given to the builders: each argument once, with its unit and what it must be."""
 
 from __future__ import annotations
 
 import math
+import types
+import typing
 from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from mpi4py import MPI
 
 from fenics_joints.errors import MeshError
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
+from fenics_joints.parallel import on_root
 
-__all__ = ["is_count", "is_positive", "requirement"]
+__all__ = [
+    "Builder", "Count", "Demand", "Gap", "Places", "Size", "Solid", "is_count", "is_positive",
+    "lengths", "requirement", "two_counts",
+]  # fmt: skip
 
 
 def is_positive(value: float) -> bool:
@@ -22,6 +32,16 @@ def is_count(value: int) -> bool:
     return isinstance(value, int | np.integer) and value >= 1
 
 
+def lengths(values: Any, n: int) -> bool:
+    """Whether ``values`` are n finite numbers above 0."""
+    return np.shape(values) == (n,) and all(map(is_positive, values))
+
+
+def two_counts(values: Any) -> bool:
+    """Whether ``values`` are two whole numbers of at least 1."""
+    return np.shape(values) == (2,) and all(map(is_count, values))
+
+
 def requirement(builder: str) -> Callable[[bool, str, object, str], None]:
     """A function ``require(holds, name, value, expected)`` that raises in the builder's name."""
 
@@ -30,3 +50,90 @@ def requirement(builder: str) -> Callable[[bool, str, object, str], None]:
             raise MeshError(f"{builder}: {name} is {value!r}, expected {expected}")
 
     return require
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What an argument must be, to annotate its type with.
+
+    Attributes:
+        holds: Whether a value is so.
+        expected: The same in words.
+        unit: The SI unit of a quantity; None for what is none.
+    """
+
+    holds: Callable[[Any], bool]
+    expected: str
+    unit: str | None = None
+
+
+#: A length, a thickness that may be none, a coordinate; a number of elements; shapes of cells.
+Size = Annotated[float, Demand(is_positive, "a length above 0 m", "m")]
+Gap = Annotated[
+    float,
+    Demand(lambda v: v == 0 or is_positive(v), "0 m or a thickness above it", "m"),
+]
+Place = Annotated[float, Demand(math.isfinite, "a coordinate in metres", "m")]
+Count = Annotated[int, Demand(is_count, "a whole number of at least 1")]
+Solid = Literal["hexahedron", "tetrahedron"]
+#: Points in the plan.
+Places = Annotated[
+    list[tuple[Place, Place]],
+    Demand(lambda v: all(np.shape(b) == (2,) for b in v), "a pair (x, y) in metres for each bolt"),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Builder:
+    """The arguments of a mesh builder; a further builder is a subclass, with these and their types.
+
+    The types are annotated with what they must be, a `Demand`; a case file asks them for its
+    section ``[mesh]``.
+
+    Raises:
+        MeshError: An argument is impossible; names it, its value and what was expected.
+    """
+
+    #: The function that makes the mesh.
+    function: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        kinds = typing.get_type_hints(type(self), include_extras=True)
+        for field in fields(self):
+            value = getattr(self, field.name)
+            for holds, expected in _demands(kinds[field.name], value):
+                self.require(holds, field.name, value, expected)
+        self.check()
+
+    def require(self, holds: bool, name: str, value: object, expected: str) -> None:
+        """Raise MeshError in the builder's name unless something holds."""
+        requirement(self.function)(holds, name, value, expected)
+
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the parts and of the faces."""
+        raise NotImplementedError
+
+    def lists(self) -> MeshLists:
+        """The whole mesh on one rank."""
+        raise NotImplementedError
+
+    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh. Collective; its lists are made on rank 0 alone."""
+        return distribute(comm, on_root(comm, self.lists))
+
+
+def _demands(kind: Any, value: Any):
+    """Whether a value is what its type says, and the same in words."""
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        options = [k for k in typing.get_args(kind) if k is not type(None)]
+        if value is not None:
+            yield from _demands(options[0], value)
+    elif typing.get_origin(kind) is Literal:
+        words = typing.get_args(kind)
+        yield value in words, " or ".join(map(repr, words))
+    elif typing.get_origin(kind) is Annotated:
+        for demand in kind.__metadata__:
+            yield demand.holds(value), demand.expected

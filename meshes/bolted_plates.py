@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import is_count, is_positive, requirement
+from fenics_joints.meshes.arguments import (
+    Builder,
+    Demand,
+    Size,
+    Solid,
+    is_count,
+    is_positive,
+    lengths,
+)
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import disc_grid, flat_lists, graded_lines, grid_lines, tensor_grid
 from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.skin import add_faces, exterior_facets
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
-from fenics_joints.parallel import on_root
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
 
-__all__ = ["bolted_plates", "bolted_plates_section"]
+__all__ = [
+    "BoltedPlates", "BoltedPlatesSection", "bolted_plates", "bolted_plates_section",
+]  # fmt: skip
 
 CELL_NAMES = {
     "plate_1": 1, "plate_2": 2, "washer_1": 3, "washer_2": 4, "bolt_lower": 5, "bolt_upper": 6,
@@ -24,296 +34,88 @@ CELL_NAMES = {
 PARTS = ("plates", "washers", "bolt")
 _TOLERANCE = 1e-9  # of a vertex on a plane or circle, relative to the plates' radius
 
-
-def bolted_plates_section(
-    comm: MPI.Intracomm,
-    *,
-    parts: str = "plates",
-    thickness: tuple[float, float] = (0.02, 0.02),
-    radius: float = 0.1,
-    hole_diameter: float = 0.0135,
-    washer_diameter: float = 0.024,
-    washer_thickness: float = 0.0025,
-    washer_hole: float = 0.013,
-    head_diameter: float = 0.018,
-    head_height: float = 0.0075,
-    bolt_diameter: float = 0.012,
-    seats: str = "contact",
-    heads: str = "contact",
-    size: float = 1e-3,
-    fine_radius: float | None = None,
-    growth: float = 1.2,
-    cell: str = "quadrilateral",
-) -> TaggedMesh:
-    """Mesh of the section of two round plates under a bolt, x[0] the radius and x[1] the height.
-
-    The plates touch at height 0: plate 1 lies below, plate 2 above. The bolt is an M12 by default:
-    hole of the medium series (ISO 273), washer of the normal series (ISO 7089), head and nut as
-    round as their width across flats, 18 mm.
-
-    Cells are ``size`` wide from the axis to ``fine_radius`` and grow outwards from there by the
-    factor ``growth``; in height they are ``size`` at the faces of the plates, and grow towards
-    their middles and away from head and nut. Radii of bolt, holes, head and washers are lines.
-
-    Each part is a body of its own, whose vertices coincide with its neighbour's where they touch:
-
-    ==================================  =====================================================
-    ``interface_lower``, ``_upper``     plate 1 and plate 2
-    ``seat_1_lower``, ``_upper``        washer 1 and plate 1; not with ``seats="bonded"``
-    ``seat_2_lower``, ``_upper``        plate 2 and washer 2; not with ``seats="bonded"``
-    ``head_1_lower``, ``_upper``        nut and washer 1; not with ``heads="bonded"``
-    ``head_2_lower``, ``_upper``        washer 2 and head; not with ``heads="bonded"``
-    ``section_lower``, ``_upper``       the halves of the shank at height 0, to pretension it
-    ==================================  =====================================================
-
-    Parts and other faces: always ``plate_1``, ``plate_2``, with the faces ``hole`` (the wall of
-    both plates' holes) and ``rim`` (both plates at ``radius``). With ``parts="plates"`` no more,
-    and the faces ``washer_1`` and ``washer_2`` are the rings on the plates' outer faces from the
-    hole to the washer's diameter. With ``parts="washers"`` also ``washer_1``, ``washer_2``, and the
-    faces ``load_1`` and ``load_2`` are the rings on the washers' outer faces under nut and head.
-    With ``parts="bolt"`` the washers and ``bolt_lower`` (nut and lower half of the shank),
-    ``bolt_upper``, and the face ``axis`` (of the bolt, at radius 0). The shank touches no hole.
-
-    Args:
-        comm: Communicator; the call is collective, the lists are built on rank 0 alone.
-        parts: ``"plates"``, ``"washers"`` for plates and washers, or ``"bolt"`` for all.
-        thickness: Thickness of plate 1 and of plate 2, in metres.
-        radius: Outer radius of the plates, in metres.
-        hole_diameter: Diameter of the plates' holes, in metres.
-        washer_diameter: Outer diameter of the washers, in metres.
-        washer_thickness: Thickness of the washers, in metres.
-        washer_hole: Inner diameter of the washers, in metres.
-        head_diameter: Diameter of head and nut, in metres.
-        head_height: Height of head and nut, in metres.
-        bolt_diameter: Diameter of the shank, in metres.
-        seats: ``"contact"``, or ``"bonded"`` for washers that share vertices with the plates.
-        heads: ``"contact"``, or ``"bonded"`` for head and nut that share vertices with washers.
-        size: Longest side of a cell near the joint, in metres.
-        fine_radius: Radius up to which cells are ``size`` wide, in metres; None for the washer's
-            radius and the thickness of the thicker plate.
-        growth: Ratio of the sides of neighbouring cells where they grow.
-        cell: ``"quadrilateral"``, or ``"triangle"`` for two of those in each quadrilateral.
-
-    Returns:
-        The tagged mesh.
-
-    Raises:
-        MeshError: A dimension or word is impossible; the message names the argument, its value and
-            what was expected.
-    """
-    form = _BoltedPlates(
-        "bolted_plates_section", parts, thickness, radius, hole_diameter, washer_diameter,
-        washer_thickness, washer_hole, head_diameter, head_height, bolt_diameter, seats, heads,
-        size, fine_radius, growth,
-    )  # fmt: skip
-    cells = ("quadrilateral", "triangle")
-    requirement(form.builder)(cell in cells, "cell", cell, " or ".join(map(repr, cells)))
-    return distribute(comm, on_root(comm, lambda: form.section(cell)))
+Touching = Literal["contact", "bonded"]
 
 
-def bolted_plates(
-    comm: MPI.Intracomm,
-    *,
-    parts: str = "plates",
-    thickness: tuple[float, float] = (0.02, 0.02),
-    radius: float = 0.1,
-    hole_diameter: float = 0.0135,
-    washer_diameter: float = 0.024,
-    washer_thickness: float = 0.0025,
-    washer_hole: float = 0.013,
-    head_diameter: float = 0.018,
-    head_height: float = 0.0075,
-    bolt_diameter: float = 0.012,
-    seats: str = "contact",
-    heads: str = "contact",
-    size: float = 2e-3,
-    fine_radius: float | None = None,
-    growth: float = 1.2,
-    n_around: int = 32,
-    quarter: bool = False,
-    cell: str = "hexahedron",
-) -> TaggedMesh:
-    """Mesh of two round plates under a bolt in 3-D, the bolt's axis along z.
+@dataclass(frozen=True, kw_only=True)
+class _Plates(Builder):
+    """What the plates and their section have in common; see `BoltedPlatesSection`."""
 
-    The section of ``bolted_plates_section`` revolved, with its parts and faces of the same names
-    but ``axis``; circles are polygons whose corners lie on them. The shank has a square grid along
-    its axis, so that no cell is degenerate.
+    parts: Annotated[str, Demand(PARTS.__contains__, f"one of {', '.join(PARTS)}")] = "plates"
+    thickness: Annotated[
+        tuple[Size, Size],
+        Demand(lambda v: lengths(v, 2), "two lengths above 0 m, of plate 1 and 2"),
+    ] = (0.02, 0.02)
+    radius: Size = 0.1
+    hole_diameter: Size = 0.0135
+    washer_diameter: Size = 0.024
+    washer_thickness: float = 0.0025
+    washer_hole: float = 0.013
+    head_diameter: float = 0.018
+    head_height: float = 0.0075
+    bolt_diameter: float = 0.012
+    seats: Touching = "contact"
+    heads: Touching = "contact"
+    size: Size = 1e-3
+    fine_radius: float | None = None
+    growth: Annotated[float, Demand(lambda v: is_positive(v) and v > 1, "a ratio above 1")] = 1.2
 
-    Args:
-        comm: Communicator; the call is collective, the lists are built on rank 0 alone.
-        parts: As in ``bolted_plates_section``, and so all the dimensions down to ``growth``.
-        thickness: Thickness of plate 1 and of plate 2, in metres.
-        radius: Outer radius of the plates, in metres.
-        hole_diameter: Diameter of the plates' holes, in metres.
-        washer_diameter: Outer diameter of the washers, in metres.
-        washer_thickness: Thickness of the washers, in metres.
-        washer_hole: Inner diameter of the washers, in metres.
-        head_diameter: Diameter of head and nut, in metres.
-        head_height: Height of head and nut, in metres.
-        bolt_diameter: Diameter of the shank, in metres.
-        seats: ``"contact"``, or ``"bonded"``.
-        heads: ``"contact"``, or ``"bonded"``.
-        size: Longest side of a cell near the joint along the radius and in height, in metres.
-        fine_radius: Radius up to which cells are of that size, in metres.
-        growth: Ratio of the sides of neighbouring cells where they grow.
-        n_around: Cells around the whole circle, a multiple of 4; with a bolt, of 8.
-        quarter: Only the quarter of x and y above 0, with the faces ``symmetry_x`` (at x = 0) and
-            ``symmetry_y`` (at y = 0).
-        cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
-
-    Returns:
-        The tagged mesh.
-
-    Raises:
-        MeshError: A dimension, count or word is impossible; the message names the argument, its
-            value and what was expected.
-    """
-    form = _BoltedPlates(
-        "bolted_plates", parts, thickness, radius, hole_diameter, washer_diameter,
-        washer_thickness, washer_hole, head_diameter, head_height, bolt_diameter, seats, heads,
-        size, fine_radius, growth,
-    )  # fmt: skip
-    require = requirement(form.builder)
-    cells = ("hexahedron", "tetrahedron")
-    require(cell in cells, "cell", cell, " or ".join(map(repr, cells)))
-    unit = 8 if parts == "bolt" else 4
-    fits = is_count(n_around) and n_around % unit == 0
-    require(fits, "n_around", n_around, f"a multiple of {unit} with parts = {parts!r}")
-    return distribute(comm, on_root(comm, lambda: form.solid(n_around, quarter, cell)))
-
-
-@dataclass(frozen=True)
-class _BoltedPlates:
-    """Checked dimensions of bolted plates; see ``bolted_plates_section``."""
-
-    builder: str
-    parts: str
-    thickness: tuple[float, float]
-    radius: float
-    hole_diameter: float
-    washer_diameter: float
-    washer_thickness: float
-    washer_hole: float
-    head_diameter: float
-    head_height: float
-    bolt_diameter: float
-    seats: str
-    heads: str
-    size: float
-    fine_radius: float | None
-    growth: float
-
-    def __post_init__(self) -> None:
-        require = requirement(self.builder)
-        require(self.parts in PARTS, "parts", self.parts, f"one of {', '.join(PARTS)}")
-        for name in ("seats", "heads"):
-            word = getattr(self, name)
-            require(word in ("contact", "bonded"), name, word, "'contact' or 'bonded'")
-        pair = np.shape(self.thickness) == (2,) and all(map(is_positive, self.thickness))
-        require(pair, "thickness", self.thickness, "two lengths above 0 m, of plate 1 and 2")
-        for name in self._lengths():
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+        for name in self.lengths_in_use():
             value = getattr(self, name)
-            require(is_positive(value), name, value, "a length above 0 m")
-        self._check_fits(require)
-        fits = is_positive(self.growth) and self.growth > 1
-        require(fits, "growth", self.growth, "a ratio above 1")
-        if self.fine_radius is None:
-            reach = self.washer_diameter / 2 + max(self.thickness)
-            object.__setattr__(self, "fine_radius", min(reach, self.radius))
+            self.require(is_positive(value), name, value, "a length above 0 m")
+        self.check_fits()
         least = self.washer_diameter / 2
-        fits = is_positive(self.fine_radius) and least <= self.fine_radius <= self.radius
+        fits = is_positive(self.reach) and least <= self.reach <= self.radius
         expected = f"from half washer_diameter = {least:g} m to radius = {self.radius:g} m"
-        require(fits, "fine_radius", self.fine_radius, expected)
+        self.require(fits, "fine_radius", self.reach, expected)
 
-    def _lengths(self) -> list[str]:
-        """Names of the dimensions that count, apart from the plates' thickness."""
-        names = ["radius", "hole_diameter", "washer_diameter", "size"]
+    @property
+    def reach(self) -> float:
+        """Radius up to which cells are ``size`` wide, m."""
+        if self.fine_radius is not None:
+            return self.fine_radius
+        return min(self.washer_diameter / 2 + max(self.thickness), self.radius)
+
+    def lengths_in_use(self) -> list[str]:
+        """Names of the dimensions of washers and bolt that count."""
+        names = []
         if self.parts != "plates":
             names += ["washer_thickness", "washer_hole", "head_diameter"]
         if self.parts == "bolt":
             names += ["head_height", "bolt_diameter"]
         return names
 
-    def _check_fits(self, require) -> None:
+    def check_fits(self) -> None:
+        """Refuse dimensions that do not fit each other."""
         twice = 2 * self.radius
         fits = self.hole_diameter < self.washer_diameter < twice
         expected = f"between hole_diameter = {self.hole_diameter:g} m and {twice:g} m of the plates"
-        require(fits, "washer_diameter", self.washer_diameter, expected)
+        self.require(fits, "washer_diameter", self.washer_diameter, expected)
         if self.parts == "plates":
             return
         fits = self.washer_hole < self.head_diameter <= self.washer_diameter
         expected = f"above washer_hole = {self.washer_hole:g} m and at most "
         expected += f"washer_diameter = {self.washer_diameter:g} m"
-        require(fits, "head_diameter", self.head_diameter, expected)
+        self.require(fits, "head_diameter", self.head_diameter, expected)
         if self.parts == "bolt":
             room = min(self.hole_diameter, self.washer_hole)
             expected = f"less than the holes, {room:g} m, so that the shank is free in them"
-            require(self.bolt_diameter < room, "bolt_diameter", self.bolt_diameter, expected)
-
-    def section(self, cell: str) -> MeshLists:
-        """The section, x[0] the radius and x[1] the height."""
-        r, z = self.r_lines(), self.z_lines()
-        points, quads = tensor_grid(r, z)
-        values = self.values(_middle(r), _middle(z)).T.ravel()
-        lists = self.parted(flat_lists(points, quads, values, cell, CELL_NAMES))
-        facets, cells = exterior_facets(lists)
-        x = lists.x[facets]
-        faces = self.faces(x[:, :, 0], x[:, :, 1], lists.cell_values[cells])
-        if self.parts == "bolt":
-            faces["axis"] = self.on(x[:, :, 0], 0.0)
-        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
-
-    def solid(self, n_around: int, quarter: bool, cell: str) -> MeshLists:
-        """The section revolved."""
-        points, quads, middle = self.plan(n_around, quarter)
-        z = self.z_lines()
-        column = Extrusion(points, quads, z, self.values(middle, _middle(z)), cell)
-        lists = self.parted(MeshLists(cell, *column.lists(), CELL_NAMES, {}))
-        facets, cells = exterior_facets(lists)
-        x, y, height = np.moveaxis(lists.x[facets], 2, 0)
-        faces = self.faces(np.hypot(x, y), height, lists.cell_values[cells])
-        if quarter:
-            faces |= {"symmetry_x": self.on(x, 0.0), "symmetry_y": self.on(y, 0.0)}
-        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
-
-    def plan(self, n_around: int, quarter: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Plane points; cells; and the radius at the middle of the ring in which each cell is."""
-        r = self.r_lines()
-        if self.parts == "bolt":
-            r = r[r > self.bolt_diameter / 2 - _TOLERANCE * self.radius]
-        n = n_around // 4 + 1 if quarter else n_around
-        angle = np.arange(n) * (2 * math.pi / n_around)
-        unit = np.column_stack([np.cos(angle), np.sin(angle)])
-        if quarter:
-            unit[0], unit[-1] = (1.0, 0.0), (0.0, 1.0)  # free of round-off on the symmetry planes
-        points = (r[:, None, None] * unit).reshape(-1, 2)
-        number = np.arange(len(points)).reshape(len(r), n)
-        if not quarter:
-            number = np.hstack([number, number[:, :1]])
-        corners = number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]
-        quads = np.stack(corners, axis=-1).reshape(-1, 4)
-        middle = np.repeat(_middle(r), number.shape[1] - 1)
-        if self.parts == "bolt":
-            circle = number[0, :n]
-            core = disc_grid(circle, points[circle], self.size, len(points), quarter)
-            points, quads = np.vstack([points, core[0]]), np.vstack([quads, core[1]])
-            middle = np.append(middle, np.full(len(core[1]), self.bolt_diameter / 4))
-        return points, quads, middle
+            self.require(self.bolt_diameter < room, "bolt_diameter", self.bolt_diameter, expected)
 
     def r_lines(self) -> np.ndarray:
-        edges = [self.hole_diameter / 2, self.washer_diameter / 2, self.fine_radius]
+        edges = [self.hole_diameter / 2, self.washer_diameter / 2, self.reach]
         if self.parts != "plates":
             edges += [self.washer_hole / 2, self.head_diameter / 2]
         if self.parts == "bolt":
             edges += [0.0, self.bolt_diameter / 2]
         fine = grid_lines(edges, self.size)
-        beyond = self.radius - self.fine_radius
+        beyond = self.radius - self.reach
         if beyond <= _TOLERANCE * self.radius:
             return fine
         last = self.size + math.log(self.growth) * beyond
-        return np.append(
-            fine[:-1], graded_lines([self.fine_radius, self.radius], [self.size, last])
-        )
+        return np.append(fine[:-1], graded_lines([self.reach, self.radius], [self.size, last]))
 
     def z_lines(self) -> np.ndarray:
         rate = math.log(self.growth)
@@ -388,6 +190,180 @@ class _BoltedPlates:
     def on(self, values: np.ndarray, place: float) -> np.ndarray:
         """Facets all of whose corners have a coordinate, (n, n_corners), at ``place``."""
         return np.all(np.abs(values - place) < _TOLERANCE * self.radius, axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoltedPlatesSection(_Plates):
+    """The section of two round plates under a bolt, x[0] the radius and x[1] the height.
+
+    The plates touch at height 0: plate 1 lies below, plate 2 above. The bolt is an M12 by default:
+    hole of the medium series (ISO 273), washer of the normal series (ISO 7089), head and nut as
+    round as their width across flats, 18 mm.
+
+    Cells are ``size`` wide from the axis to ``fine_radius`` and grow outwards from there by the
+    factor ``growth``; in height they are ``size`` at the faces of the plates, and grow towards
+    their middles and away from head and nut. Radii of bolt, holes, head and washers are lines.
+
+    Each part is a body of its own, whose vertices coincide with its neighbour's where they touch:
+
+    ==================================  =====================================================
+    ``interface_lower``, ``_upper``     plate 1 and plate 2
+    ``seat_1_lower``, ``_upper``        washer 1 and plate 1; not with ``seats="bonded"``
+    ``seat_2_lower``, ``_upper``        plate 2 and washer 2; not with ``seats="bonded"``
+    ``head_1_lower``, ``_upper``        nut and washer 1; not with ``heads="bonded"``
+    ``head_2_lower``, ``_upper``        washer 2 and head; not with ``heads="bonded"``
+    ``section_lower``, ``_upper``       the halves of the shank at height 0, to pretension it
+    ==================================  =====================================================
+
+    Parts and other faces: always ``plate_1``, ``plate_2``, with the faces ``hole`` (the wall of
+    both plates' holes) and ``rim`` (both plates at ``radius``). With ``parts="plates"`` no more,
+    and the faces ``washer_1`` and ``washer_2`` are the rings on the plates' outer faces from the
+    hole to the washer's diameter. With ``parts="washers"`` also ``washer_1``, ``washer_2``, and the
+    faces ``load_1`` and ``load_2`` are the rings on the washers' outer faces under nut and head.
+    With ``parts="bolt"`` the washers and ``bolt_lower`` (nut and lower half of the shank),
+    ``bolt_upper``, and the face ``axis`` (of the bolt, at radius 0). The shank touches no hole.
+
+    Attributes:
+        parts: ``"plates"``, ``"washers"`` for plates and washers, or ``"bolt"`` for all.
+        thickness: Thickness of plate 1 and of plate 2, in metres.
+        radius: Outer radius of the plates, in metres.
+        hole_diameter: Diameter of the plates' holes, in metres.
+        washer_diameter: Outer diameter of the washers, in metres.
+        washer_thickness: Thickness of the washers, in metres.
+        washer_hole: Inner diameter of the washers, in metres.
+        head_diameter: Diameter of head and nut, in metres.
+        head_height: Height of head and nut, in metres.
+        bolt_diameter: Diameter of the shank, in metres.
+        seats: ``"contact"``, or ``"bonded"`` for washers that share vertices with the plates.
+        heads: ``"contact"``, or ``"bonded"`` for head and nut that share vertices with washers.
+        size: Longest side of a cell near the joint, in metres.
+        fine_radius: Radius up to which cells are ``size`` wide, in metres; None for the washer's
+            radius and the thickness of the thicker plate.
+        growth: Ratio of the sides of neighbouring cells where they grow.
+        cell: ``"quadrilateral"``, or ``"triangle"`` for two of those in each quadrilateral.
+
+    Raises:
+        MeshError: A dimension or word is impossible; the message names the argument, its value and
+            what was expected.
+    """
+
+    function: ClassVar[str] = "bolted_plates_section"
+
+    cell: Literal["quadrilateral", "triangle"] = "quadrilateral"
+
+    def lists(self) -> MeshLists:
+        """The section, x[0] the radius and x[1] the height."""
+        r, z = self.r_lines(), self.z_lines()
+        points, quads = tensor_grid(r, z)
+        values = self.values(_middle(r), _middle(z)).T.ravel()
+        lists = self.parted(flat_lists(points, quads, values, self.cell, CELL_NAMES))
+        facets, cells = exterior_facets(lists)
+        x = lists.x[facets]
+        faces = self.faces(x[:, :, 0], x[:, :, 1], lists.cell_values[cells])
+        if self.parts == "bolt":
+            faces["axis"] = self.on(x[:, :, 0], 0.0)
+        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoltedPlates(_Plates):
+    """Two round plates under a bolt in 3-D, the bolt's axis along z.
+
+    The section of `BoltedPlatesSection` revolved, with its parts and faces of the same names
+    but ``axis``; circles are polygons whose corners lie on them. The shank has a square grid along
+    its axis, so that no cell is degenerate.
+
+    The other arguments are those of `BoltedPlatesSection`.
+
+    Attributes:
+        size: Longest side of a cell near the joint along the radius and in height, in metres.
+        n_around: Cells around the whole circle, a multiple of 4; with a bolt, of 8.
+        quarter: Only the quarter of x and y above 0, with the faces ``symmetry_x`` (at x = 0) and
+            ``symmetry_y`` (at y = 0).
+        cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
+
+    Raises:
+        MeshError: A dimension, count or word is impossible; the message names the argument, its
+            value and what was expected.
+    """
+
+    function: ClassVar[str] = "bolted_plates"
+
+    size: Size = 2e-3
+    n_around: int = 32
+    quarter: bool = False
+    cell: Solid = "hexahedron"
+
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+        super().check()
+        unit = 8 if self.parts == "bolt" else 4
+        fits = is_count(self.n_around) and self.n_around % unit == 0
+        expected = f"a multiple of {unit} with parts = {self.parts!r}"
+        self.require(fits, "n_around", self.n_around, expected)
+
+    def lists(self) -> MeshLists:
+        """The section revolved."""
+        points, quads, middle = self.plan()
+        z = self.z_lines()
+        column = Extrusion(points, quads, z, self.values(middle, _middle(z)), self.cell)
+        lists = self.parted(MeshLists(self.cell, *column.lists(), CELL_NAMES, {}))
+        facets, cells = exterior_facets(lists)
+        x, y, height = np.moveaxis(lists.x[facets], 2, 0)
+        faces = self.faces(np.hypot(x, y), height, lists.cell_values[cells])
+        if self.quarter:
+            faces |= {"symmetry_x": self.on(x, 0.0), "symmetry_y": self.on(y, 0.0)}
+        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
+
+    def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Plane points; cells; and the radius at the middle of the ring in which each cell is."""
+        r = self.r_lines()
+        if self.parts == "bolt":
+            r = r[r > self.bolt_diameter / 2 - _TOLERANCE * self.radius]
+        n = self.n_around // 4 + 1 if self.quarter else self.n_around
+        angle = np.arange(n) * (2 * math.pi / self.n_around)
+        unit = np.column_stack([np.cos(angle), np.sin(angle)])
+        if self.quarter:
+            unit[0], unit[-1] = (1.0, 0.0), (0.0, 1.0)  # free of round-off on the symmetry planes
+        points = (r[:, None, None] * unit).reshape(-1, 2)
+        number = np.arange(len(points)).reshape(len(r), n)
+        if not self.quarter:
+            number = np.hstack([number, number[:, :1]])
+        corners = number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]
+        quads = np.stack(corners, axis=-1).reshape(-1, 4)
+        middle = np.repeat(_middle(r), number.shape[1] - 1)
+        if self.parts == "bolt":
+            circle = number[0, :n]
+            core = disc_grid(circle, points[circle], self.size, len(points), self.quarter)
+            points, quads = np.vstack([points, core[0]]), np.vstack([quads, core[1]])
+            middle = np.append(middle, np.full(len(core[1]), self.bolt_diameter / 4))
+        return points, quads, middle
+
+
+def bolted_plates_section(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
+    """Mesh of the section of two round plates under a bolt. Collective.
+
+    Args:
+        comm: Communicator.
+        arguments: See `BoltedPlatesSection`.
+
+    Raises:
+        MeshError: As `BoltedPlatesSection`.
+    """
+    return BoltedPlatesSection(**arguments).build(comm)
+
+
+def bolted_plates(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
+    """Mesh of two round plates under a bolt. Collective.
+
+    Args:
+        comm: Communicator.
+        arguments: See `BoltedPlates`.
+
+    Raises:
+        MeshError: As `BoltedPlates`.
+    """
+    return BoltedPlates(**arguments).build(comm)
 
 
 def _middle(lines: np.ndarray) -> np.ndarray:

@@ -4,47 +4,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import is_count, is_positive, requirement
+from fenics_joints.meshes.arguments import Builder, Count, Demand, Gap, Size, Solid, two_counts
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import graded_lines, grid_lines, o_grid, tensor_grid
-from fenics_joints.meshes.separate import separate
-from fenics_joints.meshes.skin import add_faces, exterior_facets, facets_between
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
-from fenics_joints.parallel import on_root
+from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
+from fenics_joints.meshes.plane import (
+    between,
+    graded_lines,
+    grid_lines,
+    loop_around,
+    o_grid,
+    tensor_grid,
+)
+from fenics_joints.meshes.skin import add_faces, exterior_facets
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
 
-__all__ = ["c_beams"]
+__all__ = ["CBeams", "c_beams"]
 
-CELL_NAMES = {"beam_1": 1, "beam_2": 2, "joint": 3}
 _GROWTH = math.log(1.3)  # of the elements from the pads to the slender middle, per element
 _TOLERANCE = 1e-9  # of a vertex on a plane or circle, relative to the length
 
-_require = requirement("c_beams")
 
-
-def c_beams(
-    comm: MPI.Intracomm,
-    *,
-    length: float = 0.508,
-    width: float = 0.0318,
-    thickness: float = 9.65e-3,
-    pad_thickness: float = 12.7e-3,
-    pad_length: float = 0.0497,
-    hole_diameter: float = 8.43e-3,
-    washer_diameter: float = 17.46e-3,
-    zone: float = 0.024,
-    element_size: float = 1.5e-3,
-    radial_size: float = 1.1e-3,
-    middle_size: float = 8e-3,
-    n_thickness: tuple[int, int] = (6, 2),
-    layer: float = 0.0,
-    bonded: bool = False,
-    cell: str = "hexahedron",
-) -> TaggedMesh:
-    """Mesh of two equal C-shaped beams, face to face, with a bolt's hole in each end.
+@dataclass(frozen=True, kw_only=True)
+class CBeams(Builder):
+    """Two equal C-shaped beams, face to face, with a bolt's hole in each end.
 
     The defaults are the benchmark of updating contact by a cut-off pressure: its length and
     cross-sections are printed, the pads' length is a fit to the printed frequencies, and the place
@@ -73,8 +60,7 @@ def c_beams(
     and shares vertices with them; the beams move apart by half of it each. Then there is a part
     ``joint``, and the faces ``joint_lower``, ``joint_upper`` lie between it and the beams.
 
-    Args:
-        comm: Communicator; the call is collective, the lists are built on rank 0 alone.
+    Attributes:
         length: Length of each beam, in metres.
         width: Width of the beams, in metres.
         thickness: Thickness of the slender middle, in metres.
@@ -91,49 +77,48 @@ def c_beams(
         bonded: Whether the beams share vertices; a ``layer`` always does.
         cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
 
-    Returns:
-        The tagged mesh.
-
     Raises:
         MeshError: A dimension or count is impossible; the message names the argument, its value
             and what was expected.
     """
-    sizes = {
-        "length": length, "width": width, "thickness": thickness, "pad_thickness": pad_thickness,
-        "pad_length": pad_length, "hole_diameter": hole_diameter,
-        "washer_diameter": washer_diameter, "zone": zone, "element_size": element_size,
-        "radial_size": radial_size, "middle_size": middle_size,
-    }  # fmt: skip
-    for name, value in sizes.items():
-        _require(is_positive(value), name, value, "a length above 0 m")
-    _check(sizes, n_thickness, layer, cell)
-    form = _CBeams(
-        length, width, thickness, pad_thickness, pad_length, hole_diameter / 2,
-        washer_diameter / 2, zone, element_size, radial_size, middle_size,
-        tuple(n_thickness), layer, bonded, cell,
-    )  # fmt: skip
-    return distribute(comm, on_root(comm, form.lists))
 
+    function: ClassVar[str] = "c_beams"
 
-@dataclass(frozen=True)
-class _CBeams:
-    """Checked dimensions of the beams; see ``c_beams``."""
+    length: Size = 0.508
+    width: Size = 0.0318
+    thickness: Size = 9.65e-3
+    pad_thickness: Size = 12.7e-3
+    pad_length: Size = 0.0497
+    hole_diameter: Size = 8.43e-3
+    washer_diameter: Size = 17.46e-3
+    zone: Size = 0.024
+    element_size: Size = 1.5e-3
+    radial_size: Size = 1.1e-3
+    middle_size: Size = 8e-3
+    n_thickness: Annotated[
+        tuple[Count, Count], Demand(two_counts, "two whole numbers of at least 1")
+    ] = (6, 2)
+    layer: Gap = 0.0
+    bonded: bool = False
+    cell: Solid = "hexahedron"
 
-    length: float
-    width: float
-    thickness: float
-    pad_thickness: float
-    pad_length: float
-    hole: float
-    washer: float
-    zone: float
-    element_size: float
-    radial_size: float
-    middle_size: float
-    n_thickness: tuple[int, int]
-    layer: float
-    bonded: bool
-    cell: str
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+        rooms = [
+            ("thickness", "pad_thickness", 1.0), ("pad_length", "length", 0.5),
+            ("zone", "width", 1.0), ("zone", "pad_length", 1.0),
+            ("hole_diameter", "washer_diameter", 1.0), ("washer_diameter", "zone", 0.9),
+        ]  # fmt: skip
+        for name, other, share in rooms:
+            value, room = getattr(self, name), share * getattr(self, other)
+            factor = "" if share == 1 else f"{share:g} * "
+            self.require(value < room, name, value, f"less than {factor}{other} = {room:g} m")
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the parts and of the faces."""
+        faces = ["holes"]
+        faces += [f"washer_{i}_{side}" for i in (1, 2) for side in ("lower", "upper")]
+        return lapped_groups(self.layer, self.bonded, [], faces)
 
     @property
     def bolts(self) -> np.ndarray:
@@ -148,7 +133,7 @@ class _CBeams:
         column = Extrusion(points, quads, self.levels(), self.values(pad), self.cell)
         bolts = np.column_stack([self.bolts, np.zeros(2)])
         lists = MeshLists(self.cell, *column.lists(), CELL_NAMES, {}, {"bolts": bolts})
-        return self.with_faces(self.with_interface(lists))
+        return self.with_faces(lapped(lists, self.layer, self.bonded))
 
     def plan(self) -> tuple[np.ndarray, np.ndarray]:
         """Plane points and cells, with O-grids around the holes."""
@@ -156,14 +141,12 @@ class _CBeams:
         points, quads = tensor_grid(x, y)
         number = np.arange(len(points)).reshape(len(x), len(y))
         for bolt in self.bolts:
-            i = _between(x, bolt[0], self.zone)
-            j = _between(y, bolt[1], self.zone)
+            i = between(x, bolt[0], self.zone)
+            j = between(y, bolt[1], self.zone)
             square = number[i][:, j]
-            loop = np.concatenate(
-                [square[:-1, 0], square[-1, :-1], square[:0:-1, -1], square[0, :0:-1]]
-            )
+            loop = loop_around(square)
             outside = np.abs(points[quads].mean(axis=1) - bolt).max(axis=1) > self.zone / 2
-            radii = self.hole, self.washer
+            radii = self.hole_diameter / 2, self.washer_diameter / 2
             new = o_grid(loop, points[loop], bolt, radii, self.radial_size, len(points))
             points, quads = np.vstack([points, new[0]]), np.vstack([quads[outside], new[1]])
         return points, quads
@@ -215,27 +198,15 @@ class _CBeams:
         rows += [everywhere * CELL_NAMES["beam_2"]] * outer
         return np.array(rows)
 
-    def with_interface(self, lists: MeshLists) -> MeshLists:
-        """Faces between the beams, which are made separate bodies if they are to be."""
-        if self.layer > 0:
-            faces = {
-                "joint_lower": facets_between(lists, "joint", "beam_1"),
-                "joint_upper": facets_between(lists, "joint", "beam_2"),
-            }
-            return add_faces(lists, faces)
-        if self.bonded:
-            return add_faces(lists, {"interface": facets_between(lists, "beam_1", "beam_2")})
-        names = "interface_lower", "interface_upper"
-        return separate(lists, ["beam_1", "beam_2", "joint"], {("beam_1", "beam_2"): names})
-
     def with_faces(self, lists: MeshLists) -> MeshLists:
         facets, cells = exterior_facets(lists)
         x = lists.x[facets]
         tolerance = _TOLERANCE * self.length
         radius = np.linalg.norm(x[:, None, :, :2] - self.bolts[None, :, None], axis=3)
         outer = self.pad_thickness + self.layer / 2
-        under = np.all(radius < self.washer + tolerance, axis=2)
-        faces = {"holes": np.all(np.abs(radius - self.hole) < tolerance, axis=2).any(axis=1)}
+        under = np.all(radius < self.washer_diameter / 2 + tolerance, axis=2)
+        wall = np.abs(radius - self.hole_diameter / 2) < tolerance
+        faces = {"holes": np.all(wall, axis=2).any(axis=1)}
         for side, height in (("lower", -outer), ("upper", outer)):
             flat = np.all(np.abs(x[:, :, 2] - height) < tolerance, axis=1)
             for bolt in range(2):
@@ -243,25 +214,14 @@ class _CBeams:
         return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
 
 
-def _between(lines: np.ndarray, centre: float, side: float) -> slice:
-    first, last = (int(np.abs(lines - centre - end * side / 2).argmin()) for end in (-1, 1))
-    return slice(first, last + 1)
+def c_beams(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
+    """Mesh of two C-shaped beams. Collective.
 
+    Args:
+        comm: Communicator.
+        arguments: See `CBeams`.
 
-def _check(sizes: dict[str, float], n_thickness, layer, cell) -> None:
-    """Whether the lengths fit each other, and the other arguments."""
-    rooms = [
-        ("thickness", "pad_thickness", 1.0), ("pad_length", "length", 0.5), ("zone", "width", 1.0),
-        ("zone", "pad_length", 1.0), ("hole_diameter", "washer_diameter", 1.0),
-        ("washer_diameter", "zone", 0.9),
-    ]  # fmt: skip
-    for name, other, share in rooms:
-        fits = sizes[name] < share * sizes[other]
-        factor = "" if share == 1 else f"{share:g} * "
-        expected = f"less than {factor}{other} = {share * sizes[other]:g} m"
-        _require(fits, name, sizes[name], expected)
-    counts = np.shape(n_thickness) == (2,) and all(is_count(n) for n in n_thickness)
-    _require(counts, "n_thickness", n_thickness, "two whole numbers of at least 1")
-    _require(layer == 0 or is_positive(layer), "layer", layer, "0 m or a thickness above it")
-    cells = "'hexahedron' or 'tetrahedron'"
-    _require(cell in ("hexahedron", "tetrahedron"), "cell", cell, cells)
+    Raises:
+        MeshError: As `CBeams`.
+    """
+    return CBeams(**arguments).build(comm)

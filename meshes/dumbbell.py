@@ -2,43 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import is_count, is_positive, requirement
+from fenics_joints.meshes.arguments import Builder, Count, Demand, Places, Size, Solid, lengths
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import disc_grid, grid_lines, o_grid, tensor_grid
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
-from fenics_joints.parallel import on_root
+from fenics_joints.meshes.plane import between, grid_lines, ring_in_square, tensor_grid
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
 
-__all__ = ["dumbbell"]
+__all__ = ["Dumbbell", "dumbbell"]
 
 FACET_NAMES = {"end_1": 1, "end_2": 2, "joint_lower": 3, "joint_upper": 4}
 BODIES = ("head_1", "neck_1", "neck_2", "head_2")
-_INSIDE, _RING = 1, 2  # of a plane cell: within the hole's circle, within the ring
 
-_require = requirement("dumbbell")
+Sides = Annotated[
+    tuple[Size, Size, Size],
+    Demand(lambda v: lengths(v, 3), "three lengths above 0 m, along x, y and z"),
+]
 
 
-def dumbbell(
-    comm: MPI.Intracomm,
-    *,
-    head: Sequence[float] = (0.24, 0.18, 0.09),
-    neck: Sequence[float] = (0.12, 0.063, 0.04),
-    layer: float = 0.657e-3,
-    element_size: float = 0.03,
-    n_layer: int = 1,
-    rings: Sequence[tuple[float, float]] = (),
-    r_nei: float = 0.00875,
-    r_wai: float | None = None,
-    zone: float | None = None,
-    holes: bool = False,
-    cell: str = "hexahedron",
-) -> TaggedMesh:
-    """Mesh of two blocks with a neck each, neck to neck with a joint layer between.
+@dataclass(frozen=True, kw_only=True)
+class Dumbbell(Builder):
+    """Two blocks with a neck each, neck to neck with a joint layer between.
 
     The defaults are the specimen of seed 000, section 4.3 (Figure 11): its heads, 240 x 180 mm,
     necks, 120 x 63 mm, and layer are printed, and that the contact is on all of the necks' faces,
@@ -58,8 +46,7 @@ def dumbbell(
     ``joint_upper`` (between the layer or all rings and neck 1, neck 2). Points: ``bolts``, the
     rings' centres at mid-height.
 
-    Args:
-        comm: Communicator; the call is collective, the lists are built on rank 0 alone.
+    Attributes:
         head: Length along x, y and z of each head, in metres.
         neck: Length along x, y and z of each neck, in metres; x and y less than the head's.
         layer: Thickness of the joint layer, in metres.
@@ -73,60 +60,76 @@ def dumbbell(
         holes: Whether holes of radius R_nei go through the bodies; they are full otherwise.
         cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
 
-    Returns:
-        The tagged mesh.
-
     Raises:
         MeshError: A dimension or count is impossible, or a ring's square leaves the neck or meets
             another; the message names the argument, its value and what was expected.
     """
-    for name, lengths in (("head", head), ("neck", neck)):
-        fits = np.shape(lengths) == (3,) and all(map(is_positive, lengths))
-        _require(fits, name, lengths, "three lengths above 0 m, along x, y and z")
-    slim = neck[0] < head[0] and neck[1] < head[1]
-    _require(slim, "neck", neck, f"less than the head's {head[0]:g} and {head[1]:g} m")
-    for name, size in (("layer", layer), ("element_size", element_size)):
-        _require(is_positive(size), name, size, "a length above 0 m")
-    _require(is_count(n_layer), "n_layer", n_layer, "a whole number of at least 1")
-    cells = ("hexahedron", "tetrahedron")
-    _require(cell in cells, "cell", cell, " or ".join(map(repr, cells)))
-    pairs = all(np.shape(ring) == (2,) for ring in rings)
-    _require(pairs, "rings", rings, "a pair (x, y) in metres for each bolt")
-    centres = np.array(rings, dtype=float).reshape(-1, 2)
-    radii = (0.0, 0.0)
-    if len(centres):
-        _require(is_positive(r_nei), "r_nei", r_nei, "a radius above 0 m")
-        fits = r_wai is not None and is_positive(r_wai) and r_wai > r_nei
-        _require(fits, "r_wai", r_wai, f"a radius above r_nei = {r_nei:g} m")
-        radii, zone = (r_nei, r_wai), 2.3 * r_wai if zone is None else zone
-        _check_zone(centres, zone, r_wai, neck)
-    form = _Dumbbell(
-        tuple(head), tuple(neck), layer, element_size, n_layer, centres, radii, zone or 0.0, holes,
-        cell,
-    )  # fmt: skip
-    return distribute(comm, on_root(comm, form.lists))
 
+    function: ClassVar[str] = "dumbbell"
 
-@dataclass(frozen=True)
-class _Dumbbell:
-    """Checked dimensions of a dumbbell; see ``dumbbell``."""
+    head: Sides = (0.24, 0.18, 0.09)
+    neck: Sides = (0.12, 0.063, 0.04)
+    layer: Size = 0.657e-3
+    element_size: Size = 0.03
+    n_layer: Count = 1
+    rings: Places = ()
+    r_nei: Size = 0.00875
+    r_wai: Size | None = None
+    zone: Size | None = None
+    holes: bool = False
+    cell: Solid = "hexahedron"
 
-    head: tuple[float, float, float]
-    neck: tuple[float, float, float]
-    layer: float
-    size: float
-    n_layer: int
-    rings: np.ndarray
-    radii: tuple[float, float]
-    zone: float
-    holes: bool
-    cell: str
+    @property
+    def centres(self) -> np.ndarray:
+        """Centres of the rings in the plan, shape (n, 2)."""
+        return np.array(self.rings, dtype=float).reshape(-1, 2)
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Inner and outer radius of the rings, m."""
+        return self.r_nei, self.r_wai
+
+    @property
+    def side(self) -> float:
+        """Side of the square around each ring, m."""
+        return 2.3 * self.r_wai if self.zone is None else self.zone
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the parts and of the faces."""
+        joints = [f"ring_{i + 1}" for i in range(len(self.centres))] or ["joint"]
+        return [*BODIES, *joints], list(FACET_NAMES)
+
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+        head, neck = self.head, self.neck
+        slim = neck[0] < head[0] and neck[1] < head[1]
+        self.require(slim, "neck", neck, f"less than the head's {head[0]:g} and {head[1]:g} m")
+        if not len(self.centres):
+            return
+        fits = self.r_wai is not None and self.r_wai > self.r_nei
+        self.require(fits, "r_wai", self.r_wai, f"a radius above r_nei = {self.r_nei:g} m")
+        fits = self.r_wai <= 0.45 * self.side
+        self.require(fits, "r_wai", self.r_wai, f"at most 0.45 * zone = {0.45 * self.side:g} m")
+        self.check_squares()
+
+    def check_squares(self) -> None:
+        """Refuse rings whose squares leave the neck or meet each other."""
+        zone, rings = self.side, self.centres
+        for number, ring in enumerate(rings.tolist()):
+            sides = zip(ring, self.neck[:2], strict=True)
+            room = min(side / 2 - abs(place) for place, side in sides)
+            within = f"so that that of rings[{number}] stays within the neck"
+            fits = zone / 2 <= room * (1 + 1e-9)
+            self.require(fits, "zone", zone, f"at most {2 * room:g} m, {within}")
+            for other in range(number):
+                gap = float(np.abs(rings[number] - rings[other]).max())
+                expected = f"at most the distance of rings[{other}] and rings[{number}], {gap:g} m"
+                self.require(zone <= gap * (1 + 1e-9), "zone", zone, expected)
 
     @property
     def cell_names(self) -> dict[str, int]:
         """Tag of each part."""
-        joints = [f"ring_{i + 1}" for i in range(len(self.rings))] or ["joint"]
-        return {name: i for i, name in enumerate([*BODIES, *joints], start=1)}
+        return {name: i for i, name in enumerate(self.groups()[0], start=1)}
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
@@ -134,14 +137,14 @@ class _Dumbbell:
         middle = points[quads].mean(axis=1)
         neck = np.all(np.abs(middle) < np.array(self.neck[:2]) / 2, axis=1)
         if self.holes:
-            quads, neck, ring = (a[kind != _INSIDE] for a in (quads, neck, ring))
+            quads, neck, ring = (a[kind >= 0] for a in (quads, neck, ring))
         half = self.half_levels()
         layer = np.linspace(0.0, self.layer, self.n_layer + 1)
         z = np.concatenate([-half[:0:-1], layer, half[1:] + self.layer])
         body = len(half) - 1
         n_neck = int(np.sum(half[1:] < self.neck[2] * (1 + 1e-9)))
         head, n = np.ones(len(quads), dtype=int), len(BODIES)
-        joint = np.where(ring > 0, n + ring, 0) if len(self.rings) else (n + 1) * neck
+        joint = np.where(ring > 0, n + ring, 0) if len(self.centres) else (n + 1) * neck
         rows = [head] * (body - n_neck) + [2 * neck] * n_neck + [joint] * self.n_layer
         rows += [3 * neck] * n_neck + [4 * head] * (body - n_neck)
         column = Extrusion(points, quads, z, np.array(rows), self.cell)
@@ -150,79 +153,56 @@ class _Dumbbell:
         column.tag_level(len(z) - 1, everywhere, FACET_NAMES["end_2"])
         column.tag_level(body, joint > 0, FACET_NAMES["joint_lower"])
         column.tag_level(body + self.n_layer, joint > 0, FACET_NAMES["joint_upper"])
-        bolts = np.column_stack([self.rings, np.full(len(self.rings), self.layer / 2)])
+        bolts = np.column_stack([self.centres, np.full(len(self.centres), self.layer / 2)])
         more = {"bolts": bolts} if len(bolts) else {}
         return MeshLists(self.cell, *column.lists(), self.cell_names, dict(FACET_NAMES), more)
 
     @property
     def n_zone(self) -> int:
         """Cells along each side of a ring's square: an even number."""
-        return 2 * int(np.ceil(self.zone / min(self.size, self.zone / 4) / 2 * (1 - 1e-9)))
+        return 2 * int(np.ceil(self.side / min(self.element_size, self.side / 4) / 2 * (1 - 1e-9)))
 
     def half_levels(self) -> np.ndarray:
         """Distances of a body's levels from the joint."""
-        return grid_lines([0.0, self.neck[2], self.neck[2] + self.head[2]], self.size)
+        return grid_lines([0.0, self.neck[2], self.neck[2] + self.head[2]], self.element_size)
 
     def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Plane points; cells; which lie in a hole or a ring; and the ring of each, from 1."""
+        """Plane points; cells; 1 for those in a ring, -1 in a hole; the ring of each, from 1."""
         x, y = (self.lines(axis) for axis in range(2))
         points, quads = tensor_grid(x, y)
         number = np.arange(len(points)).reshape(len(x), len(y))
         kind, ring = np.zeros((2, len(quads)), dtype=int)
-        for i, centre in enumerate(self.rings, start=1):
-            square = number[_between(x, centre[0], self.zone)][:, _between(y, centre[1], self.zone)]
+        for i, centre in enumerate(self.centres, start=1):
+            square = number[between(x, centre[0], self.side)][:, between(y, centre[1], self.side)]
             fits = square.shape == (self.n_zone + 1,) * 2
-            _require(fits, "rings", self.rings.tolist(), "rings in rows: squares side by side or "
-                     "one above the other")  # fmt: skip
-            outside = np.abs(points[quads].mean(axis=1) - centre).max(axis=1) > self.zone / 2
-            more, new, where = self.ring(points, square, centre)
+            expected = "rings in rows: squares side by side or one above the other"
+            self.require(fits, "rings", self.centres.tolist(), expected)
+            outside = np.abs(points[quads].mean(axis=1) - centre).max(axis=1) > self.side / 2
+            size = min(self.element_size, self.side / 4)
+            more, new, where = ring_in_square(points, square, centre, self.radii, size)
             points, quads = np.vstack([points, more]), np.vstack([quads[outside], new])
             kind = np.concatenate([kind[outside], where])
-            ring = np.concatenate([ring[outside], np.where(where == _RING, i, 0)])
+            ring = np.concatenate([ring[outside], np.where(where > 0, i, 0)])
         return points, quads, kind, ring
-
-    def ring(self, points, square, centre):
-        """New points and cells inside a ring's square, and which lie in the hole or the ring."""
-        loop = np.concatenate(
-            [square[:-1, 0], square[-1, :-1], square[:0:-1, -1], square[0, :0:-1]]
-        )
-        size, first, n = min(self.size, self.zone / 4), len(points), len(loop)
-        x, quads, circle = o_grid(loop, points[loop], centre, self.radii, size, first)
-        # The square's loop starts at its corner of least x and y, 3/8 of a turn before the x-axis.
-        turn = np.roll(np.arange(n), -3 * n // 8)
-        inner, disc = disc_grid(first + turn, x[turn] - centre, size, first + len(x), False)
-        where = np.where(circle == 1, _RING, 0)
-        return (
-            np.vstack([x, inner + centre]),
-            np.vstack([quads, disc]),
-            np.concatenate([where, np.full(len(disc), _INSIDE)]),
-        )
 
     def lines(self, axis: int) -> np.ndarray:
         """Lines of the plan along x or y, with those of the rings' squares evenly spaced."""
         outer, inner = self.head[axis] / 2, self.neck[axis] / 2
         edges = np.array([-outer, -inner, inner, outer])
-        if not len(self.rings):
-            return grid_lines(edges, self.size)
-        own = self.rings[:, axis, None] + np.linspace(-0.5, 0.5, self.n_zone + 1) * self.zone
-        return grid_lines([*edges, *own.ravel()], self.size)
+        if not len(self.centres):
+            return grid_lines(edges, self.element_size)
+        own = self.centres[:, axis, None] + np.linspace(-0.5, 0.5, self.n_zone + 1) * self.side
+        return grid_lines([*edges, *own.ravel()], self.element_size)
 
 
-def _between(lines: np.ndarray, centre: float, side: float) -> slice:
-    first, last = (int(np.abs(lines - centre - end * side / 2).argmin()) for end in (-1, 1))
-    return slice(first, last + 1)
+def dumbbell(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
+    """Mesh of two dumbbell halves. Collective.
 
+    Args:
+        comm: Communicator.
+        arguments: See `Dumbbell`.
 
-def _check_zone(rings, zone, r_wai, neck) -> None:
-    _require(is_positive(zone), "zone", zone, "a side above 0 m")
-    fits = r_wai <= 0.45 * zone
-    _require(fits, "r_wai", r_wai, f"at most 0.45 * zone = {0.45 * zone:g} m")
-    for number, ring in enumerate(rings.tolist()):
-        room = min(side / 2 - abs(place) for place, side in zip(ring, neck[:2], strict=True))
-        expected = f"at most {2 * room:g} m, so that that of rings[{number}] stays within the neck"
-        _require(zone / 2 <= room * (1 + 1e-9), "zone", zone, expected)
-        for other in range(number):
-            apart = np.abs(rings[number] - rings[other])
-            gap = float(apart.max())
-            expected = f"at most the distance of rings[{other}] and rings[{number}], {gap:g} m"
-            _require(zone <= gap * (1 + 1e-9), "zone", zone, expected)
+    Raises:
+        MeshError: As `Dumbbell`.
+    """
+    return Dumbbell(**arguments).build(comm)

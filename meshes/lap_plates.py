@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import is_count, is_positive, requirement
+from fenics_joints.meshes.arguments import Builder, Count, Gap, Places, Size, Solid
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import grid_lines, o_grid, tensor_grid
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
-from fenics_joints.parallel import on_root
+from fenics_joints.meshes.plane import between, grid_lines, loop_around, o_grid, tensor_grid
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
 
-__all__ = ["lap_plates"]
+__all__ = ["LapPlates", "lap_plates"]
 
 CELL_NAMES = {"plate_1": 1, "plate_2": 2, "joint_near": 3, "joint_away": 4}
 FACET_NAMES = {
@@ -24,28 +22,10 @@ FACET_NAMES = {
 }  # fmt: skip
 BOLTS = ((0.14, 0.02), (0.14, 0.06), (0.18, 0.02), (0.18, 0.06))
 
-_require = requirement("lap_plates")
 
-
-def lap_plates(
-    comm: MPI.Intracomm,
-    *,
-    length: float = 0.2,
-    width: float = 0.08,
-    thickness: float = 0.008,
-    lap: float = 0.08,
-    layer: float = 0.5e-3,
-    element_size: float = 5e-3,
-    n_length: int | None = None,
-    n_width: int | None = None,
-    n_thickness: int = 2,
-    bolts: Sequence[tuple[float, float]] = BOLTS,
-    zone: float = 0.02,
-    hole_diameter: float | None = None,
-    washer_diameter: float | None = None,
-    cell: str = "hexahedron",
-) -> TaggedMesh:
-    """Mesh of two equal plates that overlap by ``lap``, with a joint layer one element thick.
+@dataclass(frozen=True, kw_only=True)
+class LapPlates(Builder):
+    """Two equal plates that overlap by ``lap``, with a joint layer one element thick.
 
     Plate 1 spans x from 0 to ``length`` and z from 0 to ``thickness``; the layer lies on it over
     the lap, x from ``length - lap`` to ``length``; plate 2 lies on the layer and ends at
@@ -69,8 +49,7 @@ def lap_plates(
     along the zone's side. More faces: ``holes`` (their walls) and, with ``washer_diameter``,
     ``washers`` (the rings under head and nut; they are then no part of ``bottom`` and ``top``).
 
-    Args:
-        comm: Communicator; the call is collective, the lists are built on rank 0 alone.
+    Attributes:
         length: Length of each plate, in metres.
         width: Width of the plates, in metres.
         thickness: Thickness of each plate, in metres.
@@ -86,44 +65,94 @@ def lap_plates(
         washer_diameter: Outer diameter of the washers, in metres; None for none.
         cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
 
-    Returns:
-        The tagged mesh.
-
     Raises:
         MeshError: A dimension or count is impossible, or a zone leaves the lap; the message names
             the argument, its value and what was expected.
     """
-    _check_dimensions(length, width, thickness, lap, layer, n_thickness, cell)
-    size_x = _size("n_length", n_length, length, element_size)
-    size_y = _size("n_width", n_width, width, element_size)
-    pairs = all(np.shape(bolt) == (2,) for bolt in bolts)
-    _require(pairs, "bolts", bolts, "a pair (x, y) in metres for each bolt")
-    bolts = np.array(bolts, dtype=float).reshape(-1, 2)
-    _check_zones(bolts, zone, (length - lap, length), (0.0, width))
-    radii = _check_holes(bolts, zone, hole_diameter, washer_diameter)
-    if radii:
-        size_x, size_y = min(size_x, zone / 4), min(size_y, zone / 4)
-    form = _LapPlates(length, width, thickness, lap, layer, n_thickness, bolts, zone, radii, cell)
-    return distribute(comm, on_root(comm, lambda: form.lists(size_x, size_y)))
 
+    function: ClassVar[str] = "lap_plates"
 
-@dataclass(frozen=True)
-class _LapPlates:
-    """Checked dimensions of lap plates; see ``lap_plates``."""
+    length: Size = 0.2
+    width: Size = 0.08
+    thickness: Size = 0.008
+    lap: Size = 0.08
+    layer: Gap = 0.5e-3
+    element_size: Size = 5e-3
+    n_length: Count | None = None
+    n_width: Count | None = None
+    n_thickness: Count = 2
+    bolts: Places = BOLTS
+    zone: Gap = 0.02
+    hole_diameter: Size | None = None
+    washer_diameter: Size | None = None
+    cell: Solid = "hexahedron"
 
-    length: float
-    width: float
-    thickness: float
-    lap: float
-    layer: float
-    n_thickness: int
-    bolts: np.ndarray
-    zone: float
-    radii: tuple[float, ...]
-    cell: str
+    @property
+    def centres(self) -> np.ndarray:
+        """Centres of the bolts in the plan, shape (n, 2)."""
+        return np.array(self.bolts, dtype=float).reshape(-1, 2)
 
-    def lists(self, size_x: float, size_y: float) -> MeshLists:
-        """The whole mesh with elements not longer than the sizes, in metres."""
+    @property
+    def radii(self) -> tuple[float, ...]:
+        """Radii of the hole and the washer, those that are given."""
+        return tuple(d / 2 for d in (self.hole_diameter, self.washer_diameter) if d is not None)
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the parts and of the faces, also of those that are empty."""
+        return list(CELL_NAMES), list(FACET_NAMES)
+
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+        expected = f"less than length = {self.length:g} m"
+        self.require(self.lap < self.length, "lap", self.lap, expected)
+        self.check_zones()
+        self.check_holes()
+
+    def check_zones(self) -> None:
+        """Refuse zones that leave the lap."""
+        x_range, y_range = (self.length - self.lap, self.length), (0.0, self.width)
+        for number, bolt in enumerate(self.centres.tolist()):
+            for axis, value, (low, high) in zip("xy", bolt, (x_range, y_range), strict=True):
+                room = min(value - low, high - value)
+                span = f"{low:g} to {high:g} m of the lap along {axis}"
+                where = f"bolts[{number}] {axis}"
+                self.require(room > 0, where, value, f"a position within {span}")
+                fits = self.zone / 2 <= room + 1e-9 * (high - low)
+                expected = f"at most {2 * room:g} m, so that the zone of {where} = {value:g} m "
+                self.require(fits, "zone", self.zone, expected + f"stays within {span}")
+
+    def check_holes(self) -> None:
+        """Refuse holes and washers for which the zones have no room."""
+        hole, washer, zone = self.hole_diameter, self.washer_diameter, self.zone
+        if hole is None:
+            self.require(
+                washer is None, "washer_diameter", washer, "None when hole_diameter is None"
+            )
+            return
+        # The O-grid needs room between the outer circle and the square.
+        room = f"at most 0.9 * zone = {0.9 * zone:g} m"
+        self.require(hole <= 0.9 * zone, "hole_diameter", hole, "a diameter above 0 m and " + room)
+        for number, bolt in enumerate(self.centres):
+            for other in range(number):
+                gap = np.abs(bolt - self.centres[other]).max()
+                pair = f"the distance of bolts[{other}] and bolts[{number}], {gap:g} m, with holes"
+                self.require(zone <= gap * (1 + 1e-9), "zone", zone, "at most " + pair)
+        if washer is not None:
+            expected = f"more than hole_diameter = {hole:g} m and {room}"
+            self.require(hole < washer <= 0.9 * zone, "washer_diameter", washer, expected)
+
+    def sizes(self) -> tuple[float, float]:
+        """Longest sides of elements along x and y, m."""
+        n_x, n_y = self.n_length, self.n_width
+        sizes = (
+            self.element_size if n_x is None else self.length / n_x,
+            self.element_size if n_y is None else self.width / n_y,
+        )
+        return tuple(min(size, self.zone / 4) if self.radii else size for size in sizes)
+
+    def lists(self) -> MeshLists:
+        """The whole mesh."""
+        size_x, size_y = self.sizes()
         x, y = self.lines(size_x, size_y)
         points, quads = tensor_grid(x, y)
         left = np.arange(len(y))
@@ -132,13 +161,13 @@ class _LapPlates:
         middle = points[quads].mean(axis=1)
         column = Extrusion(points, quads, self.levels(), self.values(middle), self.cell)
         self.tag_faces(column, middle, circle == 1, _chain(left), _chain(right), rims)
-        centres = np.full((len(self.bolts), 3), self.thickness + self.layer / 2)
-        centres[:, :2] = self.bolts
+        centres = np.full((len(self.centres), 3), self.thickness + self.layer / 2)
+        centres[:, :2] = self.centres
         return MeshLists(self.cell, *column.lists(), CELL_NAMES, FACET_NAMES, {"bolts": centres})
 
     def lines(self, size_x: float, size_y: float) -> tuple[np.ndarray, np.ndarray]:
         half = self.zone / 2
-        around = np.concatenate([self.bolts - half, self.bolts + half])
+        around = np.concatenate([self.centres - half, self.centres + half])
         x = [0.0, self.length - self.lap, self.length, 2 * self.length - self.lap, *around[:, 0]]
         return grid_lines(x, size_x), grid_lines([0.0, self.width, *around[:, 1]], size_y)
 
@@ -149,8 +178,10 @@ class _LapPlates:
             Points; cells; the circle of each cell, 1 within the washer; the holes' edges, (n, 2).
         """
         circle, rims = np.zeros(len(quads), dtype=int), [np.empty((0, 2), dtype=np.int64)]
-        for bolt in self.bolts if self.radii else ():
-            loop = self.loop(bolt, x, y)
+        number = np.arange(len(points)).reshape(len(x), len(y))
+        for bolt in self.centres if self.radii else ():
+            i, j = (between(line, c, self.zone) for line, c in zip((x, y), bolt, strict=True))
+            loop = loop_around(number[i][:, j])
             outside = np.abs(points[quads].mean(axis=1) - bolt).max(axis=1) > self.zone / 2
             new = o_grid(loop, points[loop], bolt, self.radii, size, len(points))
             rim = len(points) + np.arange(len(loop))
@@ -160,15 +191,6 @@ class _LapPlates:
             circle = np.concatenate([circle[outside], new[2]])
         return points, quads, circle, np.vstack(rims)
 
-    def loop(self, bolt, x, y) -> np.ndarray:
-        """Numbers of the grid points on the boundary of the bolt's zone, anticlockwise."""
-        i0, i1 = _nearest(x, bolt[0] - self.zone / 2), _nearest(x, bolt[0] + self.zone / 2)
-        j0, j1 = _nearest(y, bolt[1] - self.zone / 2), _nearest(y, bolt[1] + self.zone / 2)
-        i, j = np.arange(i0, i1 + 1), np.arange(j0, j1 + 1)
-        n = len(y)
-        sides = i[:-1] * n + j0, i1 * n + j[:-1], i[:0:-1] * n + j1, i0 * n + j[:0:-1]
-        return np.concatenate(sides)
-
     def levels(self) -> np.ndarray:
         plate = np.linspace(0.0, self.thickness, self.n_thickness + 1)
         upper = plate + self.thickness + self.layer
@@ -177,7 +199,7 @@ class _LapPlates:
     def values(self, middle: np.ndarray) -> np.ndarray:
         """Cell tags per layer of cells and plane cell, whose centres are ``middle``, (n, 2)."""
         first, second, lap = self.regions(middle)
-        from_bolts = np.abs(middle[:, None, :] - self.bolts).max(axis=2)
+        from_bolts = np.abs(middle[:, None, :] - self.centres).max(axis=2)
         near = (from_bolts < self.zone / 2).any(axis=1)
         joint = np.where(near, CELL_NAMES["joint_near"], CELL_NAMES["joint_away"])
         rows = [np.where(first, CELL_NAMES["plate_1"], 0)] * self.n_thickness
@@ -209,63 +231,18 @@ class _LapPlates:
             column.tag_level(n, lap, FACET_NAMES["interface"])
 
 
-def _nearest(lines: np.ndarray, position: float) -> int:
-    return int(np.abs(lines - position).argmin())
-
-
 def _chain(points: np.ndarray) -> np.ndarray:
     return np.column_stack([points[:-1], points[1:]])
 
 
-def _check_dimensions(length, width, thickness, lap, layer, n_thickness, cell) -> None:
-    sizes = {"length": length, "width": width, "thickness": thickness, "lap": lap}
-    for name, value in sizes.items():
-        _require(is_positive(value), name, value, "a length above 0 m")
-    _require(lap < length, "lap", lap, f"less than length = {length:g} m")
-    _require(layer == 0 or is_positive(layer), "layer", layer, "0 m or a thickness above it")
-    _require(is_count(n_thickness), "n_thickness", n_thickness, "a whole number of at least 1")
-    cells = "'hexahedron' or 'tetrahedron'"
-    _require(cell in ("hexahedron", "tetrahedron"), "cell", cell, cells)
+def lap_plates(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
+    """Mesh of two lapped plates. Collective.
 
+    Args:
+        comm: Communicator.
+        arguments: See `LapPlates`.
 
-def _size(name: str, count: int | None, span: float, element_size: float) -> float:
-    if count is None:
-        _require(is_positive(element_size), "element_size", element_size, "a size above 0 m")
-        return element_size
-    _require(is_count(count), name, count, "a whole number of at least 1")
-    return span / count
-
-
-def _check_zones(bolts, zone, x_range, y_range) -> None:
-    _require(zone == 0 or is_positive(zone), "zone", zone, "0 m or a side above it")
-    for number, bolt in enumerate(bolts.tolist()):
-        for axis, value, (low, high) in zip("xy", bolt, (x_range, y_range), strict=True):
-            room = min(value - low, high - value)
-            span = f"{low:g} to {high:g} m of the lap along {axis}"
-            where = f"bolts[{number}] {axis}"
-            _require(room > 0, where, value, f"a position within {span}")
-            fits = zone / 2 <= room + 1e-9 * (high - low)
-            expected = f"at most {2 * room:g} m, so that the zone of {where} = {value:g} m stays "
-            _require(fits, "zone", zone, expected + f"within {span}")
-
-
-def _check_holes(bolts, zone, hole, washer) -> tuple[float, ...]:
-    """Radii of the hole and the washer, those that are given."""
-    if hole is None:
-        _require(washer is None, "washer_diameter", washer, "None when hole_diameter is None")
-        return ()
-    # The O-grid needs room between the outer circle and the square.
-    room = f"at most 0.9 * zone = {0.9 * zone:g} m"
-    fits = is_positive(hole) and hole <= 0.9 * zone
-    _require(fits, "hole_diameter", hole, "a diameter above 0 m and " + room)
-    for number, bolt in enumerate(bolts):
-        for other in range(number):
-            gap = np.abs(bolt - bolts[other]).max()
-            pair = f"the distance of bolts[{other}] and bolts[{number}], {gap:g} m, with holes"
-            _require(zone <= gap * (1 + 1e-9), "zone", zone, "at most " + pair)
-    if washer is None:
-        return (hole / 2,)
-    expected = f"more than hole_diameter = {hole:g} m and {room}"
-    fits = math.isfinite(washer) and hole < washer <= 0.9 * zone
-    _require(fits, "washer_diameter", washer, expected)
-    return hole / 2, washer / 2
+    Raises:
+        MeshError: As `LapPlates`.
+    """
+    return LapPlates(**arguments).build(comm)

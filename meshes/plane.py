@@ -11,7 +11,8 @@ from fenics_joints.meshes.arguments import requirement
 from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = [
-    "cut_quads", "disc_grid", "flat_lists", "graded_lines", "grid_lines", "o_grid", "tensor_grid",
+    "between", "cut_quads", "disc_grid", "flat_lists", "graded_lines", "grid_lines", "loop_around",
+    "o_grid", "ring_in_square", "tensor_grid",
 ]  # fmt: skip
 
 # Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
@@ -223,3 +224,49 @@ def _square_angle(p: np.ndarray) -> np.ndarray:
     turned = np.where(upright, np.where(x > 0, 0, np.pi), np.where(y > 0, np.pi / 2, -np.pi / 2))
     along = np.where(upright, np.sign(x) * y, -np.sign(y) * x)
     return turned + np.pi / 4 * along
+
+
+def between(lines: np.ndarray, centre: float, side: float) -> slice:
+    """Numbers of the lines across a square, those of its sides included."""
+    first, last = (int(np.abs(lines - centre - end * side / 2).argmin()) for end in (-1, 1))
+    return slice(first, last + 1)
+
+
+def loop_around(square: np.ndarray) -> np.ndarray:
+    """Numbers of the points on the sides of a square grid, anticlockwise from the first corner.
+
+    Args:
+        square: Numbers of the grid's points, shape (n_x, n_y).
+    """
+    sides = square[:-1, 0], square[-1, :-1], square[:0:-1, -1], square[0, :0:-1]
+    return np.concatenate(sides)
+
+
+def ring_in_square(
+    points: np.ndarray,
+    square: np.ndarray,
+    centre: np.ndarray,
+    radii: tuple[float, float],
+    size: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A ring between polygons around the centre of a square, all of which is filled.
+
+    Args:
+        points: Points of the plane, shape (n, 2).
+        square: Numbers of those of the square's grid, as many along x as along y, shape (m, m).
+        centre: The square's, shape (2,).
+        radii: Inner and outer, at the polygons' corners.
+        size: Longest side of a cell along the radius.
+
+    Returns:
+        New points, numbered after those of the plane; cells; 1 for those in the ring, -1 for those
+        inside of it, 0 for the others.
+    """
+    loop, first = loop_around(square), len(points)
+    n = len(loop)
+    x, quads, circle = o_grid(loop, points[loop], centre, radii, size, first)
+    # The loop starts at the square's corner of least x and y, 3/8 of a turn before the x-axis.
+    turn = np.roll(np.arange(n), -3 * n // 8)
+    inner, disc = disc_grid(first + turn, x[turn] - centre, size, first + len(x), False)
+    where = np.concatenate([np.where(circle == 1, 1, 0), np.full(len(disc), -1)])
+    return np.vstack([x, inner + centre]), np.vstack([quads, disc]), where

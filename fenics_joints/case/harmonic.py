@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from fenics_joints.case.values import (
     Count,
@@ -17,6 +17,7 @@ from fenics_joints.case.values import (
     Share,
     Size,
     ascending,
+    chosen,
     listed,
     quantity,
 )
@@ -155,24 +156,9 @@ class CoulombSection(Section):
         return False
 
 
-def _kind(data: Any) -> str | None:
-    kinds = {
-        "richard_abbott": "<RichardAbbottSection>",
-        "segalman": "<SegalmanSection>",
-        "bilinear": "<BilinearSection>",
-        "coulomb": "<CoulombSection>",
-    }
-    law = data.get("law") if isinstance(data, dict) else None
-    return kinds.get(law) if isinstance(law, str) else None
-
-
-NonlinearSection = Annotated[
-    Annotated[RichardAbbottSection, Tag("<RichardAbbottSection>")]
-    | Annotated[SegalmanSection, Tag("<SegalmanSection>")]
-    | Annotated[BilinearSection, Tag("<BilinearSection>")]
-    | Annotated[CoulombSection, Tag("<CoulombSection>")],
-    Discriminator(_kind),
-]
+NonlinearSection = chosen(
+    "law", RichardAbbottSection, SegalmanSection, BilinearSection, CoulombSection
+)
 
 
 class Place(Section):

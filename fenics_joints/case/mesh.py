@@ -2,48 +2,49 @@
 
 from __future__ import annotations
 
+import types
+import typing
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from fenics_joints.case.cad import STEP_SUFFIXES, MeshFile, StepMesh
-from fenics_joints.case.values import Count, Gap, Length, Positive, Section, Size, listed
+from fenics_joints.case.values import (
+    Count,
+    Positive,
+    Section,
+    Size,
+    either,
+    listed,
+    named_by,
+    quantity,
+)
 from fenics_joints.errors import MeshError
+from fenics_joints.meshes import (
+    CBeams,
+    Dumbbell,
+    EngravingMachine,
+    LapBeam,
+    LapPlates,
+    read_msh,
+)
+from fenics_joints.meshes.arguments import Builder, Demand
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
     from fenics_joints.meshes import TaggedMesh
 
-__all__ = [
-    "BUILDERS",
-    "BuilderMesh",
-    "CBeamsMesh",
-    "DumbbellMesh",
-    "EngravingMachineMesh",
-    "FileMesh",
-    "LapBeamMesh",
-    "LapPlatesMesh",
-    "Mesh",
-    "OffsetBeamsMesh",
-    "MeshFile",
-    "StepMesh",
-]
+__all__ = ["BUILDERS", "BuilderMesh", "FileMesh", "Mesh", "MeshFile", "OffsetBeamsMesh", "StepMesh"]
 
 
 class BuilderMesh(Section):
-    """``[mesh]`` with a builder. A further builder is one more class, named in `BUILDERS`.
-
-    The fields of such a class are the builder's arguments, optional, beside ``builder``.
-    """
+    """``[mesh]`` with a builder, whose arguments are fields, optional, beside ``builder``."""
 
     degree: Literal[1, 2] = 2
 
-    def arguments(self) -> dict[str, Any]:
-        """The builder's arguments that the file gives."""
-        return self.model_dump(exclude={"builder", "degree"}, exclude_none=True)
-
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the cells' and of the facets' groups."""
         raise NotImplementedError
@@ -53,148 +54,61 @@ class BuilderMesh(Section):
         raise NotImplementedError
 
 
-class LapPlatesMesh(BuilderMesh):
-    """``builder = "lap_plates"``: arguments of `fenics_joints.meshes.lap_plates`."""
+class SolidMesh(BuilderMesh):
+    """``[mesh]`` with one of the builders of `fenics_joints.meshes`; see `section_of`."""
 
-    builder: Literal["lap_plates"]
-    length: Size | None = None
-    width: Size | None = None
-    thickness: Size | None = None
-    lap: Size | None = None
-    layer: Gap | None = None
-    element_size: Size | None = None
-    n_length: Count | None = None
-    n_width: Count | None = None
-    n_thickness: Count | None = None
-    bolts: list[tuple[Length, Length]] | None = None
-    zone: Gap | None = None
-    hole_diameter: Size | None = None
-    washer_diameter: Size | None = None
-    cell: Literal["hexahedron", "tetrahedron"] | None = None
+    made_by: ClassVar[type[Builder]]
+
+    def made(self) -> Builder:
+        """The builder with the arguments that the file gives."""
+        given = self.model_dump(exclude={"builder", "degree"}, exclude_none=True)
+        return self.made_by(**given)
 
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the cells' and of the facets' groups."""
-        from fenics_joints.meshes.lap_plates import CELL_NAMES, FACET_NAMES
-
-        return list(CELL_NAMES), list(FACET_NAMES)
+        return self.made().groups()
 
     def build(self, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh. Collective."""
-        from fenics_joints.meshes import lap_plates
-
-        return lap_plates(comm, **self.arguments())
+        return self.made().build(comm)
 
 
-class CBeamsMesh(BuilderMesh):
-    """``builder = "c_beams"``: arguments of `fenics_joints.meshes.c_beams`."""
+class LappedMesh(SolidMesh):
+    """``[mesh]`` with two bodies that touch, between which there may be a layer instead."""
 
-    builder: Literal["c_beams"]
-    length: Size | None = None
-    width: Size | None = None
-    thickness: Size | None = None
-    pad_thickness: Size | None = None
-    pad_length: Size | None = None
-    hole_diameter: Size | None = None
-    washer_diameter: Size | None = None
-    zone: Size | None = None
-    element_size: Size | None = None
-    radial_size: Size | None = None
-    middle_size: Size | None = None
-    n_thickness: tuple[Count, Count] | None = None
-    layer: Gap | None = None
-    bonded: bool | None = None
-    cell: Literal["hexahedron", "tetrahedron"] | None = None
-
-    def groups(self) -> tuple[list[str], list[str]]:
-        """Names of the cells' and of the facets' groups."""
-        cells, faces = ["beam_1", "beam_2"], ["holes"]
-        faces += [f"washer_{i}_{side}" for i in (1, 2) for side in ("lower", "upper")]
-        if self.layer:
-            return [*cells, "joint"], [*faces, "joint_lower", "joint_upper"]
-        if self.bonded:
-            return cells, [*faces, "interface"]
-        return cells, [*faces, "interface_lower", "interface_upper"]
-
-    def with_layer(self, thickness: float) -> CBeamsMesh:
-        """The same plan with a layer, ``joint``, that makes the two beams one."""
+    def with_layer(self, thickness: float) -> LappedMesh:
+        """The same plan with a layer, ``joint``, that makes the two bodies one."""
         return self.model_copy(update={"layer": thickness, "bonded": None})
 
-    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh. Collective."""
-        from fenics_joints.meshes import c_beams
 
-        return c_beams(comm, **self.arguments())
-
-
-class LapBeamMesh(BuilderMesh):
-    """``builder = "lap_beam"``: arguments of `fenics_joints.meshes.lap_beam`."""
-
-    builder: Literal["lap_beam"]
-    length: Size | None = None
-    width: Size | None = None
-    thickness: Size | None = None
-    lap: Size | None = None
-    washer: Gap | None = None
-    layer: Gap | None = None
-    root: Gap | None = None
-    bonded: bool | None = None
-    n_length: Count | None = None
-    n_lap: Count | None = None
-    n_width: Count | None = None
-    n_thickness: Count | None = None
-    cell: Literal["hexahedron", "tetrahedron"] | None = None
-
-    def groups(self) -> tuple[list[str], list[str]]:
-        """Names of the cells' and of the facets' groups."""
-        cells, faces = ["beam_1", "beam_2"], ["clamp", "tip"]
-        cells += ["root"] if self.root else []
-        if self.washer is None or self.washer > 0:
-            faces += ["washer_lower", "washer_upper"]
-        if self.layer:
-            return [*cells, "joint"], [*faces, "joint_lower", "joint_upper"]
-        if self.bonded:
-            return cells, [*faces, "interface"]
-        return cells, [*faces, "interface_lower", "interface_upper"]
-
-    def with_layer(self, thickness: float) -> LapBeamMesh:
-        """The same plan with a layer, ``joint``, that makes the two beams one."""
-        return self.model_copy(update={"layer": thickness, "bonded": None})
-
-    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh. Collective."""
-        from fenics_joints.meshes import lap_beam
-
-        return lap_beam(comm, **self.arguments())
+def section_of(builder: type[Builder]) -> type[SolidMesh]:
+    """The section for a builder: its arguments, as people write them with units."""
+    kinds = typing.get_type_hints(builder, include_extras=True)
+    arguments = {f.name: (_written(kinds[f.name]) | None, None) for f in fields(builder)}
+    section = create_model(
+        f"{builder.__name__}Mesh", __module__=__name__,
+        __doc__=f"``builder = {builder.function!r}``: arguments of `{builder.__name__}`.",
+        __base__=LappedMesh if "bonded" in arguments else SolidMesh,
+        builder=(Literal[builder.function], ...), **arguments,
+    )  # fmt: skip
+    section.made_by = builder
+    return section
 
 
-class DumbbellMesh(BuilderMesh):
-    """``builder = "dumbbell"``: arguments of `fenics_joints.meshes.dumbbell`."""
-
-    builder: Literal["dumbbell"]
-    head: tuple[Size, Size, Size] | None = None
-    neck: tuple[Size, Size, Size] | None = None
-    layer: Size | None = None
-    element_size: Size | None = None
-    n_layer: Count | None = None
-    rings: list[tuple[Length, Length]] | None = None
-    r_nei: Size | None = None
-    r_wai: Size | None = None
-    zone: Size | None = None
-    holes: bool | None = None
-    cell: Literal["hexahedron", "tetrahedron"] | None = None
-
-    def groups(self) -> tuple[list[str], list[str]]:
-        """Names of the cells' and of the facets' groups."""
-        from fenics_joints.meshes.dumbbell import BODIES, FACET_NAMES
-
-        joints = [f"ring_{i + 1}" for i in range(len(self.rings or ()))] or ["joint"]
-        return [*BODIES, *joints], list(FACET_NAMES)
-
-    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh. Collective."""
-        from fenics_joints.meshes import dumbbell
-
-        return dumbbell(comm, **self.arguments())
+def _written(kind: Any) -> Any:
+    """The type of an argument in a file."""
+    origin, inside = typing.get_origin(kind), typing.get_args(kind)
+    if origin is Annotated and inside[0] is float:
+        demand: Demand = inside[1]
+        limited, above = not demand.holds(-1.0), not demand.holds(0.0)
+        return quantity(demand.unit, *([0.0] if limited else []), above=above)
+    if origin is Annotated:
+        return Count if inside[0] is int else _written(inside[0])
+    if origin in (typing.Union, types.UnionType):
+        return _written(inside[0])
+    if origin in (list, tuple):
+        return origin[tuple(map(_written, inside))]
+    return kind
 
 
 _Sizes = Annotated[list[Size], BeforeValidator(listed), Field(min_length=1)]
@@ -272,40 +186,6 @@ class OffsetBeamsMesh(BuilderMesh):
         )
 
 
-class EngravingMachineMesh(BuilderMesh):
-    """``builder = "engraving_machine"``: arguments of `fenics_joints.meshes.engraving_machine`."""
-
-    builder: Literal["engraving_machine"]
-    bed: tuple[Size, Size, Size] | None = None
-    column: Size | None = None
-    arm: tuple[Size, Size] | None = None
-    wall: Size | None = None
-    flange: Size | None = None
-    gusset: Size | None = None
-    ribs: Count | None = None
-    bolts: tuple[Count, Count] | None = None
-    layer: Size | None = None
-    r_nei: Size | None = None
-    r_wai: Size | None = None
-    zone: Size | None = None
-    element_size: Size | None = None
-    n_layer: Count | None = None
-    cell: Literal["hexahedron", "tetrahedron"] | None = None
-
-    def groups(self) -> tuple[list[str], list[str]]:
-        """Names of the cells' and of the facets' groups."""
-        from fenics_joints.meshes.engraving_machine import BODIES, FACET_NAMES, number_of_bolts
-
-        rings = number_of_bolts(**self.model_dump(include={"bolts"}, exclude_none=True))
-        return [*BODIES, *(f"ring_{i + 1}" for i in range(rings))], list(FACET_NAMES)
-
-    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh. Collective."""
-        from fenics_joints.meshes import engraving_machine
-
-        return engraving_machine(comm, **self.arguments())
-
-
 class FileMesh(MeshFile):
     """``[mesh]`` from a gmsh file with named physical groups."""
 
@@ -314,37 +194,25 @@ class FileMesh(MeshFile):
 
     def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh; ``folder`` is the case's. Collective."""
-        from fenics_joints.meshes import read_msh
-
         return read_msh(folder / self.file, comm, gdim=self.gdim, scale=self.scale)
 
 
 #: Classes of the builders, by name.
-BUILDERS = {
-    "lap_plates": LapPlatesMesh, "c_beams": CBeamsMesh, "lap_beam": LapBeamMesh,
-    "dumbbell": DumbbellMesh, "engraving_machine": EngravingMachineMesh,
-    "offset_beams": OffsetBeamsMesh,
-}  # fmt: skip
+BUILDERS = named_by("builder", (
+    *map(section_of, (LapPlates, CBeams, LapBeam, Dumbbell, EngravingMachine)), OffsetBeamsMesh,
+))  # fmt: skip
 
 
-def _mesh_kind(data: Any) -> str | None:
+def _kind(data: Any) -> type[Section] | None:
     if not isinstance(data, dict) or ("file" in data) == ("builder" in data):
         return None
     if "file" in data:
-        step = str(data["file"]).lower().endswith(STEP_SUFFIXES)
-        return "<StepMesh>" if step else "<FileMesh>"
+        return StepMesh if str(data["file"]).lower().endswith(STEP_SUFFIXES) else FileMesh
     name = data["builder"]
-    return f"<{BUILDERS[name].__name__}>" if isinstance(name, str) and name in BUILDERS else None
+    return BUILDERS.get(name) if isinstance(name, str) else None
 
 
-Mesh = Annotated[
-    Annotated[LapPlatesMesh, Tag("<LapPlatesMesh>")]
-    | Annotated[CBeamsMesh, Tag("<CBeamsMesh>")]
-    | Annotated[LapBeamMesh, Tag("<LapBeamMesh>")]
-    | Annotated[DumbbellMesh, Tag("<DumbbellMesh>")]
-    | Annotated[OffsetBeamsMesh, Tag("<OffsetBeamsMesh>")]
-    | Annotated[EngravingMachineMesh, Tag("<EngravingMachineMesh>")]
-    | Annotated[FileMesh, Tag("<FileMesh>")]
-    | Annotated[StepMesh, Tag("<StepMesh>")],
-    Discriminator(_mesh_kind),
-]
+Mesh = either(
+    _kind, (*BUILDERS.values(), FileMesh, StepMesh),
+    key="builder", known=" ".join(BUILDERS), instead="file = 'NAME.msh' or 'NAME.step'",
+)  # fmt: skip

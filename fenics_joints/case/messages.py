@@ -8,7 +8,6 @@ import typing
 from pathlib import Path
 from typing import Annotated, Any
 
-from fenics_joints.case.mesh import BUILDERS
 from fenics_joints.errors import InputError
 
 __all__ = ["case_error", "describe", "did_you_mean", "said"]
@@ -36,8 +35,8 @@ def describe(error: dict[str, Any], root: type) -> str:
         return f"{key} is missing: expected it in {_place(loc)}"
     if kind == "extra_forbidden":
         return said(key, value, f"unknown key{did_you_mean(str(loc[-1]), _fields(loc[:-1], root))}")
-    if kind == "union_tag_not_found":
-        return _no_kind(loc[0], key, value)
+    if kind == "no_kind":
+        return _no_kind(key, value, ctx["key"], ctx["known"].split(), ctx.get("instead", ""))
     if kind == "value_error":
         text = str(ctx["error"])
         # Of a section as a whole the message itself names the values.
@@ -49,31 +48,25 @@ def describe(error: dict[str, Any], root: type) -> str:
     return said(key, value, f"expected {_plain(error['msg'])}")
 
 
-#: What the sections of a table can be.
-_KINDS = {
-    "attached": ["mass", "spring"],
-    "bolts": ["beam", "section", "washers"],
-    "nonlinear": ["richard_abbott", "segalman", "bilinear", "coulomb"],
-}
+def _no_kind(name: str, value: Any, key: str, known: list[str], instead: str) -> str:
+    """A section whose key that says what it is, is missing or unknown.
 
-
-def _no_kind(table: str, key: str, value: Any) -> str:
-    """A section whose key that says what it is, is missing or unknown."""
-    word, known = "kind", _KINDS.get(table, [])
-    if table == "mesh":
-        word, known = "builder", list(BUILDERS)
-    if table == "nonlinear":
-        word = "law"
-    given = value.get(word) if isinstance(value, dict) else None
+    Args:
+        name: The section's.
+        value: What stands in the file.
+        key: Which says what it is.
+        known: What it can be.
+        instead: Key and value that may stand in its place; empty for none.
+    """
+    given = value.get(key) if isinstance(value, dict) else None
     names = ", ".join(repr(k) for k in known[:-1]) + f" or {known[-1]!r}"
-    if given is not None and not (table == "mesh" and "file" in value):
+    if given is not None and not (instead and instead.partition(" ")[0] in value):
         near = difflib.get_close_matches(str(given), known, 1)
         mean = f"; did you mean {near[0]!r}?" if near else ""
-        return said(f"{key}.{word}", given, f"expected {names}{mean}")
-    if table == "mesh":
-        files = "file = 'NAME.msh' or 'NAME.step'"
-        return said(key, value, f"expected either builder = {names}, or {files}")
-    return said(key, value, f"expected {word} = {names}")
+        return said(f"{name}.{key}", given, f"expected {names}{mean}")
+    expected = f"{key} = {names}"
+    return said(name, value, f"expected either {expected}, or {instead}" if instead else
+                f"expected {expected}")  # fmt: skip
 
 
 def _plain(message: str) -> str:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Discriminator, Tag, model_validator
+from pydantic import AfterValidator, model_validator
 
 from fenics_joints.case.values import (
     Density,
@@ -16,6 +16,7 @@ from fenics_joints.case.values import (
     Section,
     Share,
     Size,
+    chosen,
     quantity,
 )
 
@@ -130,19 +131,4 @@ class WasherBoltSection(_BoltSection):
     axis: Direction | None = None
 
 
-_KINDS = {
-    "beam": BeamBoltSection, "section": PretensionBoltSection, "washers": WasherBoltSection,
-}  # fmt: skip
-
-
-def _bolt_kind(data: Any) -> str | None:
-    kind = data.get("kind") if isinstance(data, dict) else None
-    return f"<{_KINDS[kind].__name__}>" if isinstance(kind, str) and kind in _KINDS else None
-
-
-Bolt = Annotated[
-    Annotated[BeamBoltSection, Tag("<BeamBoltSection>")]
-    | Annotated[PretensionBoltSection, Tag("<PretensionBoltSection>")]
-    | Annotated[WasherBoltSection, Tag("<WasherBoltSection>")],
-    Discriminator(_bolt_kind),
-]
+Bolt = chosen("kind", BeamBoltSection, PretensionBoltSection, WasherBoltSection)

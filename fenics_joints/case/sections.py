@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field, model_validator
 
 from fenics_joints.case.values import (
     AXES,
@@ -32,6 +32,8 @@ from fenics_joints.case.values import (
     Stiffness,
     Turning,
     ascending,
+    chosen,
+    optional,
 )  # fmt: skip
 from fenics_joints.units import to_si
 
@@ -41,24 +43,17 @@ __all__ = [
 ]  # fmt: skip
 
 
-class PartTolerance(Section):
-    """How well a part is known: relative standard deviations."""
-
-    E: Share | None = None
-    nu: Share | None = None
-    rho: Share | None = None
-    thickness: Share | None = None
-    width: Share | None = None
+PartTolerance = optional(
+    "PartTolerance", "How well a part is known: relative standard deviations.",
+    **dict.fromkeys(("E", "nu", "rho", "thickness", "width"), Share),
+)  # fmt: skip
 
 
-class PartBounds(Section):
-    """Bounds of a part's parameters; thickness and width as actual over nominal."""
-
-    E: ascending(Modulus) | None = None
-    nu: ascending(Poisson) | None = None
-    rho: ascending(Density) | None = None
-    thickness: ascending(Positive) | None = None
-    width: ascending(Positive) | None = None
+PartBounds = optional(
+    "PartBounds", "Bounds of a part's parameters; thickness and width as actual over nominal.",
+    E=ascending(Modulus), nu=ascending(Poisson), rho=ascending(Density),
+    thickness=ascending(Positive), width=ascending(Positive),
+)  # fmt: skip
 
 
 class Part(Section):
@@ -111,34 +106,19 @@ class Part(Section):
         return z if _parallel(y, self.normal) else y
 
 
-class JointTolerance(Section):
-    """How well a joint is known: relative standard deviations."""
-
-    E: Share | None = None
-    G: Share | None = None
-    nu: Share | None = None
-    h: Share | None = None
-    rho: Share | None = None
-    thickness: Share | None = None
-    k1: Share | None = None
-    k2: Share | None = None
-    k_axial: Share | None = None
-    c: Share | None = None
+JointTolerance = optional(
+    "JointTolerance", "How well a joint is known: relative standard deviations.",
+    **dict.fromkeys(("E", "G", "nu", "h", "rho", "thickness", "k1", "k2", "k_axial", "c"), Share),
+)  # fmt: skip
 
 
-class JointBounds(Section):
-    """Bounds of a joint's parameters."""
-
-    E: ascending(Modulus) | None = None
-    G: ascending(Modulus) | None = None
-    nu: ascending(Poisson) | None = None
-    h: ascending(Size) | None = None
-    rho: ascending(Density) | None = None
-    thickness: ascending(Positive) | None = None
-    k1: ascending(Turning) | None = None
-    k2: ascending(Turning) | None = None
-    k_axial: ascending(Stiffness) | None = None
-    c: ascending(Damper) | None = None
+JointBounds = optional(
+    "JointBounds", "Bounds of a joint's parameters.",
+    E=ascending(Modulus), G=ascending(Modulus), nu=ascending(Poisson),
+    h=ascending(Size), rho=ascending(Density), thickness=ascending(Positive),
+    k1=ascending(Turning), k2=ascending(Turning), k_axial=ascending(Stiffness),
+    c=ascending(Damper),
+)  # fmt: skip
 
 
 #: What a joint must have by its law, and what it may have; all else is refused.
@@ -298,17 +278,7 @@ class AttachedSpring(SpringSection):
         return {"stiffness": 0.0}
 
 
-def _attached_kind(data: Any) -> str | None:
-    kind = data.get("kind") if isinstance(data, dict) else None
-    kinds = {"mass": "<AttachedMass>", "spring": "<AttachedSpring>"}
-    return kinds.get(kind) if isinstance(kind, str) else None
-
-
-Attached = Annotated[
-    Annotated[AttachedMass, Tag("<AttachedMass>")]
-    | Annotated[AttachedSpring, Tag("<AttachedSpring>")],
-    Discriminator(_attached_kind),
-]
+Attached = chosen("kind", AttachedMass, AttachedSpring)
 
 
 class SupportSection(Section):

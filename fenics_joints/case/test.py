@@ -6,7 +6,7 @@ import math
 import re
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from fenics_joints.case.values import (
     AXES,
@@ -20,6 +20,7 @@ from fenics_joints.case.values import (
     Share,
     Spacing,
     ascending,
+    either,
     listed,
     quantity,
 )
@@ -81,16 +82,11 @@ class ListOfSensors(Section):
         return self.each or [self.direction] * len(self.at_points)
 
 
-def _sensors_kind(data: Any) -> str:
-    many = isinstance(data, dict) and "points" in data
-    return "<ListOfSensors>" if many else "<LineOfSensors>"
+def _sensors_kind(data: Any) -> type[Section]:
+    return ListOfSensors if isinstance(data, dict) and "points" in data else LineOfSensors
 
 
-Sees = Annotated[
-    Annotated[LineOfSensors, Tag("<LineOfSensors>")]
-    | Annotated[ListOfSensors, Tag("<ListOfSensors>")],
-    Discriminator(_sensors_kind),
-]
+Sees = either(_sensors_kind, (LineOfSensors, ListOfSensors))
 
 
 class ValidationTest(Section):

@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Annotated, Any
+from collections.abc import Callable
+from typing import Annotated, Any, Union, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    create_model,
+)
 
 from fenics_joints.units import to_si
 
 __all__ = [
     "AXES", "Count", "Damper", "Density", "Direction", "Gap", "Inertia", "Length", "Mass",
     "Modulus", "Names", "Point", "Poisson", "Positive", "Section", "Share", "Size", "Spacing",
-    "Stiffness", "Turning", "ascending", "listed", "named", "quantity",
+    "Stiffness", "Turning", "ascending", "chosen", "either", "listed",
+    "named", "named_by", "optional", "quantity",
 ]  # fmt: skip
 
 _NAME = r"[A-Za-z][A-Za-z0-9_-]*"
@@ -89,6 +100,45 @@ class Section(BaseModel):
     """A table of the file; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+
+def optional(name: str, doc: str, **kinds: Any) -> type[Section]:
+    """A class of sections none of whose keys must be there, by the types of their values."""
+    keys = {key: (kind | None, None) for key, kind in kinds.items()}
+    return create_model(name, __base__=Section, __doc__=doc, **keys)
+
+
+def either(kind: Callable[[Any], type[Section] | None], sections, **context: str):
+    """The type of a section of one of several classes.
+
+    Args:
+        kind: The class of a raw section, or None for an error that has the context.
+        sections: The classes.
+        context: ``key`` that tells them apart, its ``known`` words, what may stand ``instead``.
+    """
+
+    def tag(data: Any) -> str | None:
+        found = kind(data)
+        return None if found is None else f"<{found.__name__}>"
+
+    options = Union[tuple(Annotated[s, Tag(f"<{s.__name__}>")] for s in sections)]  # noqa: UP007
+    return Annotated[options, Discriminator(tag, "no_kind", "no kind of section", context)]
+
+
+def named_by(key: str, sections) -> dict[str, type[Section]]:
+    """Sections by the word that their ``key`` must have."""
+    return {get_args(s.model_fields[key].annotation)[0]: s for s in sections}
+
+
+def chosen(key: str, *sections: type[Section]):
+    """The type of a section whose ``key`` says of which class it is, each with its own word."""
+    known = named_by(key, sections)
+
+    def kind(data: Any) -> type[Section] | None:
+        word = data.get(key) if isinstance(data, dict) else None
+        return known.get(word) if isinstance(word, str) else None
+
+    return either(kind, sections, key=key, known=" ".join(known))
 
 
 def _names(table: Any) -> Any:

@@ -16,11 +16,10 @@ from mpi4py import MPI
 from typer.testing import CliRunner
 
 from fenics_joints.case import load_case
-from fenics_joints.case.mesh import CBeamsMesh
 from fenics_joints.cli import app
 from fenics_joints.commands.preload.run import run_preload
 from fenics_joints.errors import InputError
-from fenics_joints.meshes import c_beams
+from fenics_joints.meshes import CBeams, c_beams
 from fenics_joints.modal import solve_modes
 from fenics_joints.preload import BeamBolt, Contact, PreloadModel, solve_preload
 from fenics_joints.preload.linear_joint import LinearJoint
@@ -103,9 +102,9 @@ def test_torque_is_the_papers_force(tmp_path, write_beams, torque, force):
 @pytest.mark.parametrize("kind", [{}, {"bonded": True}, {"layer": 1e-4}])
 def test_builder_knows_its_groups(kind):
     """A case is checked against the names that the builder's mesh has."""
-    section = CBeamsMesh(builder="c_beams", **SMALL, n_thickness=(2, 1), **kind)
-    tagged = section.build(MPI.COMM_WORLD)
-    cells, faces = section.groups()
+    beams = CBeams(**SMALL, n_thickness=(2, 1), **kind)
+    tagged = beams.build(MPI.COMM_WORLD)
+    cells, faces = beams.groups()
     assert sorted(cells) == sorted(tagged.cell_names)
     assert sorted(faces) == sorted(tagged.facet_names)
 

@@ -9,6 +9,7 @@ from fenics_joints.case.cad import MeshFile
 from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, said
 from fenics_joints.case.sections import Joint, Part
+from fenics_joints.errors import MeshError
 
 __all__ = ["check_mesh", "check_names", "matching", "unknown_groups"]
 
@@ -42,7 +43,11 @@ def check_mesh(case: Case) -> list[str]:
         file = case.folder / case.mesh.file
         missing = said("mesh.file", case.mesh.file, f"no such file, expected a mesh at {file}")
         return [] if file.is_file() else [missing]
-    return unknown_groups(case, *case.mesh.groups())
+    try:
+        groups = case.mesh.groups()
+    except MeshError as error:
+        return [f"mesh: {error}"]
+    return unknown_groups(case, *groups)
 
 
 def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
