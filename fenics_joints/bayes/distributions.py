@@ -7,6 +7,7 @@ fits to data that the distribution itself makes (a table's would take its parame
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,10 +31,6 @@ _WIDER = 1.0
 _COUNT = {"beta": 4}
 
 
-def _normal(x):
-    return stats.norm(x.mean(), x.std())
-
-
 def _lognormal(x):
     logs = np.log(x)
     return stats.lognorm(logs.std(), scale=np.exp(logs.mean()))
@@ -51,22 +48,38 @@ def _gamma(x):
     return stats.gamma(shape, scale=scale)
 
 
+def _interval(x):
+    """Lower end and width of a Beta's interval."""
+    return x.min() - _WIDER * np.ptp(x), (1 + 2 * _WIDER) * np.ptp(x)
+
+
 def _beta(x):
-    low, high = x.min() - _WIDER * np.ptp(x), x.max() + _WIDER * np.ptp(x)
-    a, b, _, _ = stats.beta.fit((x - low) / (high - low), floc=0, fscale=1)
-    return stats.beta(a, b, low, high - low)
+    low, width = _interval(x)
+    a, b, _, _ = stats.beta.fit((x - low) / width, floc=0, fscale=1)
+    return stats.beta(a, b, low, width)
+
+
+#: Families with two numbers that scipy fits as they are.
+_SCIPY = {
+    "normal": stats.norm, "gumbel": stats.gumbel_r, "gumbel_min": stats.gumbel_l,
+    "logistic": stats.logistic,
+}  # fmt: skip
+
+
+def _as_it_is(family: str) -> Callable:
+    return lambda x: _SCIPY[family](*_SCIPY[family].fit(x))
 
 
 #: Families by name: from data to a frozen distribution of scipy with the greatest likelihood.
 FAMILIES: dict[str, Callable] = {
-    "normal": _normal,
+    "normal": _as_it_is("normal"),
     "lognormal": _lognormal,
     "weibull": _weibull,
     "beta": _beta,
     "gamma": _gamma,
-    "gumbel": lambda x: stats.gumbel_r(*stats.gumbel_r.fit(x)),
-    "gumbel_min": lambda x: stats.gumbel_l(*stats.gumbel_l.fit(x)),
-    "logistic": lambda x: stats.logistic(*stats.logistic.fit(x)),
+    "gumbel": _as_it_is("gumbel"),
+    "gumbel_min": _as_it_is("gumbel_min"),
+    "logistic": _as_it_is("logistic"),
 }
 
 
@@ -151,7 +164,7 @@ def choose(
     n = len(x)
     aicc = {f: _aicc(float(np.sum(d.logpdf(x))), _COUNT.get(f, 2), n) for f, d in found.items()}
     best = min(aicc, key=aicc.get)
-    p = _p_value(found[best], best, x, np.random.default_rng(seed))
+    p = _p_value(best, x, np.random.default_rng(seed))
     if p < REFUSE and not accept_misfit:
         raise InputError(
             f"{name}: no distribution fits its {n} frequencies; the best, {best}, has p = "
@@ -180,23 +193,34 @@ def _checked(name: str, frequencies_hz) -> np.ndarray:
     return x
 
 
-def _p_value(frozen, family: str, x: np.ndarray, rng) -> float:
-    """Share of fits to its own samples that are worse (parametric bootstrap)."""
-    found, worse, done = _distance(frozen, x), 0, 0
+def _p_value(family: str, x: np.ndarray, rng: np.random.Generator) -> float:
+    """Share of fits to the family's own samples whose Anderson-Darling distance is no less."""
+    tested, data, given = _as_tested(family, x)
+    # scipy changes the name of this argument from 1.15 on.
+    keywords = inspect.signature(stats.goodness_of_fit).parameters
+    random = {"rng" if "rng" in keywords else "random_state": rng}
     for trials in (_TRIALS, _MORE):
-        while done < trials:
-            sample = frozen.rvs(len(x), random_state=rng)
-            own = fit(sample, [family]).get(family)
-            worse += own is None or _distance(own, sample) >= found
-            done += 1
-        p = (worse + 1) / (done + 1)
-        if p > _LOOK:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            found = stats.goodness_of_fit(
+                tested, data, **given, statistic="ad", n_mc_samples=trials, **random
+            )
+        if found.pvalue > _LOOK:
             break
-    return p
+    return float(found.pvalue)
 
 
-def _distance(frozen, x: np.ndarray) -> float:
-    """Anderson-Darling distance between data and a distribution."""
-    x, n = np.sort(x), len(x)
-    weight = (2 * np.arange(n) + 1) / n
-    return float(-n - np.sum(weight * (frozen.logcdf(x) + frozen.logsf(x[::-1]))))
+def _as_tested(family: str, x: np.ndarray):
+    """A family of scipy, the data, and what is known or guessed of its numbers.
+
+    The distance is the same for a variable and its logarithm, which is fitted more surely.
+    """
+    if family in ("lognormal", "weibull"):
+        return {"lognormal": stats.norm, "weibull": stats.gumbel_l}[family], np.log(x), {}
+    if family == "beta":
+        low, width = _interval(x)
+        return stats.beta, (x - low) / width, {"known_params": {"loc": 0.0, "scale": 1.0}}
+    if family == "gamma":
+        guess = {"a": (x.mean() / x.std()) ** 2, "scale": x.var() / x.mean()}
+        return stats.gamma, x, {"known_params": {"loc": 0.0}, "guessed_params": guess}
+    return _SCIPY[family], x, {}

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.case.build_beams import build_beams
+from fenics_joints.case.build_beams import build_beams, springs_of
 from fenics_joints.case.case import Case
 from fenics_joints.case.checks.beams import refuse_beams
 from fenics_joints.case.checks.names import matching, unknown_groups
 from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh
 from fenics_joints.case.parameters import parameters
 from fenics_joints.case.preload import BeamBoltSection, PretensionBoltSection
-from fenics_joints.case.sections import Joint, MassSection, SpringSection, SupportSection
+from fenics_joints.case.sections import Joint, MassSection, SupportSection
 from fenics_joints.case.values import AXES
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
@@ -31,7 +29,6 @@ from fenics_joints.structure.components import (
     ElasticSupport,
     PointMass,
     Region,
-    Spring,
     Support,
     joint,
     part,
@@ -110,7 +107,7 @@ def build_structure(
     tagged = build_mesh(case, comm) if tagged is None else tagged
     pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
     masses = [m for name, section in pointed.items() for m in _masses(name, section)]
-    springs = [s for name, section in pointed.items() for s in _springs(name, section)]
+    springs = [s for name, section in pointed.items() for s in springs_of(name, section)]
     supports = [_support(name, s, elastic_supports) for name, s in case.supports.items()]
     try:
         return Structure(
@@ -262,20 +259,5 @@ def _masses(name: str, section) -> list[PointMass]:
             travel=f"{name}.travel" if moves else 0.0,
             share=1 / len(section.points),
         )
-        for label, point in zip(_labels(name, section.points), section.points, strict=True)
+        for label, point in section.labelled(name)
     ]
-
-
-def _springs(name: str, section) -> list[Spring]:
-    if not isinstance(section, SpringSection):
-        return []
-    length = math.hypot(*section.direction)
-    direction = tuple(c / length for c in section.direction)
-    return [
-        Spring(label, f"{name}.stiffness", point, direction)
-        for label, point in zip(_labels(name, section.points), section.points, strict=True)
-    ]
-
-
-def _labels(name: str, points) -> list[str]:
-    return [name] if len(points) == 1 else [f"{name}[{i}]" for i in range(len(points))]

@@ -13,7 +13,7 @@ from fenics_joints.case.sections import MassSection, SpringSection
 from fenics_joints.errors import InputError
 from fenics_joints.structure.components import Parameter, Spring
 
-__all__ = ["ZonedLap", "build_beams", "lap_axial", "lap_name"]
+__all__ = ["ZonedLap", "build_beams", "lap_axial", "lap_name", "springs_of"]
 
 #: Bounds of the actual over the nominal axial stiffness of a lap.
 _AXIAL = (1e-3, 1e3)
@@ -73,7 +73,7 @@ def build_beams(
             _joints(case) if laps is None else _zoned(case, laps),
             known,
             masses=[m for item in pointed.items() for m in _masses(*item)],
-            springs=[s for item in pointed.items() for s in _springs(*item)],
+            springs=[s for item in pointed.items() for s in springs_of(*item)],
             held=_held(case, elastic_supports),
             clamps=_clamps(case) if elastic_supports else [],
             offset_mass=case.mesh.offset_mass,
@@ -199,22 +199,17 @@ def _masses(name: str, section) -> list[LumpedMass]:
             range=section.shift(),
             share=1 / n,
         )
-        for label, point in _labelled(name, section.points)
+        for label, point in section.labelled(name)
     ]
 
 
-def _springs(name: str, section) -> list[Spring]:
+def springs_of(name: str, section) -> list[Spring]:
+    """The springs of a section, if it has some."""
     if not isinstance(section, SpringSection):
         return []
     length = math.hypot(*section.direction)
     direction = tuple(c / length for c in section.direction)
     return [
         Spring(label, f"{name}.stiffness", point, direction)
-        for label, point in _labelled(name, section.points)
+        for label, point in section.labelled(name)
     ]
-
-
-def _labelled(name: str, points):
-    if len(points) == 1:
-        return [(name, points[0])]
-    return [(f"{name}[{i}]", point) for i, point in enumerate(points)]

@@ -207,6 +207,12 @@ class PointsSection(Section):
     points: Annotated[list[Point], Field(min_length=1)]
     tolerance: Share | None = None
 
+    def labelled(self, name: str) -> list[tuple[str, tuple[float, ...]]]:
+        """Each point, m, with a label: the section's name, numbered where there are several."""
+        if len(self.points) == 1:
+            return [(name, self.points[0])]
+        return [(f"{name}[{i}]", point) for i, point in enumerate(self.points)]
+
 
 class MassSection(PointsSection):
     """``[masses.NAME]``: a total mass in equal shares at points.
