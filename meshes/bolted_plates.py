@@ -34,6 +34,12 @@ CELL_NAMES = {
 PARTS = ("plates", "washers", "bolt")
 _TOLERANCE = 1e-9  # of a vertex on a plane or circle, relative to the plates' radius
 
+Parts = Annotated[str, Demand(PARTS.__contains__, f"one of {', '.join(PARTS)}")]
+Pair = Annotated[
+    tuple[Size, Size],
+    Demand(lambda v: lengths(v, 2), "two lengths above 0 m, of plate 1 and 2"),
+]
+Ratio = Annotated[float, Demand(lambda v: is_positive(v) and v > 1, "a ratio above 1")]
 Touching = Literal["contact", "bonded"]
 
 
@@ -41,11 +47,8 @@ Touching = Literal["contact", "bonded"]
 class _Plates(Builder):
     """What the plates and their section have in common; see `BoltedPlatesSection`."""
 
-    parts: Annotated[str, Demand(PARTS.__contains__, f"one of {', '.join(PARTS)}")] = "plates"
-    thickness: Annotated[
-        tuple[Size, Size],
-        Demand(lambda v: lengths(v, 2), "two lengths above 0 m, of plate 1 and 2"),
-    ] = (0.02, 0.02)
+    parts: Parts = "plates"
+    thickness: Pair = (0.02, 0.02)
     radius: Size = 0.1
     hole_diameter: Size = 0.0135
     washer_diameter: Size = 0.024
@@ -58,7 +61,7 @@ class _Plates(Builder):
     heads: Touching = "contact"
     size: Size = 1e-3
     fine_radius: float | None = None
-    growth: Annotated[float, Demand(lambda v: is_positive(v) and v > 1, "a ratio above 1")] = 1.2
+    growth: Ratio = 1.2
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from textwrap import shorten
 
 import dolfinx.mesh
 import numpy as np
@@ -36,6 +37,10 @@ class TaggedMesh:
     cell_names: dict[str, int]
     facet_names: dict[str, int]
     points: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        parts, faces = ", ".join(self.cell_names), len(self.facet_names)
+        return f"TaggedMesh({shorten(parts, 60)}; {faces} named faces)"
 
     def cell_tag(self, name: str) -> int:
         """Tag of the part ``name``; raises MeshError when the mesh has no such part."""
@@ -108,6 +113,9 @@ class MeshLists:
     cell_names: dict[str, int]
     facet_names: dict[str, int]
     points: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"MeshLists({len(self.cells)} {self.cell} cells, {len(self.x)} vertices)"
 
 
 def distribute(comm: MPI.Intracomm, lists: MeshLists | None) -> TaggedMesh:

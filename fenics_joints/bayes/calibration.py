@@ -32,6 +32,9 @@ class Calibration:
     covered: float
     covered_half: float
 
+    def __repr__(self) -> str:
+        return f"Calibration({int(self.counts.sum())} truths, p = {self.p_value:.2g})"
+
 
 def rank(truth: float, draws: np.ndarray, n: int) -> int:
     """Rank of the truth among n draws, taken evenly from a chain: 0 to n.

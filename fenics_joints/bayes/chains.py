@@ -39,6 +39,10 @@ class Chains:
     evaluations: int = 0
     info: Mapping[str, object] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        chains, draws, d = self.values.shape
+        return f"Chains({chains} x {draws} draws of {d} quantities by {self.sampler.split(',')[0]})"
+
     @cached_property
     def convergence(self) -> dict[str, dict[str, float]]:
         """rhat, ess_bulk and ess_tail of each quantity."""

@@ -101,6 +101,9 @@ class Fitted:
     p_value: float
     n: int
 
+    def __repr__(self) -> str:
+        return f"Fitted({self.family}, {self.n} specimens, p = {self.p_value:.3f})"
+
     @property
     def doubtful(self) -> bool:
         """Whether the data are unlikely to be of this distribution."""

@@ -75,6 +75,9 @@ class Specimens:
             raise InputError(f"discrepancy = {self.discrepancy}: expected from 0 to below 1.")
         object.__setattr__(self, "frequencies_hz", table)
 
+    def __repr__(self) -> str:
+        return f"Specimens({len(self.frequencies_hz)} of {len(self.mode_names)} modes)"
+
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
@@ -93,6 +96,9 @@ class Hierarchy:
     chains: Chains
     prior: Prior
     specimens: Specimens
+
+    def __repr__(self) -> str:
+        return f"Hierarchy({self.prior!r}, {self.specimens!r}, {self.chains!r})"
 
     def new_specimens(self, n_sets: int, size: int, seed: int = 0):
         """Parameters of new specimens, and what else comes to their frequencies.

@@ -33,6 +33,9 @@ class FittedLikelihood:
     def __post_init__(self):
         object.__setattr__(self, "_logs", [log_pdf(d.frozen) for d in self.fitted])
 
+    def __repr__(self) -> str:
+        return f"FittedLikelihood({len(self.mode_names)} modes)"
+
     @classmethod
     def from_specimens(
         cls,
@@ -139,6 +142,9 @@ class GaussianLikelihood:
                   "_constant": constant}  # fmt: skip
         for key, value in arrays.items():
             object.__setattr__(self, key, value)
+
+    def __repr__(self) -> str:
+        return f"GaussianLikelihood({len(self.mode_names)} modes)"
 
     @classmethod
     def from_row(

@@ -30,6 +30,9 @@ class Starts:
     points: np.ndarray
     covariance: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"Starts({self.points.shape[0]} points in {self.points.shape[1]} dimensions)"
+
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
@@ -44,6 +47,9 @@ class Posterior:
     prior: Prior
     frequencies: Callable[[np.ndarray], np.ndarray]
     likelihood: Callable[[np.ndarray], np.ndarray]
+
+    def __repr__(self) -> str:
+        return f"Posterior({type(self.likelihood).__name__} of {self.prior!r})"
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -45,6 +45,10 @@ class PredictiveCheck:
     p_sd: float
     p_correlation: float
 
+    def __repr__(self) -> str:
+        values = f"p of scatter {self.p_sd:.2g}, of correlation {self.p_correlation:.2g}"
+        return f"PredictiveCheck({values})"
+
     @property
     def mean_correlation(self) -> tuple[float, float]:
         """Mean correlation of two modes, measured and the median of new sets."""

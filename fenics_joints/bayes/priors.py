@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import shorten
 
 import numpy as np
 from scipy import stats
@@ -117,6 +118,9 @@ class Prior:
                     f"{p.lower:g} and {p.upper:g}; expected a density that lies there."
                 )
         object.__setattr__(self, "_logs", [log_pdf(d) for d in self.densities])
+
+    def __repr__(self) -> str:
+        return f"Prior({shorten(', '.join(self.names), 80)})"
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -40,6 +40,9 @@ class Truth:
     noise: float = 0.0
     offset: np.ndarray | float = 0.0
 
+    def __repr__(self) -> str:
+        return f"Truth({len(self.median)} parameters, noise {self.noise:g})"
+
 
 def anchored(
     slope: np.ndarray,

@@ -75,6 +75,11 @@ class Case(Section):
     harmonic: HarmonicSection | None = None
     damping: DampingSection | None = None
 
+    def __repr__(self) -> str:
+        tables = ("parts", "joints", "contacts", "bolts", "masses", "springs", "supports")
+        sizes = ", ".join(f"{len(getattr(self, t))} {t}" for t in tables if getattr(self, t))
+        return f"Case({self._path.name}: {sizes})"
+
     @model_validator(mode="before")
     @classmethod
     def _averages(cls, raw: Any) -> Any:

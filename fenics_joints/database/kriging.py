@@ -55,6 +55,9 @@ class Prediction:
     high: np.ndarray
     inside: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"Prediction({len(self.value)} points, {int(self.inside.sum())} inside)"
+
 
 @dataclass(frozen=True)
 class LeaveOneOut:
@@ -70,6 +73,9 @@ class LeaveOneOut:
     value: np.ndarray
     error: np.ndarray
     standardised: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"LeaveOneOut(mean error {100 * np.abs(self.error).mean():.2g} %)"
 
 
 @dataclass(frozen=True)
@@ -96,6 +102,9 @@ class Kriging:
         self._varying = np.ptp(x, axis=0) > 0
         self._hull = Hull(x[:, self._varying])
         self.processes = [self._process(m) for m in self.members]
+
+    def __repr__(self) -> str:
+        return f"Kriging({self.output} of {', '.join(self.inputs)}; {len(self.y)} points)"
 
     @classmethod
     def fit(

@@ -106,6 +106,10 @@ class Answer:
     identified_note: str
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        radius = "" if self.radius is None else f", radius {quantity(self.radius.value, 'm')}"
+        return f"Answer({self.thread.name}, {quantity(self.force, 'N')}{radius})"
+
     @property
     def extrapolated(self) -> bool:
         """Whether radius or pressure lie outside the data."""
@@ -142,6 +146,9 @@ class Surfaces:
     rows: list[Joint]
     kriging: dict[str, Kriging] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Surfaces({', '.join(self.kriging)} of {len(self.rows)} rows)"
 
     @classmethod
     def fit(

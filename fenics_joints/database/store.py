@@ -71,6 +71,9 @@ class Store:
             self.close()
             raise
 
+    def __repr__(self) -> str:
+        return f"Store({self.path!r})"
+
     def __enter__(self) -> Store:
         return self
 

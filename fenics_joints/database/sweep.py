@@ -52,6 +52,10 @@ class Sweep:
     finished_before: int
     failed: dict[Sample, str]
 
+    def __repr__(self) -> str:
+        counts = f"{self.computed} computed, {self.finished_before} there before"
+        return f"Sweep({counts}, {len(self.failed)} failed)"
+
 
 def grid(
     bolts: Sequence[str],

@@ -33,6 +33,11 @@ class MeasuredCurves:
     amplitudes: tuple[np.ndarray, ...]
     response: str
 
+    def __repr__(self) -> str:
+        levels = ", ".join(f"{level:g}" for level in self.levels[:6])
+        more = ", ..." if len(self.levels) > 6 else ""
+        return f"MeasuredCurves({self.response} at {levels}{more} N)"
+
     def at(self, level: float) -> tuple[np.ndarray, np.ndarray]:
         """(frequencies, amplitudes) of one level.
 

@@ -104,6 +104,11 @@ class TestData:
         for key, value in arrays.items():
             object.__setattr__(self, key, value)
 
+    def __repr__(self) -> str:
+        shapes = "" if self.shapes is None else f", shapes at {len(self.sensors)} sensors"
+        where = f"{len(self)} values of {self.condition_name}"
+        return f"TestData({len(self.mode_names)} modes at {where}{shapes})"
+
     def _checked_shapes(self) -> np.ndarray:
         shapes = np.atleast_2d(np.asarray(self.shapes, dtype=float))
         if self.sensors is None:
@@ -228,6 +233,9 @@ class Table:
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"Table({self.path.name}: {len(self.values)} rows of {len(self.names)} columns)"
 
     def column(self, name: str, unit: str | None = None) -> np.ndarray:
         """A column, in SI ``unit``, or as written when that is None.

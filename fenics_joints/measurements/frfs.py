@@ -38,6 +38,9 @@ class Reciprocity:
     relative: np.ndarray
     by_line: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"Reciprocity({len(self.pairs)} pairs)"
+
     def __str__(self) -> str:
         if not self.pairs:
             return "reciprocity: no pair was measured both ways"
@@ -63,6 +66,9 @@ class Coherence:
     limit: float
     median: np.ndarray
     poor: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"Coherence(limit {self.limit:g}, {self.median.size} functions)"
 
     def __str__(self) -> str:
         if np.isnan(self.median).all():
@@ -126,6 +132,11 @@ class MeasuredFRFs:
             arrays["coherence"] = _checked_coherence(self.coherence, values.shape)
         for key, value in arrays.items():
             object.__setattr__(self, key, value)
+
+    def __repr__(self) -> str:
+        low, high = self.frequencies_hz[[0, -1]]
+        count = f"{int(self.measured.sum())} functions, {self.kind}"
+        return f"MeasuredFRFs({count}, {low:g} to {high:g} Hz in {len(self)} lines)"
 
     def _checked_side(self, side: str, n: int) -> dict[str, object]:
         points = np.asarray(getattr(self, f"{side}_points"), dtype=float)

@@ -54,6 +54,10 @@ class Pairing:
     mac: np.ndarray | None = None
     crossing: tuple[tuple[int, int], ...] = field(default=())
 
+    def __repr__(self) -> str:
+        how = "order" if self.mac is None else f"MAC of at least {self.mac.min():.2f}"
+        return f"Pairing({len(self.index)} of {len(self.visible)} modes by {how})"
+
 
 def pair_modes(
     modes: Modes,
@@ -126,6 +130,10 @@ class Gap:
     mode_names: Sequence[str]
     test_hz: np.ndarray
     model_hz: np.ndarray
+
+    def __repr__(self) -> str:
+        rows, columns = self.test_hz.shape
+        return f"Gap({100 * self.rms:.3g} % over {rows} conditions of {columns} modes)"
 
     @property
     def relative(self) -> np.ndarray:

@@ -55,6 +55,9 @@ class Poles:
     stable_frequency: np.ndarray
     stable: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"Poles({len(self.order)} of orders up to {max(self.order, default=0)})"
+
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedModes:
@@ -94,6 +97,10 @@ class IdentifiedModes:
     residual: float
     poles: Poles
     frfs: MeasuredFRFs
+
+    def __repr__(self) -> str:
+        low, high = self.frequencies_hz.min(), self.frequencies_hz.max()
+        return f"IdentifiedModes({len(self.damping)} modes, {low:.4g} to {high:.4g} Hz)"
 
     def __str__(self) -> str:
         rows = [

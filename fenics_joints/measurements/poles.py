@@ -35,6 +35,9 @@ class PoleFit:
     residues_slopes: np.ndarray
     residual: float
 
+    def __repr__(self) -> str:
+        return f"PoleFit({len(self.poles)} poles, residual {self.residual:.2g})"
+
     @property
     def frequencies_hz(self) -> np.ndarray:
         """|p| / 2 pi."""

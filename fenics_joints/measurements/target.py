@@ -70,6 +70,10 @@ class FRFTarget:
             object.__setattr__(self, key, value)
         object.__setattr__(self, "absolute_sd", None)
 
+    def __repr__(self) -> str:
+        lines, responses, forces = self.values.shape
+        return f"FRFTarget({self.kind}, {lines} lines, {responses} x {forces} functions)"
+
     def _relative(self, values: np.ndarray) -> np.ndarray:
         key = "relative_sd" if self.absolute_sd is None else "absolute_sd"
         sd = np.asarray(getattr(self, key), dtype=float)
