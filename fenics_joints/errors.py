@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-__all__ = ["ConvergenceError", "InputError", "JointsError", "MeshError"]
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+__all__ = ["ConvergenceError", "InputError", "JointsError", "MeshError", "located"]
 
 
 class JointsError(Exception):
@@ -28,3 +31,16 @@ class ConvergenceError(JointsError, RuntimeError):
     def __init__(self, message: str, reason: str | None = None):
         super().__init__(message if reason is None else f"{message} (reason: {reason})")
         self.reason = reason
+
+
+@contextmanager
+def located(where: object) -> Iterator[None]:
+    """Says where an input error inside is from: its message begins with ``where``.
+
+    Raises:
+        InputError: Of the same class as the one inside.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{where}: {error}") from error

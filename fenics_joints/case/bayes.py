@@ -8,7 +8,7 @@ from fenics_joints.bayes.likelihood import checked_specimens
 from fenics_joints.bayes.priors import density
 from fenics_joints.case.case import Case
 from fenics_joints.case.messages import said
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.measurements.data import TestData, read_table
 from fenics_joints.units import parameter_unit, to_si
 
@@ -26,10 +26,8 @@ def prior_numbers(case: Case, name: str) -> dict[str, float]:
     section = case.update.bayes.priors[name]
     unit, found = parameter_unit(name), {}
     for key, value in (section.model_extra or {}).items():
-        try:
+        with located(f"{key} = {value!r}"):
             found[key] = to_si(value, "" if key in _WITHOUT_UNIT else unit)
-        except InputError as error:
-            raise InputError(f"{key} = {value!r}: {error}") from error
     density(name, section.kind, found)
     return found
 

@@ -15,7 +15,7 @@ from fenics_joints.case.parameters import parameters
 from fenics_joints.case.preload import BeamBoltSection, PretensionBoltSection
 from fenics_joints.case.sections import Joint, MassSection, SupportSection
 from fenics_joints.case.values import AXES
-from fenics_joints.errors import InputError, MeshError
+from fenics_joints.errors import InputError, MeshError, located
 from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
 from fenics_joints.meshes.rings import check_normal
 from fenics_joints.preload import (
@@ -109,7 +109,7 @@ def build_structure(
     masses = [m for name, section in pointed.items() for m in _masses(name, section)]
     springs = [s for name, section in pointed.items() for s in springs_of(name, section)]
     supports = [_support(name, s, elastic_supports) for name, s in case.supports.items()]
-    try:
+    with located(case.path):
         return Structure(
             tagged,
             [*_parts(case, width), *_joints(case, tagged, law)],
@@ -125,10 +125,6 @@ def build_structure(
             supports=supports,
             degree=case.mesh.degree,
         )
-    except MeshError as error:
-        raise MeshError(f"{case.path}: {error}") from error
-    except InputError as error:
-        raise InputError(f"{case.path}: {error}") from error
 
 
 def build_preload(
@@ -151,12 +147,8 @@ def build_preload(
             raise InputError(f"{case.path}: {table} is missing, expected sections [{table}.NAME]")
     structure = build_structure(case, comm, tagged=tagged)
     contacts = [Contact(name, **section.model_dump()) for name, section in case.contacts.items()]
-    try:
+    with located(case.path):
         return PreloadModel(structure, contacts, [_bolt(*item) for item in case.bolts.items()])
-    except MeshError as error:
-        raise MeshError(f"{case.path}: {error}") from error
-    except InputError as error:
-        raise InputError(f"{case.path}: {error}") from error
 
 
 def _bolt(name: str, section) -> BeamBolt | PretensionSection | WasherForce:
@@ -197,10 +189,8 @@ def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
     for name, j in case.joints.items():
         # Where the thickness is measured, the normal is checked by it.
         if tagged.mesh.geometry.dim == 3 and (j.law != "transition" or j.meshed is not None):
-            try:
+            with located(f"joints.{name}"):
                 check_normal(tagged, _cells(j, tagged), j.normal)
-            except MeshError as error:
-                raise MeshError(f"joints.{name}: {error}") from error
     return [
         _transition(name, j, tagged)
         if j.law == "transition"
@@ -228,11 +218,9 @@ def _transition(name: str, section: Joint, tagged: TaggedMesh) -> Region:
     cells = _cells(section, tagged)
     meshed = section.meshed
     if meshed is None:
-        try:
+        with located(f"joints.{name}"):
             thickness = layer_thickness if tagged.mesh.geometry.dim == 3 else extent
             meshed = thickness(tagged, cells, section.normal)
-        except MeshError as error:
-            raise MeshError(f"joints.{name}: {error}") from error
         if not 1 / _FAR <= meshed / section.h <= _FAR:
             raise MeshError(
                 f"joints.{name}: its layer is {1e3 * meshed:.6g} mm thick in the mesh, and h is "

@@ -10,7 +10,7 @@ from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, 
 from fenics_joints.case.case import Case
 from fenics_joints.case.parameters import parameters
 from fenics_joints.case.sections import MassSection, SpringSection
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.structure.components import Parameter, Spring
 
 __all__ = ["ZonedLap", "build_beams", "lap_axial", "lap_name", "springs_of"]
@@ -67,7 +67,7 @@ def build_beams(
         case, attached=attached, width=width, elastic_supports=elastic_supports, damping=damping
     )
     known += [Parameter(f"{lap.along}.axial", 1.0, "", *_AXIAL) for lap in laps or ()]
-    try:
+    with located(case.path):
         return BeamStructure(
             _beams(case, width),
             _joints(case) if laps is None else _zoned(case, laps),
@@ -78,8 +78,6 @@ def build_beams(
             clamps=_clamps(case) if elastic_supports else [],
             offset_mass=case.mesh.offset_mass,
         )
-    except InputError as error:
-        raise InputError(f"{case.path}: {error}") from error
 
 
 def _owners(sections) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,6 +30,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.frfs import MeasuredFRFs
+from fenics_joints.units import parameter_unit, to_si
 
 if TYPE_CHECKING:
     from fenics_joints.structure.points import Sensors
@@ -92,8 +94,6 @@ class Case(Section):
     _validation: TestData | None = PrivateAttr(None)
     _curves: MeasuredCurves | None = PrivateAttr(None)
     _frfs: MeasuredFRFs | None = PrivateAttr(None)
-    _start: dict[str, float] = PrivateAttr(default_factory=dict)
-    _published: dict[str, float] = PrivateAttr(default_factory=dict)
 
     @property
     def path(self) -> Path:
@@ -173,11 +173,12 @@ class Case(Section):
 
     def start(self) -> dict[str, float]:
         """Values at which updating starts, SI, by parameter; those in ``update.start``."""
-        return dict(self._start)
+        return {} if self.update is None else _si(self.update.start)
 
     def published(self) -> dict[str, float]:
         """Somebody's values of the parameters, SI; those in ``update.published.parameters``."""
-        return dict(self._published)
+        published = None if self.update is None else self.update.published
+        return {} if published is None else _si(published.parameters)
 
     def combined(self) -> bool:
         """Whether an update takes more than frequencies (or says what), at one condition."""
@@ -259,3 +260,8 @@ class Case(Section):
             if section.tolerance is not None:
                 found[f"{name}.{key}"] = section.tolerance
         return found
+
+
+def _si(given: Mapping[str, float | str]) -> dict[str, float]:
+    """Values of parameters, as people write them, in SI units."""
+    return {name: to_si(value, parameter_unit(name)) for name, value in given.items()}

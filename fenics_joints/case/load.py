@@ -19,7 +19,7 @@ from fenics_joints.case.combined import check_combined
 from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.messages import case_error, describe, did_you_mean, said
 from fenics_joints.case.test import FRFSection, Test, ValidationTest
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.measurements.curves import read_curves
 from fenics_joints.measurements.data import TestData, read_table, read_test_data
 from fenics_joints.measurements.files import read_frfs
@@ -166,25 +166,24 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
             raise InputError(said(f"{key}.{name}", file, expected))
     # Modes that are not named are all columns of the test; the validation must have the same.
     modes = test.modes or (case._measured.mode_names if case._measured else None)
-    try:
+    with located(key):
         data = read_test_data(
             files["frequencies"], condition=test.condition, modes=modes, damping=files["damping"]
         )
-    except InputError as error:
-        raise InputError(f"{key}: {error}") from error
-    try:
         return replace(
-            data,
-            resolution_hz=_per_mode("resolution", test.resolution, len(data.mode_names)),
-            noise=_per_mode("noise", test.noise, len(data.mode_names)),
-            damping_noise=test.damping_noise,
-            sensors=case.sensors(),
+            data, **_noise(test, len(data.mode_names)), sensors=case.sensors(),
             shapes=_read_shapes(files["shapes"], data.mode_names),
-            shape_noise=test.shape_noise,
             shapes_at=test.shapes_at if files["shapes"] is not None else None,
-        )
-    except InputError as error:
-        raise InputError(f"{key}: {error}") from error
+        )  # fmt: skip
+
+
+def _noise(test: Test, n: int) -> dict[str, object]:
+    """How good a test is, by the names of `TestData`, for n modes."""
+    return {
+        "resolution_hz": _per_mode("resolution", test.resolution, n),
+        "noise": _per_mode("noise", test.noise, n),
+        "damping_noise": test.damping_noise, "shape_noise": test.shape_noise,
+    }  # fmt: skip
 
 
 def _plan_test(case: Case, test: Test) -> TestData:
@@ -195,11 +194,7 @@ def _plan_test(case: Case, test: Test) -> TestData:
     return TestData(
         conditions, values, names, condition, unit,
         damping=1e-3 * values if test.planned.damping else None,
-        resolution_hz=_per_mode("resolution", test.resolution, len(names)),
-        noise=_per_mode("noise", test.noise, len(names)),
-        damping_noise=test.damping_noise,
-        shape_noise=test.shape_noise,
-        sensors=case.sensors(),
+        sensors=case.sensors(), **_noise(test, len(names)),
     )  # fmt: skip
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import difflib
 import types
 import typing
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
 from fenics_joints.errors import InputError
 
-__all__ = ["case_error", "describe", "did_you_mean", "said"]
+__all__ = ["case_error", "describe", "did_you_mean", "indexed", "refused", "said", "unknown"]
 
 
 def case_error(path: Path, errors: list[str]) -> InputError:
@@ -95,6 +96,30 @@ def did_you_mean(name: str, known: list[str]) -> str:
     near = difflib.get_close_matches(name, known, 1, 0.5)
     hint = f"; did you mean {near[0]!r}? Expected" if near else "; expected"
     return f"{hint} one of: {', '.join(known)}" if known else ""
+
+
+def unknown(given: Iterable[tuple[str, str]], known: Iterable[str], what: str) -> list[str]:
+    """A line for each key whose name is not known: what is wrong with it, and what may be meant."""
+    known = list(known)
+    return [
+        said(key, name, f"{what}{did_you_mean(name, known)}")
+        for key, name in given
+        if name not in known
+    ]
+
+
+def indexed(key: str, names: Iterable[str] | None) -> list[tuple[str, str]]:
+    """Keys of the items of a list, with these."""
+    return [(f"{key}[{i}]", name) for i, name in enumerate(names or ())]
+
+
+def refused(key: str, value: Any, call: Callable[[], object]) -> list[str]:
+    """A line with the input error that a call raises, if it does."""
+    try:
+        call()
+    except InputError as error:
+        return [said(key, value, str(error))]
+    return []
 
 
 def _fields(loc: tuple, root: type) -> list[str]:

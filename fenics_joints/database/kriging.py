@@ -22,7 +22,7 @@ import numpy as np
 
 from fenics_joints.database.hull import Hull
 from fenics_joints.database.joints import UNITS
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.files import json_text, write_text
 from fenics_joints.formatting import interval, quantity
 
@@ -214,10 +214,8 @@ class Kriging:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: cannot be read ({error}), expected saved Kriging") from error
-        try:
+        with located(path):
             return cls.from_json(content)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
 
     def to_json(self) -> dict[str, object]:
         """Everything that makes the model, for JSON."""

@@ -16,7 +16,7 @@ from importlib import resources
 from pathlib import Path
 
 from fenics_joints.database.joints import NUMBERS, TEXTS, UNITS, Joint
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.files import write_text
 
 __all__ = ["Store", "seed_database"]
@@ -271,12 +271,10 @@ def _from_csv(name: str, text: str) -> list[Joint]:
     for row in reader:
         if not any(cell.strip() for cell in row):
             continue
-        try:
+        with located(f"{name}: line {reader.line_num}"):
             if len(row) != len(columns):
                 raise InputError(f"{len(row)} cells, expected {len(columns)} as in the head")
             joints.append(Joint(**_values(columns, row)))
-        except InputError as error:
-            raise InputError(f"{name}: line {reader.line_num}: {error}") from error
     return joints
 
 
@@ -290,10 +288,8 @@ def _column(name: str, head: str) -> tuple[str, float]:
         raise InputError(f"{name}: column {head!r}, expected one of {', '.join(_COLUMNS)}")
     if unit == UNITS.get(field, ""):
         return field, 1.0  # exactly as written, and without waiting for the units' library
-    try:
+    with located(f"{name}: column {head!r}"):
         return field, factor_to_si(unit, UNITS.get(field, ""))
-    except InputError as error:
-        raise InputError(f"{name}: column {head!r}: {error}") from error
 
 
 def _values(columns, row) -> dict[str, float | str]:

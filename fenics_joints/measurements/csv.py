@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.measurements.data import Table, read_table
 from fenics_joints.measurements.records import (
     CoherenceRecord,
@@ -116,10 +116,8 @@ def _unit(table: Table, column: str, said: Said) -> tuple[str, float]:
             f"{table.path}: column {column!r}: the unit is not known; expected it in brackets in "
             "the head, such as [m/s2/N], or units"
         )
-    try:
+    with located(f"{table.path}: column {column!r}"):
         kind, factor = frf_unit(text)
-    except InputError as error:
-        raise InputError(f"{table.path}: column {column!r}: {error}") from error
     if said.kind not in (None, kind):
         raise InputError(
             f"{table.path}: column {column!r}: {text!r} is the unit of {a_kind(kind)}, expected "
@@ -139,10 +137,8 @@ def _nodes(table: Table, said: Said) -> Contents:
                 f"{table.path}: column {axis!r}: the unit is not known; expected a head such as "
                 f"'{axis} [mm]', or length_unit"
             )
-        try:
+        with located(f"{table.path}: column {axis!r}"):
             columns.append(values * length_factor(unit))
-        except InputError as error:
-            raise InputError(f"{table.path}: column {axis!r}: {error}") from error
     points = np.column_stack(columns)
     if not (np.isfinite(points).all() and np.isfinite(labels).all()):
         raise InputError(f"{table.path}: expected a number in every cell of a table of nodes")

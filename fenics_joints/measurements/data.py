@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.units import factor_to_si
 
 if sys.version_info >= (3, 11):
@@ -253,12 +253,10 @@ class Table:
         i = self.names.index(name)
         if unit is None:
             return self.values[:, i]
-        try:
+        with located(f"{self.path}: head of column {name!r}"):
             if unit and not self.units[i]:
                 raise InputError(f"expected its unit in brackets, such as '{name} [{unit}]'")
             return self.values[:, i] * factor_to_si(self.units[i], unit)
-        except InputError as error:
-            raise InputError(f"{self.path}: head of column {name!r}: {error}") from error
 
 
 def read_table(path: str | Path) -> Table:

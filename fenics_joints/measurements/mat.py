@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.measurements.records import (
     CoherenceRecord,
     Contents,
@@ -144,10 +144,8 @@ def _scale(file: _Variables, said: Said) -> tuple[str, float]:
             f"{file.path}: the units are not known; expected a variable {file.name('units')!r}, or "
             f"units such as '{example}/N'"
         )
-    try:
+    with located(f"{file.path}: {file.name('units')}"):
         by_unit, factor = frf_unit(text)
-    except InputError as error:
-        raise InputError(f"{file.path}: {file.name('units')}: {error}") from error
     for given in (kind, file.text("kind")):
         if given not in (None, by_unit):
             raise InputError(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.response.units import a_kind, checked_kind, frf_unit, length_factor
 
@@ -51,10 +51,8 @@ class Said:
         if self.kind is not None:
             checked_kind(self.kind)
         if self.length_unit is not None:
-            try:
+            with located(f"length_unit = {self.length_unit!r}"):
                 length_factor(self.length_unit)
-            except InputError as error:
-                raise InputError(f"length_unit = {self.length_unit!r}: {error}") from error
         if self.units is None:
             return
         kind, _ = frf_unit(self.units)

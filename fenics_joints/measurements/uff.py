@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.measurements.records import (
     CoherenceRecord,
     Contents,
@@ -317,10 +317,8 @@ def _abscissa(where: str, data) -> np.ndarray:
             f"record 7: the {'binary ' if data['binary'] else ''}data are truncated, or the record "
             "is wrong"
         )
-    try:
+    with located(f"{where}: unit of the abscissa"):
         return np.asarray(data["x"], dtype=float) * (factor_to_si(label, "Hz") if label else 1.0)
-    except InputError as error:
-        raise InputError(f"{where}: unit of the abscissa: {error}") from error
 
 
 def _dof(where: str, data, side: str, word: str) -> Dof:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from fenics_joints.bayes.distributions import FAMILIES, FEWEST
+from fenics_joints.bayes.distributions import FAMILIES, checked_frequencies
 from fenics_joints.bayes.hierarchical import Specimens
 from fenics_joints.bayes.likelihood import GaussianLikelihood
 from fenics_joints.case.bayes import bayes_data, prior_numbers, specimens
 from fenics_joints.case.case import Case
-from fenics_joints.case.messages import did_you_mean, said
+from fenics_joints.case.messages import did_you_mean, said, unknown
 from fenics_joints.errors import InputError
 
 __all__ = ["check_bayes"]
@@ -36,7 +34,8 @@ def check_bayes(case: Case) -> list[str]:
             prior_numbers(case, name)
         except InputError as error:
             errors.append(f"update.bayes.priors.{name}: {error}")
-    errors += _unknown_distributions(bayes.distributions or ())
+    given = [("update.bayes.distributions", name) for name in bayes.distributions or ()]
+    errors += unknown(given, FAMILIES, "unknown")
     if not bayes.tolerance > 0:
         errors.append(said("update.bayes.tolerance", bayes.tolerance, "expected above 0"))
     samples, burn_in = bayes.length()
@@ -65,16 +64,5 @@ def _check_likelihood(case: Case) -> None:
     elif bayes.kind == "gaussian":
         GaussianLikelihood.from_specimens(modes, table)
     else:
-        for mode, n in zip(modes, np.sum(np.isfinite(table), axis=0), strict=True):
-            if n < FEWEST:
-                raise InputError(
-                    f"{mode}: {n} measured frequencies: expected at least {FEWEST} for a "
-                    "distribution"
-                )
-
-
-def _unknown_distributions(names) -> list[str]:
-    return [
-        said("update.bayes.distributions", name, f"unknown{did_you_mean(name, list(FAMILIES))}")
-        for name in names if name not in FAMILIES
-    ]  # fmt: skip
+        for mode, column in zip(modes, table.T, strict=True):
+            checked_frequencies(mode, column)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from fenics_joints.case.case import Case
 from fenics_joints.case.harmonic import CoulombSection, identifiable
-from fenics_joints.case.messages import did_you_mean, said
+from fenics_joints.case.messages import did_you_mean, indexed, refused, said, unknown
 from fenics_joints.units import to_si
 
 __all__ = ["check_harmonic"]
@@ -21,18 +23,12 @@ def check_harmonic(case: Case) -> list[str]:
         errors.append("harmonic: expected a nonlinear joint, in a section [nonlinear.NAME]")
     identify = case.harmonic.identify
     known = identifiable(case.nonlinear)
-    for i, name in enumerate(identify.parameters if identify else ()):
-        if name not in known:
-            key = f"harmonic.identify.parameters[{i}]"
-            errors.append(said(key, name, f"no such parameter{did_you_mean(name, list(known))}"))
-    for name in identify.start if identify else ():
-        if name not in identify.parameters:
-            hint = did_you_mean(name, identify.parameters)
-            key = f"harmonic.identify.start.{name}"
-            value = identify.start[name]
-            errors.append(said(key, value, f"is not in identify.parameters{hint}"))
-    errors += _check_start(case, known) if identify else []
-    if identify is not None and case.harmonic.measured is None:
+    if identify is None:
+        return errors
+    given = indexed("harmonic.identify.parameters", identify.parameters)
+    errors += unknown(given, known, "no such parameter")
+    errors += _check_start(case, known)
+    if case.harmonic.measured is None:
         errors.append("harmonic.identify: expected measured curves, harmonic.measured = 'FILE.csv'")
     return errors
 
@@ -59,11 +55,12 @@ def _check_nonlinear(case: Case, name: str, section) -> list[str]:
 def _check_start(case: Case, known) -> list[str]:
     errors, identify = [], case.harmonic.identify
     for name, value in identify.start.items():
+        key = f"harmonic.identify.start.{name}"
+        if name not in identify.parameters:
+            hint = did_you_mean(name, identify.parameters)
+            errors.append(said(key, value, f"is not in identify.parameters{hint}"))
         if name in known:
-            try:
-                to_si(value, known[name][1])
-            except ValueError as error:
-                errors.append(said(f"harmonic.identify.start.{name}", value, str(error)))
+            errors += refused(key, value, partial(to_si, value, known[name][1]))
     if identify.loops is not None and not (case.folder / identify.loops).is_file():
         expected = f"no such file, expected a table at {case.folder / identify.loops}"
         errors.append(said("harmonic.identify.loops", identify.loops, expected))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
+
 from fenics_joints.case.case import Case
-from fenics_joints.case.messages import did_you_mean, said
-from fenics_joints.errors import InputError
+from fenics_joints.case.messages import did_you_mean, indexed, refused, said, unknown
 from fenics_joints.units import parameter_unit, to_si
 
 __all__ = ["check_update"]
@@ -15,49 +17,43 @@ def _check_cutoff(case: Case) -> list[str]:
     contacts = [name for name, section in case.contacts.items() if not section.bonded]
     if not contacts or not case.bolts:
         return ["update.cutoff: expected [contacts] that can open, and [bolts] that press them"]
-    for i, name in enumerate(cutoff.contacts or []):
-        if name not in contacts:
-            expected = f"no such contact{did_you_mean(name, contacts)}"
-            errors.append(said(f"update.cutoff.contacts[{i}]", name, expected))
+    errors += unknown(
+        indexed("update.cutoff.contacts", cutoff.contacts), contacts, "no such contact"
+    )
     if case._measured is None:
         errors.append("update.cutoff: expected a section [test] with frequencies")
     if cutoff.calibrate is not None:
-        names = {
-            "parameter": list(case.nominal()),
-            "mode": list(case._measured.mode_names) if case._measured else [],
-        }
-        for key, known in names.items():
-            value = getattr(cutoff.calibrate, key)
-            if known and value not in known:
-                expected = f"no such {key}{did_you_mean(value, known)}"
-                errors.append(said(f"update.cutoff.calibrate.{key}", value, expected))
+        known = {"parameter": case.nominal()}
+        known |= {"mode": case._measured.mode_names} if case._measured else {}
+        for key, names in known.items():
+            given = [(f"update.cutoff.calibrate.{key}", getattr(cutoff.calibrate, key))]
+            errors += unknown(given, names, f"no such {key}")
+    return errors
+
+
+def _check_values(table: str, given: Mapping[str, float | str], parameters) -> list[str]:
+    """Values of parameters that are to be updated, as people write them."""
+    errors = []
+    for name, value in given.items():
+        if name in parameters:
+            read = partial(to_si, value, parameter_unit(name))
+            errors += refused(f"{table}.{name}", value, read)
+        else:
+            hint = did_you_mean(name, list(parameters))
+            errors.append(said(f"{table}.{name}", value, f"is not in update.parameters{hint}"))
     return errors
 
 
 def check_update(case: Case) -> list[str]:
+    """What is wrong with an update, a line each."""
     update, measured = case.update, case._measured
     errors = [] if update.cutoff is None else _check_cutoff(case)
     known = case.nominal(damping=True)
-    for i, name in enumerate(update.parameters):
-        if name not in known:
-            key = f"update.parameters[{i}]"
-            errors.append(said(key, name, f"no such parameter{did_you_mean(name, list(known))}"))
-    sources = [("update.start", update.start, case._start)]
+    errors += unknown(indexed("update.parameters", update.parameters), known, "no such parameter")
+    errors += _check_values("update.start", update.start, update.parameters)
     if update.published is not None:
-        sources.append(
-            ("update.published.parameters", update.published.parameters, case._published)
-        )
-    for table, given, into in sources:
-        for name, value in given.items():
-            key = f"{table}.{name}"
-            if name not in update.parameters:
-                hint = did_you_mean(name, update.parameters)
-                errors.append(said(key, value, f"is not in update.parameters{hint}"))
-                continue
-            try:
-                into[name] = to_si(value, parameter_unit(name))
-            except InputError as error:
-                errors.append(said(key, value, str(error)))
+        key = "update.published.parameters"
+        errors += _check_values(key, update.published.parameters, update.parameters)
     if measured is None:
         return errors
     theirs = update.published.frequencies if update.published else []
@@ -67,10 +63,7 @@ def check_update(case: Case) -> list[str]:
     given = [] if update.at is None else [("update.at", update.at)]
     given += [(f"update.hold_out[{i}]", c) for i, c in enumerate(update.hold_out)]
     for key, condition in given:
-        try:
-            measured.row(condition)
-        except InputError as error:
-            errors.append(said(key, condition, str(error)))
+        errors += refused(key, condition, partial(measured.row, condition))
     if not errors and not len(measured.without(update.hold_out)):
         expected = f"expected some {measured.condition_name} left to fit"
         errors.append(said("update.hold_out", update.hold_out, expected))
