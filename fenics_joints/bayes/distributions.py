@@ -17,14 +17,14 @@ from scipy import stats
 
 from fenics_joints.errors import InputError
 
-__all__ = ["FAMILIES", "Fitted", "checked_frequencies", "choose", "fit"]
+__all__ = ["FAMILIES", "FEWEST", "Fitted", "checked_frequencies", "choose", "fit"]
 
 #: Samples of the distribution that give its p-value, and many more where that is small.
 _TRIALS, _MORE, _LOOK = 199, 1999, 0.02
 #: A p-value below the first warns, below the second the distribution is refused.
 WARN, REFUSE = 0.05, 0.001
 #: Values of which a distribution is asked.
-_FEWEST = 5
+FEWEST = 5
 #: The paper names a Beta without its interval: the data's, widened by its own range on either side.
 _WIDER = 1.0
 #: Numbers taken from the data, where they are not two: the Beta's interval is.
@@ -186,9 +186,9 @@ def checked_frequencies(name: str, frequencies_hz: np.ndarray) -> np.ndarray:
     """Those of a mode that were measured, Hz; InputError, in its name, for what gives no fit."""
     x = np.asarray(frequencies_hz, dtype=float)
     x = x[~np.isnan(x)]
-    if len(x) < _FEWEST:
+    if len(x) < FEWEST:
         raise InputError(
-            f"{name}: {len(x)} measured frequencies: expected at least {_FEWEST} for a distribution"
+            f"{name}: {len(x)} measured frequencies: expected at least {FEWEST} for a distribution"
         )
     if not np.all(np.isfinite(x) & (x > 0)):
         raise InputError(f"{name}: expected positive frequencies, Hz; the least is {x.min():g}.")
