@@ -24,7 +24,7 @@ from fenics_joints.case.sections import (
     with_average_densities,
 )
 from fenics_joints.case.test import Test
-from fenics_joints.case.update import Update
+from fenics_joints.case.update import UpdateSection
 from fenics_joints.case.values import Section, named
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.curves import MeasuredCurves
@@ -71,7 +71,7 @@ class Case(Section):
     supports: named(SupportSection) = {}
     attached: named(Attached) = {}
     test: Test | None = None
-    update: Update | None = None
+    update: UpdateSection | None = None
     diagnose: Diagnose = Diagnose()
     nonlinear: named(NonlinearSection) = {}
     harmonic: HarmonicSection | None = None

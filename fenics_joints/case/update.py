@@ -18,7 +18,7 @@ from fenics_joints.case.values import (
 )
 from fenics_joints.units import to_si
 
-__all__ = ["Bayes", "CutoffUpdate", "Held", "PriorSection", "Update"]
+__all__ = ["Bayes", "CutoffUpdate", "HeldSection", "PriorSection", "UpdateSection"]
 
 
 class Published(Section):
@@ -63,7 +63,7 @@ def _line_hz(value: Any) -> float:
     return hertz
 
 
-class Held(Section):
+class HeldSection(Section):
     """``[update.held]``: what no fit sees and the updated model must predict.
 
     ``modes`` by name, with the functions' lines around them, or ``"each"``: every mode in turn,
@@ -150,7 +150,7 @@ class Bayes(Section):
         ]  # fmt: skip
 
 
-class Update(Section):
+class UpdateSection(Section):
     """``[update]``: what `fenics-joints update` fits: ``parameters``, or the ``cutoff``.
 
     ``regularisation`` is the standard deviation of the logarithm of every parameter about its
@@ -184,11 +184,11 @@ class Update(Section):
     method: Literal["log", "weighted"] | None = None
     step_limit: Positive | None = None
     lines: Annotated[int | list[float], BeforeValidator(_lines)] | None = None
-    held: Held | None = None
+    held: HeldSection | None = None
     bayes: Bayes | None = None
 
     @model_validator(mode="after")
-    def _one_of_parameters_and_cutoff(self) -> Update:
+    def _one_of_parameters_and_cutoff(self) -> UpdateSection:
         if bool(self.parameters) == (self.cutoff is not None):
             raise ValueError("expected either parameters or a section [update.cutoff]")
         return self

@@ -26,7 +26,7 @@ from fenics_joints.errors import InputError, located
 from fenics_joints.files import json_text, write_text
 from fenics_joints.formatting import interval, quantity
 
-__all__ = ["Kriging", "LeaveOneOut", "Prediction"]
+__all__ = ["Kriging", "LeaveOneOut", "Interpolation"]
 
 _FORMAT, _VERSION = "fenics-joints kriging", 1
 _KERNELS = ("gaussian", "matern 5/2")
@@ -38,7 +38,7 @@ _LEAST_WEIGHT = 1e-3
 
 
 @dataclass(frozen=True)
-class Prediction:
+class Interpolation:
     """Interpolated values with their uncertainty; arrays of shape (n,), in the output's unit.
 
     Attributes:
@@ -148,7 +148,7 @@ class Kriging:
         members = [_Member(*candidates[i], float(weights[i])) for i in np.flatnonzero(weights > 0)]
         return cls(inputs, output, x, y, sorted(members, key=lambda m: -m.weight))
 
-    def predict(self, x: np.ndarray, *, extrapolate: bool = False) -> Prediction:
+    def predict(self, x: np.ndarray, *, extrapolate: bool = False) -> Interpolation:
         """Values at points, shape (n, len(inputs)).
 
         Args:
@@ -170,7 +170,7 @@ class Kriging:
         mean, variance = self._mixture(x[:, self._varying])
         sd = np.sqrt(variance)
         value = np.exp(mean)
-        return Prediction(
+        return Interpolation(
             value, value * np.sqrt(np.expm1(variance)),
             np.exp(mean - 1.96 * sd), np.exp(mean + 1.96 * sd), inside,
         )  # fmt: skip

@@ -15,7 +15,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import classes, detectable
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.nested import Nested, nested_evidence
-from fenics_joints.diagnosis.evidence.prediction import Prediction
+from fenics_joints.diagnosis.evidence.prediction import RowPrediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_best
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.location import locate_gap
@@ -331,7 +331,7 @@ class _Run:
         before = np.array([self.forward(self.baseline)[0]] * len(data))
         after = np.array(
             [
-                Prediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f
+                RowPrediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f
                 for c in data.conditions
             ]
         )

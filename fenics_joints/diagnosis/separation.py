@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.inference import Fit
-from fenics_joints.diagnosis.evidence.prediction import Prediction
+from fenics_joints.diagnosis.evidence.prediction import RowPrediction
 from fenics_joints.diagnosis.plan.added import (
     ADDED_MASS,
     DAMPING_NOISE,
@@ -141,7 +141,7 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
             # Followed from the nearest tested condition: modes change places beyond it.
             follow = forward.of(forward.model)
             follow.track(f.hypothesis.values(f.z, float(near), baseline))
-            log_f.append(Prediction(f.hypothesis, follow, f.z, float(value), baseline).log_f)
+            log_f.append(RowPrediction(f.hypothesis, follow, f.z, float(value), baseline).log_f)
         name = f"the same modes at {word} {condition[0]} ({value:g} {condition[1]})"
         found.append(_Candidate(name, log_f[0] - log_f[1], sd))
     return found
@@ -157,7 +157,7 @@ def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[_Candidate]:
         hypothesis = replace(f.hypothesis, damped=True)
         z = np.concatenate([f.z, np.zeros(len(hypothesis.dampings))])
         rows = [
-            Prediction(hypothesis, forward, z, c, baseline).data[f.shape[1] :]
+            RowPrediction(hypothesis, forward, z, c, baseline).data[f.shape[1] :]
             for c in hypothesis.conditions
         ]
         grown.append(np.array(rows) - np.mean(rows, axis=0))

@@ -16,14 +16,15 @@ from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.identify import IdentificationResult, identify
 from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
-from fenics_joints.harmonic.predict import Prediction, predict
+from fenics_joints.harmonic.predict import CurvePrediction, predict
 from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
 from fenics_joints.harmonic.sensitivity import ResponseGradient
 from fenics_joints.harmonic.stability import floquet_exponents, stable
 
 __all__ = [
-    "Backbone", "Balance", "Branch", "Fourier", "HarmonicResult", "IdentificationResult",
-    "Loops", "MeasuredLoop", "Peak", "Periodic", "Prediction", "Problem",
+    "Backbone", "Balance", "Branch", "CurvePrediction", "Fourier", "HarmonicResult",
+    "IdentificationResult",
+    "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem",
     "ResponseGradient", "Settings", "default_samples", "floquet_exponents", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
     "solve_backbone", "solve_constant_response", "solve_harmonic",

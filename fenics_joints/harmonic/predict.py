@@ -12,7 +12,7 @@ from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.measurements.curves import MeasuredCurves
 
-__all__ = ["Prediction", "near_peak", "peak_of", "predict"]
+__all__ = ["CurvePrediction", "near_peak", "peak_of", "predict"]
 
 
 def near_peak(amplitudes: np.ndarray, points: int) -> np.ndarray:
@@ -40,7 +40,7 @@ def peak_of(frequencies_hz: np.ndarray, amplitudes: np.ndarray) -> tuple[float, 
 
 
 @dataclass(frozen=True, repr=False)
-class Prediction:
+class CurvePrediction:
     """What a model makes of a measured curve.
 
     Attributes:
@@ -60,7 +60,7 @@ class Prediction:
     response: HarmonicResult
 
     def __repr__(self) -> str:
-        return f"Prediction({self.level:g} N, mean error {self.mean_error:.2%})"
+        return f"CurvePrediction({self.level:g} N, mean error {self.mean_error:.2%})"
 
     @property
     def objective(self) -> float:
@@ -114,7 +114,7 @@ def predict(
     points: int = 9,
     harmonics: int = 3,
     **options,
-) -> tuple[Prediction, ...]:
+) -> tuple[CurvePrediction, ...]:
     """The model's responses at the measured frequencies, and their errors, by level.
 
     Args:
@@ -137,5 +137,5 @@ def predict(
         )
         computed = result.amplitude(sensor, curves.response, "first")
         kept = near_peak(measured, points)
-        found.append(Prediction(level, frequencies, measured, computed, kept, result))
+        found.append(CurvePrediction(level, frequencies, measured, computed, kept, result))
     return tuple(found)

@@ -29,7 +29,7 @@ from fenics_joints.diagnosis.effects.amplitude import (
     relative_drop,
 )
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import Prediction
+from fenics_joints.diagnosis.evidence.prediction import RowPrediction
 from fenics_joints.forms import lame_parameters
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
@@ -343,11 +343,11 @@ def test_damping_slopes_are_those_of_the_prediction():
     assert len(hypothesis.priors) == len(z)
 
     def predict(z):
-        return Prediction(hypothesis, Series(), z, 2.0, {"lap.G": 2.0}).data
+        return RowPrediction(hypothesis, Series(), z, 2.0, {"lap.G": 2.0}).data
 
     h = 1e-6
     numeric = [(predict(z + s) - predict(z - s)) / (2 * h) for s in h * np.eye(len(z))]
-    slopes = Prediction(hypothesis, Series(), z, 2.0, {"lap.G": 2.0}).slopes()
+    slopes = RowPrediction(hypothesis, Series(), z, 2.0, {"lap.G": 2.0}).slopes()
     assert slopes == pytest.approx(np.array(numeric).T, rel=1e-5, abs=1e-8)
     # And the damping itself: at rest, plus half of loss factor times share.
     drop = relative_drop(effect.priors[0].value(0.7) * 0.5 ** (1 + effect.priors[1].value(0.4)))

@@ -14,11 +14,11 @@ from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress
 
-__all__ = ["Held", "predict_held"]
+__all__ = ["HeldModes", "predict_held"]
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class HeldModes:
     """Modes kept from the likelihood.
 
     Attributes:
@@ -44,7 +44,7 @@ def predict_held(
     comm: MPI.Intracomm,
     progress: Progress | None = None,
     seed: int = 0,
-) -> Held:
+) -> HeldModes:
     """Frequencies of the test's modes above those that were fitted. Collective.
 
     Args:
@@ -82,7 +82,7 @@ def predict_held(
     there = np.all(np.isfinite(log_f), axis=1)
     if not there.any():
         raise InputError(f"{case.path}: the model has the held modes at no draw of the posterior.")
-    return Held(
+    return HeldModes(
         data.mode_names[n_fitted:], data.frequencies_hz[row, n_fitted:],
         data.log_sd()[row, n_fitted:], np.exp(log_f[there]),
     )  # fmt: skip

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from fenics_joints.bayes.arviz_files import draw
 from fenics_joints.bayes.chains import Chains
 from fenics_joints.bayes.predictive import PredictiveCheck
-from fenics_joints.commands.bayes.held import Held
+from fenics_joints.commands.bayes.held import HeldModes
 from fenics_joints.formatting import prefixed
 from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, new_figure, style, to_svg
 
@@ -129,7 +129,7 @@ def _labelled(name: str, values: np.ndarray, unit: str) -> tuple[float, str]:
 
 def frequencies(
     mode_names, measured_hz: np.ndarray, sd: np.ndarray, predicted_hz: np.ndarray,
-    held: Held | None = None,
+    held: HeldModes | None = None,
 ) -> str:  # fmt: skip
     """Predicted frequencies relative to the measured ones, with the measurement's noise.
 

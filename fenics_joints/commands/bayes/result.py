@@ -12,7 +12,7 @@ import fenics_joints
 from fenics_joints.bayes.chains import Chains
 from fenics_joints.bayes.predictive import PredictiveCheck
 from fenics_joints.bayes.samplers import Settings
-from fenics_joints.commands.bayes.held import Held
+from fenics_joints.commands.bayes.held import HeldModes
 from fenics_joints.commands.bayes.model import CaseModel
 from fenics_joints.files import plain
 from fenics_joints.formatting import number, quantity
@@ -32,7 +32,7 @@ class Predicted:
     """
 
     hz: np.ndarray
-    held: Held | None
+    held: HeldModes | None
     check: PredictiveCheck | None
     rival: PredictiveCheck | None
 

@@ -27,7 +27,7 @@ from fenics_joints.bayes.samplers import Settings, sample
 from fenics_joints.case import Case
 from fenics_joints.case.bayes import bayes_data, specimens
 from fenics_joints.case.update import Bayes
-from fenics_joints.commands.bayes.held import Held, predict_held
+from fenics_joints.commands.bayes.held import HeldModes, predict_held
 from fenics_joints.commands.bayes.model import CaseModel, case_model
 from fenics_joints.commands.bayes.page import bayes_html
 from fenics_joints.commands.bayes.result import BayesReport, Predicted
@@ -266,7 +266,7 @@ class _Run:
     def _count(self) -> int:
         return _HELD_SMALL if self.model.n_dofs < _SMALL else _HELD
 
-    def _held(self, values: np.ndarray, log_sd) -> Held | None:
+    def _held(self, values: np.ndarray, log_sd) -> HeldModes | None:
         n = len(self.data.mode_names)
         if len(self.case.measurements().mode_names) == n:
             return None

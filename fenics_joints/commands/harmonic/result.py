@@ -11,7 +11,7 @@ from fenics_joints.commands.harmonic.model import HarmonicModel
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.harmonic import Backbone, HarmonicResult
 from fenics_joints.harmonic.identify import IdentificationResult
-from fenics_joints.harmonic.predict import Prediction
+from fenics_joints.harmonic.predict import CurvePrediction
 from fenics_joints.measurements.curves import UNITS, MeasuredCurves
 
 __all__ = ["HarmonicReport", "LevelFacts"]
@@ -88,7 +88,7 @@ class HarmonicReport:
     seconds: float
     rank: int
     identified: tuple[IdentificationResult, ...] = ()
-    predictions: tuple[Prediction, ...] = ()
+    predictions: tuple[CurvePrediction, ...] = ()
 
     def __repr__(self) -> str:
         peaks = ", ".join(f"{f.level:g} N: {f.frequency_hz:.4g} Hz" for f in self.facts[:4])

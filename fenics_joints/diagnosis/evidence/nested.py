@@ -26,7 +26,7 @@ from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
-from fenics_joints.diagnosis.evidence.prediction import Prediction, predict
+from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.reduction.batch import (
     LeanForward,
@@ -322,7 +322,7 @@ class Marginal:
         n, m = evidence.shape
         for row, condition in enumerate(evidence.conditions):
             arguments = self.hypothesis, self.forward, z, condition, self.baseline, row
-            prediction = Prediction(*arguments)
+            prediction = RowPrediction(*arguments)
             if not np.all(np.isfinite(prediction.log_f)):
                 return np.full(len(evidence.data), np.nan)
             rows.append(prediction.data)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
     from fenics_joints.reduction.forward import Forward
 
-__all__ = ["Prediction", "predict"]
+__all__ = ["RowPrediction", "predict"]
 
 _DIFFERENCE = 1e-5
 
@@ -41,7 +41,7 @@ def predict(
     m = evidence.log_f.shape[1]
     rows, slopes, shapes, steady = [], [], [], {}
     for row, condition in enumerate(evidence.conditions):
-        prediction = Prediction(hypothesis, forward, z, condition, baseline, row, steady)
+        prediction = RowPrediction(hypothesis, forward, z, condition, baseline, row, steady)
         rows.append(prediction.data)
         slopes.append(prediction.slopes())
         if evidence.shapes is not None and row == evidence.shape_row:
@@ -71,7 +71,7 @@ class _Look:
     by_values: np.ndarray
 
 
-class Prediction:
+class RowPrediction:
     """Frequencies and damping at one condition.
 
     The damping ratio of a mode is that at rest plus half the loss factor of each lossy stiffness

@@ -11,7 +11,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import Prediction, predict
+from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
 from fenics_joints.diagnosis.plan.study import Measurement, Signature, Study, groups
 from fenics_joints.structure.model import Model
 
@@ -179,7 +179,7 @@ def shifted(test: Measurement, evidence: Evidence, forward, other, row: int) -> 
         kept[hypothesis.places["dampings"]] = False
         undamped = replace(hypothesis, damped=False)
         before, after = (
-            Prediction(undamped, f, z[kept], condition, baseline, row) for f in (forward, other)
+            RowPrediction(undamped, f, z[kept], condition, baseline, row) for f in (forward, other)
         )
         more = np.zeros((len(there), len(z)))
         more[:, kept] = (after.slopes() - before.slopes())[there]
