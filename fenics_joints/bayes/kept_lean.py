@@ -2,24 +2,50 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from fenics_joints.bayes.model import Frequencies, ReducedCheck
 from fenics_joints.errors import InputError
+from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import LeanForward
-from fenics_joints.reduction.files import read_array_model, write_array_model
+from fenics_joints.reduction.files import read_model, register, write_model
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["read_lean", "write_lean"]
 
-_KEY = "sampled"
+_FORMAT = "fenics_joints sampled model"
+
+
+@dataclass(frozen=True)
+class KeptLean:
+    """What stands in the file.
+
+    Attributes:
+        name: What the model depends on, see `fenics_joints.case.fingerprint`.
+        model: The lean model.
+        n_test: Of its forward; so are the next two.
+        n_modes: See `Forward`.
+        reference: See `Forward`.
+        error: Of its frequencies against the reduced model.
+        check: Against the full model.
+        bound: Estimated error.
+    """
+
+    name: str
+    model: ArrayModel
+    n_test: int
+    n_modes: int
+    reference: np.ndarray | None
+    error: float
+    check: ReducedCheck
+    bound: float
+
+
+register(KeptLean, ReducedCheck)
 
 
 def write_lean(
@@ -38,18 +64,11 @@ def write_lean(
         InputError: If it cannot be written.
     """
     forward = frequencies.forward
-    said = {
-        "name": name, "bound": bound, "lean_error": frequencies.error,
-        "check": {**asdict(check), "errors": check.errors.tolist()},
-        "n_test": forward.n_test, "n_modes": forward.n_modes,
-        "reference": None if forward.reference is None else np.asarray(forward.reference).tolist(),
-    }  # fmt: skip
-    write_array_model(forward.model, path)
-    try:
-        with h5py.File(path, "a") as file:
-            file.attrs[_KEY] = json.dumps(said)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error})") from error
+    kept = KeptLean(
+        name, forward.model, forward.n_test, forward.n_modes, forward.reference,
+        frequencies.error, check, bound,
+    )  # fmt: skip
+    write_model(kept, path, _FORMAT)
 
 
 def read_lean(
@@ -62,27 +81,12 @@ def read_lean(
         name: What the model depends on now.
         sensors: What the test saw.
     """
-    said = _said(path)
-    if said is None or said.get("name") != name:
-        return None
     try:
-        model = read_array_model(path)
+        kept = read_model(path, _FORMAT, KeptLean)
     except InputError:
         return None
-    reference = None if said["reference"] is None else np.array(said["reference"])
-    forward = Forward(model, sensors, said["n_test"], said["n_modes"], reference)
-    check = ReducedCheck(**{**said["check"], "errors": np.array(said["check"]["errors"])})
-    frequencies = Frequencies(
-        tuple(model.parameters), LeanForward(forward, model), {}, said["lean_error"]
-    )
-    return frequencies, check, said["bound"]
-
-
-def _said(path: Path) -> Mapping | None:
-    if not path.is_file():
+    if kept.name != name:
         return None
-    try:
-        with h5py.File(path, "r") as file:
-            return json.loads(file.attrs[_KEY])
-    except (OSError, KeyError, ValueError):
-        return None
+    forward = Forward(kept.model, sensors, kept.n_test, kept.n_modes, kept.reference)
+    lean = LeanForward(forward, kept.model)
+    return Frequencies(tuple(kept.model.parameters), lean, {}, kept.error), kept.check, kept.bound

@@ -293,9 +293,9 @@ def _with_contacts(
     """The structure's pencil, with all that is not its own, as bolts and springs, fixed."""
     structure = joint.structure
     whole = [_projected(A, columns) for A in matrices]
-    own = source.affine.matrices(structure.values(given))
+    own = source.pencil.matrices(structure.values(given))
     return replace(
-        source.affine,
+        source.pencil,
         fixed=tuple(a - b for a, b in zip(whole, own, strict=True)),
         fixed_mass=joint.total_mass(given) - structure.total_mass(given),
     )

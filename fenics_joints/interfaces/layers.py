@@ -92,7 +92,7 @@ def reduce_layers(
     ).columns  # fmt: skip
     reduced = ReducedStructure(structure, as_vectors(K, columns))
     terms = {layer.name: layer.term(columns) for layer in strains.layers}
-    pencil = _without_stress(reduced.affine, laws, terms)
+    pencil = _without_stress(reduced.pencil, laws, terms)
     interfaces = [layer.interface(terms[layer.name]) for layer in strains.layers]
     modes.solver.destroy(), strains.destroy(), K.destroy(), M.destroy()
     return assemble(columns, reduced, interfaces, pencil, terms, given, forces, sensors)

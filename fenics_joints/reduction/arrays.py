@@ -80,8 +80,11 @@ class ArrayModel:
         key = tuple(values.values())
         last = self.__dict__.get("_last")
         if last is None or last[0] != key:
-            last = self.__dict__["_last"] = key, self.pencil.matrices(values)
+            last = self.__dict__["_last"] = key, self._assemble(values)
         return last[1]
+
+    def _assemble(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        return self.pencil.matrices(values)
 
     def pencil_gradients(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
         """Derivatives of x^T (K - lambda M) x by every parameter, shape (k, n_parameters).

@@ -214,7 +214,7 @@ def pod(
 
 def arrays_of(forward: Forward) -> ArrayModel | None:
     """The model behind a forward; None if it is not one of plain arrays."""
-    return forward.model if isinstance(forward.model, ArrayModel) else None
+    return forward.model if type(forward.model) is ArrayModel else None
 
 
 class LeanForward(Forward):

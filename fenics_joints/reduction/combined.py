@@ -15,12 +15,9 @@ from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.frf_basis import frf_error
+from fenics_joints.reduction.frf_basis import ResponseSampler, frf_error, response_loads
 from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
 from fenics_joints.response.damping_ratios import damping_ratios
-from fenics_joints.response.modal_basis import modal_pencil
-from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.structure import Structure
@@ -91,16 +88,13 @@ class CombinedModel:
         self.full, self.target, self.damping, self.n_modes = full, target, damping, n_modes
         self.samples, self._tolerance, self._most = 0, _BASIS, _MOST * n_modes
         self.limits = error_limits(target)
-        self._snapshots = Snapshots(full)
-        self._solver = self._exact = None
+        self._exact = None
         self._last: Modes | None = None
         self._ratios: dict[tuple, np.ndarray] = {}
         frfs = target.frfs
-        self._loads = None
-        if frfs is not None:
-            self._loads = np.hstack([
-                full.loads(frfs.excitation, "excitation"), full.loads(frfs.sensors),
-            ])  # fmt: skip
+        loads = frfs if frfs is None else response_loads(full, frfs.excitation, frfs.sensors)
+        lines = None if frfs is None else frfs.frequencies_hz
+        self._sampler = ResponseSampler(full, n_modes, loads, lines, damping)
 
     def sample(
         self, parameters: Sequence[Parameter], start: Mapping[str, float], progress: Progress
@@ -115,46 +109,26 @@ class CombinedModel:
 
     def add(self, values: Mapping[str, float]) -> None:
         """Take the modes and residual vectors at some values into the basis of the next `build`."""
-        modes, more = self._modes(values, SNAPSHOT), None
+        sampler = self._sampler
+        modes = sampler.modes(values)
         while self._wants_more(modes):
             self.n_modes = min(self.n_modes + self.n_modes // 2, self._most, self.full.n_dofs)
-            for solver in (self._solver, self._exact):
+            for solver in (sampler.solver, self._exact):
                 if solver is not None:
                     solver.destroy()
-            self._solver = self._exact = self._last = None
-            modes = self._modes(values, SNAPSHOT)
-        ratios = "damping" in self.target.kinds and self.damping.layers
-        if self._loads is not None or ratios:
-            more = self._residual_vectors(values, modes)
-        self._snapshots.add(modes, more=more)
+            sampler.n_modes, sampler.solver = self.n_modes, None
+            self._exact = self._last = None
+            modes = sampler.modes(values)
+        damped = "damping" in self.target.kinds and bool(self.damping.layers)
+        sampler.add(values, modes, self.target.frfs is not None or damped)
         self.samples += 1
-
-    def _residual_vectors(self, values: Mapping[str, float], modes: Modes) -> np.ndarray:
-        """What forces and damped layers add to the modes, this rank's rows, (n_local, k)."""
-        if self._loads is None:
-            loads = np.zeros((len(modes.shapes[0].array_r), 0))
-            lines = modes.frequencies_hz[modes.n_rigid :]
-        else:
-            loads, lines = self._loads, self.target.frfs.frequencies_hz
-        pencil = DampedPencil(self.full, values, self.damping)
-        try:
-            modal = modal_pencil(pencil, loads, lines, modes=modes)
-        finally:
-            pencil.destroy()
-        return modal.basis[:, len(modes) :]
 
     def _wants_more(self, modes: Modes) -> bool:
         """Whether the modes end below the lines."""
-        if self._loads is None or self.n_modes >= min(self._most, self.full.n_dofs):
+        frfs = self.target.frfs
+        if frfs is None or self.n_modes >= min(self._most, self.full.n_dofs):
             return False
-        return modes.frequencies_hz[-1] < _REACH * self.target.frfs.frequencies_hz.max()
-
-    def _modes(self, values, tolerance: float = 1e-7) -> Modes:
-        modes = solve_modes(
-            self.full, values, n_modes=self.n_modes, solver=self._solver, tolerance=tolerance
-        )
-        self._solver = modes.solver
-        return modes
+        return modes.frequencies_hz[-1] < _REACH * frfs.frequencies_hz.max()
 
     def build(self) -> ArrayModel:
         """The reduced model on all samples so far."""
@@ -163,7 +137,7 @@ class CombinedModel:
             places.append(target.shape_sensors)
         if target.frfs is not None:
             places += [target.frfs.excitation, target.frfs.sensors]
-        reduced = ReducedStructure(self.full, self._snapshots.basis(self._tolerance))
+        reduced = ReducedStructure(self.full, self._sampler.snapshots.basis(self._tolerance))
         self.arrays = reduced.arrays(*places)
         return self.arrays
 

@@ -16,11 +16,9 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.eigensolver import without_zeros
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.forward import line_of
-from fenics_joints.reduction.snapshots import dense_columns, project
-from fenics_joints.structure.laws import ELASTIC_SUPPORT
+from fenics_joints.reduction.projection import Projection
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 from fenics_joints.structure.values import number, slopes
@@ -216,50 +214,28 @@ class FreeTerms:
 
     def on(self, basis: list[PETSc.Vec], sensors: Sensors | None) -> ArrayModel:
         """The model on a basis, as plain arrays, with what sensors see. Collective."""
-        Z, full = dense_columns(basis), self.full
-        regions = [self._region_on(n, i, Z) for n, i in enumerate(self._regions)]
-        regions += [self._support_on(i, Z) for i in self._supports]
-        springs, masses = self._points_on(basis)
-        fixed = project(self._K, Z), project(self._M, Z)
-        rows = shifts = None
-        if sensors is not None:
-            rows = full.observe(basis, sensors)
-            shifts = full.observe_slopes(basis, sensors, line_of(sensors.points))
-        Z.destroy()
-        moving = AffinePencil(self.parameters, regions, springs, masses)
-        rest = self.total_mass() - moving.total_mass(moving.values())
-        return ArrayModel(
-            replace(moving, fixed=fixed, fixed_mass=rest), self.scale_hz, rows, shifts
-        )
+        on = Projection(self.full, basis)
+        regions = [self._region_on(on, n, i) for n, i in enumerate(self._regions)]
+        for i in self._supports:
+            support = self.full.elastic_supports[i]
+            named = self._named({"k_n": support.k_n, "k_t": support.k_t})
+            regions.append(on.support(i, named))
+        still = [replace(m, travel=number(m.travel, self.given)) for m in self._masses]
+        moving = AffinePencil(
+            self.parameters, regions, [on.spring(s) for s in self._springs],
+            [on.mass(m) for m in still],
+        )  # fmt: skip
+        rest = self.total_mass() - float(moving.total_mass(moving.values()))
+        fixed = on.matrix(self._K), on.matrix(self._M)
+        pencil = replace(moving, fixed=fixed, fixed_mass=rest)
+        return ArrayModel(pencil, self.scale_hz, *on.sensors(sensors))
 
-    def _region_on(self, n: int, i: int, Z: PETSc.Mat) -> RegionTerm:
-        region = self.full.regions[i]
-        law, sampled = region.law, np.array([project(A, Z) for A in self._stiff[n].matrices])
-        inverse = np.linalg.inv([law.stiffness_terms(q) for q in law.samples])
-        terms = np.tensordot(inverse, sampled, axes=1)
-        inertia, volume = np.zeros_like(terms[0]), 0.0
+    def _region_on(self, on: Projection, n: int, i: int) -> RegionTerm:
+        region, inertia, volume = self.full.regions[i], None, 0.0
+        sampled = [on.matrix(A) for A in self._stiff[n].matrices]
         if i in self._inertia:
-            inertia, volume = project(self._inertia[i], Z), float(self._volumes[i])
-        named = self._named(region.properties)
-        return RegionTerm(region.name, law, named, terms, inertia, volume)
-
-    def _support_on(self, i: int, Z: PETSc.Mat) -> RegionTerm:
-        support = self.full.elastic_supports[i]
-        units = np.array([project(A, Z) for A in self.full.support_matrices(i)])
-        named = self._named({"k_n": support.k_n, "k_t": support.k_t})
-        return RegionTerm(support.name, ELASTIC_SUPPORT, named, units, 0.0 * units[0], 0.0)
-
-    def _points_on(self, basis) -> tuple[list[SpringTerm], list[MassTerm]]:
-        gdim, springs, masses = self.full.gdim, [], []
-        for s in self._springs:
-            row = self.full.observe(basis, Sensors([s.point[:gdim]], [s.direction[:gdim]]))[0]
-            springs.append(SpringTerm(s.name, s.stiffness, s.share, row))
-        for m in self._masses:
-            travel = number(m.travel, self.given)
-            at = (np.asarray(m.point) + travel * np.asarray(m.direction))[:gdim]
-            seen = self.full.observe(basis, Sensors(np.tile(at, (gdim, 1)), np.eye(gdim)))
-            masses.append(MassTerm(m.name, m.mass, travel, m.share, np.array([travel]), seen[None]))
-        return springs, masses
+            inertia, volume = on.matrix(self._inertia[i]), self._volumes[i]
+        return on.region(region, self._named(region.properties), sampled, inertia, volume)
 
     def _named(self, properties: Mapping[str, float | str]) -> dict[str, float | str]:
         """Numbers in place of the names that do not vary."""

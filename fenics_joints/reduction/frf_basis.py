@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
@@ -87,30 +87,61 @@ class CheckedFRFModel:
         return f"CheckedFRFModel({self.reduced.n_dofs} vectors, {self.error!r})"
 
 
-class _Sampler:
-    """Modes and residual vectors at one sample after the other, one factorisation each."""
+class ResponseSampler:
+    """Modes and residual vectors at one sample after the other, one factorisation each.
 
-    def __init__(self, structure: Structure, n_modes: int, lines, excitation, sensors, damping):
-        self.structure, self.n_modes = structure, n_modes
-        self.lines, self.damping = check_lines(lines), damping or Damping()
-        self.damping.check(structure.parameters, structure.layers)
-        self.snapshots = Snapshots(structure)
-        self.loads = np.hstack(
-            [structure.loads(excitation, "excitation"), structure.loads(sensors)]
-        )
-        self.solver = None
+    Args:
+        structure: The full model.
+        n_modes: Modes at each sample.
+        loads: Forces, and what is read, as columns, (n_local, k); None for none.
+        lines: Lines of interest, Hz; None for the modes' own frequencies.
+        damping: The damping.
 
-    def add(self, given: Values) -> None:
+    Attributes:
+        snapshots: What was found.
+    """
+
+    def __init__(
+        self, structure: Structure, n_modes: int, loads: np.ndarray | None, lines, damping: Damping
+    ):
+        self.structure, self.n_modes, self.damping = structure, n_modes, damping
+        self.loads, self.lines = loads, lines
+        self.snapshots, self.solver = Snapshots(structure), None
+
+    def modes(self, given: Values) -> Modes:
+        """Modes at a sample."""
         modes = solve_modes(
             self.structure, given, n_modes=self.n_modes, solver=self.solver, tolerance=SNAPSHOT
         )
         self.solver = modes.solver
-        pencil = DampedPencil(self.structure, given, self.damping)
-        try:
-            modal = modal_pencil(pencil, self.loads, self.lines, modes=modes)
-        finally:
-            pencil.destroy()
-        self.snapshots.add(modes, more=modal.basis[:, len(modes) :])
+        return modes
+
+    def add(self, given: Values, modes: Modes, residual: bool = True) -> None:
+        """Take the modes in, and residual vectors for the loads and the damped layers."""
+        more = None
+        if residual:
+            lines = modes.frequencies_hz[modes.n_rigid :] if self.lines is None else self.lines
+            none = np.zeros((len(modes.shapes[0].array_r), 0))
+            loads = none if self.loads is None else self.loads
+            pencil = DampedPencil(self.structure, given, self.damping)
+            try:
+                modal = modal_pencil(pencil, loads, lines, modes=modes)
+            finally:
+                pencil.destroy()
+            more = modal.basis[:, len(modes) :]
+        self.snapshots.add(modes, more=more)
+
+
+def response_loads(structure: Structure, excitation: Sensors, sensors: Sensors) -> np.ndarray:
+    """Loads of a unit at excitations and sensors, this rank's rows, (n_local, k)."""
+    return np.hstack([structure.loads(excitation, "excitation"), structure.loads(sensors)])
+
+
+def _sampler(structure, n_modes, lines, excitation, sensors, damping) -> ResponseSampler:
+    damping = damping or Damping()
+    damping.check(structure.parameters, structure.layers)
+    loads = response_loads(structure, excitation, sensors)
+    return ResponseSampler(structure, n_modes, loads, check_lines(lines), damping)
 
 
 def frf_basis(
@@ -144,9 +175,9 @@ def frf_basis(
         InputError: Without samples, or if a value is out of range or a point outside the mesh.
         ConvergenceError: If modes were not found.
     """
-    sampler = _Sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
+    sampler = _sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
     for given in samples:
-        sampler.add(given)
+        sampler.add(given, sampler.modes(given))
         if progress:
             progress()
     return ReducedStructure(structure, sampler.snapshots.basis(tolerance), travel)
@@ -235,10 +266,10 @@ def checked_frf_model(
         raise InputError("samples and points: expected at least one set of values in each.")
     done = progress or (lambda: None)
     places = {"excitation": excitation, "sensors": sensors}
-    sampler = _Sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
+    sampler = _sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
     used, some, exact = list(samples), _some(sampler.lines, lines), []
     for given in used:
-        sampler.add(given)
+        sampler.add(given, sampler.modes(given))
         done()
     for given in points:
         exact.append(_exact(structure, given, some, **places, damping=damping))
@@ -254,7 +285,7 @@ def checked_frf_model(
             break
         own[worst] = True
         used.append(points[worst])
-        sampler.add(points[worst])
+        sampler.add(points[worst], sampler.modes(points[worst]))
         done()
     if late and strict:
         raise ConvergenceError(

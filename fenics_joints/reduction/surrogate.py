@@ -17,7 +17,6 @@ from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.files import read_array_model, write_array_model
-from fenics_joints.reduction.forward import line_of
 from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
 from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.structure.points import Sensors
@@ -64,7 +63,7 @@ class Surrogate(SeenModes):
         self._reduced: ReducedStructure | None = None
         keep = self.keep
         kept = keep is not None and full.comm.bcast(keep.is_file() if full.comm.rank == 0 else None)
-        model = read_array_model(keep) if kept else self._arrays(self._reduce())
+        model = read_array_model(keep) if kept else self._reduce().arrays(sensors=self.sensors)
         if keep is not None and not kept:
             self._write(model)
         self.forward = self._forward(model)
@@ -92,7 +91,7 @@ class Surrogate(SeenModes):
         if basis is None:
             basis = self._reduce().basis
         self._reduced = enrich(self.full, basis, shapes, self.travel)
-        self.forward.model = self._arrays(self._reduced)
+        self.forward.model = self._reduced.arrays(sensors=self.sensors)
         self.forward.forget()
 
     def facts(self) -> dict[str, object]:
@@ -112,7 +111,7 @@ class Surrogate(SeenModes):
 
     def point_rows(self, model: ReducedStructure, points: np.ndarray) -> np.ndarray:
         """Displacement of a model's basis at points, shape (n_points, gdim, n_dofs)."""
-        return model.point_rows(points)
+        return model.projection.points(points)
 
     def everywhere(self, count: int) -> Sensors:
         """Points all over the structure, each in all directions. Collective."""
@@ -163,12 +162,3 @@ class Surrogate(SeenModes):
             vector.array[:] = row
             vectors.append(vector)
         return vectors
-
-    def _arrays(self, model: ReducedStructure) -> ArrayModel:
-        """The same model as plain arrays."""
-        rows = shifts = None
-        if self.sensors is not None:
-            rows = self.full.observe(model.basis, self.sensors)
-            line = line_of(self.sensors.points)
-            shifts = self.full.observe_slopes(model.basis, self.sensors, line)
-        return ArrayModel(model.affine, model.scale_hz, rows, shifts)

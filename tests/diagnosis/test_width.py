@@ -57,8 +57,8 @@ def test_terms_reproduce_the_assembled_matrices(across):
     for w, s in ((1.1, 1.0), (0.7, 1.9), (3.0, 0.4)):
         given = {"w": w, "s": s}
         for reduced, assembled in (
-            (small.stiffness(given), small.project(model.stiffness(given))),
-            (small.mass(given), small.project(model.mass(given))),
+            (small.stiffness(given), small.projection.matrix(model.stiffness(given))),
+            (small.mass(given), small.projection.matrix(model.mass(given))),
         ):
             assert reduced == pytest.approx(assembled, rel=1e-9, abs=1e-9 * np.abs(assembled).max())
     assert small.total_mass({"w": 1.2}) == pytest.approx(model.total_mass({"w": 1.2}))

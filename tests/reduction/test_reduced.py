@@ -110,7 +110,7 @@ def test_reduced_matrices_are_the_projected_ones_at_any_values(full):
             (model.stiffness(point), full.stiffness(point)),
             (model.mass(point), full.mass(point)),
         ):
-            projected = model.project(assembled)
+            projected = model.projection.matrix(assembled)
             assert np.abs(reduced - projected).max() < 1e-5 * np.abs(projected).max()
 
 
@@ -144,8 +144,8 @@ def test_terms_of_the_laws_reproduce_the_assembled_stiffness(law):
         )  # fmt: skip
         point = dict(zip(names, drawn, strict=True))
         for reduced, assembled in (
-            (small.stiffness(point), small.project(model.stiffness(point))),
-            (small.mass(point), small.project(model.mass(point))),
+            (small.stiffness(point), small.projection.matrix(model.stiffness(point))),
+            (small.mass(point), small.projection.matrix(model.mass(point))),
         ):
             assert reduced == pytest.approx(assembled, rel=1e-8, abs=1e-9 * np.abs(assembled).max())
 
@@ -155,11 +155,11 @@ def test_moving_mass_is_where_it_says(full):
     model = reduce(full, [{}], N_MODES, travel=TRAVEL)
     u = model.basis[0]
     for travel in (0.0137, 0.0561, 0.0999):
-        at, slope = model.affine.masses[0](travel)
-        located = model.point_rows((0.01 + travel, 0.03, 0.0))[0]
+        at, slope = model.pencil.masses[0](travel)
+        located = model.projection.points((0.01 + travel, 0.03, 0.0))[0]
         assert at == pytest.approx(located, abs=1e-4 * np.abs(located).max())
         assert u.array_r.any()
-        near = [model.affine.masses[0](travel + d)[0] for d in (-1e-6, 1e-6)]
+        near = [model.pencil.masses[0](travel + d)[0] for d in (-1e-6, 1e-6)]
         assert slope == pytest.approx((near[1] - near[0]) / 2e-6, rel=1e-4, abs=1e-3)
 
 

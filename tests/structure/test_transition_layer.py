@@ -226,8 +226,8 @@ def test_terms_reproduce_the_assembled_matrices():
     small = ReducedStructure(model, vectors)
     given = {"h": 0.017, "E": 3e9, "nu": 0.1}
     for reduced, assembled in (
-        (small.stiffness(given), small.project(model.stiffness(given))),
-        (small.mass(given), small.project(model.mass(given))),
+        (small.stiffness(given), small.projection.matrix(model.stiffness(given))),
+        (small.mass(given), small.projection.matrix(model.mass(given))),
     ):
         assert reduced == pytest.approx(assembled, rel=1e-9, abs=1e-9 * np.abs(assembled).max())
     assert small.total_mass(given) == pytest.approx(model.total_mass(given))

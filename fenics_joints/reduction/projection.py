@@ -1,0 +1,116 @@
+"""Parts, joints and points of a structure on a basis, as the terms of an `AffinePencil`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from petsc4py import PETSc
+
+from fenics_joints.errors import InputError
+from fenics_joints.reduction.affine import MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.forward import line_of
+from fenics_joints.reduction.snapshots import dense_columns, project
+from fenics_joints.structure.components import PointMass, Region, Spring
+from fenics_joints.structure.laws import ELASTIC_SUPPORT
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+
+__all__ = ["Projection"]
+
+_TRAVEL_SAMPLES = 41
+
+
+class Projection:
+    """A structure's matrices and points on a basis. All calls are collective.
+
+    Args:
+        structure: The full model.
+        basis: Vectors of the basis, linearly independent; held DOFs are zero.
+    """
+
+    def __init__(self, structure: Structure, basis: Sequence[PETSc.Vec]):
+        self.full, self.basis = structure, basis
+        self._dense = dense_columns(basis)
+
+    def matrix(self, A: PETSc.Mat) -> np.ndarray:
+        """Z^T A Z, shape (n, n), equal on all ranks."""
+        return project(A, self._dense)
+
+    def points(self, points) -> np.ndarray:
+        """Displacement of the basis vectors at points, shape (n_points, gdim, n)."""
+        points = np.atleast_2d(np.asarray(points, dtype=float))
+        gdim = self.full.gdim
+        sensors = Sensors(
+            np.repeat(points[:, :gdim], gdim, axis=0), np.tile(np.eye(gdim), (len(points), 1))
+        )
+        return self.full.observe(self.basis, sensors).reshape(len(points), gdim, len(self.basis))
+
+    def sensors(self, sensors: Sensors | None) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """What sensors read of the basis, and the same per metre along their line, (n_s, n)."""
+        if sensors is None:
+            return None, None
+        line = line_of(sensors.points)
+        return (
+            self.full.observe(self.basis, sensors),
+            self.full.observe_slopes(self.basis, sensors, line),
+        )
+
+    def region(
+        self,
+        region: Region,
+        properties: Mapping[str, float | str],
+        sampled: Sequence[np.ndarray],
+        inertia: np.ndarray | None = None,
+        volume: float = 0.0,
+    ) -> RegionTerm:
+        """A part or joint.
+
+        Args:
+            region: The region.
+            properties: Its properties, numbers or names of parameters.
+            sampled: Its projected stiffness at each of its law's samples, (n, n).
+            inertia: Its projected mass at a unit of its law's inertia; None for none.
+            volume: As meshed, m3.
+        """
+        law, n = region.law, len(self.basis)
+        theta = np.array([law.stiffness_terms(q) for q in law.samples], dtype=float)
+        terms = np.linalg.solve(theta, np.reshape(sampled, (len(theta), -1))).reshape(-1, n, n)
+        heavy = np.zeros((n, n)) if inertia is None else inertia
+        return RegionTerm(region.name, law, properties, terms, heavy, float(volume))
+
+    def support(self, number: int, properties: Mapping[str, float | str]) -> RegionTerm:
+        """An elastic support as a region without volume: its law is linear in k_n and k_t."""
+        name = self.full.elastic_supports[number].name
+        units = np.array([self.matrix(A) for A in self.full.support_matrices(number)])
+        return RegionTerm(name, ELASTIC_SUPPORT, properties, units, 0.0 * units[0], 0.0)
+
+    def spring(self, spring: Spring) -> SpringTerm:
+        """A grounding spring."""
+        direction = np.asarray(spring.direction)[: self.full.gdim]
+        row = direction @ self.points(spring.point)[0]
+        return SpringTerm(spring.name, spring.stiffness, spring.share, row)
+
+    def mass(self, mass: PointMass, span: tuple[float, float] | None = None) -> MassTerm:
+        """A point mass, along its travel if that is a parameter.
+
+        Args:
+            mass: The mass.
+            span: Range of its travel, m.
+
+        Raises:
+            InputError: If there is none and the mass moves.
+        """
+        if not isinstance(mass.travel, str):
+            stations = np.array([float(mass.travel)])
+        elif span is None:
+            raise InputError(
+                f"{mass.name}.travel: a reduced model needs the range in which the mass moves; "
+                "expected travel = {name: (low, high)} in metres."
+            )
+        else:
+            stations = np.linspace(*span, _TRAVEL_SAMPLES)
+        points = np.asarray(mass.point) + stations[:, None] * np.asarray(mass.direction)
+        return MassTerm(
+            mass.name, mass.mass, mass.travel, mass.share, stations, self.points(points)
+        )
