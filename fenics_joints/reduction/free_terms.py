@@ -203,12 +203,7 @@ class FreeTerms:
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg."""
-        values = self.values(given)
-        total = self.full.attached_mass(values)
-        for i, region in enumerate(self.full.regions):
-            q = self._properties(i, values)
-            total += region.law.inertia_terms(q)[0] * self._volumes[i]
-        return float(total)
+        return self.full.total_mass(self.values(given))
 
     # -- projection and residuals ----------------------------------------------------------------
 

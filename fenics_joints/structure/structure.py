@@ -351,11 +351,8 @@ class Structure(Assembly):
         values = self.update(given)
         one = ufl.as_vector([1.0] + [0.0] * (self.gdim - 1))
         form = self.compiled("weight", lambda: self.inertia_form(one, one))
-        return self.comm.allreduce(fem.assemble_scalar(form)) + self.attached_mass(values)
-
-    def attached_mass(self, values: Mapping[str, float]) -> float:
-        """Mass, kg, of the point masses, at all parameters' values."""
-        return sum(m.share * number(m.mass, values) for m in self.masses)
+        attached = sum(m.share * number(m.mass, values) for m in self.masses)
+        return self.comm.allreduce(fem.assemble_scalar(form)) + attached
 
     def volumes(self) -> np.ndarray:
         """Volume as meshed, m3, of every region, in the order of `regions`. Collective.
