@@ -7,7 +7,7 @@ the first term alone), and the first term does not shrink with more cells throug
 Linear triangles and tetrahedra are worse: 4 times too stiff at l = t, n = 1. On 8 mm lapped plates
 with 10 mm cells, one through each plate, the frequencies come out 28 to 32 % high in linear
 quadrilaterals and about twice as high as they should in linear triangles; quadratic cells represent
-pure bending exactly (``tests/test_thin_layers.py``).
+pure bending exactly (``tests/structure/test_thin_layers.py``).
 """
 
 from __future__ import annotations
@@ -93,6 +93,6 @@ def attached_mass(u, v, m, area, ds):
     """A mass ``m`` (kg) spread evenly over the facets of ``ds``, whose total area is ``area`` (m2).
 
     The form for a sensor or a bolt head on a patch of facets. A mass at a point that need not be
-    a node is no UFL form: see `fenics_joints.structure.structure.PointMass`.
+    a node is no UFL form: see `fenics_joints.structure.PointMass`.
     """
     return (m / area) * ufl.inner(u, v) * ds

@@ -1,7 +1,8 @@
 """Thin-layer joint materials (seed 001, eqs. 5 to 8) in any direction of the layer's normal.
 
-What thin elements do, and how far to trust them. ``tests/test_thin_layers.py`` proves each line on
-lapped plates, for aspect ratios (in-plane size over thickness) from 10 to 1000 and more:
+What thin elements do, and how far to trust them. ``tests/structure/test_thin_layers.py`` proves
+each line on lapped plates, for aspect ratios (in-plane size over thickness) from 10 to 1000 and
+more:
 
 - `uncoupled_layer` neither locks nor loses accuracy. For constant E/h and G/h it tends to a
   zero-thickness spring, k_n = E/h and k_t = G/h, on the same cells: in quadrilaterals and

@@ -15,7 +15,7 @@ so a joint that does not slip has k2 = E I / L and k1 = 3 E I / ((1 + phi) L) of
 one; k1 (slap) and k2 (slip) are in N m.
 
 Misprints of the paper, each found by the symmetry and the rigid-body modes of the matrix, or by
-integrating the shape functions (tests/test_beams.py):
+integrating the shape functions (tests/beams/test_structure.py):
 
 * eq. 1, entry (4, 4): ``k`` is k_A; entries (4, 6) and (6, 4): ``k_A q`` is -k_A q. As printed, a
   rotation about a point of the reference line is resisted by the force 2 k_A q theta.
