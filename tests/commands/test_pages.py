@@ -1,20 +1,15 @@
-"""Reports and summaries: what a page shows is what the result holds, and a page stands alone."""
+"""Pages and summaries: what they show is what the result holds, and a page stands alone."""
 
 from __future__ import annotations
 
-import base64
 import io
-import re
 from types import SimpleNamespace
 
-import basix.ufl
-import matplotlib.image
 import numpy as np
 import pytest
-from dolfinx import fem
+from cell_map import cells
 from html_page import Page, check_page
 from markupsafe import Markup
-from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints import formatting
@@ -27,12 +22,9 @@ from fenics_joints.commands.modes.summary import show_modes
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
-from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
-from fenics_joints.errors import InputError
+from fenics_joints.diagnosis.where.localise import ZoneShare
 from fenics_joints.measurements import Gap
-from fenics_joints.meshes import lap_plates
 from fenics_joints.report import mesh_pictures
-from fenics_joints.structure import Structure
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])
@@ -48,20 +40,6 @@ def fitted(name, value, low, high, unit, nuisance=False, z=0.4) -> dict:
         "effect": "joint", "name": name, "value": value, "low": low, "high": high, "unit": unit,
         "nuisance": nuisance, "prior_sigmas": z,
     }  # fmt: skip
-
-
-def cells() -> CellMap:
-    """Two plates with a layer between them, one cell each in height."""
-    x, y = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(3), indexing="ij"))
-    corner = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
-    blocks = []
-    for low, high in ((0.0, 8.0), (8.0, 8.5), (8.5, 16.5)):
-        block = 20.0 * corner[None] + 20.0 * np.stack([x, y, 0 * x], axis=1)[:, None]
-        block[..., 2] = np.where(corner[None, :, 2] > 0, high, low)
-        blocks.append(block)
-    region = np.repeat([0, 1, 0], len(x))
-    density = np.concatenate([np.full(len(x), -0.2), np.linspace(0.4, 1, len(x)), 0.0 * x])
-    return CellMap(1e-3 * np.concatenate(blocks), region, ("plates", "layer"), density)
 
 
 def shrinkage() -> Shrinkage:
@@ -224,61 +202,6 @@ def test_summaries_fit_a_screen():
             assert len(lines) <= 40 and max(map(len, lines)) <= width
 
 
-def images_of(svg: str) -> list[np.ndarray]:
-    """The rasterised parts of a picture, RGBA."""
-    found = re.findall(r"data:image/png;base64,([^\"]+)", svg)
-    return [matplotlib.image.imread(io.BytesIO(base64.b64decode(code))) for code in found]
-
-
-def test_cell_map_shows_levels_in_their_colours():
-    upper, layer, lower, _bar = images_of(mesh_pictures.cell_map(cells()))
-
-    def mean(image):
-        return image[image[..., 3] > 0.9][:, :3].mean(axis=0)
-
-    # Red where softer closes the gap, blue where stiffer, near white where nothing does.
-    assert mean(layer)[0] > mean(layer)[2] + 0.2
-    assert mean(lower)[2] > mean(lower)[0] + 0.05
-    assert np.ptp(mean(upper)) < 0.05
-
-
-def test_mode_shape_is_coloured_along_the_direction():
-    x = cells().vertices
-    tilt = np.zeros_like(x)
-    tilt[..., 2] = x[..., 0] - x[..., 0].mean()
-    (image,) = images_of(mesh_pictures.mode_shape(x, tilt, (0, 0, 1), "m", "tilt"))
-    rows = image[image.shape[0] // 2]
-    seen = rows[rows[:, 3] > 0.9]
-    left, right = (np.median(part, axis=0) for part in (seen[: len(seen) // 4], seen[-20:]))
-    assert left[2] > left[0] + 0.2 and right[0] > right[2] + 0.2
-    (still,) = images_of(mesh_pictures.mode_shape(x, tilt, (0, 1, 0), "m", "tilt"))
-    faces = still[still[..., 3] > 0.9][:, :3]
-    assert np.median(np.ptp(faces, axis=1)) < 0.05  # nothing moves along y
-
-
-def test_cells_of_another_shape_are_refused():
-    with pytest.raises(InputError, match="6 corners"):
-        mesh_pictures.cell_map(CellMap(np.zeros((2, 6, 3)), np.zeros(2, int), ("a",), np.zeros(2)))
-
-
-@pytest.mark.parametrize(
-    ("value", "unit", "text"),
-    [
-        (6.6e11, "Pa/m", "660 GPa/m"),
-        (0.16, "kg", "160 g"),
-        (999.6, "N/m", "1.00 kN/m"),
-        (0.012, "m", "12.0 mm"),
-        (20.0, "N·m", "20.0 N·m"),
-        (2750.0, "kg/m3", "2750 kg/m³"),
-        (0.42, "", "0.420"),
-        (-3.2e-9, "", "-3.20e-9"),
-        (float("nan"), "Pa", "–"),
-    ],
-)
-def test_quantities(value, unit, text):
-    assert formatting.quantity(value, unit) == text
-
-
 def test_the_leader_is_the_best_hypothesis_that_says_something():
     """``Diagnosis.after`` is its gap, also when "none of these" is more probable."""
     named = diagnosis().hypotheses[0]
@@ -289,25 +212,3 @@ def test_the_leader_is_the_best_hypothesis_that_says_something():
     console = Console(width=80, record=True, file=io.StringIO())
     show_diagnosis(console, d)
     assert "660 GPa/m" in console.export_text()
-
-
-@pytest.mark.parallel
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_motion_of_corners_is_the_field_there(cell):
-    """A linear field, which every element holds, is known at the corners without any element."""
-    msh = lap_plates(MPI.COMM_WORLD, element_size=0.04, n_thickness=1, zone=0.0, cell=cell).mesh
-    family = "S" if cell == "hexahedron" else "Lagrange"
-    element = basix.ufl.element(family, cell, 2)
-    V = fem.functionspace(msh, basix.ufl.element(family, cell, 2, shape=(3,)))
-    A = np.array([[1.0, 2.0, -1.0], [0.5, 0.0, 3.0], [-2.0, 1.0, 0.25]])
-    u = fem.Function(V)
-    u.interpolate(lambda x: A @ x)
-    n = V.dofmap.index_map.size_local * 3
-    structure = SimpleNamespace(V=V, mesh=msh, element=element, gdim=3, n_local=n)
-    vector = SimpleNamespace(array_r=u.x.array[:n])
-    vertices, motions = Structure.corner_motion(structure, [vector])
-    if msh.comm.rank == 0:
-        assert len(vertices) == msh.topology.index_map(3).size_global
-        np.testing.assert_allclose(motions[0], vertices @ A.T, atol=1e-12)
-        volume = np.ptp(vertices.reshape(-1, 3), axis=0)
-        np.testing.assert_allclose(volume, [0.32, 0.08, 0.0165])

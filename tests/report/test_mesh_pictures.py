@@ -1,0 +1,81 @@
+"""Pictures of meshes: colours, levels, and motion of corners."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from types import SimpleNamespace
+
+import basix.ufl
+import matplotlib.image
+import numpy as np
+import pytest
+from cell_map import cells
+from dolfinx import fem
+from mpi4py import MPI
+
+from fenics_joints.diagnosis.where.localise import CellMap
+from fenics_joints.errors import InputError
+from fenics_joints.meshes import lap_plates
+from fenics_joints.report import mesh_pictures
+from fenics_joints.structure import Structure
+
+
+def images_of(svg: str) -> list[np.ndarray]:
+    """The rasterised parts of a picture, RGBA."""
+    found = re.findall(r"data:image/png;base64,([^\"]+)", svg)
+    return [matplotlib.image.imread(io.BytesIO(base64.b64decode(code))) for code in found]
+
+
+def test_cell_map_shows_levels_in_their_colours():
+    upper, layer, lower, _bar = images_of(mesh_pictures.cell_map(cells()))
+
+    def mean(image):
+        return image[image[..., 3] > 0.9][:, :3].mean(axis=0)
+
+    # Red where softer closes the gap, blue where stiffer, near white where nothing does.
+    assert mean(layer)[0] > mean(layer)[2] + 0.2
+    assert mean(lower)[2] > mean(lower)[0] + 0.05
+    assert np.ptp(mean(upper)) < 0.05
+
+
+def test_mode_shape_is_coloured_along_the_direction():
+    x = cells().vertices
+    tilt = np.zeros_like(x)
+    tilt[..., 2] = x[..., 0] - x[..., 0].mean()
+    (image,) = images_of(mesh_pictures.mode_shape(x, tilt, (0, 0, 1), "m", "tilt"))
+    rows = image[image.shape[0] // 2]
+    seen = rows[rows[:, 3] > 0.9]
+    left, right = (np.median(part, axis=0) for part in (seen[: len(seen) // 4], seen[-20:]))
+    assert left[2] > left[0] + 0.2 and right[0] > right[2] + 0.2
+    (still,) = images_of(mesh_pictures.mode_shape(x, tilt, (0, 1, 0), "m", "tilt"))
+    faces = still[still[..., 3] > 0.9][:, :3]
+    assert np.median(np.ptp(faces, axis=1)) < 0.05  # nothing moves along y
+
+
+def test_cells_of_another_shape_are_refused():
+    with pytest.raises(InputError, match="6 corners"):
+        mesh_pictures.cell_map(CellMap(np.zeros((2, 6, 3)), np.zeros(2, int), ("a",), np.zeros(2)))
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_motion_of_corners_is_the_field_there(cell):
+    """A linear field, which every element holds, is known at the corners without any element."""
+    msh = lap_plates(MPI.COMM_WORLD, element_size=0.04, n_thickness=1, zone=0.0, cell=cell).mesh
+    family = "S" if cell == "hexahedron" else "Lagrange"
+    element = basix.ufl.element(family, cell, 2)
+    V = fem.functionspace(msh, basix.ufl.element(family, cell, 2, shape=(3,)))
+    A = np.array([[1.0, 2.0, -1.0], [0.5, 0.0, 3.0], [-2.0, 1.0, 0.25]])
+    u = fem.Function(V)
+    u.interpolate(lambda x: A @ x)
+    n = V.dofmap.index_map.size_local * 3
+    structure = SimpleNamespace(V=V, mesh=msh, element=element, gdim=3, n_local=n)
+    vector = SimpleNamespace(array_r=u.x.array[:n])
+    vertices, motions = Structure.corner_motion(structure, [vector])
+    if msh.comm.rank == 0:
+        assert len(vertices) == msh.topology.index_map(3).size_global
+        np.testing.assert_allclose(motions[0], vertices @ A.T, atol=1e-12)
+        volume = np.ptp(vertices.reshape(-1, 3), axis=0)
+        np.testing.assert_allclose(volume, [0.32, 0.08, 0.0165])
