@@ -2,30 +2,15 @@
 
 import numpy as np
 import pytest
-import ufl
+from mass_chain import Slider, chain
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.integrate import solve_ivp
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic import solve_backbone
-from fenics_joints.interfaces import FullModel, InterfaceModel, InterfacePoints, SparsePoints
-from fenics_joints.joint_laws import Iwan, JointLaw, Segalman
+from fenics_joints.interfaces import InterfaceModel, InterfacePoints
+from fenics_joints.joint_laws import Iwan, Segalman
 from fenics_joints.transient import solve_transient, steady_harmonics, stepped_sine
-
-
-class Slider(JointLaw):
-    """A Jenkins element in one direction, written as a user would."""
-
-    def state_size(self, n_slip):
-        return n_slip
-
-    def element(self, normal, slip, state, p):
-        trial = p["k"] * (slip[0] - state[0])
-        slides = ufl.gt(abs(trial), p["s"])
-        traction = ufl.conditional(slides, p["s"] * ufl.sign(trial), trial)
-        new = ufl.conditional(slides, slip[0] - traction / p["k"], state[0])
-        return 0, ufl.as_vector([traction]), ufl.as_vector([new])
 
 
 def oscillator(k=1.0, c=0.02, law=None):
@@ -34,33 +19,6 @@ def oscillator(k=1.0, c=0.02, law=None):
         M=np.eye(1), K=np.array([[k]]), C=np.array([[c]]), interfaces=joint,
         forces={"push": np.ones(1)}, sensors={"mass": np.ones(1)},
     )  # fmt: skip
-
-
-def chain(comm=None, n=6):
-    """Masses in a row, clamped at one end, with a slider across every spring: dense or shared."""
-    K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-    K[-1, -1] = 1
-    M, C = np.diag(np.linspace(1, 2, n)), 0.01 * K
-    rows = np.eye(n) - np.eye(n, k=-1)
-    law, weights = Slider(k=[0.6, 0.4], s=[0.02, 0.05]), np.linspace(1, 2, n)
-    end = np.eye(n)[-1]
-    if comm is None:
-        joint = InterfacePoints("joint", law, rows[:, None, :], weights)
-        return InterfaceModel(M, K, (joint,), C, {"end": end}, {"end": end})
-    share = PETSc.Vec().createMPI(n, comm=comm)
-    first, last = share.getOwnershipRange()
-
-    def shared(array):
-        A = PETSc.Mat().createAIJ(((last - first, n),) * 2, nnz=n, comm=comm)
-        for i in range(first, last):
-            at = np.flatnonzero(array[i]).astype(np.int32)
-            A.setValues([i], at, array[i, at])
-        A.assemble()
-        return A
-
-    share.array[:] = end[first:last]
-    joint = SparsePoints("joint", law, shared(rows), weights[first:last], n_components=1)
-    return FullModel(shared(M), shared(K), (joint,), shared(C), {"end": share}, {"end": share})
 
 
 @pytest.mark.smoke
