@@ -33,7 +33,7 @@ from fenics_joints.commands.diagnose.pictures import forecasts
 from fenics_joints.commands.plan.page import matrix_picture
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.plan.planned import plan
-from fenics_joints.report import mesh_pictures
+from fenics_joints.report import patch_map
 from fenics_joints.report.panels import frequency_panels
 
 comm = MPI.COMM_WORLD
@@ -121,7 +121,7 @@ show(
 
 say("", f"Where. {words.where}", answers["In which part?"])
 if comm.rank == 0:
-    show(mesh_pictures.patch_map, found.location.patches)
+    show(patch_map, found.location.patches)
 
 # The lap is where the plates are not as one. The test knows that from four frequencies alone.
 

@@ -9,12 +9,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize, to_rgba
 from matplotlib.patches import Rectangle
 
-from fenics_joints.report.mesh_pictures import (
+from fenics_joints.report.mesh_pictures import cell_bar, cells_alt, diverging
+from fenics_joints.report.patch_pictures import (
     OUTLINES,
     UNSEEN,
-    cell_bar,
-    cells_alt,
-    diverging,
     patch_bar,
     patch_legend,
     patches_alt,
@@ -69,7 +67,7 @@ def _frame(axes, boxes: np.ndarray) -> None:
 
 
 def beam_patches(cells: PatchMap, name: str = "patches") -> str:
-    """Beams and laps apart, patches coloured by what they explain; see `mesh_pictures.patch_map`.
+    """Beams and laps apart, patches coloured by what they explain; see `patch_pictures.patch_map`.
 
     Args:
         cells: The patches; on rank 0, where they have their cells.

@@ -12,7 +12,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
 from fenics_joints.modal import frequency_sensitivity, solve_modes
-from fenics_joints.report.mesh_pictures import patch_map
+from fenics_joints.report import patch_map
 from fenics_joints.structure import Parameter, PointMass, Structure, joint, part
 
 pytestmark = pytest.mark.parallel

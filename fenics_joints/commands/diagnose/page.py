@@ -26,9 +26,11 @@ from fenics_joints.diagnosis.where.localise import CellMap
 from fenics_joints.diagnosis.where.patches import PatchMap
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 from fenics_joints.formatting import condition_value
-from fenics_joints.report import beam_pictures, mesh_pictures
+from fenics_joints.report.beam_pictures import beam_cells, beam_patches
 from fenics_joints.report.html import facts, heat_pair, render, svg
+from fenics_joints.report.mesh_pictures import cell_map
 from fenics_joints.report.panels import frequency_panels
+from fenics_joints.report.patch_pictures import patch_map
 
 __all__ = ["VERDICTS", "diagnosis_html"]
 
@@ -106,12 +108,12 @@ def diagnosis_html(
 
 
 def _patch_picture(cells: PatchMap) -> str:
-    draw = beam_pictures.beam_patches if cells.side_view else mesh_pictures.patch_map
+    draw = beam_patches if cells.side_view else patch_map
     return draw(cells)
 
 
 def _cell_picture(cells: CellMap) -> str:
-    draw = beam_pictures.beam_cells if cells.side_view else mesh_pictures.cell_map
+    draw = beam_cells if cells.side_view else cell_map
     return draw(cells)
 
 

@@ -1,0 +1,178 @@
+"""Pictures of a mesh's patches, coloured by what a change in each would explain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from fenics_joints.errors import InputError
+from fenics_joints.report import geometry
+from fenics_joints.report.style import new_figure, style, to_svg
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.where.patches import PatchMap
+
+__all__ = [
+    "OUTLINES", "UNSEEN", "patch_bar", "patch_legend", "patch_map", "patches_alt", "rising",
+]  # fmt: skip
+
+#: Near white to dark red, ever darker: it reads in grey as well.
+rising = LinearSegmentedColormap.from_list(
+    "rising", ["#f4f2ee", "#f6c79b", "#dd6b4a", "#7d1128"]
+)
+
+#: Colour of a patch that the test does not see, off the scale of those that it sees.
+UNSEEN = "#b9c6d6"
+#: Outlines of a patch: of no note, more than chance, and that alone enough.
+OUTLINES = (
+    {"colors": "#9aa0a8", "lw": 0.5}, {"colors": "#14181d", "lw": 0.9},
+    {"colors": "#14181d", "lw": 2.6},
+)  # fmt: skip
+#: Mark of a bolt: a broken line with a ring.
+_BOLT = {"marker": "o", "mfc": "#ffffff", "mec": "#14181d", "ls": (0, (4, 3))}
+
+
+def patch_map(cells: PatchMap, name: str = "patches") -> str:
+    """The structure taken apart, seen at an angle, its patches coloured by what they explain.
+
+    Patches that explain more than chance are outlined, heavily where no more than chance is left;
+    bolts are marked where they go through.
+
+    Args:
+        cells: The patches; on rank 0, where they have their cells.
+        name: Unique in the page.
+
+    Raises:
+        InputError: If cells have a shape that the suite does not use, or are on another rank.
+    """
+    if cells.vertices is None:
+        raise InputError("cells.vertices is None: expected the map of rank 0.")
+    x, turned = _upright(1e3 * np.asarray(cells.vertices, dtype=float))
+    pieces = geometry.pieces_of(geometry.vertex_ids(x), _regions_of(cells))
+    levels = geometry.levels_of(x[:, :, 2], pieces)[::-1]
+    width = np.ptp(x[:, :, 1])
+    gap = 0.0 if len(levels) == 1 else 1.25 * width * np.tan(geometry.TILT) / np.cos(geometry.TURN)
+    norm = Normalize(0.0, max(float(cells.share.max(initial=0.0)), 1e-9))
+    with style():
+        figure = new_figure(7.6, 1.0)
+        axes = figure.subplots()
+        for k, members in enumerate(levels):
+            shifted = x[members] + np.array([0.0, 0.0, k * gap])
+            _patch_level(axes, shifted, cells, members, norm)
+        _bolt_marks(axes, turned(1e3 * cells.bolts), [x[m][:, :, 2] for m in levels], gap)
+        axes.autoscale_view()
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        low, high = axes.get_ylim()
+        tall = 6.6 * (high - low) / np.ptp(axes.get_xlim())
+        figure.set_size_inches(7.6, min(max(tall, 1.2), 6.0) + 1.3)
+        patch_bar(figure, axes, norm)
+        patch_legend(figure, cells)
+        return to_svg(figure, name, patches_alt(cells))
+
+
+def _regions_of(cells: PatchMap) -> np.ndarray:
+    """Number of the region of every cell."""
+    _, number = np.unique(np.array(cells.region), return_inverse=True)
+    return number[cells.patch]
+
+
+def _upright(x: np.ndarray):
+    """Corners with the longest direction along x and the thinnest along z; and what turns points.
+
+    The hand is kept: a mirror image would have its bolts on the wrong side.
+    """
+    extent = np.ptp(x.reshape(-1, 3), axis=0)
+    order = np.argsort(-extent, kind="stable")
+    turn = np.eye(3)[order]
+    if np.linalg.det(turn) < 0:
+        turn[1] *= -1
+    return x @ turn.T, lambda points: np.asarray(points) @ turn.T
+
+
+def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, norm) -> None:
+    """One level: its faces towards the viewer, far ones first, and the patches' outlines."""
+    faces = geometry.face_corners(x)
+    corners, ids = x[:, faces], geometry.vertex_ids(x)[:, faces]
+    patch = np.repeat(cells.patch[members], len(faces))
+    middle = np.repeat(x.mean(axis=1), len(faces), axis=0)
+    corners, ids = (a.reshape(-1, faces.shape[1], *a.shape[3:]) for a in (corners, ids))
+    outer = geometry.bounding(ids)
+    flat, depth = geometry.oblique(corners[outer])
+    # Outwards from its cell is towards the viewer: of a flat cell, either way.
+    _, behind = geometry.oblique(middle[outer][:, None])
+    shown = np.flatnonzero(depth >= behind - 1e-9 * np.ptp(x))
+    shown = shown[np.argsort(depth[shown])]
+    colours = rising(norm(cells.share[patch[outer][shown]]))
+    colours[~cells.seen[patch[outer][shown]]] = to_rgba(UNSEEN)
+    axes.add_collection(
+        PolyCollection(flat[shown], facecolors=colours, edgecolors=colours, lw=0.3, rasterized=True)
+    )
+    own, ids, flat = patch[outer][shown], ids[outer][shown], flat[shown]
+    for p in np.unique(own):
+        rank = int(cells.significant[p]) + int(cells.sufficient[p])
+        lines = geometry.outline(ids[own == p], flat[own == p])
+        axes.add_collection(LineCollection(lines, zorder=3 + rank, **OUTLINES[rank]))
+
+
+def _bolt_marks(axes, bolts: np.ndarray, heights: list[np.ndarray], gap: float) -> None:
+    """A broken line along each bolt's axis, and a mark where it enters each level."""
+    for bolt in bolts:
+        z = np.array([h.max() + k * gap for k, h in enumerate(heights)])
+        along = np.column_stack([np.tile(bolt[:2], (len(z), 1)), z])
+        flat, _ = geometry.oblique(along[:, None])
+        u, v = flat[:, 0].T
+        axes.plot(u, v, ls=(0, (4, 3)), lw=0.9, color="#14181d", zorder=5)
+        axes.plot(u, v, "o", ms=6.5, mfc="#ffffff", mec="#14181d", mew=1.0, zorder=6)
+        axes.plot(u, v, "+", ms=5.5, mec="#14181d", mew=1.0, zorder=7)
+
+
+def patch_bar(figure, axes, norm: Normalize) -> None:
+    """What colours of patches mean."""
+    bar = figure.colorbar(
+        ScalarMappable(norm, rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
+        format=lambda value, _: f"{100 * value:.3g} %",
+    )  # fmt: skip
+    bar.set_label("share of the misfit that a change in this patch alone would explain")
+    bar.outline.set_visible(False)
+
+
+def patch_legend(figure, cells: PatchMap, bolt: Mapping = _BOLT) -> None:
+    """What outlines and marks of patches mean."""
+    words = [
+        f"none explains more than chance (p < {cells.level:g}, all considered)",
+        f"explains more than chance (p < {cells.level:g}, all considered)",
+        "and could be the only one",
+    ]
+    there = [not cells.significant.any(), cells.significant.any(), cells.sufficient.any()]
+    handles = [
+        Line2D([], [], color=style["colors"], lw=style["lw"], label=label)
+        for label, style, shown in zip(words, OUTLINES, there, strict=True)
+        if shown
+    ]
+    if not cells.seen.all():
+        handles.append(Patch(fc=UNSEEN, ec="#9aa0a8", label="not seen by this test"))
+    if len(cells.bolts):
+        handles.append(Line2D([], [], color="#14181d", lw=0.9, label="bolt", **bolt))
+    figure.legend(
+        handles=handles, loc="outside upper left", ncols=2 if len(handles) > 2 else len(handles)
+    )
+
+
+def patches_alt(cells: PatchMap) -> str:
+    """A map of patches in words."""
+    best = sorted(cells.tests, key=lambda t: -t.share)[:3]
+    words = "; ".join(f"{t.zone} {100 * t.share:.0f} %" for t in best)
+    return (
+        f"Structure taken apart, in {len(cells.tests)} patches coloured by the share of the misfit "
+        f"that a change there alone would explain. Largest: {words}. "
+        f"More than chance: {int(cells.significant.sum())}; could be the only one: "
+        f"{', '.join(np.array([t.zone for t in cells.tests])[cells.sufficient]) or 'none'}."
+    )
