@@ -119,12 +119,12 @@ def update(
     update.data, to any mix of frequencies, shapes, damping ratios and frequency response functions
     at one condition.
 
-    JSON: parameters (name, value, unit, standard deviation), frequencies_hz before and after,
-    errors_percent. For a mix: method, data, parameters, modes (test, before and after, Hz, errors,
-    MAC, damping_test, damping_before, damping_after), functions_db (RMS of |H| in dB, all, fitted
-    and held out), held_modes (predicted_hz, error_percent, damping_predicted), condition_numbers
-    (before and after weighting), identifiability (in_words, undetermined, weakest_direction), fit
-    (chi2, evaluations), history.
+    JSON: method, data, parameters (name, value, unit, standard deviation), frequencies_hz (test,
+    before and after), errors_percent, modes (the same by mode, MAC, damping_test, damping_before,
+    damping_after), functions_db (RMS of |H| in dB, all, fitted and held out), held_modes
+    (predicted_hz, error_percent, damping_predicted), condition_numbers (before and after
+    weighting), identifiability (in_words, undetermined, weakest_direction), fit (chi2,
+    evaluations), history; on frequencies alone also torque_fits, curves and curve_gap.
 
     For a cut-off pressure: schemes (cutoff_pa, objective, frequencies_hz, crossings_pa,
     stuck_area_m2, minimum, sweep), test and stuck frequencies.

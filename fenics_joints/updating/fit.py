@@ -13,6 +13,7 @@ The same in seed 000's way is `fenics_joints.updating.weighted`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -20,15 +21,13 @@ from scipy.linalg import block_diag
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.formatting import number
 from fenics_joints.measurements.target import Target
-from fenics_joints.modal.sensitivity import identifiability
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.damping import Damping
-from fenics_joints.updating.coordinates import Coordinates
 from fenics_joints.updating.equations import condition_number
+from fenics_joints.updating.identification import Identification
 from fenics_joints.updating.least_squares import Problem
-from fenics_joints.updating.prediction import Predictor
-from fenics_joints.updating.residuals import raw_rows, relative_errors
-from fenics_joints.updating.result import Iteration, Update
+from fenics_joints.updating.residuals import raw_rows
+from fenics_joints.updating.result import Update
 
 __all__ = ["MOVES", "update"]
 
@@ -82,7 +81,7 @@ def update(
     """
     if moves not in MOVES:
         raise InputError(f"moves = {moves!r}: expected one of {', '.join(MOVES)}")
-    fit = _Fit(model, parameters, target, start, damping, n_modes, regularisation, centre)
+    fit = _Fit(regularisation, centre, model, parameters, target, start, damping, n_modes)
     problem, x = fit.problem, fit.start
     can_move = target.frfs is not None and fit.predictor.moves.any()
     moved = moves == "always" and can_move
@@ -96,7 +95,7 @@ def update(
     converged = done.status > 0
     if strict and not converged:
         raise ConvergenceError(
-            f"updating {', '.join(fit.coordinates.names)} did not converge in {max_evaluations} "
+            f"updating {', '.join(fit.names)} did not converge in {max_evaluations} "
             "evaluations; start nearer, or identify fewer parameters",
             done.message,
         )
@@ -115,19 +114,15 @@ _WORDS = {
 }
 
 
-class _Fit:
-    """One target: the least squares' problem, its history, and its result."""
+class _Fit(Identification):
+    """The least squares' problem of one target, and its result."""
 
-    def __init__(self, model, parameters, target, start, damping, n_modes, regularisation, centre):
-        self.target = target
-        self.coordinates = Coordinates(parameters, start, model)
-        names = self.coordinates.names
-        fixed = {n: v for n, v in start.items() if n not in names}
-        self.predictor = Predictor(model, target, names, fixed, damping=damping, n_modes=n_modes)
-        self.first = np.array([start[n] for n in names])
-        self.history: list[Iteration] = []
+    method = "log"
+
+    def __init__(self, regularisation, centre, model, parameters, target, start, *args):
+        super().__init__(model, parameters, target, start, *args)
         self.weight = 0.0 if regularisation is None else 1 / regularisation
-        about = [{**start, **(centre or {})}[n] for n in names]
+        about = [{**start, **(centre or {})}[n] for n in self.names]
         self.centre = self._working(np.array(about))
         self.problem = Problem([self.predictor], self.coordinates, self._pull, self._record)
         (self.residuals,) = self.problem.residuals
@@ -148,36 +143,27 @@ class _Fit:
 
     def _record(self, x, moved: bool) -> None:
         values, prediction = self.coordinates.values(x), self.problem.predict(0, x, moved)
-        frequency, frf = relative_errors(self.target, prediction)
         A, _, _ = raw_rows(self.target, prediction, "parts")
-        whitened = self.residuals.slopes(prediction) * self.coordinates.working(values)
+        conditions = condition_number(A), condition_number(self.whitened(values, prediction))
         cost = 0.5 * float(np.sum(self.problem.residual(x, moved) ** 2))
-        self.history.append(Iteration(
-            values, frequency, frf, moved, cost, condition_number(A), condition_number(whitened),
-        ))  # fmt: skip
+        self.record(values, prediction, conditions, moved=moved, cost=cost)
 
     def finish(self, done, moved: bool, converged: bool) -> Update:
         """The result at the end of a fit."""
         values, by_x = self.coordinates.at(0, done.x)
         prediction = self.problem.predict(0, done.x, moved)
-        data, (_, pull) = self.residuals.slopes(prediction), self._pull(done.x)
-        slope, noise = np.concatenate([data @ by_x, pull]), None
+        pull, noise = self._pull(done.x)[1], None
+        slope = np.concatenate([self.residuals.slopes(prediction) @ by_x, pull])
         if moved:
             noise = self.residuals.noise(prediction, self.predictor.moves)
             noise = block_diag(noise, np.eye(len(pull)))
-        covariance = _covariance(slope, noise, by_x)
-        whitened = data * self.coordinates.working(values)
-        chi2 = float(np.sum(self.residuals.values(prediction) ** 2))
-        freedom = self.residuals.count - len(values)
-        message = _WORDS.get(done.status, done.message)
-        if chi2 > _MISFIT**2 * max(freedom, 1):
-            off = np.sqrt(chi2 / max(freedom, 1))
-            message += f", where test and model differ by {number(off, 2)} standard deviations"
-        return Update(
-            "log", self.coordinates.names, self.first, values, covariance,
-            identifiability(whitened, self.coordinates.names), converged,
-            message, self.predictor.calls, tuple(self.history), prediction, chi2, freedom,
-        )  # fmt: skip
+        covariance, message = _covariance(slope, noise, by_x), _WORDS.get(done.status, done.message)
+        found = self.result(values, prediction, covariance, converged, message)
+        off = found.chi2 / max(found.degrees_of_freedom, 1)
+        if off <= _MISFIT**2:
+            return found
+        words = f"where test and model differ by {number(np.sqrt(off), 2)} standard deviations"
+        return replace(found, message=f"{message}, {words}")
 
 
 def _covariance(slope: np.ndarray, noise: np.ndarray | None, by_x: np.ndarray) -> np.ndarray:

@@ -12,14 +12,12 @@ import numpy as np
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.target import Target
-from fenics_joints.modal.sensitivity import identifiability
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.damping import Damping
-from fenics_joints.updating.coordinates import Coordinates
 from fenics_joints.updating.equations import WeightedEquations, weighted_equations
-from fenics_joints.updating.prediction import Prediction, Predictor
-from fenics_joints.updating.residuals import Residuals, raw_rows, relative_errors, row_sd
-from fenics_joints.updating.result import Iteration, Update
+from fenics_joints.updating.identification import Identification
+from fenics_joints.updating.residuals import raw_rows, row_sd
+from fenics_joints.updating.result import Update
 
 __all__ = ["noise_tolerances", "update_weighted"]
 
@@ -81,7 +79,7 @@ def update_weighted(
             raise InputError(f"data {kind!r}: expected frequencies and FRFs, all that eq. 16 has")
     if step_limit is not None and not step_limit > 0:
         raise InputError(f"step_limit = {step_limit}: expected a number above 0, or None")
-    search = _Weighted(model, parameters, target, start, damping, n_modes, complex_rows)
+    search = _Weighted(complex_rows, model, parameters, target, start, damping, n_modes)
     message = f"not converged: {max_iterations} iterations"
     for _ in range(max_iterations + 1):
         equations = search.equations(w_f, w_H)
@@ -101,37 +99,28 @@ def update_weighted(
     return found
 
 
-class _Weighted:
+class _Weighted(Identification):
     """The iteration of seed 000."""
 
-    def __init__(self, model, parameters, target, start, damping, n_modes, complex_rows):
-        self.target, self.how = target, complex_rows
-        self.coordinates = Coordinates(parameters, start, model)
-        names = self.coordinates.names
-        fixed = {n: v for n, v in start.items() if n not in names}
-        self.predictor = Predictor(model, target, names, fixed, damping=damping, n_modes=n_modes)
-        self.first = self.values = np.array([start[n] for n in names], dtype=float)
-        self.prediction = self._predict(self.values)
-        self.history: list[Iteration] = []
+    method = "weighted"
 
-    def _predict(self, values) -> Prediction:
-        return self.predictor(self.coordinates.mapping(values))
+    def __init__(self, complex_rows: str, *args):
+        super().__init__(*args)
+        self.how, self.values = complex_rows, self.first
+        self.prediction = self.predictor(self.coordinates.mapping(self.values))
 
     def equations(self, w_f, w_H) -> WeightedEquations:
         """Eq. 18 where the iteration stands."""
         A, b, n = raw_rows(self.target, self.prediction, self.how)
-        idle = [name for name, a in zip(self.coordinates.names, A.T, strict=True) if not a.any()]
+        idle = [name for name, a in zip(self.names, A.T, strict=True) if not a.any()]
         if idle:
             raise InputError(
                 f"parameters {', '.join(idle)}: expected some that change a frequency or FRF of "
                 "the data; the weights of eq. 20 do not exist for others"
             )
         self.system = weighted_equations(A, b, w_f=w_f, w_H=w_H, n_frequencies=n)
-        frequency, frf = relative_errors(self.target, self.prediction)
-        before, after = self.system.condition_before, self.system.condition_after
-        self.history.append(
-            Iteration(self.values, frequency, frf, False, np.nan, before, after)
-        )  # fmt: skip
+        conditions = self.system.condition_before, self.system.condition_after
+        self.record(self.values, self.prediction, conditions)
         return self.system
 
     def is_reached(self, eps_1: float, eps_2: float) -> bool:
@@ -154,10 +143,10 @@ class _Weighted:
             )
         bad = ~np.isfinite(values) | (self.coordinates.log & (values <= 0))
         if bad.any():
-            names = np.array(self.coordinates.names)[bad]
+            names = np.array(self.names)[bad]
             return f"diverged: a step makes {', '.join(names)} negative"
         try:
-            self.prediction = self._predict(values)
+            self.prediction = self.predictor(self.coordinates.mapping(values))
         except (InputError, ConvergenceError) as error:
             return f"diverged: a step leaves the model's range: {error}"
         self.values = values
@@ -175,18 +164,10 @@ class _Weighted:
 
     def finish(self, message: str) -> Update:
         """The result where the iteration stands."""
-        residuals = Residuals(self.target)
         inverse, sd = self.system.inverse(), row_sd(self.target, self.prediction, self.how)
         scaled = np.hstack([inverse * sd, self._open()])
-        names = self.coordinates.names
-        working = self.coordinates.working(self.values)
-        chi2 = float(np.sum(residuals.values(self.prediction) ** 2))
-        return Update(
-            "weighted", names, self.first, self.values, scaled @ scaled.T,
-            identifiability(residuals.slopes(self.prediction) * working, names),
-            message.startswith("converged"), message, self.predictor.calls, tuple(self.history),
-            self.prediction, chi2, residuals.count - len(names),
-        )  # fmt: skip
+        converged = message.startswith("converged")
+        return self.result(self.values, self.prediction, scaled @ scaled.T, converged, message)
 
 
 def noise_tolerances(target: Target) -> dict[str, float]:
