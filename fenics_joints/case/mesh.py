@@ -92,6 +92,7 @@ def section_of(builder: type[Builder]) -> type[SolidMesh]:
         builder=(Literal[builder.function], ...), **arguments,
     )  # fmt: skip
     section.made_by = builder
+    globals()[section.__name__] = section  # by its name a case is sent from rank to rank
     return section
 
 

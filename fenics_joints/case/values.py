@@ -105,7 +105,9 @@ class Section(BaseModel):
 def optional(name: str, doc: str, **kinds: Any) -> type[Section]:
     """A class of sections none of whose keys must be there, by the types of their values."""
     keys = {key: (kind | None, None) for key, kind in kinds.items()}
-    return create_model(name, __base__=Section, __doc__=doc, **keys)
+    section = create_model(name, __base__=Section, __doc__=doc, __module__=__name__, **keys)
+    globals()[name] = section  # by its name a case is sent from rank to rank
+    return section
 
 
 def either(kind: Callable[[Any], type[Section] | None], sections, **context: str):
