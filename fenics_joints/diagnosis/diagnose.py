@@ -17,15 +17,16 @@ from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.nested import Nested, nested_evidence
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_best
+from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.search import Search, with_evidence
 from fenics_joints.diagnosis.separation import best_measurement
-from fenics_joints.diagnosis.shrinkage import Shrinkage, blinded, cross_validate, folds
+from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
-from fenics_joints.diagnosis.where.localise import zone_shares
+from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Gap
@@ -348,9 +349,10 @@ class _Run:
             for key in ("E", "rho", "thickness")
         ]
         surrogate = self.model.surrogate
-        return self.model.subject.cell_map(
-            surrogate.nominal, surrogate.pairing, self.evidence, np.array(columns).T
-        )
+        return cell_map(
+            self.model.subject.cells, surrogate.nominal, surrogate.pairing, self.evidence,
+            np.array(columns).T, self.model.zones.shown,
+        )  # fmt: skip
 
     def _separations(self, fits, probability, grouped, leader) -> list:
         """For each class with several likely members: what would split the leading two."""

@@ -10,8 +10,8 @@ from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.model.prepared import Prepared
-from fenics_joints.diagnosis.where.constitutive import ConstitutiveError
-from fenics_joints.diagnosis.where.patches import PatchMap
+from fenics_joints.diagnosis.where.constitutive import ConstitutiveError, constitutive_error
+from fenics_joints.diagnosis.where.patches import PatchMap, patch_tests, patches
 from fenics_joints.diagnosis.where.zone_sensitivity import given_way, zone_sensitivities
 from fenics_joints.diagnosis.where.zone_tests import Attribution, ZoneTest, attribution, zone_tests
 from fenics_joints.modal.modes import solve_modes
@@ -22,7 +22,7 @@ __all__ = ["AXES", "Location", "locate_gap"]
 AXES = ("mode", "band", "condition", "kind")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Location:
     """Where the nominal model fails, tested against noise and tolerances.
 
@@ -44,6 +44,9 @@ class Location:
     constitutive: ConstitutiveError | None
     misfit: float
     n_data: int
+
+    def __repr__(self) -> str:
+        return f"Location({len(self.regions)} regions, misfit {self.misfit:.1f} of {self.n_data})"
 
     def to_json(self) -> dict:
         """Plain numbers, texts and lists."""
@@ -88,9 +91,9 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
     ]  # fmt: skip
     by_mode = [part for part in parts if part.by == "mode"]
     nominal, pairing = model.surrogate.nominal, model.surrogate.pairing
-    mapped = model.subject.patches(
-        nominal, pairing, evidence, residual, nuisance, n_patches,
-        soft=_yielding(model), by_torque=torque,
+    mapped = patch_tests(
+        model.subject.cells, nominal, pairing, evidence, residual, nuisance, n_patches,
+        soft=_yielding(model), by_torque=torque, merged=model.zones.shown,
     ) if n_patches else None  # fmt: skip
     return Location(
         tests(whole), tests(split) if len(split) > len(whole) else (), tuple(parts), mapped,
@@ -125,6 +128,11 @@ def _constitutive(model: Prepared, n_patches: int) -> ConstitutiveError | None:
     data, row = model.data, model.evidence.shape_row
     if data.shapes is None or data.sensors is None or not n_patches:
         return None
-    if not np.isfinite(data.frequencies_hz[row]).any():
+    there = np.isfinite(data.frequencies_hz[row])
+    if not there.any():
         return None
-    return model.subject.constitutive(data, row, n_patches)
+    cells = model.subject.cells
+    return constitutive_error(
+        cells, model.baseline, data.shapes[:, there], data.frequencies_hz[row][there],
+        data.sensors, split=patches(cells, n_patches, model.zones.shown), noise=data.shape_noise,
+    )  # fmt: skip

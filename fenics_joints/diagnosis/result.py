@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from textwrap import shorten
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class EffectResult:
     describe: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HypothesisResult:
     """A set of effects that together were fitted to the test; these exclude one another.
 
@@ -64,6 +65,10 @@ class HypothesisResult:
     at_bound: tuple[str, ...] = ()
     laplace: float = np.nan
 
+    def __repr__(self) -> str:
+        label = shorten(self.label, 60)
+        return f"HypothesisResult({label}: {self.probability:.1%}, gap {self.gap:.2%})"
+
 
 @dataclass(frozen=True)
 class Separation:
@@ -82,7 +87,7 @@ class Separation:
     distance: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis:
     """The whole answer.
 
@@ -143,96 +148,62 @@ class Diagnosis:
     shrinkage: Shrinkage | None = None
     nested: dict[str, Nested] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        gap = f"gap {self.before.rms:.2%} to {self.after.rms:.2%}"
+        lead = next((h.label for h in self.hypotheses), "")
+        return f"Diagnosis({self.verdict}: {shorten(lead, 40)}; {gap}; {len(self.effects)} effects)"
+
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --json``."""
+        held_out = ("heldout_before", "heldout_after", "placebo_after", "placebo", "noise")
+        of_gap = {key: getattr(self, key) for key in held_out}
         out = {
             "title": self.title,
             "verdict": self.verdict,
             "summary": self.summary,
-            "gap": {
-                "before": self.before.rms,
-                "after": self.after.rms,
-                "heldout_before": self.heldout_before,
-                "heldout_after": self.heldout_after,
-                "placebo_after": self.placebo_after,
-                "placebo": self.placebo,
-                "noise": self.noise,
-            },
-            "where": [{"region": z.region, "share": z.share} for z in self.where],
-            "effects": [
-                {
-                    "name": e.name,
-                    "region": e.region,
-                    "probability": e.probability,
-                    "class": e.class_name,
-                    "detectable": e.detectable,
-                }
-                for e in self.effects
-            ],
-            "hypotheses": [
-                {
-                    "label": h.label,
-                    "effects": list(h.effects),
-                    "probability": h.probability,
-                    "log_evidence": h.log_evidence,
-                    "laplace": h.laplace,
-                    "gap": h.gap,
-                    "p_value": h.p_value,
-                    "parameters": h.parameters,
-                    "at_bound": list(h.at_bound),
-                }
-                for h in self.hypotheses
-            ],
-            "silent": [{"effect": s.effect, "reason": s.reason} for s in self.silent],
-            "separations": [
-                {
-                    "class": s.class_name,
-                    "members": list(s.members),
-                    "measurement": s.measurement,
-                    "distance": s.distance,
-                }
-                for s in self.separations
-            ],
+            "gap": {"before": self.before.rms, "after": self.after.rms, **of_gap},
+            "where": [asdict(share) for share in self.where],
+            "effects": [_renamed(e, "class_name", "describe") for e in self.effects],
+            "hypotheses": [asdict(h) for h in self.hypotheses],
+            "silent": [asdict(s) for s in self.silent],
+            "separations": [_renamed(s, "class_name") for s in self.separations],
             "folds": self.folds,
             "conditions": {
                 "name": self.condition[0],
                 "unit": self.condition[1],
-                "values": self.before.conditions.tolist(),
+                "values": self.before.conditions,
             },
-            "modes": list(self.before.mode_names),
-            "frequencies_hz": {
-                "test": _rows(self.before.test_hz),
-                "before": _rows(self.before.model_hz),
-                "after": _rows(self.after.model_hz),
-            },
+            "modes": self.before.mode_names,
+            "frequencies_hz": _frequencies(self.before, self.after),
             "model": {**self.model, "frequency_error": self.model_error},
         }
-        if self.location is not None:
-            out["location"] = self.location.to_json()
-        if self.shrinkage is not None:
-            out["shrinkage"] = self.shrinkage.to_json()
+        for key in ("location", "shrinkage"):
+            if getattr(self, key) is not None:
+                out[key] = getattr(self, key).to_json()
         out["nested"] = {
-            label: {"log_evidence": n.log_evidence, "error": n.error, "calls": n.calls}
+            label: {key: getattr(n, key) for key in ("log_evidence", "error", "calls")}
             for label, n in self.nested.items()
         }
         if self.damping is not None:
-            test, after = self.damping
-            out["damping"] = {"test": _rows(test), "after": _rows(after)}
+            out["damping"] = dict(zip(("test", "after"), self.damping, strict=True))
         if self.validation is not None:
             before, after = self.validation
             out["validation"] = {
-                "conditions": before.conditions.tolist(),
+                "conditions": before.conditions,
                 "gap_before": before.rms,
                 "gap_after": after.rms,
-                "frequencies_hz": {
-                    "test": _rows(before.test_hz),
-                    "before": _rows(before.model_hz),
-                    "after": _rows(after.model_hz),
-                },
+                "frequencies_hz": _frequencies(before, after),
             }
         return plain(out)
 
 
-def _rows(array: np.ndarray) -> list:
-    """Nested lists with None for missing entries, which JSON has no number for."""
-    return [[None if np.isnan(x) else float(x) for x in row] for row in np.atleast_2d(array)]
+def _renamed(result: EffectResult | Separation, name: str, *without: str) -> dict:
+    """Its attributes, what JSON calls a class by that, and some left out."""
+    return {
+        "class" if key == name else key: value
+        for key, value in asdict(result).items() if key not in without
+    }  # fmt: skip
+
+
+def _frequencies(before: Gap, after: Gap) -> dict[str, np.ndarray]:
+    return {"test": before.test_hz, "before": before.model_hz, "after": after.model_hz}

@@ -1,46 +1,27 @@
-"""How far the gap shrinks on data that were neither fitted nor used to choose.
+"""How far the gap shrinks on data that were neither fitted nor used to choose: what is said of it.
 
 The measure is S* = (E_before - E_after) / (E_before - E_noise): 1 if what was chosen and fitted
 without the held-out data predicts them as well as noise lets anything, 0 if it is no better than
-the nominal model. What each fold will show is stated before its data are looked at.
+the nominal model. `held_out` finds it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
-from mpi4py import MPI
-from scipy.special import logsumexp
 
-from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
-from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit, fit
-from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.files import plain
-from fenics_joints.parallel import spread
-from fenics_joints.reduction.forward import Forward
 
-__all__ = [
-    "Fold", "Forecast", "Shrinkage", "blinded", "cross_validate", "folds", "forecast", "shrink",
-]  # fmt: skip
+__all__ = ["Fold", "Forecast", "Interval", "Shrinkage", "shrink"]
 
-#: Far below what a held-out error is known to.
-_TOLERANCE = 1e-3
-#: Probability of the intervals: a lower end above zero is a difference from zero with 95 %.
-_PROBABILITY = 0.9
-_DRAWS = 2000
-_SEED = 1
 #: S* is not told apart beyond these: all of what could go is gone; as much again has come.
 _LEAST, _MOST = -1.0, 1.0
-#: With this many modes or more the highest third of them is held out together.
-_BAND = 4
 
 Interval = tuple[float, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Forecast:
     """What a fold will show, stated without its held-out data.
 
@@ -57,6 +38,9 @@ class Forecast:
     low: np.ndarray
     high: np.ndarray
     weights: dict[str, float]
+
+    def __repr__(self) -> str:
+        return f"Forecast(after={self.after}, shrink={self.shrink})"
 
 
 @dataclass(frozen=True)
@@ -102,7 +86,7 @@ class Fold:
     weights: dict[str, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Shrinkage:
     """How far the gap shrinks, pooled over folds; and each fold.
 
@@ -144,6 +128,9 @@ class Shrinkage:
     entries_coverage: float = np.nan
     folds: list[Fold] = field(default_factory=list)
 
+    def __repr__(self) -> str:
+        return f"Shrinkage({self.before:.2%} to {self.after:.2%} in {len(self.folds)} folds)"
+
     @property
     def rows(self) -> list[dict]:
         """The folds as dicts."""
@@ -152,40 +139,6 @@ class Shrinkage:
     def to_json(self) -> dict:
         """All of it for `json.dumps`; what is not a number is None."""
         return plain(asdict(self))
-
-
-def folds(
-    conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str], blocks: int = 3
-) -> list[tuple[str, np.ndarray]]:
-    """Masks (n, m) of what to hold out: each mode in turn, the highest third of the modes together
-    if there are four or more, and the conditions in blocks.
-
-    Blocks are neighbours in the condition, so that the outer ones ask for extrapolation, as the
-    top band does.
-    """
-    n, m = len(conditions), len(mode_names)
-    found = []
-    if m > 1:
-        for j, name in enumerate(mode_names):
-            found.append((name if name.startswith("mode") else f"mode {name}", _columns(n, m, [j])))
-    if m >= _BAND:
-        top = range(m - int(np.ceil(m / 3)), m)
-        name = f"top band, {mode_names[top[0]]} to {mode_names[-1]}"
-        found.append((name, _columns(n, m, top)))
-    if n > 1:
-        for block in np.array_split(np.arange(n), min(blocks, n)):
-            mask = np.zeros((n, m), dtype=bool)
-            mask[block] = True
-            low, high = conditions[block[0]], conditions[block[-1]]
-            span = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-            found.append((f"{condition[0]} {span} {condition[1]}".strip(), mask))
-    return found
-
-
-def _columns(n, m, columns) -> np.ndarray:
-    mask = np.zeros((n, m), dtype=bool)
-    mask[:, list(columns)] = True
-    return mask
 
 
 def shrink(before, after, noise):
@@ -200,312 +153,3 @@ def shrink(before, after, noise):
     with np.errstate(divide="ignore", invalid="ignore"):
         found = np.clip(np.subtract(before, after) / room, _LEAST, _MOST)
     return np.where(room > 0, found, np.nan)[()]
-
-
-def blinded(evidence: Evidence, held_out: np.ndarray) -> Evidence:
-    """A test without the values that are held out: they are not in it any more.
-
-    Args:
-        evidence: The test.
-        held_out: Mask, shape (n, m); a mode's damping goes with its frequency, and its shape with
-            that at the condition at which it was measured.
-    """
-    hidden = evidence.without(held_out)
-    new = {"log_f": np.where(held_out, np.nan, evidence.log_f)}
-    if evidence.log_damping is not None:
-        new["log_damping"] = np.where(held_out, np.nan, evidence.log_damping)
-    if evidence.shapes is not None:
-        new["shapes"] = np.where(held_out[evidence.shape_row], np.nan, evidence.shapes)
-    return replace(hidden, **new)
-
-
-# -- before the data are looked at -----------------------------------------------------------------
-
-
-def forecast(
-    refits: Sequence[Fit],
-    weights: np.ndarray,
-    chosen: Fit,
-    nominal: np.ndarray,
-    blind: Evidence,
-    scored: np.ndarray,
-    noise: float,
-    *,
-    draws: int = _DRAWS,
-    seed: int = _SEED,
-) -> Forecast:
-    """What the held-out frequencies will show, from all that is known without them.
-
-    They are drawn from the mixture of the hypotheses' predictive distributions, and the nominal
-    model and the chosen one are scored on the draws as they will be on the data.
-
-    Args:
-        refits: Hypotheses fitted without the held-out data.
-        weights: Their probabilities.
-        chosen: The one whose prediction will be scored.
-        nominal: ln f of the nominal model at the scored entries, shape (k,).
-        blind: The test without the held-out values, from `blinded`.
-        scored: Which entries will be scored, shape (N,); k of them.
-        noise: E_noise of the fold.
-        draws: Number of draws.
-        seed: Of the random numbers.
-    """
-    rng = np.random.default_rng(seed)
-    counts = rng.multinomial(draws, weights / np.sum(weights))
-    parts = []
-    for refit, count in zip(refits, counts, strict=True):
-        if count:
-            mean, root = _predictive(refit, blind, scored)
-            parts.append(mean + rng.standard_normal((count, len(mean))) @ root.T)
-    drawn = np.concatenate(parts)
-    after = _rms_rows(np.expm1(chosen.predicted[scored] - drawn))
-    before = _rms_rows(np.expm1(nominal - drawn))
-    gained = shrink(before, after, noise)
-    low, high = np.quantile(drawn, _ends(), axis=0)
-    shares = {f.hypothesis.label: float(w) for f, w in zip(refits, weights, strict=True)}
-    return Forecast(_interval(after), _interval(gained), low, high, shares)
-
-
-def _predictive(refit: Fit, blind: Evidence, scored: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and a square root of the covariance of the scored entries given the fitted ones.
-
-    With r = data - prediction of the fitted entries, G = S_sf S_ff^-1 and S the covariance of
-    noise and discrepancy, the scored entries are prediction_s + G r + (J_s - G J_f) dz + e,
-    dz ~ N(0, C) the posterior and e ~ N(0, S_ss - G S_fs): Gaussian regression about the model.
-    """
-    fitted = blind.fitted
-    total = blind.full_covariance(refit.hypothesis.unknown)
-    cross = total[np.ix_(scored, fitted)]
-    gain = np.linalg.solve(total[np.ix_(fitted, fitted)], cross.T).T
-    mean = refit.predicted[scored] + gain @ (blind.data[fitted] - refit.predicted[fitted])
-    slope = refit.jacobian[scored] - gain @ refit.jacobian[fitted]
-    covariance = total[np.ix_(scored, scored)] - gain @ cross.T + slope @ refit.covariance @ slope.T
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    return mean, vectors * np.sqrt(np.maximum(values, 0.0))
-
-
-def _noise_variance(
-    chosen: Fit, evidence: Evidence, scored: np.ndarray, reassembly: bool
-) -> np.ndarray:
-    """Variance of each scored ln f that no model can undercut, shape (k,).
-
-    That of the measurement; and of the tightenings' scatter what the fit leaves open, all of it at
-    a torque that is held out.
-    """
-    e = evidence.entries
-    variance = evidence.log_sd[e.row[scored], e.mode[scored]] ** 2
-    place = chosen.hypothesis.places["tightenings"]
-    if not reassembly or place.stop == place.start:
-        return variance
-    slope = chosen.jacobian[scored, place]
-    return variance + np.einsum("ij,jk,ik->i", slope, chosen.covariance[place, place], slope)
-
-
-# -- choosing, fitting, opening --------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Errors:
-    """Squares of a fold's scored entries, (4, k): of relative errors of the nominal model, of the
-    choice and of the placebo, and of the noise."""
-
-    squares: np.ndarray
-
-    @property
-    def n(self) -> int:
-        return self.squares.shape[1]
-
-    def resampled(self, rng, count: int) -> np.ndarray:
-        """Sums over entries drawn with replacement, (count, 4)."""
-        return self.squares[:, rng.integers(self.n, size=(count, self.n))].sum(axis=2).T
-
-
-def _sizes(sums: np.ndarray, n) -> tuple[np.ndarray, ...]:
-    """E of the nominal model, the choice, the placebo and noise, from (..., 4) and (...)."""
-    return tuple(np.moveaxis(np.sqrt(sums / np.asarray(n)[..., None]), -1, 0))
-
-
-def _shrinks(sums: np.ndarray, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """S*, the placebo's, and the excess."""
-    before, after, placebo, noise = _sizes(sums, n)
-    own, wrong = shrink(before, after, noise), shrink(before, placebo, noise)
-    return own, wrong, own - wrong
-
-
-def cross_validate(
-    candidates: Sequence[Fit],
-    log_prior: Sequence[float],
-    is_wrong: Callable[[Fit], bool],
-    forward: Forward,
-    evidence: Evidence,
-    baseline: dict[str, float],
-    masks: Sequence[tuple[str, np.ndarray]],
-    *,
-    reassembly: bool = True,
-    comm: MPI.Intracomm = MPI.COMM_SELF,
-    progress: Callable[[], None] | None = None,
-) -> Shrinkage:
-    """Choose and fit anew without each fold, state what it will show, and open it.
-
-    Args:
-        candidates: Hypotheses, fitted to all data (their parameters are starting points only). One
-            of an unknown cause is never chosen, having no prediction of its own, but widens the
-            stated intervals by its weight.
-        log_prior: ln of their prior probabilities.
-        is_wrong: Whether a hypothesis counts as placebo.
-        forward: Predicts frequencies.
-        evidence: The test.
-        baseline: Parameter values of the nominal model.
-        masks: From `folds`.
-        reassembly: Whether the scatter of the preload counts as noise, as far as a fit cannot know
-            it.
-        comm: Communicator whose ranks share out the folds; the call is collective.
-        progress: Called after each fold.
-    """
-    nominal = _nominal(forward, evidence, baseline)
-
-    def work(fold):
-        name, mask = fold
-        scored = _scored(evidence, mask)
-        blind = blinded(evidence, mask)
-        found = None
-        if scored.any() and blind.used.any():
-            refits = [_refit(c, forward, blind, baseline) for c in candidates]
-            closed = _close(refits, log_prior, is_wrong, nominal, blind, scored, reassembly)
-            found = _open(name, closed, nominal, evidence, scored)
-        if progress:
-            progress()
-        return found
-
-    opened = [pair for pair in spread(comm, masks, work) if pair is not None]
-    return _pooled(*map(list, zip(*opened, strict=True))) if opened else Shrinkage()
-
-
-def _refit(candidate: Fit, forward, blind, baseline) -> Fit:
-    return fit(
-        candidate.hypothesis, forward, blind, baseline, starts=[candidate.z], tolerance=_TOLERANCE
-    )
-
-
-def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:
-    """What the nominal model predicts, shape (N,); nan but for frequencies."""
-    predicted = np.full(len(evidence.data), np.nan)
-    is_f = evidence.entries.kind == FREQUENCY
-    plain = replace(evidence, log_damping=None, shapes=None)
-    predicted[is_f] = predict(Hypothesis(()), forward, plain, np.zeros(0), baseline)[0]
-    return predicted
-
-
-def _scored(evidence: Evidence, mask: np.ndarray) -> np.ndarray:
-    """The held-out frequencies that were measured, as a mask of shape (N,)."""
-    e = evidence.entries
-    return (e.kind == FREQUENCY) & (mask & evidence.used)[e.row, e.mode]
-
-
-@dataclass(frozen=True)
-class _Closed:
-    """All that a fold says before its data are looked at."""
-
-    chosen: Fit
-    placebo: Fit | None
-    noise: np.ndarray
-    forecast: Forecast
-
-
-def _close(refits, log_prior, is_wrong, nominal, blind, scored, reassembly) -> _Closed:
-    """Choice and forecast of a fold; nothing that it is given holds the held-out values."""
-    score = np.array([f.log_evidence for f in refits]) + np.asarray(log_prior)
-    weights = np.exp(score - logsumexp(score))
-    known = np.array([not f.hypothesis.unknown for f in refits])
-    wrong = np.array([is_wrong(f) for f in refits]) & known
-    chosen = refits[int(np.argmax(np.where(known, score, -np.inf)))]
-    placebo = refits[int(np.argmax(np.where(wrong, score, -np.inf)))] if wrong.any() else None
-    noise = _noise_variance(chosen, blind, scored, reassembly)
-    stated = forecast(
-        refits, weights, chosen, nominal[scored], blind, scored, float(np.sqrt(np.mean(noise)))
-    )
-    return _Closed(chosen, placebo, noise, stated)
-
-
-def _open(name, closed: _Closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
-    """Score what was stated on the held-out values."""
-    data, stated = evidence.data[scored], closed.forecast
-    wrong = nominal if closed.placebo is None else closed.placebo.predicted
-    predictions = (nominal, closed.chosen.predicted, wrong)
-    errors = _Errors(
-        np.array([np.expm1(p[scored] - data) ** 2 for p in predictions] + [closed.noise])
-    )
-    before, after, placebo, noise = map(float, _sizes(errors.squares.sum(axis=1), errors.n))
-    own, placebo_own, _ = map(float, _shrinks(errors.squares.sum(axis=1), errors.n))
-    resampled = errors.resampled(np.random.default_rng(_SEED), _DRAWS)
-    fold = Fold(
-        name=name,
-        n=len(data),
-        chosen=closed.chosen.hypothesis.label,
-        placebo_chosen="" if closed.placebo is None else closed.placebo.hypothesis.label,
-        before=before,
-        after=after,
-        placebo=placebo,
-        noise=noise,
-        shrink=own,
-        shrink_interval=_interval(_shrinks(resampled, errors.n)[0]),
-        placebo_shrink=placebo_own,
-        predicted_after=stated.after,
-        predicted_shrink=stated.shrink,
-        covered=_inside(after, stated.after),
-        shrink_covered=_inside(own, stated.shrink) if np.isfinite(own) else None,
-        entries_covered=float(np.mean((stated.low <= data) & (data <= stated.high))),
-        weights=stated.weights,
-    )
-    return fold, errors
-
-
-def _pooled(opened: list[Fold], errors: list[_Errors]) -> Shrinkage:
-    total, n = sum(e.squares.sum(axis=1) for e in errors), sum(e.n for e in errors)
-    before, after, placebo, noise = map(float, _sizes(total, n))
-    own, wrong, excess = map(float, _shrinks(total, n))
-    own_90, wrong_90, excess_90 = map(_interval, _shrinks(*_resampled(errors)))
-    sized = [f for f in opened if f.shrink_covered is not None]
-    entries = sum(f.entries_covered * f.n for f in opened) / sum(f.n for f in opened)
-    return Shrinkage(
-        before, after, placebo, noise, own, own_90, wrong, wrong_90, excess, excess_90,
-        claimed=bool(excess_90[0] > 0),
-        coverage=float(np.mean([f.covered for f in opened])),
-        shrink_coverage=float(np.mean([f.shrink_covered for f in sized])) if sized else np.nan,
-        entries_coverage=float(entries),
-        folds=opened,
-    )  # fmt: skip
-
-
-def _resampled(errors: Sequence[_Errors]) -> tuple[np.ndarray, np.ndarray]:
-    """Folds drawn with replacement, and entries within each: sums, (draws, 4), and counts."""
-    rng = np.random.default_rng(_SEED)
-    sums, counts = np.zeros((_DRAWS, 4)), np.zeros(_DRAWS)
-    for chosen in rng.integers(len(errors), size=(len(errors), _DRAWS)):
-        for i, error in enumerate(errors):
-            rows = np.flatnonzero(chosen == i)
-            sums[rows] += error.resampled(rng, len(rows))
-            counts[rows] += error.n
-    return sums, counts
-
-
-def _rms_rows(a: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.mean(a**2, axis=1))
-
-
-def _ends() -> Interval:
-    return (1 - _PROBABILITY) / 2, (1 + _PROBABILITY) / 2
-
-
-def _interval(values) -> Interval:
-    """Interval of 90 %; draws in which nothing could shrink are left out."""
-    values = np.asarray(values, dtype=float)
-    values = values[np.isfinite(values)]
-    if len(values) == 0:
-        return float("nan"), float("nan")
-    low, high = np.quantile(values, _ends())
-    return float(low), float(high)
-
-
-def _inside(value: float, interval: Interval) -> bool:
-    return bool(interval[0] <= value <= interval[1])

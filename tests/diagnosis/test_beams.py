@@ -19,7 +19,8 @@ from fenics_joints.diagnosis.evidence.nested import nested_evidence
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.planned import plan
-from fenics_joints.diagnosis.where.beam_constitutive import beam_constitutive_error
+from fenics_joints.diagnosis.where.constitutive import constitutive_error
+from fenics_joints.diagnosis.where.patches import patches
 from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
@@ -215,10 +216,9 @@ def test_shapes_contradict_the_law_where_it_is_wrong(tmp_path):
 
     def error(given):
         modes = solve_modes(subject.full, subject.baseline | given, n_modes=9)
-        return beam_constitutive_error(
-            subject.full, subject.cells, subject.labels, subject.baseline,
-            modes.at(sensors)[:, 3:], modes.frequencies_hz[3:], sensors, subject.split(8),
-            noise=1e-3, draws=0,
+        return constitutive_error(
+            subject.cells, subject.baseline, modes.at(sensors)[:, 3:], modes.frequencies_hz[3:],
+            sensors, split=patches(subject.cells, 8, subject.zones.shown), noise=1e-3, draws=0,
         )  # fmt: skip
 
     assert np.all(error({}).total < 1e-9)

@@ -10,8 +10,10 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.diagnosis.where.constitutive import constitutive_error
+from fenics_joints.diagnosis.where.cells import MeshCells
+from fenics_joints.diagnosis.where.constitutive import constitutive_error, trust
 from fenics_joints.diagnosis.where.patches import patches
+from fenics_joints.diagnosis.where.two_fields import SparseFields
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
@@ -66,8 +68,9 @@ def test_the_wrong_region_has_the_largest_error(wrong):
     model = beam(MPI.COMM_WORLD)
     hz, shapes = measured(beam(MPI.COMM_WORLD, wrong), noise=0.01)
     shapes[3, 1] = np.nan
-    split = patches(model, 2)
-    found = constitutive_error(model, None, shapes, hz, sensors(), split=split, noise=0.01)
+    split = patches(MeshCells(model), 2)
+    cells = MeshCells(model)
+    found = constitutive_error(cells, None, shapes, hz, sensors(), split=split, noise=0.01)
     others = [v for name, v in zip(NAMES, found.relative, strict=True) if name != wrong]
     assert found.relative[NAMES.index(wrong)] > 2 * max(others)
     assert split.region[int(np.argmax(found.patch_relative))] == wrong
@@ -82,27 +85,26 @@ def test_a_right_model_has_no_error():
     model = beam(MPI.COMM_WORLD)
     hz, shapes = measured(model)
     hz, shapes = hz[:2], shapes[:, :2]
-    found = constitutive_error(model, None, shapes, hz, sensors(), draws=0)
+    found = constitutive_error(MeshCells(model), None, shapes, hz, sensors(), draws=0)
     assert np.all(found.total < 1e-7) and np.all(found.deviation < 1e-3)
-    wrong = constitutive_error(beam(MPI.COMM_WORLD, "b"), None, shapes, hz, sensors(), draws=0)
+    bent = MeshCells(beam(MPI.COMM_WORLD, "b"))
+    wrong = constitutive_error(bent, None, shapes, hz, sensors(), draws=0)
     assert np.all(wrong.total > 1e4 * found.total)
     alone = beam(MPI.COMM_SELF, "b")
-    scaled = constitutive_error(alone, None, -1e3 * shapes, hz, sensors(), draws=0)
+    scaled = constitutive_error(MeshCells(alone), None, -1e3 * shapes, hz, sensors(), draws=0)
     assert scaled.stiffness == pytest.approx(wrong.stiffness, rel=1e-6)
 
 
 def test_the_functional_is_at_its_least():
     """Against a dense minimisation of the functional itself, v and w eliminated by equilibrium, on
     the matrices of the structure."""
-    from fenics_joints.diagnosis.where.constitutive import TwoFields
-
     model = beam(MPI.COMM_SELF, "b")
     hz, shapes = measured(beam(MPI.COMM_SELF))
     omega, gamma = 2 * np.pi * hz[0], 0.4
-    system = TwoFields(model, None, sensors(), gamma)
+    system = SparseFields(model, None, sensors(), gamma)
     K, M, P = (A.convert("dense").getDenseArray().copy() for A in (system.K, system.M, system.P))
     s = shapes[:, 0] / np.sqrt(np.mean(shapes[:, 0] ** 2))
-    rho = system.trust(np.ones(len(s), bool), omega, 0.02)
+    rho = trust(model.total_mass(), np.ones(len(s), bool), omega, 0.02)
     fields = system.solve([s], np.ones(len(s), bool), omega, rho)
     u, lam = (x.array.copy() for x in fields[0])
 
@@ -132,9 +134,10 @@ def test_noise_alone_accuses_no_region():
     part of what a wrong region makes."""
     model = beam(MPI.COMM_WORLD)
     hz, shapes = measured(model, noise=0.02)
-    quiet = constitutive_error(model, None, shapes, hz, sensors(), noise=0.02)
+    quiet = constitutive_error(MeshCells(model), None, shapes, hz, sensors(), noise=0.02)
     assert quiet.stiffness.sum() == pytest.approx(quiet.by_noise.sum(), rel=0.5)
-    loud = constitutive_error(beam(MPI.COMM_WORLD, "b"), None, shapes, hz, sensors(), noise=0.02)
+    bent = MeshCells(beam(MPI.COMM_WORLD, "b"))
+    loud = constitutive_error(bent, None, shapes, hz, sensors(), noise=0.02)
     assert np.abs(quiet.relative).max() < 0.25 * loud.relative.max()
     assert np.argmax(loud.relative) == NAMES.index("b")
 
@@ -144,10 +147,10 @@ def test_what_cannot_be_is_refused():
     model = beam(MPI.COMM_WORLD)
     shapes = np.ones((len(sensors()), 1))
     with pytest.raises(InputError, match=r"expected \(36, 2\)"):
-        constitutive_error(model, None, shapes, [100.0, 200.0], sensors())
+        constitutive_error(MeshCells(model), None, shapes, [100.0, 200.0], sensors())
     with pytest.raises(InputError, match="above zero"):
-        constitutive_error(model, None, shapes, [-1.0], sensors())
+        constitutive_error(MeshCells(model), None, shapes, [-1.0], sensors())
     with pytest.raises(InputError, match="gamma = 1"):
-        constitutive_error(model, None, shapes, [100.0], sensors(), gamma=1.0)
+        constitutive_error(MeshCells(model), None, shapes, [100.0], sensors(), gamma=1.0)
     with pytest.raises(InputError, match="without any motion"):
-        constitutive_error(model, None, 0 * shapes, [100.0], sensors())
+        constitutive_error(MeshCells(model), None, 0 * shapes, [100.0], sensors())

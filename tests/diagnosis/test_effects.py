@@ -33,7 +33,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.diagnosis.zones.nominal import bonded_values
-from fenics_joints.diagnosis.zones.places import Row, placed
+from fenics_joints.diagnosis.zones.places import LayerZone, placed
 from fenics_joints.diagnosis.zones.zone import Zone, Zones
 from fenics_joints.errors import InputError
 from fenics_joints.forms import lame_from_moduli
@@ -300,7 +300,7 @@ def test_given_joints_are_those_of_the_case():
 def zones_at(joints, axes):
     """Zones without a mesh, two rings each."""
     rows = [
-        Row(f"{joint}_b1_r{ring}", joint, 1.0, 1, ring, span, axis)
+        LayerZone(f"{joint}_b1_r{ring}", joint, 1.0, 1, ring, span, axis)
         for joint, axis in zip(joints, axes, strict=True)
         for ring, span in ((1, (0.0, 5e-3)), (2, (6e-3, 9e-3)))
     ]

@@ -15,7 +15,7 @@ from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable,
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
-from fenics_joints.diagnosis.shrinkage import folds
+from fenics_joints.diagnosis.held_out import folds
 from fenics_joints.diagnosis.zones.zone import Zone
 
 TORQUES = np.array([5.0, 10.0, 30.0])

@@ -36,9 +36,9 @@ from fenics_joints.diagnosis.evidence.classes import classes
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.search import Search
-from fenics_joints.diagnosis.shrinkage import cross_validate, folds
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError

@@ -72,7 +72,7 @@ class Prior:
         return max(low, -widest), min(high, widest)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Effect:
     """A physical effect that a model may lack.
 
@@ -110,6 +110,9 @@ class Effect:
     weight: float = 1.0
     sensing: Callable[[Sensing, Mapping[str, float]], None] | None = None
     drifts: bool = False
+
+    def __repr__(self) -> str:
+        return f"Effect({self.key}: {', '.join(prior.name for prior in self.priors[:6])})"
 
     @property
     def key(self) -> str:

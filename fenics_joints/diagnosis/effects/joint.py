@@ -1,7 +1,7 @@
 """Effects in joints: what their interfaces give way, everywhere or at a place.
 
 All act on zones, whatever these are of: a zone knows how an interface of a stiffness k enters the
-model's parameters (`fenics_joints.diagnosis.zones.zone.Zone.give_way`), and the table `LAWS` has
+model's parameters (`fenics_joints.diagnosis.zones.zone.Zone.give_way`), and the table `PRIORS` has
 what is known of k beforehand, and how one speaks of it, for each kind of zones.
 """
 
@@ -16,7 +16,7 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone
 
 __all__ = [
-    "LAWS", "Law", "bell_pressure", "gives_way", "graded", "interfaces", "lost_beyond",
+    "PRIORS", "InterfacePrior", "bell_pressure", "gives_way", "graded", "interfaces", "lost_beyond",
     "lost_contact", "pressed_by_bolts", "pressed_compliance",
 ]  # fmt: skip
 
@@ -42,7 +42,7 @@ _REACH = (2.0, np.log(1.5))
 
 
 @dataclass(frozen=True)
-class Law:
+class InterfacePrior:
     """What is known of the stiffness of an interface before the test, and what it is called.
 
     Attributes:
@@ -66,7 +66,7 @@ class Law:
     at_one: tuple[str, str]
 
 
-_LAYER = Law(
+_LAYER = InterfacePrior(
     # Per area of clamped machined metal faces: 1e11 to 1e13 in the literature, far less where the
     # faces hardly touch; hence a factor of 30 either way.
     known=(1e12, np.log(30.0), "Pa/m", True, (1e7, 1e16)),
@@ -87,7 +87,7 @@ _LAYER = Law(
         "compliance at one {kind}", "The interface gives way at {place}, more than elsewhere."
     ),
 )
-_LAP = Law(
+_LAP = InterfacePrior(
     # In series with a lap as one piece: as stiff as it, the same spread as of clamped faces.
     known=(1.0, np.log(30.0), "", True, (1e-5, 1e6)),
     names=("{kind}", "{group}, {kind}"),
@@ -115,7 +115,7 @@ _LAP = Law(
 )
 #: By kind of zones. Where the lap's own stiffness was given, identified elsewhere or taken from a
 #: like joint, the interface's is a factor on it.
-LAWS = {
+PRIORS = {
     LAYER.name: _LAYER,
     LAP.name: _LAP,
     GIVEN_LAP.name: replace(_LAP, known=(1.0, np.log(3.0), "", True, (1e-3, 1e3))),
@@ -136,7 +136,7 @@ def interfaces(
     """
     return {
         zone.name: {
-            key: zone.amount(LAWS[zone.interface.name].known[0], baseline[f"{zone.name}.{key}"])
+            key: zone.amount(PRIORS[zone.interface.name].known[0], baseline[f"{zone.name}.{key}"])
             for key in zone.interface.keys.values()
         }
         for zone in zones
@@ -171,7 +171,7 @@ def gives_way(
     in_groups = isinstance(zones, Mapping)
     groups = zones if in_groups else {"": zones}
     interface = next(iter(groups.values()))[0].interface
-    law, kinds = LAWS[interface.name], tuple(kinds or interface.keys)
+    law, kinds = PRIORS[interface.name], tuple(kinds or interface.keys)
     label, exponent = law.names[in_groups], law.exponents[in_groups]
     betas = {kind: exponent.format(kind=kind) for kind in kinds}
     priors = {}
@@ -210,7 +210,7 @@ def graded(
         how: How the groups differ, in words.
         reference: See `gives_way`.
     """
-    law, what = LAWS[next(iter(groups.values()))[0].interface.name], " and ".join(kinds)
+    law, what = PRIORS[next(iter(groups.values()))[0].interface.name], " and ".join(kinds)
     name, words = (text.format(what=what, how=how) for text in law.graded)
     return gives_way(name, "joint", groups, kinds, reference, words, weight=_DESCRIPTION)
 

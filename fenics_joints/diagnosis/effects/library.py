@@ -20,7 +20,7 @@ from fenics_joints.diagnosis.effects.damping import (
 )
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
 from fenics_joints.diagnosis.effects.joint import (
-    LAWS,
+    PRIORS,
     gives_way,
     graded,
     lost_beyond,
@@ -160,7 +160,7 @@ def by_preload(data: TestData) -> bool:
 
 def _stiffness(zones: Zones, reference: float | None) -> list[Effect]:
     """What the joints give way: all of them alike, by their pressure, and from place to place."""
-    law, effects = LAWS[zones.all[0].interface.name], []
+    law, effects = PRIORS[zones.all[0].interface.name], []
     for kinds, (name, words) in law.alone.items():
         effects.append(gives_way(name, "joint", zones.all, kinds, reference, words))
     if zones.by_pressure:

@@ -53,7 +53,7 @@ class Entries:
     sensor: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Evidence:
     """The test as the inference sees it.
 
@@ -100,6 +100,9 @@ class Evidence:
     shape_error: float = 0.05
     near: np.ndarray | None = None
     along: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        return f"Evidence({self.fitted.sum()} data at {len(self.conditions)} conditions)"
 
     def __post_init__(self):
         if self.used is None:

@@ -30,7 +30,7 @@ _MOTION = (np.log(5.0), (0.02, 50.0))
 _AT_REST = (0.003, np.log(4.0), (1e-6, 0.5))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Hypothesis:
     """The nominal model plus effects, with what is uncertain in any case.
 
@@ -56,6 +56,9 @@ class Hypothesis:
     conditions: tuple[float, ...] = ()
     modes: tuple[str, ...] = ()
     damped: bool = False
+
+    def __repr__(self) -> str:
+        return f"Hypothesis({self.label}: {len(self.priors)} parameters)"
 
     @property
     def label(self) -> str:

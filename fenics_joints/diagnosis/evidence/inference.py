@@ -28,7 +28,7 @@ __all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "evidence_of", "fit"]
 _FARTHEST = 4.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit:
     """A hypothesis at its most probable parameters.
 
@@ -55,6 +55,10 @@ class Fit:
     misfit: float
     n_data: int
     at_bound: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        label = self.hypothesis.label
+        return f"Fit({label}: ln Z {self.log_evidence:.2f}, misfit {self.misfit:.1f})"
 
     @property
     def log_f(self) -> np.ndarray:

@@ -58,7 +58,7 @@ _STEPS, _NEAR_SD = 201, 8.0
 _NETWORK = {"hidden_layer_sizes": (32, 16)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Nested:
     """The evidence of a hypothesis by nested sampling.
 
@@ -81,6 +81,9 @@ class Nested:
     sd: np.ndarray
     model_error: float
     seconds: float
+
+    def __repr__(self) -> str:
+        return f"Nested(ln Z {self.log_evidence:.2f} +- {self.error:.2f}, {self.calls} calls)"
 
 
 def nested_evidence(

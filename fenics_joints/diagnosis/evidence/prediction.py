@@ -72,7 +72,7 @@ class _Look:
 
 
 class RowPrediction:
-    """Frequencies and damping at one condition.
+    """What a hypothesis predicts at one condition: frequencies, damping, shapes.
 
     The damping ratio of a mode is that at rest plus half the loss factor of each lossy stiffness
     times its share of the mode's strain energy, and that share is d ln lambda / d ln stiffness

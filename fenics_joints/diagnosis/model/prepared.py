@@ -29,7 +29,7 @@ from fenics_joints.reduction.tested import tested_models
 __all__ = ["Prepared", "prepare"]
 
 
-@dataclass
+@dataclass(repr=False)
 class Prepared:
     """A case ready to be diagnosed.
 
@@ -56,6 +56,9 @@ class Prepared:
     scatter: float
     evidence: Evidence
     surrogate: SeenModes | None = None
+
+    def __repr__(self) -> str:
+        return f"Prepared({self.case.title!r}, {len(self.effects)} effects, {self.evidence})"
 
     @property
     def full(self):

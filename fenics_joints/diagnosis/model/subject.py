@@ -1,91 +1,45 @@
-"""What a diagnosis asks of the structure that it looks at, and how solid bodies answer."""
+"""What a diagnosis looks at: the nominal model of a case in zones, of solids or of beams."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
-import numpy as np
 from mpi4py import MPI
 
+from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_mesh, build_structure
+from fenics_joints.case.build_beams import build_beams
 from fenics_joints.case.mesh import OffsetBeamsMesh
-from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.where.constitutive import ConstitutiveError, constitutive_error
-from fenics_joints.diagnosis.where.localise import CellMap, cell_map, merge_regions
-from fenics_joints.diagnosis.where.patches import PatchMap, patch_tests, patches
+from fenics_joints.diagnosis.where.cells import BeamElements, Cells, MeshCells
 from fenics_joints.diagnosis.zones.contacts import contact_zones
 from fenics_joints.diagnosis.zones.joints import joint_zones
+from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
 from fenics_joints.diagnosis.zones.nominal import bonded_values, layer_thickness
 from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.gap import Pairing
-from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["SolidSubject", "Subject", "subject_of"]
+__all__ = ["Subject", "beam_subject", "solid_subject", "subject_of"]
 
 
-class Subject(Protocol):
-    """The nominal model of a case, its joints in zones, and what can be said of places in it.
+@dataclass
+class Subject:
+    """The nominal model of a case.
 
     Attributes:
         case: The case, with a joint section for each zone.
         full: The model, with all that effects need as parameters.
         zones: Its joints in zones.
         baseline: Parameter values of the nominal model.
+        cells: Its cells.
     """
 
     case: Case
-    full: object
+    full: Structure | BeamStructure
     zones: Zones
     baseline: dict[str, float]
-
-    def cell_map(
-        self, modes: Modes, pairing: Pairing, evidence: Evidence, nuisance: np.ndarray
-    ) -> CellMap | None:
-        """See `localise.cell_map`; None but on rank 0. Collective."""
-
-    def patches(
-        self, modes: Modes, pairing: Pairing, evidence: Evidence, residual: np.ndarray,
-        nuisance: np.ndarray | None, n: int, *, soft: tuple[Modes, Pairing] | None,
-        by_torque: bool,
-    ) -> PatchMap:  # fmt: skip
-        """See `patches.patch_tests`. Collective."""
-
-    def constitutive(self, data: TestData, row: int, n: int) -> ConstitutiveError | None:
-        """See `constitutive.constitutive_error`; None where it cannot be had. Collective."""
-
-
-@dataclass
-class SolidSubject:
-    """Solid bodies on a mesh of cells; see `Subject`."""
-
-    case: Case
-    full: Structure
-    zones: Zones
-    baseline: dict[str, float]
-
-    def cell_map(self, modes, pairing, evidence, nuisance) -> CellMap | None:
-        found = cell_map(self.full, modes, pairing, evidence, nuisance)
-        return None if found is None else merge_regions(found, self.zones.shown)
-
-    def patches(
-        self, modes, pairing, evidence, residual, nuisance, n, *, soft, by_torque
-    ) -> PatchMap:
-        return patch_tests(
-            self.full, modes, pairing, evidence, residual, nuisance, n,
-            soft=soft, by_torque=by_torque, merged=self.zones.shown,
-        )  # fmt: skip
-
-    def constitutive(self, data: TestData, row: int, n: int) -> ConstitutiveError | None:
-        there = np.isfinite(data.frequencies_hz[row])
-        return constitutive_error(
-            self.full, self.baseline, data.shapes[:, there], data.frequencies_hz[row][there],
-            data.sensors, split=patches(self.full, n, self.zones.shown), noise=data.shape_noise,
-        )  # fmt: skip
+    cells: Cells
 
 
 def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
@@ -95,10 +49,17 @@ def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
         InputError: If the case has joints of a law that a diagnosis cannot soften.
     """
     if isinstance(case.mesh, OffsetBeamsMesh):
-        from fenics_joints.diagnosis.model.beam_subject import beam_subject
-
         progress.step("building the model")
         return beam_subject(case, comm)
+    return solid_subject(case, comm, progress)
+
+
+def solid_subject(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
+    """The nominal solid bodies of a case, their layers or their contact in zones. Collective.
+
+    Raises:
+        InputError: If the case has joints of a law that a diagnosis cannot soften.
+    """
     for name, section in case.joints.items():
         if section.law == "transition":
             raise InputError(
@@ -118,6 +79,28 @@ def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
     )  # fmt: skip
     bonded = bonded_values(zones.case)
     baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
-    return SolidSubject(
-        zones.case, full, zones.with_thickness(layer_thickness(full)), baseline
+    zones = zones.with_thickness(layer_thickness(full))
+    return Subject(zones.case, full, zones, baseline, MeshCells(full))
+
+
+def beam_subject(case: Case, comm: MPI.Intracomm) -> Subject:
+    """The nominal beams of a case, laps in zones.
+
+    By default each lap is as one piece; with ``[diagnose] joints = "given"`` it has the k1 and k2
+    of the case.
+
+    Raises:
+        InputError: For a value that is out of range, or a bolt beside its lap.
+    """
+    zones = lap_zones(case)
+    full = build_beams(
+        zones.case, attached=True, width=True, elastic_supports=True, laps=zones.laps or None,
     )
+    known = bonded_values(zones.case)
+    baseline = {name: known.get(name, p.value) for name, p in full.parameters.items()}
+    if zones.laps and case.diagnose.joints == "bonded":
+        baseline |= lap_as_one(zones.case, zones, baseline)
+    owners = {cell: name for name, part in case.parts.items() for cell in part.cells}
+    parts = [owners[f"beam_{i + 1}"] for i in range(len(full.beams))]
+    cells = BeamElements(full, comm, parts, [lap.zones for lap in zones.laps], zones.bolts)
+    return Subject(zones.case, full, zones, baseline, cells)

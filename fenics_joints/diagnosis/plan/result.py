@@ -74,7 +74,7 @@ class PlannedClass:
     left: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """The answer before any data.
 
@@ -110,6 +110,9 @@ class Plan:
     additions: list[Addition]
     silent: tuple[Silent, ...]
     model: dict
+
+    def __repr__(self) -> str:
+        return f"Plan({self.title!r}: {len(self.effects)} causes, {self.n_apart} apart)"
 
     @property
     def unseen(self) -> list[PlannedEffect]:

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints._compat import geometry_dofmap
 from fenics_joints.diagnosis.effects.sensing import in_order
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.where.cells import Cells
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.forward import Forward
-from fenics_joints.structure.structure import Structure
 
 __all__ = [
-    "CellMap", "ZoneShare", "cell_map", "mean_residual", "merge_regions", "zone_shares",
+    "CellMap", "ZoneShare", "cell_map", "mean_residual", "zone_shares",
 ]  # fmt: skip
 
 _STEPS = 12
@@ -33,7 +32,7 @@ class ZoneShare:
     share: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CellMap:
     """Where stiffness would have to change to close the gap, cell by cell; on rank 0 only.
 
@@ -51,6 +50,9 @@ class CellMap:
     regions: tuple[str, ...]
     density: np.ndarray
     side_view: bool = False
+
+    def __repr__(self) -> str:
+        return f"CellMap({len(self.region)} cells of {len(self.regions)} regions)"
 
 
 def zone_shares(
@@ -120,32 +122,42 @@ def _between(start, end, name, t: float) -> float:
 
 
 def cell_map(
-    structure: Structure,
+    cells: Cells,
     modes: Modes,
     pairing: Pairing,
     evidence: Evidence,
     nuisance: np.ndarray,
+    merged: Mapping[str, str] | None = None,
 ) -> CellMap | None:
     """Where stiffness would have to change, from the adjoint sensitivities of the baseline.
 
     Args:
-        structure: The full model.
+        cells: The full model's cells.
         modes: Its modes as the baseline.
         pairing: Which of them the test saw.
         evidence: The test; its mean residual over the conditions is used.
         nuisance: Derivatives of ln f by the nuisances, shape (m, k): what they can explain is
             taken out of the residual first.
+        merged: Names of regions that count as one.
 
     Returns:
         The map on rank 0, None elsewhere. Collective.
     """
     residual = mean_residual(modes, pairing, evidence, nuisance)
-    total = np.zeros(structure.mesh.topology.index_map(structure.mesh.topology.dim).size_local)
-    for weight, index in zip(residual, pairing.index, strict=True):
-        lam = modes.eigenvalues[index]
-        gradient = structure.cell_gradient(modes.shape(index), lam, modes.given)
-        total -= weight * _log_stiffness(structure, gradient) / (2 * lam)
-    return _gather(structure, total / structure.cell_volumes())
+    slopes = cells.slopes(modes, pairing.index)
+    # By the logarithm of a cell's whole stiffness: all its moduli together.
+    density = -sum(slopes[key] @ residual for key in cells.stiffness) / cells.volume
+    gathered = cells.gather(cells.corners, cells.region, density)
+    if gathered is None:
+        return None
+    corners, region, density = gathered
+    names = [(merged or {}).get(name, name) for name in cells.regions]
+    whole = tuple(dict.fromkeys(names))
+    largest = np.max(np.abs(density))
+    return CellMap(
+        corners, np.array([whole.index(name) for name in names])[region], whole,
+        density / largest if largest > 0 else density, cells.side_view,
+    )  # fmt: skip
 
 
 def mean_residual(
@@ -170,38 +182,3 @@ def mean_residual(
         residual = residual - basis @ (basis.T @ residual)
         residual = residual * (unit / max(np.linalg.norm(residual), 1e-300))
     return residual
-
-
-def merge_regions(cells: CellMap, merged: Mapping[str, str]) -> CellMap:
-    """The same map with regions that ``merged`` gives one name as one."""
-    names = [merged.get(name, name) for name in cells.regions]
-    whole = tuple(dict.fromkeys(names))
-    index = np.array([whole.index(name) for name in names])
-    return replace(cells, region=index[cells.region], regions=whole)
-
-
-def _log_stiffness(structure: Structure, gradient: np.ndarray) -> np.ndarray:
-    """Derivative by the logarithm of a cell's whole stiffness: all its moduli together."""
-    q = structure.field.by_cell(structure.field.q.x.array)
-    out = np.zeros(len(gradient))
-    for region, cells in structure.field.regions:
-        cells = cells[cells < len(gradient)]
-        for slot, key in enumerate(region.law.properties):
-            if key in ("E", "G"):
-                out[cells] += gradient[cells, slot] * q[cells, slot]
-    return out
-
-
-def _gather(structure: Structure, density: np.ndarray) -> CellMap | None:
-    comm = structure.comm
-    region = np.zeros(len(density), dtype=int)
-    for number, (_, cells) in enumerate(structure.field.regions):
-        region[cells[cells < len(density)]] = number
-    corners = structure.mesh.geometry.x[geometry_dofmap(structure.mesh)[: len(density)]]
-    parts: Sequence | None = comm.gather((corners, region, density), root=0)
-    if comm.rank != 0:
-        return None
-    corners, region, density = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    largest = np.max(np.abs(density))
-    names = tuple(r.name for r in structure.regions)
-    return CellMap(corners, region, names, density / largest if largest > 0 else density)

@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints._compat import geometry_dofmap
-from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.where.cells import Cells
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED, EXPONENT, trend
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest, zone_tests
-from fenics_joints.diagnosis.zones.nominal import layer_thickness
 from fenics_joints.diagnosis.zones.partition import partition
-from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
-from fenics_joints.structure.structure import Structure
 
-__all__ = [
-    "PatchMap", "Patches", "patch_tests", "patches", "per_property", "split_tests",
-]  # fmt: skip
-
-#: Points of a mesh that are axes of bolts.
-_BOLTS = ("bolts", "bolt")
+__all__ = ["PatchMap", "Patches", "patch_columns", "patch_tests", "patches"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Patches:
     """A partition of a structure's cells; the same on any number of ranks but for ``number``.
 
@@ -46,16 +37,19 @@ class Patches:
     middle: np.ndarray
     volume: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"Patches({len(self)} of {len(set(self.region))} regions)"
+
     def __len__(self) -> int:
         return len(self.names)
 
-    def sums(self, structure: Structure, by_cell: np.ndarray) -> np.ndarray:
-        """Sum over each patch of values of this rank's cells, (n_owned,) to (P,). Collective."""
-        local = np.bincount(self.number, by_cell, minlength=len(self))
-        return structure.comm.allreduce(local)
+    @classmethod
+    def none(cls, n_owned: int) -> Patches:
+        """No patches of this rank's cells."""
+        return cls(np.zeros(n_owned, dtype=int), (), (), np.zeros((0, 3)), np.zeros(0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PatchMap:
     """Patches with their tests, and the cells to draw them on.
 
@@ -80,6 +74,9 @@ class PatchMap:
     vertices: np.ndarray | None = None
     patch: np.ndarray | None = None
     side_view: bool = False
+
+    def __repr__(self) -> str:
+        return f"PatchMap({len(self.tests)} patches, {self.significant.sum()} significant)"
 
     @property
     def share(self) -> np.ndarray:
@@ -118,16 +115,14 @@ class PatchMap:
 # -- partition -------------------------------------------------------------------------------
 
 
-def patches(
-    structure: Structure, n: int = 12, merged: Mapping[str, str] | None = None
-) -> Patches:
+def patches(cells: Cells, n: int = 12, merged: Mapping[str, str] | None = None) -> Patches:
     """Split every region of a structure into ``n`` compact patches. Collective.
 
-    Cell groups of a region (two plates of one material) are split each by itself, into numbers in
+    Groups of a region (two plates of one material) are split each by itself, into numbers in
     proportion to their volumes; k-means from far-off starting cells does it, on one rank.
 
     Args:
-        structure: The structure.
+        cells: The structure's cells.
         n: Patches of each region; fewer where it has fewer cells.
         merged: Names of regions that share their ``n``, such as the zones of a joint.
 
@@ -136,58 +131,20 @@ def patches(
     """
     if n < 1:
         raise InputError(f"n = {n}: expected at least 1 patch of each region.")
-    comm = structure.comm
-    group, labels = _groups(structure)
-    corners = structure.mesh.geometry.x[geometry_dofmap(structure.mesh)[: len(group)]]
-    parts = comm.gather((corners.mean(axis=1), structure.cell_volumes(), group), root=0)
-    made = None
-    if comm.rank == 0:
-        middles, volumes, groups = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        shown = [(merged or {}).get(name, name) for name in labels]
-        found = partition(middles, volumes, groups, labels, shown, n)
-        ends = np.cumsum([len(part[2]) for part in parts])[:-1]
-        made = [(numbers, *found[1:]) for numbers in np.split(found[0], ends)]
-    return Patches(*comm.scatter(made, root=0))
-
-
-def _groups(structure: Structure) -> tuple[np.ndarray, list[str]]:
-    """Cell group of each owned cell, and the region of each group."""
-    owned = structure.mesh.topology.index_map(structure.mesh.topology.dim).size_local
-    group, labels = np.zeros(owned, dtype=int), []
-    for region in structure.regions:
-        for name in region.cells:
-            cells = structure.tagged.cell_tags.find(structure.tagged.cell_tag(name))
-            group[cells[cells < owned]] = len(labels)
-            labels.append(region.name)
-    return group, labels
+    gathered = cells.gather(cells.corners.mean(axis=1), cells.volume, cells.group)
+    number, rest = None, None
+    if gathered is not None:
+        middles, volumes, group = gathered
+        shown = [(merged or {}).get(name, name) for name in cells.groups]
+        number, *rest = partition(middles, volumes, group, cells.groups, shown, n)
+    return Patches(cells.scatter(number), *cells.comm.bcast(rest))
 
 
 # -- tests -----------------------------------------------------------------------------------
 
 
-def per_property(structure: Structure, gradient: np.ndarray, key: str) -> np.ndarray:
-    """Derivative by the logarithm of a property of each owned cell, 0 where it has none.
-
-    Args:
-        structure: The structure, its property field as `Structure.cell_gradient` left it.
-        gradient: From `Structure.cell_gradient`, (n_owned, n_slots).
-        key: Name of the property, such as ``"E"``.
-
-    Returns:
-        Shape (n_owned,).
-    """
-    q = structure.field.by_cell(structure.field.q.x.array)
-    out = np.zeros(len(gradient))
-    for region, cells in structure.field.regions:
-        if key in region.law.properties:
-            slot = region.law.properties.index(key)
-            cells = cells[cells < len(gradient)]
-            out[cells] = gradient[cells, slot] * q[cells, slot]
-    return out
-
-
 def patch_tests(
-    structure: Structure,
+    cells: Cells,
     modes: Modes,
     pairing: Pairing,
     evidence: Evidence,
@@ -203,22 +160,20 @@ def patch_tests(
     """Test every patch for a change of stiffness or mass by the frequencies. Collective.
 
     The sensitivities are adjoint, one assembly for each mode whatever the number of patches: of a
-    part's patch by ln E and ln rho; of a joint's by its two compliances, and with ``by_torque`` by
-    their slope in the torque's logarithm. A joint's are taken where all joints give way, if
-    ``soft`` has the modes there (see `zone_sensitivities`); else at the baseline, scaled to an
-    interface of the prior's median stiffness, which for a bonded one is far from what it will do.
+    part's patch by ln E and ln rho; of a joint's by its two compliances where all joints give way
+    (see `zone_sensitivities`), and with ``by_torque`` by their slope in the torque's logarithm.
     Shapes and damping are left out, whose derivatives by cells would cost a solution each.
 
     Args:
-        structure: The full model.
+        cells: The full model's cells.
         modes: Its modes at the baseline.
         pairing: Which of them the test saw.
         evidence: The test.
         residual: Data minus the baseline's prediction, (N,).
         nuisance: Derivatives by the nuisances in prior standard deviations, (N, p), or None.
         n: Patches of each region.
-        soft: Modes with all joints giving way, at the values of `zone_sensitivity.interfaces`,
-            and which of them the test saw.
+        soft: Modes with all joints giving way, at the values of `zone_sensitivity.given_way`, and
+            which of them the test saw; None for a structure without joints.
         by_torque: Whether the conditions are torques.
         merged: Names of regions that share their ``n``, such as the zones of a joint.
         level: Adjusted p below which a patch counts as significant.
@@ -226,104 +181,52 @@ def patch_tests(
     Returns:
         The tests on every rank; the cells to draw on rank 0 only.
     """
-    split = patches(structure, n, merged)
-    columns = patch_columns(structure, modes, pairing, split, soft)
-    joints = {region.name for region in structure.regions if region.is_joint}
-    tests = split_tests(split, columns, joints, evidence, residual, nuisance, by_torque)
-    vertices, patch = _gathered(structure, split)
-    return PatchMap(
-        tuple(tests), split.region, split.middle, split.volume, _bolts(structure), level,
-        vertices, patch,
-    )  # fmt: skip
-
-
-def split_tests(
-    split: Patches,
-    columns: Mapping[str, np.ndarray],
-    joints: Container[str],
-    evidence: Evidence,
-    residual: np.ndarray,
-    nuisance: np.ndarray | None,
-    by_torque: bool,
-) -> list[ZoneTest]:
-    """Tests of patches by the frequencies, from what an expected change in each does to them.
-
-    Args:
-        split: The patches.
-        columns: Change of ln f, (P, m, k) by the name of the patches' region.
-        joints: Names of the regions that are joints.
-        evidence: The test.
-        residual: Data minus the baseline's prediction, (N,).
-        nuisance: Derivatives by the nuisances in prior standard deviations, (N, p), or None.
-        by_torque: Whether the conditions are torques.
-    """
+    split = patches(cells, n, merged)
+    columns = patch_columns(cells, modes, pairing, split, soft)
     frequencies = replace(evidence, log_damping=None, shapes=None)
-    count = frequencies.data.size
-    mode, slope = frequencies.entries.mode, []
+    count, mode = frequencies.data.size, frequencies.entries.mode
+    slope = []
     if by_torque and len(evidence.conditions) > 1:
         slope = EXPONENT * trend(frequencies)
     sensitivities = {}
-    for p, name in enumerate(split.names):
-        S = columns[split.region[p]][p][mode]
-        if len(slope) and split.region[p] in joints:
+    for name, region, column in zip(split.names, split.region, columns, strict=True):
+        S = column[mode]
+        if len(slope) and region in cells.joints:
             S = np.hstack([S, slope[:, None] * S])
         sensitivities[name] = S
     nuisance = None if nuisance is None else nuisance[:count]
-    return zone_tests(residual[:count], sensitivities, nuisance, frequencies)
+    tests = zone_tests(residual[:count], sensitivities, nuisance, frequencies)
+    drawn = cells.gather(cells.corners, split.number) or (None, None)
+    return PatchMap(
+        tuple(tests), split.region, split.middle, split.volume, cells.bolts, level, *drawn,
+        side_view=cells.side_view,
+    )  # fmt: skip
 
 
-def patch_columns(structure, modes, pairing, split: Patches, soft=None) -> dict[str, np.ndarray]:
-    """Change of ln f by an expected change in each patch: (P, m, 2) for each region's name."""
-    by_key = _by_property(structure, modes, pairing, split)
-    yielding = by_key if soft is None else _by_property(structure, *soft, split)
-    thickness, found = layer_thickness(structure), {}
-    values = structure.values(modes.given)
-    for number, region in enumerate(structure.regions):
-        if not region.is_joint:
-            pairs = [EXPECTED[key] * by_key[key] for key in ("E", "rho")]
-        elif soft is not None:
-            # There the interface has nearly all the compliance, and this is twice as much of it.
-            pairs = [-yielding[key] for key in ("E", "G")]
-        else:
-            q = structure.field.region_values(number, values) or {}
-            sizes = _given_way(q, region.name, thickness)
-            pairs = [size * by_key[key] for key, size in zip(("E", "G"), sizes, strict=True)]
-        found[region.name] = np.stack(pairs, axis=-1)
+def patch_columns(
+    cells: Cells,
+    modes: Modes,
+    pairing: Pairing,
+    split: Patches,
+    soft: tuple[Modes, Pairing] | None = None,
+) -> np.ndarray:
+    """Change of ln f by an expected change in each patch, (P, m, 2); see `patch_tests`.
+
+    Collective.
+    """
+
+    def by_patch(modes: Modes, pairing: Pairing) -> dict[str, np.ndarray]:
+        slopes = cells.slopes(modes, pairing.index)
+        return {key: cells.sums(split.number, by, len(split)) for key, by in slopes.items()}
+
+    at_baseline = by_patch(modes, pairing)
+    found = np.stack([EXPECTED[key] * at_baseline[key] for key in ("E", "rho")], axis=-1)
+    of_joints = np.array([region in cells.joints for region in split.region], dtype=bool)
+    if of_joints.any():
+        if soft is None:
+            raise InputError("soft: expected the modes with all joints giving way.")
+        yielding = by_patch(*soft)
+        # There the interface has nearly all the compliance, and this is twice as much of it.
+        pairs = np.stack([-yielding[key] for key in cells.joint_keys], axis=-1)
+        found[of_joints] = pairs[of_joints]
     return found
-
-
-def _by_property(structure, modes: Modes, pairing: Pairing, split: Patches) -> dict:
-    """Derivative of ln f by ln of each property of each patch, (P, m)."""
-    tables = {key: np.zeros((len(split), len(pairing.index))) for key in ("E", "G", "rho")}
-    for j, index in enumerate(pairing.index):
-        lam = modes.eigenvalues[index]
-        gradient = structure.cell_gradient(modes.shape(int(index)), lam, modes.given) / (2 * lam)
-        for key, table in tables.items():
-            table[:, j] = split.sums(structure, per_property(structure, gradient, key))
-    return tables
-
-
-def _given_way(q: Mapping, name: str, thickness) -> tuple[float, float]:
-    """Change of ln E and ln G by an interface of the expected stiffness, to first order."""
-    zone = Zone(name, thickness=thickness[name])
-    soft = interfaces([zone], dict.fromkeys(zone.parameters(), 0.0))[name].values()
-    # A graded layer has no one modulus: there the direction counts, as it does in the tests.
-    return tuple(-q.get(key, k) / k for key, k in zip(("E", "G"), soft, strict=True))
-
-
-def _bolts(structure: Structure) -> np.ndarray:
-    found = [structure.tagged.points[key] for key in _BOLTS if key in structure.tagged.points]
-    if not found:
-        return np.zeros((0, 3))
-    points = np.atleast_2d(found[0])
-    return np.hstack([points, np.zeros((len(points), 3 - points.shape[1]))])
-
-
-def _gathered(structure: Structure, split: Patches):
-    """Corners and patch of all cells on rank 0, (None, None) elsewhere."""
-    corners = structure.mesh.geometry.x[geometry_dofmap(structure.mesh)[: len(split.number)]]
-    parts = structure.comm.gather((corners, split.number), root=0)
-    if structure.comm.rank != 0:
-        return None, None
-    vertices, patch = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return vertices, patch

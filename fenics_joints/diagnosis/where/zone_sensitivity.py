@@ -102,7 +102,7 @@ def trend(evidence: Evidence) -> np.ndarray:
 
 
 def _predict(effects: Sequence[Effect], forward, evidence: Evidence, baseline, z: float = 0.0):
-    """Prediction and derivatives, every parameter of the effects ``z`` from its median."""
+    """RowPrediction and derivatives, every parameter of the effects ``z`` from its median."""
     modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
     damped = evidence.log_damping is not None
     hypothesis = Hypothesis(tuple(effects), modes=modes, damped=damped)

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case
 from fenics_joints.case.sections import Joint
-from fenics_joints.diagnosis.zones.places import Row, placed
+from fenics_joints.diagnosis.zones.places import LayerZone, placed
 from fenics_joints.diagnosis.zones.zone import Zones, check_names
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
@@ -94,7 +94,7 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> Zones:
     for name, layer in layers.items():
         if not len(bolts[name]):
             sections[name] = layer.section
-            rows.append(Row(name, name, area=float(layer.areas.sum())))
+            rows.append(LayerZone(name, name, area=float(layer.areas.sum())))
             continue
         count = min(
             max(1, round(rings * per_bolt[name] / largest)),
@@ -167,7 +167,9 @@ def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _Layer) -> np.ndarr
     return points
 
 
-def _split(name: str, layer: _Layer, bolts: np.ndarray, count: int) -> list[tuple[Row, np.ndarray]]:
+def _split(
+    name: str, layer: _Layer, bolts: np.ndarray, count: int
+) -> list[tuple[LayerZone, np.ndarray]]:
     """The zones of a joint, each with its local cells."""
     nearest, distance = _nearest(layer, bolts)
     edges = _radii(distance, layer.areas, count)
@@ -182,7 +184,8 @@ def _split(name: str, layer: _Layer, bolts: np.ndarray, count: int) -> list[tupl
                 continue
             zone = f"{name}_r{r + 1}" if len(bolts) == 1 else f"{name}_b{b + 1}_r{r + 1}"
             span = float(distance[mask].min()), float(distance[mask].max())
-            row = Row(zone, name, float(layer.areas[mask].sum()), b + 1, r + 1, span, bolts[b])
+            area = float(layer.areas[mask].sum())
+            row = LayerZone(zone, name, area, b + 1, r + 1, span, bolts[b])
             rows.append((row, layer.cells[mask[place]]))
     return rows
 

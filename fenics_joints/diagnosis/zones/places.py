@@ -11,7 +11,7 @@ from fenics_joints.case.case import Case
 from fenics_joints.diagnosis.zones.zone import Grading, Zone, Zones
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["Row", "placed"]
+__all__ = ["LayerZone", "placed"]
 
 #: Groups of rings at most, as each has stiffnesses of its own.
 _GROUPS = 4
@@ -20,7 +20,7 @@ _SAME = 1e-3
 
 
 @dataclass(frozen=True)
-class Row:
+class LayerZone:
     """A zone of a layer before it is known which bolts and joints are one.
 
     Attributes:
@@ -42,7 +42,7 @@ class Row:
     axis: Sequence[float] = (np.nan,) * 3
 
 
-def placed(case: Case, rows: Sequence[Row], tagged: TaggedMesh | None = None) -> Zones:
+def placed(case: Case, rows: Sequence[LayerZone], tagged: TaggedMesh | None = None) -> Zones:
     """The zones of a case's layers with the places in which an effect can act.
 
     Args:
@@ -80,14 +80,14 @@ def _single(kinds: Mapping[str, Mapping[str, tuple[str, ...]]], away: tuple[str,
     return found
 
 
-def _by(pairs: Iterable[tuple[Row, str]]) -> dict[str, tuple[str, ...]]:
+def _by(pairs: Iterable[tuple[LayerZone, str]]) -> dict[str, tuple[str, ...]]:
     found: dict[str, tuple[str, ...]] = {}
     for row, label in pairs:
         found[label] = (*found.get(label, ()), row.name)
     return found
 
 
-def _labels(case: Case, rows: Sequence[Row]) -> list[str]:
+def _labels(case: Case, rows: Sequence[LayerZone]) -> list[str]:
     """The name of the bolt of each zone: bolts of several joints are one if they are in line."""
     scale = _SAME * max((r.distance[1] for r in rows if r.bolt), default=0.0)
     known: list[tuple[np.ndarray, str]] = []
@@ -114,7 +114,7 @@ def _off(vector: np.ndarray, normal: np.ndarray) -> float:
     return float(np.linalg.norm(vector - (vector @ normal) * normal))
 
 
-def _held_together(rows: Sequence[Row], labels: Sequence[str]) -> list[str]:
+def _held_together(rows: Sequence[LayerZone], labels: Sequence[str]) -> list[str]:
     """For each zone the joints that it is one with: those that share a bolt."""
     parent = {row.joint: row.joint for row in rows}
 
@@ -133,7 +133,7 @@ def _held_together(rows: Sequence[Row], labels: Sequence[str]) -> list[str]:
     return [", ".join(members[root(row.joint)]) for row in rows]
 
 
-def _groups(rows: Sequence[Row]) -> dict[str, tuple[str, ...]]:
+def _groups(rows: Sequence[LayerZone]) -> dict[str, tuple[str, ...]]:
     """Zones in a few groups by distance; a joint without bolts is a group of its own."""
     found = {row.joint: (row.name,) for row in rows if not row.bolt}
     bands = _bands(rows)
@@ -142,7 +142,7 @@ def _groups(rows: Sequence[Row]) -> dict[str, tuple[str, ...]]:
     return {f"ring {i + 1}": tuple(part) for i, part in enumerate(parts)} | found
 
 
-def _bands(rows: Sequence[Row]) -> list[list[str]]:
+def _bands(rows: Sequence[LayerZone]) -> list[list[str]]:
     """Zones in bands of distances that do not overlap, from the bolts outwards."""
     bands, end = [], -np.inf
     for row in sorted((r for r in rows if r.bolt), key=lambda r: np.mean(r.distance)):

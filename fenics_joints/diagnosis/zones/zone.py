@@ -17,11 +17,11 @@ from fenics_joints.case.build_beams import ZonedLap
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["GIVEN_LAP", "LAP", "LAYER", "Grading", "Interface", "Zone", "Zones", "check_names"]
+__all__ = ["GIVEN_LAP", "LAP", "LAYER", "Grading", "ZoneInterface", "Zone", "Zones", "check_names"]
 
 
 @dataclass(frozen=True)
-class Interface:
+class ZoneInterface:
     """What zones of one kind have for a stiffness, and how an interface in them enters K.
 
     Attributes:
@@ -43,9 +43,9 @@ class Interface:
     damped: tuple[str, ...]
 
 
-LAYER = Interface("layer", {"n": "E", "t": "G"}, True, True, ("t",), ("n", "t"))
+LAYER = ZoneInterface("layer", {"n": "E", "t": "G"}, True, True, ("t",), ("n", "t"))
 #: Slip alone is damped, as in eq. 3 of seed 002.
-LAP = Interface("lap", {"slap": "k1", "slip": "k2"}, False, True, ("slip",), ("slip",))
+LAP = ZoneInterface("lap", {"slap": "k1", "slip": "k2"}, False, True, ("slip",), ("slip",))
 #: A lap whose k1 and k2 are the case's own, not those of one piece.
 GIVEN_LAP = replace(LAP, name="given lap", series=False)
 
@@ -68,7 +68,7 @@ class Zone:
     """
 
     name: str
-    interface: Interface = LAYER
+    interface: ZoneInterface = LAYER
     thickness: float = np.nan
     joint: str = ""
     shown: str = ""
@@ -82,7 +82,7 @@ class Zone:
         """Names of its parameters in the model.
 
         Args:
-            kinds: Keys of `Interface.keys`; all by default.
+            kinds: Keys of `ZoneInterface.keys`; all by default.
         """
         keys = self.interface.keys
         return [f"{self.name}.{keys[kind]}" for kind in (keys if kinds is None else kinds)]

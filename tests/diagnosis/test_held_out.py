@@ -13,7 +13,7 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
-from fenics_joints.diagnosis.shrinkage import blinded, cross_validate, folds, forecast
+from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds, forecast
 
 TORQUES = np.array([5.0, 10.0, 20.0, 40.0])
 MODES = ["a", "b", "c", "d", "e"]

@@ -1,0 +1,223 @@
+"""Cells of a structure, of its mesh or elements of its beams, and what a change in each does."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints._compat import geometry_dofmap
+from fenics_joints.beams.cells import JOINT_KEYS, cell_energies, log_slopes
+from fenics_joints.beams.structure import BeamStructure
+from fenics_joints.diagnosis.where.two_fields import DenseFields, SparseFields, TwoFields
+from fenics_joints.modal.modes import Modes
+from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.structure import Structure
+
+__all__ = ["BeamElements", "Cells", "MeshCells"]
+
+#: Points of a mesh that are axes of bolts.
+_BOLTS = ("bolts", "bolt")
+
+
+class Cells(ABC):
+    """The cells that this rank owns.
+
+    Attributes:
+        structure: What they are the cells of.
+        comm: Its communicator.
+        replicated: Whether every rank owns all of them, as of beams.
+        side_view: Whether they are to be seen from the side.
+        stiffness: Properties that together are a cell's whole stiffness.
+        joint_keys: Those of a joint that its zones give way by.
+        regions: Names of the regions.
+        joints: Names of those that are joints.
+        region: Region of each cell, (n_owned,).
+        groups: Region of each group of cells that belong together.
+        group: Group of each cell, (n_owned,).
+        corners: Corners of each cell, m, (n_owned, n_corners, 3).
+        volume: Volume of each cell, m3, (n_owned,).
+        bolts: Places of the bolts, m, (n_bolts, 3).
+    """
+
+    structure: Structure | BeamStructure
+    comm: MPI.Intracomm
+    replicated: bool
+    side_view: bool
+    stiffness: tuple[str, ...]
+    joint_keys: tuple[str, ...]
+    regions: tuple[str, ...]
+    joints: Collection[str]
+    region: np.ndarray
+    groups: Sequence[str]
+    group: np.ndarray
+    corners: np.ndarray
+    volume: np.ndarray
+    bolts: np.ndarray
+
+    @abstractmethod
+    def slopes(self, modes: Modes, index: Sequence[int]) -> dict[str, np.ndarray]:
+        """Derivatives of ln f by the logarithm of each property of each cell alone. Collective.
+
+        Args:
+            modes: Modes.
+            index: Which of them, m.
+
+        Returns:
+            Shape (n_owned, m) by property; nought where a cell has no such property.
+        """
+
+    @abstractmethod
+    def energies(self, x, omega: float, given: Mapping[str, float] | None):
+        """x^T K x and omega^2 x^T M x of each cell, each (n_owned,). Collective.
+
+        Args:
+            x: A motion as `two_fields` finds it.
+            omega: Circular frequency, rad/s.
+            given: Values of parameters that differ from their nominal value.
+        """
+
+    @abstractmethod
+    def two_fields(
+        self, given: Mapping[str, float] | None, sensors: Sensors, gamma: float
+    ) -> TwoFields:
+        """The system of `where.constitutive`. Collective."""
+
+    def sums(self, number: np.ndarray, by_cell: np.ndarray, n: int) -> np.ndarray:
+        """Sums of values by cell over numbered sets of them, (n,) or (n, m). Collective.
+
+        Args:
+            number: Set of each cell, (n_owned,).
+            by_cell: Values, (n_owned,) or (n_owned, m).
+            n: Number of sets.
+        """
+        total = np.zeros((n, *by_cell.shape[1:]))
+        np.add.at(total, number, by_cell)
+        return total if self.replicated else self.comm.allreduce(total)
+
+    def gather(self, *arrays: np.ndarray) -> list[np.ndarray] | None:
+        """Arrays by cell of all ranks behind each other, on rank 0; None elsewhere. Collective."""
+        parts = [arrays] if self.replicated else self.comm.gather(arrays, root=0)
+        if self.comm.rank != 0:
+            return None
+        return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
+
+    def scatter(self, by_cell: np.ndarray | None) -> np.ndarray:
+        """The part of this rank's cells of an array that rank 0 has. Collective."""
+        if self.replicated:
+            return self.comm.bcast(by_cell)
+        counts = self.comm.gather(len(self.volume))
+        pieces = None
+        if self.comm.rank == 0:
+            pieces = np.split(by_cell, np.cumsum(counts)[:-1])
+        return self.comm.scatter(pieces)
+
+
+class MeshCells(Cells):
+    """Cells of a mesh, each owned by one rank."""
+
+    replicated, side_view = False, False
+    stiffness = joint_keys = ("E", "G")
+
+    def __init__(self, structure: Structure):
+        self.structure, self.comm = structure, structure.comm
+        self.regions = tuple(region.name for region in structure.regions)
+        self.joints = {region.name for region in structure.regions if region.is_joint}
+        self.volume = structure.cell_volumes()
+        owned = len(self.volume)
+        self.corners = structure.mesh.geometry.x[geometry_dofmap(structure.mesh)[:owned]]
+        self.region, self.group = np.zeros(owned, dtype=int), np.zeros(owned, dtype=int)
+        self.groups = []
+        for number, region in enumerate(structure.regions):
+            for name in region.cells:
+                cells = structure.tagged.cell_tags.find(structure.tagged.cell_tag(name))
+                cells = cells[cells < owned]
+                self.region[cells], self.group[cells] = number, len(self.groups)
+                self.groups.append(region.name)
+
+    @property
+    def bolts(self) -> np.ndarray:
+        tagged = self.structure.tagged
+        there = [tagged.points[key] for key in _BOLTS if key in tagged.points]
+        if not there:
+            return np.zeros((0, 3))
+        points = np.atleast_2d(there[0])
+        return np.pad(points, [(0, 0), (0, 3 - points.shape[1])])
+
+    def slopes(self, modes: Modes, index: Sequence[int]) -> dict[str, np.ndarray]:
+        found = {key: np.zeros((len(self.volume), len(index))) for key in ("E", "G", "rho")}
+        for j, i in enumerate(index):
+            lam = modes.eigenvalues[i]
+            gradient = self.structure.cell_gradient(modes.shape(int(i)), lam, modes.given)
+            for key, table in found.items():
+                table[:, j] = self._by_log(gradient, key) / (2 * lam)
+        return found
+
+    def _by_log(self, gradient: np.ndarray, key: str) -> np.ndarray:
+        """Derivative by a property's logarithm, (n_owned,), from `Structure.cell_gradient`."""
+        field = self.structure.field
+        q, out = field.by_cell(field.q.x.array), np.zeros(len(gradient))
+        for region, cells in field.regions:
+            if key in region.law.properties:
+                slot = region.law.properties.index(key)
+                cells = cells[cells < len(gradient)]
+                out[cells] = gradient[cells, slot] * q[cells, slot]
+        return out
+
+    def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:
+        gradient = self.structure.cell_gradient(x, omega**2, given)
+        # Stiffness is of the first degree in all moduli together, mass in the density.
+        stiff = sum(self._by_log(gradient, key) for key in self.stiffness)
+        return stiff, -self._by_log(gradient, "rho")
+
+    def two_fields(self, given, sensors: Sensors, gamma: float) -> SparseFields:
+        return SparseFields(self.structure, given, sensors, gamma)
+
+
+class BeamElements(Cells):
+    """Elements of beams and of their laps as boxes, all of them on every rank.
+
+    Args:
+        structure: The beams.
+        comm: Communicator.
+        owner: Name of the part of each beam.
+        zones: Name of the zone of each joint element, lap by lap.
+        bolts: Places of the bolts, m, (n_bolts, 3).
+    """
+
+    replicated, side_view = True, True
+    stiffness, joint_keys = ("E", *JOINT_KEYS), ("k1", "k2")
+
+    def __init__(
+        self, structure: BeamStructure, comm: MPI.Intracomm, owner: Sequence[str],
+        zones: Sequence[Sequence[str]], bolts: np.ndarray,
+    ):  # fmt: skip
+        self.structure, self.comm, self.bolts = structure, comm, bolts
+        self.joints = {name for lap in zones for name in lap}
+        firsts = {s.joint: s.first for s in structure.layout.stretches if s.joint is not None}
+        cells = structure.cells
+        labels = [
+            owner[beam] if beam >= 0 else zones[lap][element - firsts[lap]]
+            for beam, lap, element in zip(cells.beam, cells.lap, cells.element, strict=True)
+        ]
+        self.corners, self.volume = cells.vertices, cells.volume
+        self.regions = tuple(dict.fromkeys(labels))
+        self.region = np.array([self.regions.index(label) for label in labels])
+        # Each beam by itself, though several be of one part.
+        pairs = list(zip(labels, cells.beam.tolist(), strict=True))
+        groups = list(dict.fromkeys(pairs))
+        self.group = np.array([groups.index(pair) for pair in pairs])
+        self.groups = [label for label, _ in groups]
+
+    def slopes(self, modes: Modes, index: Sequence[int]) -> dict[str, np.ndarray]:
+        return log_slopes(self.structure, self.structure.cells, modes, index)
+
+    def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:
+        found = cell_energies(self.structure, self.structure.cells, x[:, None], given)
+        stiff = sum(found[key] for key in self.stiffness)
+        return stiff[:, 0], omega**2 * found["rho"][:, 0]
+
+    def two_fields(self, given, sensors: Sensors, gamma: float) -> DenseFields:
+        return DenseFields(self.structure, given, sensors, gamma)
