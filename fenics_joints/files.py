@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -35,22 +36,33 @@ def check_writable(path: str | Path, what: str) -> Path:
     return path
 
 
+@contextmanager
+def replaced(path: str | Path) -> Iterator[Path]:
+    """A temporary sibling to write to, which takes the file's place at the end, or is not there.
+
+    Raises:
+        InputError: If it cannot be written; what was there before is still there.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        os.replace(part, path)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"{path}: cannot be written ({reason})") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
 def write_arrays(path: str | Path, **arrays: np.ndarray) -> None:
     """Write arrays to an .npz file, whole or not at all.
 
     Raises:
         InputError: If it cannot be written.
     """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            np.savez(file, **arrays)
-        os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error})") from error
-    finally:
-        part.unlink(missing_ok=True)
+    with replaced(path) as part, part.open("wb") as file:
+        np.savez(file, **arrays)
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -60,26 +72,17 @@ def write_text(path: str | Path, text: str) -> None:
         InputError: If it cannot be written; what was there before is still there.
     """
     path = Path(path)
+    if not _is_stream(path):
+        with replaced(path.resolve()) as part:  # a link stays a link
+            with part.open("w", encoding="utf-8") as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+        return
     try:
-        if _is_stream(path):
-            path.write_text(text, encoding="utf-8")
-        else:
-            _replace(path.resolve(), text)  # a link stays a link
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from error
-
-
-def _replace(path: Path, text: str) -> None:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with open(part, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(part, path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
 
 
 def json_text(content: Mapping[str, object]) -> str:

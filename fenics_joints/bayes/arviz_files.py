@@ -6,13 +6,13 @@ The one module that knows of both: version 1 needs Python 3.12 and has other cal
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from fenics_joints.errors import InputError
+from fenics_joints.files import replaced
 
 __all__ = ["arviz", "convergence", "data_tree", "draw", "read_chains", "write_chains"]
 
@@ -113,17 +113,11 @@ def write_chains(
     """
     import h5py
 
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with replaced(path) as part:
         if draws:
             data_tree(draws, statistics).to_netcdf(str(part), engine="h5netcdf")
         with h5py.File(part, "a") as file:
             file.create_dataset("resume/state", data=json.dumps(resume))
-        os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error})") from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def read_chains(path: Path) -> tuple[dict, dict, dict]:

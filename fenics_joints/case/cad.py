@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
+from mpi4py import MPI
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from fenics_joints.case.preload import known_thread
@@ -18,13 +19,13 @@ from fenics_joints.case.values import (
     named,
     quantity,
 )
+from fenics_joints.database.query import Surfaces, TorqueToForce, query
+from fenics_joints.database.store import seed_database
 from fenics_joints.errors import InputError
+from fenics_joints.meshes import TaggedMesh, read_step
+from fenics_joints.parallel import on_root
+from fenics_joints.preload.threads import thread
 from fenics_joints.units import to_si
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
-    from fenics_joints.meshes import TaggedMesh
 
 __all__ = ["STEP_SUFFIXES", "BoltsSection", "MeshFile", "StepMesh"]
 
@@ -106,8 +107,6 @@ class BoltsSection(Section):
         if self.hole is not None:
             hole = min(self.hole), max(self.hole)
         elif self.thread is not None:
-            from fenics_joints.preload.threads import thread
-
             hole = tuple(share * thread(self.thread).diameter for share in _HOLES)
         radii = [self.radius()] if self.r_wai is None else self.r_wai
         return {
@@ -117,9 +116,6 @@ class BoltsSection(Section):
 
     def radius(self) -> float:
         """Contact radius of the thread and the torque, m, from the package's database."""
-        from fenics_joints.database.query import Surfaces, TorqueToForce, query
-        from fenics_joints.database.store import seed_database
-
         try:
             with seed_database() as store:
                 answer = query(
@@ -162,9 +158,6 @@ class StepMesh(MeshFile):
 
     def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh; ``folder`` is the case's. Collective."""
-        from fenics_joints.meshes import read_step
-        from fenics_joints.parallel import on_root
-
         given = self.model_dump(exclude={"file", "degree", "size", "bolts"}, exclude_none=True)
         given["joint"] = self.joint or ("layer" if self.bolts is None else "rings")
         more = {} if self.bolts is None else comm.bcast(on_root(comm, self.bolts.arguments))

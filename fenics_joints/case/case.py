@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
@@ -30,10 +30,8 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.frfs import MeasuredFRFs
+from fenics_joints.structure.points import Sensors
 from fenics_joints.units import parameter_unit, to_si
-
-if TYPE_CHECKING:
-    from fenics_joints.structure.points import Sensors
 
 __all__ = ["Case"]
 
@@ -167,8 +165,6 @@ class Case(Section):
             if seen and self._measured is not None:
                 return self._measured.sensors
             return self._frfs.sensors() if seen and self._frfs is not None else None
-        from fenics_joints.structure.points import Sensors
-
         return Sensors(self.test.sees.points(), self.test.sees.directions())
 
     def start(self) -> dict[str, float]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from fenics_joints.case.values import Positive, Section, Share, listed, quantity
-
-if TYPE_CHECKING:
-    from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.damping import Damping
 
 __all__ = ["DampingSection"]
 
@@ -57,8 +55,6 @@ class DampingSection(Section):
 
     def damping(self) -> Damping:
         """The damping, with the names of its parameters in place of values above 0."""
-        from fenics_joints.structure.damping import Damping
-
         there = self.nominal()
 
         def named(name: str) -> float | str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -21,10 +21,16 @@ from fenics_joints.case.values import (
     listed,
     quantity,
 )
+from fenics_joints.joint_laws import (
+    Backbone,
+    Bilinear,
+    Iwan,
+    IwanLayer,
+    JointLaw,
+    RichardAbbott,
+    Segalman,
+)
 from fenics_joints.units import to_si
-
-if TYPE_CHECKING:
-    from fenics_joints.joint_laws import Backbone, JointLaw
 
 __all__ = [
     "CoulombSection", "HarmonicSection", "IdentifySection", "NonlinearSection", "Place",
@@ -45,6 +51,11 @@ class Hysteretic(Section):
     layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
     """
 
+    #: The law's curve, its arguments with their units, and which is its modulus at rest.
+    curve: ClassVar[type[Backbone]]
+    units: ClassVar[dict[str, str]]
+    stiffness: ClassVar[str]
+
     stress: Literal["shear", "equivalent"] = "shear"
     sliders: Annotated[int, Field(ge=1, le=200, strict=True)] = 24
     thickness: Size | None = None
@@ -57,8 +68,6 @@ class Hysteretic(Section):
             G: Its shear modulus, Pa; None for a contact.
             meshed: Thickness of the layer as meshed, m; 1 for a contact, whose strain is its slip.
         """
-        from fenics_joints.joint_laws import Iwan, IwanLayer
-
         ratio = 1.0 if self.thickness is None else self.thickness / meshed
         if self.stress == "shear":
             backbone = self.backbone(None if G is None else G * ratio)
@@ -66,14 +75,21 @@ class Hysteretic(Section):
         backbone = self.backbone(E * ratio)
         return IwanLayer(backbone, G * ratio, self.sliders, thickness=ratio)
 
+    def backbone(self, modulus: float | None) -> Backbone:
+        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
+        own = {key: getattr(self, key) for key in self.units}
+        return self.curve(**own | {self.stiffness: own[self.stiffness] or modulus})
+
     def needs_modulus(self) -> bool:
         """Whether moduli must come from the joint."""
-        return self.elastic() is None or self.stress == "equivalent"
+        return getattr(self, self.stiffness) is None or self.stress == "equivalent"
 
 
 class RichardAbbottSection(Hysteretic):
     """``[nonlinear.NAME]`` with ``law = "richard_abbott"`` (seed 003, eq. 4)."""
 
+    curve: ClassVar = RichardAbbott
+    stiffness: ClassVar = "E_e"
     units: ClassVar = {"E_e": "Pa", "E_p": "Pa", "S_y": "Pa", "n": ""}
 
     law: Literal["richard_abbott"]
@@ -82,20 +98,12 @@ class RichardAbbottSection(Hysteretic):
     S_y: Modulus
     n: Positive
 
-    def elastic(self) -> float | None:
-        """Modulus at rest, Pa, if given."""
-        return self.E_e
-
-    def backbone(self, modulus: float | None) -> Backbone:
-        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
-        from fenics_joints.joint_laws import RichardAbbott
-
-        return RichardAbbott(self.E_e or modulus, self.E_p, self.S_y, self.n)
-
 
 class SegalmanSection(Hysteretic):
     """``[nonlinear.NAME]`` with ``law = "segalman"``: the four-parameter Iwan model."""
 
+    curve: ClassVar = Segalman
+    stiffness: ClassVar = "K_T"
     units: ClassVar = {"F_S": "Pa", "K_T": "Pa", "chi": "", "beta": ""}
 
     law: Literal["segalman"]
@@ -104,36 +112,18 @@ class SegalmanSection(Hysteretic):
     chi: Shape
     beta: quantity("", 0)
 
-    def elastic(self) -> float | None:
-        """Modulus at rest, Pa, if given."""
-        return self.K_T
-
-    def backbone(self, modulus: float | None) -> Backbone:
-        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
-        from fenics_joints.joint_laws import Segalman
-
-        return Segalman(self.F_S, self.K_T or modulus, self.chi, self.beta)
-
 
 class BilinearSection(Hysteretic):
     """``[nonlinear.NAME]`` with ``law = "bilinear"``: one slider beside a spring."""
 
+    curve: ClassVar = Bilinear
+    stiffness: ClassVar = "E_e"
     units: ClassVar = {"E_e": "Pa", "E_p": "Pa", "S_y": "Pa"}
 
     law: Literal["bilinear"]
     E_e: Modulus | None = None
     E_p: quantity("Pa", 0)
     S_y: Modulus
-
-    def elastic(self) -> float | None:
-        """Modulus at rest, Pa, if given."""
-        return self.E_e
-
-    def backbone(self, modulus: float | None) -> Backbone:
-        """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""
-        from fenics_joints.joint_laws import Bilinear
-
-        return Bilinear(self.E_e or modulus, self.S_y, self.E_p)
 
 
 class CoulombSection(Section):

@@ -6,8 +6,9 @@ import types
 import typing
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
+from mpi4py import MPI
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from fenics_joints.case.cad import STEP_SUFFIXES, MeshFile, StepMesh
@@ -28,14 +29,10 @@ from fenics_joints.meshes import (
     EngravingMachine,
     LapBeam,
     LapPlates,
+    TaggedMesh,
     read_msh,
 )
 from fenics_joints.meshes.arguments import Builder, Demand
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
-    from fenics_joints.meshes import TaggedMesh
 
 __all__ = ["BUILDERS", "BuilderMesh", "FileMesh", "Mesh", "MeshFile", "OffsetBeamsMesh", "StepMesh"]
 

@@ -19,6 +19,8 @@ from fenics_joints.case.values import (
     chosen,
     quantity,
 )
+from fenics_joints.preload.threads import thread
+from fenics_joints.preload.torque import motosh_force, nut_factor_force
 
 __all__ = [
     "BeamBoltSection", "Bolt", "ContactSection", "PretensionBoltSection", "WasherBoltSection",
@@ -31,9 +33,6 @@ _Torque = quantity("N*m", 0, above=True)
 
 def known_thread(name: str) -> str:
     """The full name of a thread; raises InputError if there is none."""
-    # Here, since the package needs DOLFINx and a case can be read without.
-    from fenics_joints.preload.threads import thread
-
     return thread(name).name
 
 
@@ -81,9 +80,6 @@ class _BoltSection(Section):
 
     def preload(self) -> float:
         """Bolt force, N."""
-        from fenics_joints.preload.threads import thread
-        from fenics_joints.preload.torque import motosh_force, nut_factor_force
-
         if self.force is not None:
             return self.force
         if self.nut_factor is not None:
@@ -112,8 +108,6 @@ class BeamBoltSection(_BoltSection):
 
     def shank(self) -> float:
         """Diameter of the shank, m."""
-        from fenics_joints.preload.threads import thread
-
         return thread(self.thread).diameter if self.diameter is None else self.diameter
 
 

@@ -10,20 +10,17 @@ import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_joints.errors import InputError, located
+from fenics_joints.structure.points import Sensors
 from fenics_joints.units import factor_to_si
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
-
-if TYPE_CHECKING:
-    from fenics_joints.structure.points import Sensors
 
 __all__ = ["Table", "TestData", "read_table", "read_test_data"]
 

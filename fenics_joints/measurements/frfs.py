@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.response.units import KINDS, MOTION, checked_kind
-
-if TYPE_CHECKING:
-    from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.points import Sensors
 
 __all__ = ["Coherence", "MeasuredFRFs", "Reciprocity"]
 
@@ -183,9 +180,7 @@ class MeasuredFRFs:
         return ~np.isnan(self.values[0])
 
     def sensors(self) -> Sensors:
-        """The responses as the suite's sensors. Needs DOLFINx."""
-        from fenics_joints.structure.points import Sensors
-
+        """The responses as the suite's sensors."""
         return Sensors(self.response_points, self.response_directions)
 
     def driving_points(self) -> list[tuple[int, int, int]]:

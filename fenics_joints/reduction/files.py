@@ -9,7 +9,6 @@ so must `fenics_joints.beams` for a model of beams. Higher rooms name what else 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -17,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import check_writable
+from fenics_joints.files import check_writable, replaced
 from fenics_joints.joint_laws.iwan import Backbone
 from fenics_joints.joint_laws.kernel import LawKernel
 from fenics_joints.joint_laws.law import JointLaw
@@ -81,16 +80,9 @@ def write_model(model, path: str | Path, what: str) -> None:
     import h5py
 
     path = check_writable(path, "model file").resolve()
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with h5py.File(part, "w") as file:
-            file.attrs["format"], file.attrs["version"] = what, _VERSION
-            _encode(file, "model", model)
-        os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error})") from error
-    finally:
-        part.unlink(missing_ok=True)
+    with replaced(path) as part, h5py.File(part, "w") as file:
+        file.attrs["format"], file.attrs["version"] = what, _VERSION
+        _encode(file, "model", model)
 
 
 def read_model(path: str | Path, what: str, kind: type):
