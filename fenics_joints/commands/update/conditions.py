@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case.case import Case
+from fenics_joints.commands.update.data import positive
 from fenics_joints.commands.update.result import Sweep, finite
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Gap
@@ -25,7 +27,7 @@ from fenics_joints.updating.curves import Curves, fit_curves
 from fenics_joints.updating.prediction import Predictor
 from fenics_joints.updating.result import Update
 
-__all__ = ["FollowedModel", "frequency_target", "sweep_conditions"]
+__all__ = ["FollowedModel", "sweep_conditions"]
 
 #: Samples of the parameters, and their range about the start, as factors down and up: a torque
 #: changes stiffnesses by far more than a fit at one of them does.
@@ -107,22 +109,9 @@ class FollowedModel:
         return {"crossing_modes": self._seen.crossing_names(self.names)}
 
 
-def frequency_target(data: TestData, row: int, reference: np.ndarray | None) -> Target:
-    """Frequencies at a condition.
-
-    Args:
-        data: The test.
-        row: Number of the condition.
-        reference: Shapes that pair the modes, (n_sensors, m), or None.
-    """
-    log_sd = data.log_sd()[row]
-    return Target(
-        data.frequencies_hz[row], np.where(log_sd > 0, log_sd, 1.0), reference, data.sensors
-    )
-
-
 def sweep_conditions(
     case: Case,
+    target: Target,
     model: FollowedModel,
     parameters: Sequence[Parameter],
     start: Mapping[str, float],
@@ -133,7 +122,8 @@ def sweep_conditions(
 
     Args:
         case: The case.
-        model: The model, good at the first condition.
+        target: Frequencies at the first condition.
+        model: The model, good at that condition.
         parameters: What is identified.
         start: Values of all the model's parameters at the start.
         first: Number of the first condition, and what was found there.
@@ -149,7 +139,10 @@ def sweep_conditions(
     follow, reference = data.shapes is None, data.shapes
     if follow and data.sensors is not None:
         reference = known.prediction.shapes
-    targets = [frequency_target(data, row, reference) for row in range(len(data))]
+    targets = [
+        replace(target, frequencies_hz=f, log_sd=positive(log_sd), shapes=reference)
+        for f, log_sd in zip(data.frequencies_hz, data.log_sd(), strict=True)
+    ]
     fits = update_all(
         model.arrays, parameters, targets, start, first, follow=follow, done=progress.advance,
         **common,

@@ -13,7 +13,7 @@ from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.lines import choose_lines
 from fenics_joints.measurements.target import FRFTarget, Target
 
-__all__ = ["UpdateData", "update_data"]
+__all__ = ["UpdateData", "positive", "update_data"]
 
 #: Relative standard deviation of functions of which the case says nothing.
 _NOISE = 0.05
@@ -119,7 +119,7 @@ def _modes(case: Case, kinds) -> dict:
     frequencies = data.frequencies_hz[row]
     if "frequencies" not in kinds:
         frequencies = np.full(len(frequencies), np.nan)
-    fields |= {"frequencies_hz": frequencies, "log_sd": _positive(data.log_sd()[row])}
+    fields |= {"frequencies_hz": frequencies, "log_sd": positive(data.log_sd()[row])}
     if "damping" in kinds:
         fields |= {"damping_ratios": data.damping[row], "damping_log_sd": data.damping_sd}
     if data.shapes is not None and data.sensors is not None:
@@ -128,7 +128,7 @@ def _modes(case: Case, kinds) -> dict:
     return fields
 
 
-def _positive(log_sd: np.ndarray) -> np.ndarray:
+def positive(log_sd: np.ndarray) -> np.ndarray:
     """Standard deviations, 1 where there is no datum that they are of."""
     return np.where(log_sd > 0, log_sd, 1.0)
 

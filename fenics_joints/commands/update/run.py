@@ -152,8 +152,8 @@ class _Run:
         facts, sweep = self._facts(error, functions), None
         if not self.case.combined():
             sweep, lost = sweep_conditions(
-                self.case, self.model, self.parameters, self.start, {self._row(): found},
-                self.progress,
+                self.case, self.data.target, self.model, self.parameters, self.start,
+                {self._row(): found}, self.progress,
             )  # fmt: skip
             facts |= {**self.model.facts(), "not_converged": lost}
         return UpdateReport(
