@@ -179,7 +179,7 @@ class FreeTerms:
 
     def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
         """All parameters' values."""
-        return {**self.given, **(given or {})}
+        return self.full.values({**self.given, **(given or {})})
 
     def stiffness(self, given: Mapping[str, float] | None = None) -> PETSc.Mat:
         """K(p), N/m; the caller's to destroy."""
@@ -200,6 +200,11 @@ class FreeTerms:
     def observe(self, shapes, sensors: Sensors) -> np.ndarray:
         """See `Structure.observe`."""
         return self.full.observe(shapes, sensors)
+
+    def pencil_gradients(self, shapes, eigenvalues, given=None) -> np.ndarray:
+        """See `Structure.pencil_gradients`; by the free parameters."""
+        columns = [list(self.full.parameters).index(name) for name in self.parameters]
+        return self.full.pencil_gradients(shapes, eigenvalues, self.values(given))[:, columns]
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg."""

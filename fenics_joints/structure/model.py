@@ -25,6 +25,7 @@ __all__ = ["Damped", "Model", "Pictured"]
 Values = Mapping[str, float] | None
 
 
+@runtime_checkable
 class Model(Protocol):
     """K(p) and M(p): what modes, their derivatives and their pairing with a test need.
 
@@ -108,6 +109,7 @@ class Damped(Model, Protocol):
         """Loads of one newton at points, (n_local, n), which also read the displacement there."""
 
 
+@runtime_checkable
 class Pictured(Model, Protocol):
     """What pages show."""
 
