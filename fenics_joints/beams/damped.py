@@ -7,7 +7,7 @@ eigenvalues of the state matrix of seed 002, eq. 9.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -36,8 +36,8 @@ class DampingFit:
     names: tuple[str, ...]
     values: np.ndarray
     sd: np.ndarray
-    ratios: np.ndarray
-    measured: np.ndarray
+    ratios: np.ndarray = field(repr=False)
+    measured: np.ndarray = field(repr=False)
 
 
 def identify_damping(
@@ -120,9 +120,9 @@ class SlipTable:
     """
 
     frequencies_hz: np.ndarray
-    curvature: np.ndarray
-    energy: np.ndarray
-    ratios: np.ndarray
+    curvature: np.ndarray = field(repr=False)
+    energy: np.ndarray = field(repr=False)
+    ratios: np.ndarray = field(repr=False)
 
 
 def slip_table(

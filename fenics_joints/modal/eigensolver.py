@@ -16,8 +16,7 @@ place: ``petsc_options={"eps_type": "krylovschur"}``.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,8 +25,8 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.options import reason_of
-from fenics_joints.structure.sparse import dense_block, product
+from fenics_joints.modal.options import petsc_defaults, reason_of
+from fenics_joints.structure.sparse import dense_block, product, vector_of, without_zeros
 
 __all__ = [
     "DEFAULT_SHIFT",
@@ -35,7 +34,6 @@ __all__ = [
     "EigenSolver",
     "count_below",
     "solve_pencil",
-    "without_zeros",
 ]
 
 #: Default shift in rad^2/s^2: 50 Hz below zero, for metal parts with modes from 10 Hz to 20 kHz.
@@ -50,7 +48,7 @@ _OPTIONS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EigenResult:
     """Eigenpairs of a pencil.
 
@@ -68,6 +66,10 @@ class EigenResult:
     shapes: list[PETSc.Vec]
     residuals: np.ndarray
     statistics: dict[str, float | int | str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        low, high = self.values[0], self.values[-1]
+        return f"EigenResult({len(self.values)} eigenvalues from {low:.5g} to {high:.5g} (rad/s)^2)"
 
 
 class EigenSolver:
@@ -140,7 +142,7 @@ class EigenSolver:
         """
         _check_pencil(K, M, self.n, initial)
         begin = time.perf_counter()
-        with self._options() as options:
+        with petsc_defaults(self.prefix, _OPTIONS, self.petsc_options) as options:
             if self._eps is None:
                 self._create(K.comm)
             solve = self._solve_slepc if options.hasName("eps_type") else self._solve_block
@@ -154,7 +156,7 @@ class EigenSolver:
                 "below zero"
             )
         stats["seconds"] = time.perf_counter() - begin
-        return EigenResult(values, [_vector(K, x) for x in X.T], residuals, stats)
+        return EigenResult(values, [vector_of(K, x) for x in X.T], residuals, stats)
 
     def inverse(self, block: np.ndarray) -> np.ndarray:
         """``(K - shift M)^-1 block`` with the last solution's factorisation. Collective.
@@ -177,26 +179,6 @@ class EigenSolver:
         found = left.getDenseArray().copy(order="F")
         right.destroy(), left.destroy()
         return found
-
-    @contextmanager
-    def _options(self) -> Iterator[PETSc.Options]:
-        """Our options in PETSc's database, and out of it again for the next solver.
-
-        The command line and the environment stand above our defaults, the dictionary above both.
-        """
-        options = PETSc.Options(self.prefix)
-        ours = {key: value for key, value in _OPTIONS.items() if not options.hasName(key)}
-        ours.update(self.petsc_options)
-        before = {key: options.getString(key) for key in ours if options.hasName(key)}
-        for key, value in ours.items():
-            options.setValue(key, value)
-        try:
-            yield options
-        finally:
-            for key in ours:
-                options.delValue(key)
-            for key, value in before.items():
-                options.setValue(key, value)
 
     def destroy(self) -> None:
         """Free the factorisation. Collective; on several ranks Python's collector cannot do it."""
@@ -352,7 +334,6 @@ class _Operator:
 
     def __init__(self, ksp: PETSc.KSP, M: PETSc.Mat):
         self._ksp, self._mass = ksp, without_zeros(M)
-        self._own_mass = self._mass is not M
         self.comm = M.comm.tompi4py()
         self.calls = self.columns = 0
         self.seconds = 0.0
@@ -392,24 +373,7 @@ class _Operator:
             for mat in mats:
                 mat.destroy()
         self._work = {}
-        if self._own_mass:
-            self._mass.destroy()
-
-
-def without_zeros(M: PETSc.Mat) -> PETSc.Mat:
-    """M itself, or a copy without its stored zeros where they are many.
-
-    A consistent mass in DOLFINx's blocked pattern is two-thirds zeros; each step multiplies by it.
-    """
-    start, columns, values = M.getValuesCSR()
-    keep = values != 0.0
-    if M.comm.tompi4py().allreduce(bool(keep.mean() > 0.6) if keep.size else False, op=MPI.LOR):
-        return M
-    start = np.concatenate([[0], np.cumsum(keep)])[start].astype(PETSc.IntType)
-    csr = start, columns[keep], values[keep]
-    lean = PETSc.Mat().createAIJ(M.getSizes(), csr=csr, comm=M.comm)
-    lean.assemble()
-    return lean
+        self._mass.destroy()
 
 
 def _lanczos(op: _Operator, start, n: int, tol: float, largest: int, max_restarts: int):
@@ -562,12 +526,6 @@ def _start(M: PETSc.Mat, block: int, initial) -> np.ndarray:
     for i, vector in enumerate(list(initial or ())[:block]):
         start[:, i] = vector.array_r
     return start
-
-
-def _vector(K: PETSc.Mat, values: np.ndarray) -> PETSc.Vec:
-    x = K.createVecRight()
-    x.array[:] = values
-    return x
 
 
 def _check_pencil(K: PETSc.Mat, M: PETSc.Mat, n: int, initial) -> None:

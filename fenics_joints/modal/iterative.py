@@ -19,7 +19,8 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.eigensolver import EigenResult
-from fenics_joints.modal.multigrid import Multigrid, lean_mass, rigid_motions, to_upper_half
+from fenics_joints.modal.multigrid import Multigrid, rigid_motions, to_upper_half
+from fenics_joints.structure.sparse import vector_of, without_zeros
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["IterativeEigenSolver"]
@@ -133,7 +134,7 @@ class IterativeEigenSolver:
                 12 * (entries + self._multigrid.entries) + 8 * structure.n_dofs * 10 * width
             ) / 2**30,
         }  # fmt: skip
-        return EigenResult(values, [_vector(self._A, x) for x in X.T], residuals, stats)
+        return EigenResult(values, [vector_of(self._A, x) for x in X.T], residuals, stats)
 
     def _set_up(self, structure, given) -> None:
         """Matrices as their triangles, one after the other, so that few whole ones exist at once"""
@@ -141,7 +142,9 @@ class IterativeEigenSolver:
             self.destroy()
             self._multigrid = Multigrid(structure, self.petsc_options, self.prefix)
         self._free_matrices()
-        self._M = lean_mass(structure, given)
+        M = structure.mass(given)
+        self._M = without_zeros(M)
+        M.destroy()
         self._A = structure.stiffness(given)
         self._rigid = _unresisted(self._A, rigid_motions(structure))
         self._A.axpy(-self.shift, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
@@ -360,9 +363,3 @@ def _start(op: _Operators, Y, width: int, given) -> np.ndarray:
     MY = op.mass(Y)
     X = np.hstack([shapes, op.precondition(noise - MY @ op.dot(Y, noise))])
     return X - Y @ op.dot(MY, X)
-
-
-def _vector(A: PETSc.Mat, values: np.ndarray) -> PETSc.Vec:
-    x = A.createVecRight()
-    x.array[:] = values
-    return x

@@ -19,9 +19,10 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.structure.sparse import vector_of, without_zeros
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["Multigrid", "lean_mass", "rigid_motions", "to_upper_half"]
+__all__ = ["Multigrid", "rigid_motions", "to_upper_half"]
 
 _GAMG = {
     # Aggregates must not reach across a soft layer, nor skip a distance.
@@ -41,7 +42,6 @@ _TWO_LEVELS = {
     **{f"mg_coarse_{key}": value for key, value in _GAMG.items()},
 }
 _ONE_LEVEL = {"pc_type": "gamg", **_GAMG}
-_CHUNKS = 8  # of rows, while zeros are dropped
 
 
 class Multigrid:
@@ -168,14 +168,6 @@ def rigid_motions(structure: Structure) -> np.ndarray:
     return R
 
 
-def lean_mass(structure: Structure, given: Mapping[str, float] | None) -> PETSc.Mat:
-    """Mass matrix without the zeros of DOLFINx's blocked pattern."""
-    M = structure.mass(given)
-    lean = _without_zeros(M)
-    M.destroy()
-    return lean
-
-
 def to_upper_half(A: PETSc.Mat) -> None:
     """Keep the upper triangle of a symmetric matrix alone, in PETSc's SBAIJ format.
 
@@ -184,30 +176,6 @@ def to_upper_half(A: PETSc.Mat) -> None:
     A.setBlockSize(1)
     A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     A.convert(PETSc.Mat.Type.SBAIJ)  # in place
-
-
-def _without_zeros(A: PETSc.Mat) -> PETSc.Mat:
-    """Copy of A without its stored zeros, some rows at a time: A's entries are not copied whole."""
-    first, last = A.getOwnershipRange()
-    start, stop = A.getOwnershipRangeColumn()
-    everything = PETSc.IS().createStride(stop - start, start, 1, comm=A.comm)
-    bounds = np.linspace(first, last, _CHUNKS + 1).astype(PETSc.IntType)
-    counts, columns, values = [], [], []
-    for low, high in zip(bounds[:-1], bounds[1:], strict=True):
-        some = PETSc.IS().createStride(high - low, low, 1, comm=A.comm)
-        part = A.createSubMatrix(some, everything)
-        at, column, value = part.getValuesCSR()
-        part.destroy(), some.destroy()
-        keep = value != 0.0
-        counts.append(np.diff(np.concatenate([[0], np.cumsum(keep)])[at]))
-        columns.append(column[keep])
-        values.append(value[keep])
-    everything.destroy()
-    at = np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(PETSc.IntType)
-    csr = at, np.concatenate(columns), np.concatenate(values)
-    lean = PETSc.Mat().createAIJ(A.getSizes(), csr=csr, comm=A.comm)
-    lean.assemble()
-    return lean
 
 
 def _prolongation(coarse: Structure, fine: Structure) -> PETSc.Mat:
@@ -219,7 +187,7 @@ def _prolongation(coarse: Structure, fine: Structure) -> PETSc.Mat:
         ~structure.held_dofs[: structure.n_local] for structure in (fine, coarse)
     )
     P.diagonalScale(left, right)
-    lean = _without_zeros(P)
+    lean = without_zeros(P)
     P.destroy()
     return lean
 
@@ -234,10 +202,7 @@ def _set_near_null_space(A: PETSc.Mat, structure: Structure) -> None:
         raise InputError("supports: expected ones that leave some DOF free.")
     good = s > 1e-12 * s[-1]
     R = R @ (Q[:, good] / np.sqrt(s[good]))
-    vectors = []
-    for column in R.T:
-        vectors.append(A.createVecRight())
-        vectors[-1].array[:] = column
+    vectors = [vector_of(A, column) for column in R.T]
     space = PETSc.NullSpace().create(vectors=vectors, comm=A.comm)
     A.setNearNullSpace(space)
     space.destroy()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from petsc4py import PETSc
@@ -11,17 +11,28 @@ __all__ = ["last_line", "petsc_defaults", "reason_of"]
 
 
 @contextmanager
-def petsc_defaults(prefix: str, ours: Mapping[str, object]):
-    """Options under ``prefix`` for a while; those of the command line stand above them."""
+def petsc_defaults(
+    prefix: str, ours: Mapping[str, object], above: Mapping[str, object] | None = None
+) -> Iterator[PETSc.Options]:
+    """Options under ``prefix`` for a while.
+
+    Args:
+        prefix: The prefix.
+        ours: Those below what the command line says.
+        above: Those above it.
+    """
     options = PETSc.Options(prefix)
-    new = {k: v for k, v in ours.items() if not options.hasName(k)}
+    new = {k: v for k, v in ours.items() if not options.hasName(k)} | dict(above or {})
+    before = {key: options.getString(key) for key in new if options.hasName(key)}
     for key, value in new.items():
         options.setValue(key, value)
     try:
-        yield
+        yield options
     finally:
         for key in new:
             options.delValue(key)
+        for key, value in before.items():
+            options.setValue(key, value)
 
 
 def reason_of(solver: PETSc.Object) -> str:

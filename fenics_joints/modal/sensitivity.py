@@ -26,7 +26,7 @@ def frequency_sensitivity(modes: Modes, index: Sequence[int]) -> np.ndarray:
     return modes.gradients(index) / (2 * modes.eigenvalues[index])[:, None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Identifiability:
     """What a set of data determines of a set of parameters.
 
@@ -46,6 +46,12 @@ class Identifiability:
     sd: np.ndarray
     weakest: np.ndarray
     undetermined: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"Identifiability({len(self.names)} parameters, condition {self.condition:.3g}, "
+            f"collinearity {self.collinearity:.3g}, {len(self.undetermined)} undetermined)"
+        )
 
 
 def identifiability(

@@ -263,7 +263,7 @@ class PreloadAdjoint:
         total.axpy(1.0, v)
         u.axpy(-1.0, v)
         forms = [
-            self.model.structure.pencil_gradient(w, eigenvalue, self.solver.given)
+            self.model.structure.pencil_gradients([w], [eigenvalue], self.solver.given)[0]
             for w in (total, u)
         ]
         for owned in (u, v, total):

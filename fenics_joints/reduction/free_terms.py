@@ -15,11 +15,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.modal.eigensolver import without_zeros
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.projection import Projection
 from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.sparse import without_zeros
 from fenics_joints.structure.structure import Structure
 from fenics_joints.structure.values import number, slopes
 
@@ -176,6 +176,11 @@ class FreeTerms:
                 A.axpy(sign * float(c), matrix, _SUBSET)
 
     # -- the calls of a structure --------------------------------------------------------------
+
+    @property
+    def n_dofs(self) -> int:
+        """As the structure's."""
+        return self.full.n_dofs
 
     def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
         """All parameters' values."""

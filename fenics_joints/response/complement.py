@@ -22,6 +22,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes
 from fenics_joints.response.modal_basis import check_modes
 from fenics_joints.response.pencil import DampedPencil
+from fenics_joints.structure.model import Damped
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.sparse import product
 
@@ -75,20 +76,10 @@ class FullComplement:
             X: This rank's rows of vectors, (n_local, k).
             given: Values at which to take them; the modes' own without.
         """
-        pencil = self._pencil if given is None else DampedPencil(self.structure, given)
-        terms = pencil.terms()
-        held = self.structure.held_dofs[: len(X)]
-        for p in sorted({t.parameter for t in terms}):
-            both = {kind: np.zeros_like(X) for kind in "KM"}
-            for term in terms:
-                if term.parameter == p:
-                    both[term.kind] += term.form @ X
-                    term.form.destroy()
-            for image in both.values():
-                image[held] = 0.0
-            yield p, both["K"], both["M"]
-        if given is not None:
-            pencil.destroy()
+        given, held = self.modes.given if given is None else given, self.structure.held_dofs
+        for p, stiff, heavy in _changes(self.structure, X, given):
+            stiff[held[: len(X)]] = heavy[held[: len(X)]] = 0.0
+            yield p, stiff, heavy
 
     def solve(self, rights: np.ndarray, eigenvalues: np.ndarray, own: np.ndarray) -> np.ndarray:
         """w of every column.
@@ -174,12 +165,7 @@ class ReducedComplement:
         self, X: np.ndarray, given=None
     ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """See `FullComplement.changes`."""
-        found: dict[int, dict[str, np.ndarray]] = {}
-        for p, kind, _, A in self.model.slopes(self.modes.given if given is None else given):
-            both = found.setdefault(p, {k: np.zeros_like(X) for k in "KM"})
-            both[kind] += A @ X
-        for p in sorted(found):
-            yield p, found[p]["K"], found[p]["M"]
+        return _changes(self.model, X, self.modes.given if given is None else given)
 
     def solve(self, rights: np.ndarray, eigenvalues: np.ndarray, own: np.ndarray) -> np.ndarray:
         """See `FullComplement.solve`."""
@@ -198,6 +184,18 @@ class ReducedComplement:
             w = np.linalg.solve(A, r)
             found[:, mine] = w - X @ (heavy.T @ w)
         return found
+
+
+def _changes(model: Damped, X: np.ndarray, given) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """dK/dp X and dM/dp X of every parameter that has any, with its index, ascending."""
+    found: dict[int, dict[str, np.ndarray]] = {}
+    for p, kind, _, form in model.slopes(given):
+        images = found.setdefault(p, {kind: np.zeros_like(X) for kind in "KM"})
+        images[kind] += form @ X
+        if not model.is_dense:
+            form.destroy()
+    for p in sorted(found):
+        yield p, found[p]["K"], found[p]["M"]
 
 
 def complement(modes: Modes, close: float) -> FullComplement | ReducedComplement:

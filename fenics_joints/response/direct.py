@@ -22,6 +22,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.modal.options import last_line, petsc_defaults
 from fenics_joints.response.pencil import DampedPencil
+from fenics_joints.structure.sparse import dense_block
 
 __all__ = ["DynamicStiffness"]
 
@@ -171,7 +172,8 @@ class DynamicStiffness:
         Raises:
             ConvergenceError: If the solution is no solution.
         """
-        right, left = (self._dense(load.shape[1]) for _ in range(2))
+        right, left = (dense_block(self._matrix, load.shape[1]) for _ in range(2))
+        right.getDenseArray()[:] = 0.0
         right.getDenseArray()[:: self._width] = load
         self._ksp.matSolve(right, left)
         found = left.getDenseArray()
@@ -179,14 +181,6 @@ class DynamicStiffness:
         left.destroy(), right.destroy()
         self._check(x, load)
         return x
-
-    def _dense(self, columns: int) -> PETSc.Mat:
-        local = self._matrix.getSizes()[0]
-        dense = PETSc.Mat().createDense([local, (None, columns)], comm=self.pencil.comm)
-        dense.setUp()
-        dense.zeroEntries()
-        dense.assemble()
-        return dense
 
     def _check(self, x: np.ndarray, load: np.ndarray) -> None:
         """A singular factorisation leaves infinities or nonsense, not an exception."""

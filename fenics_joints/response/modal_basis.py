@@ -42,7 +42,7 @@ _RANK, _FEW, _SINGULAR = 1e-13, 4, 1e-6
 _CHUNK = 256
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Response:
     """Receptances, (n_f, n_sensors, n_excitations); derivatives, (..., n_parameters), or None."""
 
@@ -50,7 +50,7 @@ class Response:
     gradients: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ModalPencil:
     """K = diag(stiff), M = diag(heavy) and the damping on a basis.
 
@@ -78,6 +78,9 @@ class ModalPencil:
     named: Damping
     parameters: tuple[str, ...]
     comm: object
+
+    def __repr__(self) -> str:
+        return f"ModalPencil({len(self.modes)} modes among {len(self.stiff)} vectors)"
 
     def project(self, columns: np.ndarray) -> np.ndarray:
         """Loads on the basis, (m, k), of this rank's rows (n_local, k). Collective."""

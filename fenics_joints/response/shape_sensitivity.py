@@ -22,7 +22,7 @@ along one direction, after the eigenvalue derivatives have told them apart (Dail
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -248,8 +248,8 @@ class SplitModes:
     """
 
     eigenvalue_slopes: np.ndarray
-    shapes: np.ndarray
-    slopes: np.ndarray
+    shapes: np.ndarray = field(repr=False)
+    slopes: np.ndarray = field(repr=False)
 
 
 def split_modes(

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-__all__ = ["MatrixForm", "RowForm", "dense_block", "product"]
+__all__ = ["MatrixForm", "RowForm", "dense_block", "product", "vector_of", "without_zeros"]
+
+#: Parts of a matrix whose rows are copied one after the other.
+_CHUNKS = 8
 
 
 class MatrixForm:
@@ -55,3 +58,37 @@ def dense_block(A: PETSc.Mat, columns: int) -> PETSc.Mat:
     dense.setUp()
     dense.assemble()
     return dense
+
+
+def vector_of(A: PETSc.Mat, values: np.ndarray) -> PETSc.Vec:
+    """A vector that A can multiply, with this rank's values."""
+    x = A.createVecRight()
+    x.array[:] = values
+    return x
+
+
+def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
+    """Copy of A without its stored zeros, some rows at a time: A's entries are not copied whole.
+
+    A consistent mass in DOLFINx's blocked pattern is two-thirds zeros.
+    """
+    first, last = A.getOwnershipRange()
+    start, stop = A.getOwnershipRangeColumn()
+    everything = PETSc.IS().createStride(stop - start, start, 1, comm=A.comm)
+    bounds = np.linspace(first, last, _CHUNKS + 1).astype(PETSc.IntType)
+    counts, columns, values = [], [], []
+    for low, high in zip(bounds[:-1], bounds[1:], strict=True):
+        some = PETSc.IS().createStride(high - low, low, 1, comm=A.comm)
+        part = A.createSubMatrix(some, everything)
+        at, column, value = part.getValuesCSR()
+        part.destroy(), some.destroy()
+        keep = value != 0.0
+        counts.append(np.diff(np.concatenate([[0], np.cumsum(keep)])[at]))
+        columns.append(column[keep])
+        values.append(value[keep])
+    everything.destroy()
+    at = np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(PETSc.IntType)
+    csr = at, np.concatenate(columns), np.concatenate(values)
+    lean = PETSc.Mat().createAIJ(A.getSizes(), csr=csr, comm=A.comm)
+    lean.assemble()
+    return lean

@@ -92,45 +92,24 @@ class Structure(Assembly):
         energy = energy - self._lambda * self.inertia_form(self._phi, self._phi)
         return ufl.derivative(energy, self.field.q, ufl.TestFunction(self.field.space))
 
-    def pencil_gradient(self, shape: PETSc.Vec, eigenvalue: float, given=None) -> np.ndarray:
+    def pencil_gradients(self, shapes, eigenvalues, given=None) -> np.ndarray:
         """Derivative of x^T (K - lambda M) x by every parameter, at fixed x. Collective.
 
         For an M-normalised eigenvector that is the eigenvalue's derivative.
 
         Returns:
-            Shape (n_parameters,), in the order of `parameters`.
+            Shape (len(shapes), n_parameters), in the order of `parameters`.
         """
-        values = self.values(given)
-        gradient = self.field.contract(self.cell_gradient(shape, eigenvalue, given), values)
-        position = {name: i for i, name in enumerate(self.parameters)}
-        for spring in self.springs:
-            if isinstance(spring.stiffness, str):
-                d = self._at(shape, spring.point) @ np.asarray(spring.direction)[: self.gdim]
-                gradient[position[spring.stiffness]] += spring.share * d**2
-        for i, support in enumerate(self.elastic_supports):
-            for k, unit in zip((support.k_n, support.k_t), self.support_matrices(i), strict=True):
-                if isinstance(k, str):
-                    gradient[position[k]] += shape.dot(unit * shape)
-        for mass in self.masses:
-            self._mass_gradient(gradient, position, mass, shape, eigenvalue, values)
+        values, X = self.values(given), np.column_stack([x.array_r for x in shapes])
+        lam = np.asarray(eigenvalues, dtype=float)
+        gradient = np.array([
+            self.field.contract(self.cell_gradient(x, each, given), values)
+            for x, each in zip(shapes, lam.tolist(), strict=True)
+        ])  # fmt: skip
+        for p, kind, _, form in self._point_slopes(values):
+            energies = self.comm.allreduce(np.sum(X * (form @ X), axis=0))
+            gradient[:, p] += energies if kind == "K" else -lam * energies
         return gradient
-
-    def pencil_gradients(self, shapes, eigenvalues, given=None) -> np.ndarray:
-        """`pencil_gradient` of several shapes, shape (len(shapes), n_parameters). Collective."""
-        pairs = zip(shapes, eigenvalues, strict=True)
-        return np.array([self.pencil_gradient(x, float(lam), given) for x, lam in pairs])
-
-    def _mass_gradient(self, gradient, position, mass, shape, eigenvalue, values) -> None:
-        if not isinstance(mass.mass, str) and not isinstance(mass.travel, str):
-            return
-        place = self.place(mass, values)
-        u = self._at(shape, place)
-        if isinstance(mass.mass, str):
-            gradient[position[mass.mass]] -= eigenvalue * mass.share * (u @ u)
-        if isinstance(mass.travel, str):
-            slope = self._slope_at(shape, place) @ np.asarray(mass.direction)[: self.gdim]
-            m = mass.share * number(mass.mass, values)
-            gradient[position[mass.travel]] -= 2 * eigenvalue * m * (u @ slope)
 
     def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> PETSc.Mat:
         """Stiffness of one part, joint or elastic support alone; the caller's to destroy.
@@ -162,8 +141,12 @@ class Structure(Assembly):
             the derivative, the caller's to destroy. Several may belong to one parameter.
         """
         values = self.update(given)
-        position = {name: i for i, name in enumerate(self.parameters)}
         yield from self._region_slopes(values, apart)
+        yield from self._point_slopes(values, apart)
+
+    def _point_slopes(self, values, apart: Sequence[str] = ()):
+        """`slopes` by supports, springs and point masses."""
+        position = {name: i for i, name in enumerate(self.parameters)}
         for i, support in enumerate(self.elastic_supports):
             for k, unit in zip((support.k_n, support.k_t), self.support_matrices(i), strict=True):
                 if isinstance(k, str):
@@ -269,19 +252,6 @@ class Structure(Assembly):
             loads[:, column] = v.array_r
             v.destroy()
         return loads
-
-    def _at(self, vector, point) -> np.ndarray:
-        points = np.repeat(np.atleast_2d(point)[:, : self.gdim], self.gdim, axis=0)
-        rows = self.rows(points)
-        return observe(rows, np.eye(self.gdim), [vector], self.V)[:, 0]
-
-    def _slope_at(self, vector, point) -> np.ndarray:
-        rows = self.rows(np.repeat(np.atleast_2d(point)[:, : self.gdim], self.gdim, axis=0))
-        slopes = np.empty((self.gdim, self.gdim))
-        for j in range(self.gdim):
-            turned = PointRows(rows.index, rows.nodes, rows.gradients[:, :, j], rows.gradients)
-            slopes[:, j] = observe(turned, np.eye(self.gdim), [vector], self.V)[:, 0]
-        return slopes
 
     def observe(self, shapes, sensors: Sensors) -> np.ndarray:
         """Displacement shapes at sensors, shape (n_sensors, n_shapes), equal on all ranks."""

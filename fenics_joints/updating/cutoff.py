@@ -22,11 +22,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.eigensolver import without_zeros
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.preload import PreloadResult
 from fenics_joints.preload.linear_joint import LinearJoint, cutoff_conditions, pair_conditions
-from fenics_joints.structure.sparse import product
+from fenics_joints.structure.sparse import product, without_zeros
 
 __all__ = ["Anchor", "CutoffMinimum", "CutoffModel", "CutoffSweep", "minimise", "sweep"]
 
