@@ -194,8 +194,7 @@ class Candidates:
 
     def _shapes(self) -> list[Candidate]:
         m = self.model
-        able = hasattr(m.forward.model, "shape_slopes") and m.data.sensors is not None
-        if m.data.shapes is not None or not able:
+        if m.data.shapes is not None or m.data.sensors is None:
             return []
         shapes = m.surrogate.pairing.shapes
         evidence = evidence_of(replace(m.data, shapes=shapes), self.evidence.discrepancy)
