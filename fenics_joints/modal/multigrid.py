@@ -10,6 +10,7 @@ null space (Vaněk, Mandel and Brezina, Computing 56, 1996).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 from dolfinx import fem
@@ -18,6 +19,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.meshes.tagged import limits
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.structure.sparse import vector_of, without_zeros
 from fenics_joints.structure.structure import Structure
@@ -139,31 +141,20 @@ def rigid_motions(structure: Structure) -> np.ndarray:
 
     Translations of 1 m, and rotations about the mesh's centre with 1 m at half its size.
     """
-    comm, gdim = structure.comm, structure.gdim
-    x = structure.mesh.geometry.x[:, :gdim]
-    low, high = x.min(axis=0), x.max(axis=0)
-    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    gdim, (low, high) = structure.gdim, limits(structure.tagged)
     centre, half = (low + high) / 2, np.max(high - low) / 2
-    turns = [(i, j) for i in range(gdim) for j in range(i + 1, gdim)]
-
-    def translation(i):
-        return lambda x: np.eye(gdim)[i][:, None] * np.ones(x.shape[1])
-
-    def rotation(i, j):
-        def move(x):
-            u = np.zeros((gdim, x.shape[1]))
-            u[i], u[j] = (centre[j] - x[j]) / half, (x[i] - centre[i]) / half
-            return u
-
-        return move
-
+    still, axes = np.zeros((gdim, gdim)), np.eye(gdim)
+    motions = [(axis, still) for axis in axes]
+    for a, b in combinations(axes, 2):
+        motions.append((still[0], (np.outer(b, a) - np.outer(a, b)) / half))
     held = structure.held_dofs[: structure.n_local]
-    motions = [*map(translation, range(gdim)), *(rotation(*turn) for turn in turns)]
-    R = np.empty((len(held), len(motions)))
-    u = fem.Function(structure.V)
-    for column, motion in enumerate(motions):
-        u.interpolate(motion)
+    R, u = np.empty((len(held), len(motions))), fem.Function(structure.V)
+    for column, (shift, turn) in enumerate(motions):
+        u.interpolate(
+            lambda x, shift=shift, turn=turn: (
+                shift[:, None] + turn @ (x[:gdim] - centre[:, None])
+            )
+        )
         R[:, column] = np.where(held, 0.0, u.x.array[: len(held)])
     return R
 

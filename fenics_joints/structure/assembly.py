@@ -241,13 +241,9 @@ class Assembly:
         )
         return n, {"across": rest[0]} if rest else {}
 
-    def _dx(self, tags):
-        return ufl.Measure(
-            "dx",
-            domain=self.mesh,
-            subdomain_data=self.tagged.cell_tags,
-            metadata={"quadrature_degree": self.quadrature_degree},
-        )(tags)
+    def _measure(self, kind: str, data, tags) -> ufl.Measure:
+        metadata = {"quadrature_degree": self.quadrature_degree}
+        return ufl.Measure(kind, self.mesh, subdomain_data=data, metadata=metadata)(tags)
 
     def stiffness_form(self, u, v) -> ufl.Form:
         """Stiffness of all parts and joints, as UFL over the property field."""
@@ -262,7 +258,7 @@ class Assembly:
         for law, normal, across, tags in self._groups():
             q = {name: self.field.q[i] for i, name in enumerate(law.properties)}
             n, ways = self._directions(normal, across)
-            form = make(law, q, n, ways, self._dx(tags))
+            form = make(law, q, n, ways, self._measure("dx", self.tagged.cell_tags, tags))
             total = form if total is None else total + form
         return total
 
@@ -289,12 +285,8 @@ class Assembly:
         """
         region, cells = self.field.regions[number]
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
-        dx = ufl.Measure(
-            "dx",
-            domain=self.mesh,
-            subdomain_data=[(1, np.sort(cells[cells < owned]).astype(np.int32))],
-            metadata={"quadrature_degree": self.quadrature_degree},
-        )(1)
+        mine = [(1, np.sort(cells[cells < owned]).astype(np.int32))]
+        dx = self._measure("dx", mine, 1)
         q = {name: self.field.q[i] for i, name in enumerate(region.law.properties)}
         n, ways = self._directions(region.normal, region.across)
         return region.law.stiffness(u, v, q, n, dx, **ways), region.law.inertia(u, v, q, dx)
@@ -342,12 +334,7 @@ class Assembly:
         if number not in self._support_matrices:
             support = self.elastic_supports[number]
             tag = self.tagged.facet_tag(support.facets)
-            ds = ufl.Measure(
-                "ds",
-                domain=self.mesh,
-                subdomain_data=self.tagged.facet_tags,
-                metadata={"quadrature_degree": self.quadrature_degree},
-            )(tag)
+            ds = self._measure("ds", self.tagged.facet_tags, tag)
             area = fem.assemble_scalar(fem.form(fem.Constant(self.mesh, 1.0) * ds))
             if not self.comm.allreduce(area) > 0:
                 raise MeshError(
