@@ -2,8 +2,8 @@
 
 from fenics_joints.meshes.blocks import stacked_blocks
 from fenics_joints.meshes.bolted_plates import (
-    BoltedPlates,
-    BoltedPlatesSection,
+    RoundPlates,
+    RoundPlatesSection,
     bolted_plates,
     bolted_plates_section,
 )
@@ -23,10 +23,10 @@ from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [
-    "BoltedPlates", "BoltedPlatesSection", "CBeams", "ContactMatch", "Dumbbell",
-    "EngravingMachine", "LapBeam", "LapBeamSection", "LapPlates", "MeshQuality", "Ring",
-    "TaggedMesh", "bolted_plates", "bolted_plates_section", "box", "c_beams", "check_contact",
-    "check_mesh", "dumbbell", "engraving_machine", "extent", "graded_lines", "grid_lines",
-    "lap_beam", "lap_beam_section", "lap_plates", "layer_thickness", "measure_ring", "read_msh",
-    "read_step", "separate", "stacked_blocks",
+    "CBeams", "ContactMatch", "Dumbbell", "EngravingMachine", "LapBeam", "LapBeamSection",
+    "LapPlates", "MeshQuality", "Ring", "RoundPlates", "RoundPlatesSection", "TaggedMesh",
+    "bolted_plates", "bolted_plates_section", "box", "c_beams", "check_contact", "check_mesh",
+    "dumbbell", "engraving_machine", "extent", "graded_lines", "grid_lines", "lap_beam",
+    "lap_beam_section", "lap_plates", "layer_thickness", "measure_ring", "read_msh", "read_step",
+    "separate", "stacked_blocks",
 ]  # fmt: skip

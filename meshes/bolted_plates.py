@@ -25,7 +25,7 @@ from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
 
 __all__ = [
-    "BoltedPlates", "BoltedPlatesSection", "bolted_plates", "bolted_plates_section",
+    "RoundPlates", "RoundPlatesSection", "bolted_plates", "bolted_plates_section",
 ]  # fmt: skip
 
 CELL_NAMES = {
@@ -45,7 +45,7 @@ Touching = Literal["contact", "bonded"]
 
 @dataclass(frozen=True, kw_only=True)
 class _Plates(Builder):
-    """What the plates and their section have in common; see `BoltedPlatesSection`."""
+    """What the plates and their section have in common; see `RoundPlatesSection`."""
 
     parts: Parts = "plates"
     thickness: Pair = (0.02, 0.02)
@@ -196,7 +196,7 @@ class _Plates(Builder):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BoltedPlatesSection(_Plates):
+class RoundPlatesSection(_Plates):
     """The section of two round plates under a bolt, x[0] the radius and x[1] the height.
 
     The plates touch at height 0: plate 1 lies below, plate 2 above. The bolt is an M12 by default:
@@ -269,14 +269,14 @@ class BoltedPlatesSection(_Plates):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BoltedPlates(_Plates):
+class RoundPlates(_Plates):
     """Two round plates under a bolt in 3-D, the bolt's axis along z.
 
-    The section of `BoltedPlatesSection` revolved, with its parts and faces of the same names
+    The section of `RoundPlatesSection` revolved, with its parts and faces of the same names
     but ``axis``; circles are polygons whose corners lie on them. The shank has a square grid along
     its axis, so that no cell is degenerate.
 
-    The other arguments are those of `BoltedPlatesSection`.
+    The other arguments are those of `RoundPlatesSection`.
 
     Attributes:
         size: Longest side of a cell near the joint along the radius and in height, in metres.
@@ -348,12 +348,12 @@ def bolted_plates_section(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
 
     Args:
         comm: Communicator.
-        arguments: See `BoltedPlatesSection`.
+        arguments: See `RoundPlatesSection`.
 
     Raises:
-        MeshError: As `BoltedPlatesSection`.
+        MeshError: As `RoundPlatesSection`.
     """
-    return BoltedPlatesSection(**arguments).build(comm)
+    return RoundPlatesSection(**arguments).build(comm)
 
 
 def bolted_plates(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
@@ -361,12 +361,12 @@ def bolted_plates(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
 
     Args:
         comm: Communicator.
-        arguments: See `BoltedPlates`.
+        arguments: See `RoundPlates`.
 
     Raises:
-        MeshError: As `BoltedPlates`.
+        MeshError: As `RoundPlates`.
     """
-    return BoltedPlates(**arguments).build(comm)
+    return RoundPlates(**arguments).build(comm)
 
 
 def _middle(lines: np.ndarray) -> np.ndarray:

@@ -12,19 +12,12 @@ from fenics_joints.case.checks.beams import refuse_beams
 from fenics_joints.case.checks.names import matching, unknown_groups
 from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh
 from fenics_joints.case.parameters import parameters
-from fenics_joints.case.preload import BeamBoltSection, PretensionBoltSection
 from fenics_joints.case.sections import Joint, MassSection, SupportSection
 from fenics_joints.case.values import AXES
 from fenics_joints.errors import InputError, MeshError, located
 from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
 from fenics_joints.meshes.rings import check_normal
-from fenics_joints.preload import (
-    BeamBolt,
-    Contact,
-    PreloadModel,
-    PretensionSection,
-    WasherForce,
-)
+from fenics_joints.preload import Contact, PreloadModel
 from fenics_joints.structure.components import (
     ElasticSupport,
     PointMass,
@@ -93,7 +86,7 @@ def build_structure(
             They double the terms that a reduced model has of a part.
         elastic_supports: Whether the ``[supports]`` that hold all directions are springs spread
             over their facets, as good as rigid at their nominal NAME.k_n and NAME.k_t.
-        damping: Whether the values of ``[damping]`` are parameters too; see `Case.damped`.
+        damping: Whether the values of ``[damping]`` are parameters too; see `model_damping`.
 
     Raises:
         InputError: For a value that is out of range.
@@ -147,19 +140,9 @@ def build_preload(
             raise InputError(f"{case.path}: {table} is missing, expected sections [{table}.NAME]")
     structure = build_structure(case, comm, tagged=tagged)
     contacts = [Contact(name, **section.model_dump()) for name, section in case.contacts.items()]
+    bolts = [section.bolt(name) for name, section in case.bolts.items()]
     with located(case.path):
-        return PreloadModel(structure, contacts, [_bolt(*item) for item in case.bolts.items()])
-
-
-def _bolt(name: str, section) -> BeamBolt | PretensionSection | WasherForce:
-    ends = name, section.lower, section.upper, section.preload()
-    if isinstance(section, BeamBoltSection):
-        return BeamBolt(
-            *ends, section.shank(), section.E, section.nu, section.rho, section.head_mass
-        )
-    if isinstance(section, PretensionBoltSection):
-        return PretensionSection(*ends, section.axis)
-    return WasherForce(*ends, section.axis)
+        return PreloadModel(structure, contacts, bolts)
 
 
 def _support(name: str, section: SupportSection, elastic: bool) -> Support | ElasticSupport:

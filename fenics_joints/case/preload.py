@@ -19,6 +19,7 @@ from fenics_joints.case.values import (
     chosen,
     quantity,
 )
+from fenics_joints.preload import BeamBolt, PretensionSection, WasherForce
 from fenics_joints.preload.threads import thread
 from fenics_joints.preload.torque import motosh_force, nut_factor_force
 
@@ -106,9 +107,13 @@ class BeamBoltSection(_BoltSection):
             raise ValueError("a beam needs its diameter, or a thread that says it")
         return self
 
-    def shank(self) -> float:
-        """Diameter of the shank, m."""
-        return thread(self.thread).diameter if self.diameter is None else self.diameter
+    def bolt(self, name: str) -> BeamBolt:
+        """The bolt under its force."""
+        shank = thread(self.thread).diameter if self.diameter is None else self.diameter
+        return BeamBolt(
+            name, self.lower, self.upper, self.preload(), shank, self.E, self.nu, self.rho,
+            self.head_mass,
+        )  # fmt: skip
 
 
 class PretensionBoltSection(_BoltSection):
@@ -117,12 +122,20 @@ class PretensionBoltSection(_BoltSection):
     kind: Literal["section"]
     axis: Direction | None = None
 
+    def bolt(self, name: str) -> PretensionSection:
+        """The bolt under its force."""
+        return PretensionSection(name, self.lower, self.upper, self.preload(), self.axis)
+
 
 class WasherBoltSection(_BoltSection):
     """``kind = "washers"``: an even pressure on the faces under the washers."""
 
     kind: Literal["washers"]
     axis: Direction | None = None
+
+    def bolt(self, name: str) -> WasherForce:
+        """The bolt under its force."""
+        return WasherForce(name, self.lower, self.upper, self.preload(), self.axis)
 
 
 Bolt = chosen("kind", BeamBoltSection, PretensionBoltSection, WasherBoltSection)
