@@ -20,7 +20,7 @@ from fenics_joints.joint_laws import RichardAbbott
 REPOSITORY = Path(__file__).resolve().parents[1]
 DEMOS = sorted(Path(__file__).parent.glob("*/demo_*.py"))
 #: Run on two ranks whenever tests are; the others by `.ci/run` and with `-m slow`.
-QUICK = ("demo_dumbbell", "demo_random_field")
+QUICK = ("demo_bolted_plates", "demo_random_field")
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 
 # They start ranks of their own.
