@@ -14,8 +14,9 @@ from fenics_joints.errors import InputError
 
 __all__ = ["KeptFits"]
 
-#: Of how fits are found: those of an earlier way may stand in a valley that the present one leaves.
-_WAY = 2
+#: Of how fits are found and in which order their parameters stand: those of an earlier way may
+#: stand in a valley that the present one leaves.
+_WAY = 3
 
 
 class KeptFits:

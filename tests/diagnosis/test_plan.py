@@ -22,7 +22,8 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.added import measurement
-from fenics_joints.diagnosis.plan.study import Measurement, Study, combination, groups
+from fenics_joints.diagnosis.plan.groups import combination, groups
+from fenics_joints.diagnosis.plan.study import Measurement, Study
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 

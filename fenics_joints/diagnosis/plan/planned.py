@@ -19,8 +19,9 @@ from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.plan.added import measurement, rank, table
 from fenics_joints.diagnosis.plan.candidates import Candidates
+from fenics_joints.diagnosis.plan.groups import combination, groups
 from fenics_joints.diagnosis.plan.result import Plan, PlannedClass, PlannedEffect
-from fenics_joints.diagnosis.plan.study import Signature, Study, combination, groups
+from fenics_joints.diagnosis.plan.study import Signature, Study
 from fenics_joints.formatting import number, quantity, spaced
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress

@@ -11,6 +11,7 @@ import fenics_joints
 from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.classes import APART, confusion
 from fenics_joints.diagnosis.plan.added import Addition
+from fenics_joints.files import plain
 
 __all__ = ["Plan", "PlannedClass", "PlannedEffect"]
 
@@ -196,7 +197,9 @@ class Plan:
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --plan --json``."""
         keys = [e.key for e in self.effects]
-        return {
+        others = [*keys, "no gap"]
+        rows = list(zip(keys, self.distances.tolist(), strict=True))
+        return plain({
             "version": fenics_joints.__version__,
             "title": self.title,
             "summary": " ".join(self.sentences()),
@@ -204,63 +207,44 @@ class Plan:
             "conditions": {
                 "name": self.condition[0],
                 "unit": self.condition[1],
-                "values": self.conditions.tolist(),
+                "values": self.conditions,
             },
-            "modes": list(self.mode_names),
-            "frequencies_hz": self.frequencies_hz.tolist(),
-            "measured": list(self.measured),
+            "modes": self.mode_names,
+            "frequencies_hz": self.frequencies_hz,
+            "measured": self.measured,
             "noise": self.noise,
             "discrepancy": self.discrepancy,
             "effects": [
-                {
-                    "key": e.key,
-                    "name": e.name,
-                    "region": e.region,
-                    "class": e.letter or None,
-                    "seen": e.seen,
-                    "size": e.size,
-                    "distance": e.distance,
-                    "distance_least": e.least,
-                    "distance_most": e.most,
-                }
+                _row(e, "key", "name", "region", "seen", "size", "distance",
+                     distance_least="least", distance_most="most")
+                | {"class": e.letter or None}
                 for e in self.effects
             ],
-            "distance": {
-                key: dict(zip([*keys, "no gap"], map(float, row), strict=True))
-                for key, row in zip(keys, self.distances, strict=True)
-            },
+            "distance": {key: dict(zip(others, row, strict=True)) for key, row in rows},
             "confusion": {
                 key: {
-                    other: confusion(float(d))
-                    for other, d in zip([*keys, "no gap"], row, strict=True)
-                    if other != key
+                    other: confusion(d)
+                    for other, d in zip(others, row, strict=True) if other != key
                 }
-                for key, row in zip(keys, self.distances, strict=True)
+                for key, row in rows
             },
             "classes": [
-                {
-                    "class": c.letter,
-                    "members": list(c.members),
-                    "collinearity": c.collinearity,
-                    "combination": c.combination,
-                    "left": c.left,
-                }
+                _row(c, "members", "collinearity", "combination", "left") | {"class": c.letter}
                 for c in self.classes
             ],
             "additions": [
-                {
-                    "measurement": a.name,
-                    "apart": a.classes,
-                    "seen": a.seen,
-                    "mean_gain": a.mean,
-                    "largest_gain": a.largest,
-                    "pair": list(a.pair),
-                }
+                _row(a, "seen", "pair", measurement="name", apart="classes", mean_gain="mean",
+                     largest_gain="largest")
                 for a in self.additions
             ],
-            "silent": [{"effect": s.effect, "reason": s.reason} for s in self.silent],
+            "silent": [_row(s, "effect", "reason") for s in self.silent],
             "model": self.model,
-        }
+        })  # fmt: skip
+
+
+def _row(result: object, *same: str, **named: str) -> dict:
+    """Attributes of a result, some under another name."""
+    return {key: getattr(result, name) for key, name in ({k: k for k in same} | named).items()}
 
 
 def _count(n: int, what: str) -> str:

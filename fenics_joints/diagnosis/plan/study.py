@@ -26,9 +26,7 @@ from fenics_joints.parallel import spread
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-__all__ = [
-    "Combination", "Measurement", "Signature", "Study", "combination", "groups", "own_at",
-]  # fmt: skip
+__all__ = ["Measurement", "Signature", "Study", "own_at", "own_slice"]
 
 #: Sizes of an effect, in prior standard deviations: those it is judged at, and those that a search
 #: for the nearest prediction starts from.
@@ -356,62 +354,3 @@ class _Search:
             if there is not None and there.cost < place.cost:
                 return there
         return None
-
-
-# -- classes ---------------------------------------------------------------------------------------
-
-
-def groups(distances: np.ndarray, seen: Sequence[bool]) -> list[list[int]]:
-    """Effects in classes: those that may be taken for each other, one way round or the other.
-
-    Args:
-        distances: D of the row's effect from what the column's can make, (n, n).
-        seen: Which effects the test can see at all; the others are in no class.
-
-    Returns:
-        Indices of the members, by class, in their order.
-    """
-    both = np.minimum(distances, distances.T)
-    left, found = [i for i, there in enumerate(seen) if there], []
-    while left:
-        group, edge = [], [left.pop(0)]
-        while edge:
-            i = edge.pop()
-            group.append(i)
-            near = [j for j in left if both[i, j] < APART]
-            left = [j for j in left if j not in near]
-            edge += near
-        found.append(sorted(group))
-    return found
-
-
-@dataclass(frozen=True, eq=False)
-class Combination:
-    """The changes of effects that cancel best.
-
-    Attributes:
-        index: Collinearity index of the signatures, 1/sqrt of the least eigenvalue of their
-            correlation: above about 20 they cannot be told apart whatever their sizes (Brun,
-            Reichert and Kuensch, Water Resour. Res. 37, 2001).
-        factors: Factor on each signature of the combination, the largest of magnitude 1, (k,).
-        left: Length of what they leave, standard deviations.
-    """
-
-    index: float
-    factors: np.ndarray
-    left: float
-
-
-def combination(signatures: Sequence[np.ndarray]) -> Combination:
-    """How nearly whitened signatures (N,) depend on each other, and the combination that cancels.
-
-    Args:
-        signatures: One for each effect, none of zeros.
-    """
-    S = np.array(signatures).T
-    length = np.linalg.norm(S, axis=0)
-    eigenvalues, vectors = np.linalg.eigh((S / length).T @ (S / length))
-    least = max(float(eigenvalues[0]), 1e-12)
-    factors = vectors[:, 0] / length
-    factors = factors / factors[np.argmax(np.abs(factors))]
-    return Combination(least**-0.5, factors, float(np.linalg.norm(S @ factors)))
