@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.harmonic.fourier import basis, differentiated
+from fenics_joints.harmonic.fourier import basis
 from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.loops import MeasuredLoop
 from fenics_joints.harmonic.predict import near_peak
@@ -86,10 +86,7 @@ class Loop:
 
     def slope(self, gradient: ResponseGradient) -> np.ndarray:
         """Derivatives of the residual by the parameters, (n, parameters)."""
-        result = gradient.result
-        row = result.model.row("sensors", self.sensor)
-        change = np.einsum("n,nkj->jk", row, gradient.coefficients[0])
-        change = differentiated(change, result.omegas[0], self.loop.response)
+        change = gradient.sensor_coefficients(self.sensor, self.loop.response)[0]
         at = basis(self.loop.angles(), change.shape[1])
         return (at[:, 1:] @ change[:, 1:].T) / self._scale()
 

@@ -39,6 +39,12 @@ class ResponseGradient:
     def __repr__(self) -> str:
         return f"ResponseGradient({len(self.indices)} responses by {', '.join(self.parameters)})"
 
+    def sensor_coefficients(self, sensor: str, kind: str = "displacement") -> np.ndarray:
+        """Derivatives of the harmonics at a sensor, (N, parameters, K)."""
+        row = self.result.model.row("sensors", sensor)
+        change = np.einsum("n,pnkj->pjk", row, self.coefficients)
+        return differentiated(change, self.result.omegas[list(self.indices)][:, None], kind)
+
     def amplitude(
         self, sensor: str, kind: str = "displacement", measure: str | None = None
     ) -> np.ndarray:
@@ -46,21 +52,15 @@ class ResponseGradient:
 
         At a peak that is the derivative of the peak's amplitude too, whose frequency may move.
         """
-        index, result = list(self.indices), self.result
-        c = result.sensor_coefficients(sensor, kind)[index]
-        row = result.model.row("sensors", sensor)
-        change = np.einsum("n,pnkj->pjk", row, self.coefficients)
-        change = differentiated(change, result.omegas[index][:, None], kind)
-        gradient = amplitude_gradient(c, measure or result.measure)
-        return np.einsum("pk,pjk->pj", gradient, change)
+        c = self.result.sensor_coefficients(sensor, kind)[list(self.indices)]
+        gradient = amplitude_gradient(c, measure or self.result.measure)
+        return np.einsum("pk,pjk->pj", gradient, self.sensor_coefficients(sensor, kind))
 
     def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
         """Derivatives of the complex first harmonic over the force, (N, parameters)."""
-        index, result = list(self.indices), self.result
-        row = result.model.row("sensors", sensor)
-        change = np.einsum("n,pnkj->pjk", row, self.coefficients)
-        change = differentiated(change, result.omegas[index][:, None], kind)
-        return (change[..., 1] - 1j * change[..., 2]) / result.force_amplitudes[index][:, None]
+        change = self.sensor_coefficients(sensor, kind)
+        force = self.result.force_amplitudes[list(self.indices)]
+        return (change[..., 1] - 1j * change[..., 2]) / force[:, None]
 
 
 def response_gradient(
