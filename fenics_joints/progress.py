@@ -8,9 +8,6 @@ from typing import TextIO
 
 __all__ = ["Progress"]
 
-#: Seconds between two lines of one step where there is no terminal to redraw.
-_INTERVAL = 10.0
-
 
 class Progress:
     """Steps of a computation, told on rank 0: redrawn on a terminal, else plain lines.
@@ -21,7 +18,12 @@ class Progress:
     Args:
         silent: Say nothing; for the ranks other than 0.
         stream: Where to; standard error by default.
+
+    Attributes:
+        interval: Seconds between two lines of one step where there is no terminal to redraw.
     """
+
+    interval = 10.0
 
     def __init__(self, *, silent: bool = False, stream: TextIO | None = None):
         self._stream = sys.stderr if stream is None else stream
@@ -71,7 +73,7 @@ class Progress:
                 self._live.update(self._task, advance=n, description=f"{self._text}{note}")
             return
         now = time.monotonic()
-        if now - self._said > _INTERVAL:
+        if now - self._said > self.interval:
             of = f" of {self._total}" if self._total else ""
             print(f"{self._text}: {self._done}{of}{note}", file=self._stream, flush=True)
             self._said = now

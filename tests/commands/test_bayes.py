@@ -87,6 +87,7 @@ def test_without_specimens_and_held_modes(tmp_path):
     case = load_case(written(tmp_path, one_set))
     outcome = run_bayes(case, MPI.COMM_SELF, Progress(silent=True))
     found = outcome.result
+    assert len(repr(found)) <= 120 and len(repr(found.predicted)) <= 120
     assert found.predicted.check is None and outcome.page().count("<svg") == 4
     # Seed 002, Table 1: the updated model is within 0.15 % of the first five frequencies, and
     # 2.10 % below, 5.07 above and 2.50 below the others.

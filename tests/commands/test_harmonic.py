@@ -105,6 +105,7 @@ def write(folder: Path, text: str = LAYER, *edits: tuple[str, str]) -> Path:
 def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(shared_tmp_path):
     case = load_case(write(shared_tmp_path))
     report = run_harmonic(case, MPI.COMM_WORLD, QUIET).result
+    assert len(repr(report)) <= 120
     small, large = report.facts
     built = harmonic_model(case, SELF, QUIET)
     modes = solve_modes(built.model, n_modes=3)

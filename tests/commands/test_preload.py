@@ -140,6 +140,7 @@ def test_preload_command(shared_tmp_path, write_beams):
     case = load_case(shared_tmp_path)
     found = run_preload(case, comm, Progress(silent=True), fields=shared_tmp_path / "p.xdmf")
     page, facts = found.page(), found.json()
+    assert len(repr(found.result)) <= 120
     model = by_hand(MPI.COMM_SELF)
     state = solve_preload(model)["pads"]
     contact = facts["contacts"][0]

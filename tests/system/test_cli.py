@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import subprocess
@@ -15,11 +16,13 @@ pytest.importorskip("dolfinx")
 import dolfinx.jit
 from mpi4py import MPI
 
-from fenics_joints import __version__, files
+import fenics_joints
+from fenics_joints import __version__, commands, files
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import main
 from fenics_joints.commands.modes import run as mode_list
 from fenics_joints.modal import solve_modes
+from fenics_joints.progress import Progress
 from fenics_joints.structure import Sensors
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
@@ -193,3 +196,24 @@ def test_help_is_quick():
     assert "frequencies_hz" in done.stdout and done.stdout.rstrip().endswith("[]")
     module = [sys.executable, "-m", "fenics_joints", "--version"]
     assert __version__ in subprocess.run(module, capture_output=True, text=True).stdout
+
+
+@serial
+def test_commands_and_rooms_are_imported_when_asked_for():
+    assert all(callable(getattr(commands, name)) for name in commands.__all__)
+    assert fenics_joints.modal.solve_modes is solve_modes and "preload" in dir(fenics_joints)
+    for package in (commands, fenics_joints):
+        with pytest.raises(AttributeError, match="has no attribute 'run_away'"):
+            package.run_away  # noqa: B018
+
+
+def test_progress_counts_to_what_is_done():
+    """Parts done in all, as samplers tell them, and one by one, as loops do."""
+    stream = io.StringIO()
+    with Progress(stream=stream) as progress:
+        progress.step("sampling", 100)
+        progress.reach(30)
+        progress.advance(5)
+        progress.interval = 0.0
+        progress.reach(80, "half")
+    assert stream.getvalue().splitlines() == ["sampling ...", "sampling: 80 of 100 (half)"]
