@@ -37,7 +37,7 @@ class _Terms:
 
 
 class FreeTerms:
-    """Takes the calls that `fenics_joints.modal.modes.solve_modes` asks of a structure. Collective.
+    """A `fenics_joints.structure.model.Model` of few parameters, with sparse matrices. Collective.
 
     Args:
         structure: The full model.

@@ -12,13 +12,17 @@ from fenics_joints.structure.components import (
     transition,
 )
 from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.model import Damped, Model, Pictured
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 
 __all__ = [
+    "Damped",
     "Damping",
     "ElasticSupport",
+    "Model",
     "Parameter",
+    "Pictured",
     "PointMass",
     "Region",
     "Sensors",
