@@ -41,7 +41,7 @@ _FORMS = {_POWER: (_power, 0.5), _SATURATING: (_saturating, 0.5)}
 _PULL = 1.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Curves:
     """Curves of several parameters over a condition T.
 
@@ -62,6 +62,9 @@ class Curves:
     b: np.ndarray
     cost: float
     scale: LogScale
+
+    def __repr__(self) -> str:
+        return f"Curves({', '.join(self.names)[:60]}: {self.form})"
 
     def values(self, condition: float) -> dict[str, float]:
         """Parameter values at a condition."""

@@ -5,7 +5,8 @@ stuck and leaves the others sliding or open; the frequencies fall in steps as it
 after another. `CutoffSweep` finds them at every step: the full model is solved at a few cut-offs
 (anchors), and between two anchors a reduced model is exact in the jumps that differ, so that only
 the high modes are cut (component modes with attachment modes, Rubin, AIAA J. 13, 1975). Its error
-is measured where it is largest, at the far anchor. `minimise` needs a few full solutions only.
+is measured where it is largest, at the far anchor. `fenics_joints.updating.cutoff_minimum` needs a
+few full solutions only.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.errors import ConvergenceError, InputError
@@ -27,7 +27,7 @@ from fenics_joints.preload import PreloadResult
 from fenics_joints.preload.linear_joint import LinearJoint, cutoff_conditions, pair_conditions
 from fenics_joints.structure.sparse import product, without_zeros
 
-__all__ = ["Anchor", "CutoffMinimum", "CutoffModel", "CutoffSweep", "minimise", "sweep"]
+__all__ = ["SPARE", "Anchor", "CutoffModel", "CutoffSweep", "assign", "elastic", "sweep"]
 
 #: Pressures nearer than this, relative to the largest, are one step (symmetric facets).
 _SAME = 1e-6
@@ -36,7 +36,7 @@ _INTERVAL = 500
 #: Largest relative error of the frequencies at the far end of an interval.
 _ERROR = 1e-4
 #: Modes beyond the wanted ones that enter a reduced model.
-_SPARE = 8
+SPARE = 8
 _BLOCK = 64
 
 
@@ -112,7 +112,7 @@ class CutoffModel:
         return modes
 
     def _n_modes(self) -> int:
-        return 6 + self.n_elastic + _SPARE
+        return 6 + self.n_elastic + SPARE
 
     def inverse(self, block: np.ndarray) -> np.ndarray:
         """Shifted stiffness of the last full solution, inverted, on a block of columns."""
@@ -129,7 +129,7 @@ class CutoffModel:
         return without_zeros(self.joint.free_matrices(self.given)[1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Anchor:
     """A full solution in a sweep, beside what the reduced model below it said.
 
@@ -145,7 +145,7 @@ class Anchor:
     error: float
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class CutoffSweep:
     """Frequencies at every cut-off pressure.
 
@@ -160,6 +160,9 @@ class CutoffSweep:
     frequencies_hz: np.ndarray
     scheme: str
     anchors: list[Anchor] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        return f"CutoffSweep({self.scheme}, {len(self.cutoffs)} cut-offs, error {self.error:.1e})"
 
     @property
     def error(self) -> float:
@@ -193,12 +196,12 @@ def sweep(
             is cut in two.
         progress: Told (steps done, all steps, largest error so far) after each interval.
     """
-    n, n_kept = len(model), model.n_elastic + _SPARE // 2
+    n, n_kept = len(model), model.n_elastic + SPARE // 2
     found = np.full((n, n_kept), np.nan)
     # Down from the softest state, as a reduced model needs the factorisation of its softer end.
     high, modes = n - 1, model.solve(n - 1, keep=False)
     order = np.arange(n_kept)
-    found[high] = _elastic(modes, n_kept)
+    found[high] = elastic(modes, n_kept)
     anchors = [Anchor(high, found[high].copy(), np.nan)]
     sizes = np.array([len(model.held(step)) for step in range(n)])
     while high > 0:
@@ -215,8 +218,8 @@ def sweep(
             found[step] = part.frequencies[step][order]
         high, modes = low, part.modes
         order = part.last[order]
-        found[high] = _elastic(modes, n_kept)[order]
-        anchors.append(Anchor(high, _elastic(modes, n_kept), part.error))
+        found[high] = elastic(modes, n_kept)[order]
+        anchors.append(Anchor(high, elastic(modes, n_kept), part.error))
         if progress is not None:
             progress(n - high, n, max(a.error for a in anchors[1:]))
     # Modes are numbered as they stand in the stiffest state.
@@ -240,12 +243,12 @@ class _Part:
         before, self.frequencies, self.links = reduced.of_modes(n), {}, {}
         for step in range(high - 1, low - 1, -1):
             self.frequencies[step], vectors = reduced.solve(step, n)
-            self.links[step] = _assign(before.T @ reduced.mass @ vectors)
+            self.links[step] = assign(before.T @ reduced.mass @ vectors)
             before = vectors
         self.modes = model.solve(low, keep=False)
-        exact = _elastic(self.modes, n)
+        exact = elastic(self.modes, n)
         self.error = float(np.abs(self.frequencies[low] / exact - 1)[: model.n_elastic].max())
-        self.last = _assign(before.T @ reduced.onto(self.modes, n))
+        self.last = assign(before.T @ reduced.onto(self.modes, n))
 
 
 class _Interval:
@@ -341,11 +344,12 @@ def _attachments(model: CutoffModel, at, columns, n: int) -> np.ndarray:
     return found
 
 
-def _elastic(modes: Modes, n: int) -> np.ndarray:
+def elastic(modes: Modes, n: int) -> np.ndarray:
+    """The first n elastic frequencies, Hz."""
     return modes.frequencies_hz[modes.n_rigid : modes.n_rigid + n]
 
 
-def _assign(overlap: np.ndarray) -> np.ndarray:
+def assign(overlap: np.ndarray) -> np.ndarray:
     """Column that continues each row, by the largest sum of squared overlaps."""
     return linear_sum_assignment(-(overlap**2))[1]
 
@@ -369,120 +373,3 @@ def _levels(pressures: list[np.ndarray]) -> np.ndarray:
         raise InputError("the contact has no pressure; expected a preload that presses it.")
     p = p[p > 1e-9 * p[-1]]
     return p[np.concatenate([[True], np.diff(p) > _SAME * p[-1]])]
-
-
-# -- the minimum from few full solutions -----------------------------------------------------------
-
-
-@dataclass
-class CutoffMinimum:
-    """The least objective, found by full solutions alone.
-
-    Attributes:
-        step: Its step.
-        cutoff: Its cut-off pressure, Pa.
-        objective: Sum of relative frequency errors there.
-        frequencies_hz: Elastic frequencies there, (n_elastic,).
-        visited: Steps that were solved, in order.
-        bound: No step has an objective below this; equal to ``objective`` when that is proved to
-            be the least.
-    """
-
-    step: int
-    cutoff: float
-    objective: float
-    frequencies_hz: np.ndarray
-    visited: list[int]
-    bound: float
-
-
-def minimise(
-    model: CutoffModel,
-    measured_hz,
-    *,
-    max_solves: int = 15,
-    progress: Callable[[int, float, float], None] | None = None,
-) -> CutoffMinimum:
-    """Find the cut-off of least objective with few full solutions. Collective.
-
-    The frequencies fall monotonically with the cut-off. So between two solved steps each lies
-    between its values there, which bounds the objective from below, and each is interpolated
-    monotonically; the next step solved is the one of least interpolated objective among those that
-    the bounds leave, until none is left or ``max_solves`` are done.
-
-    Args:
-        model: The model.
-        measured_hz: Measured elastic frequencies, Hz, (n_elastic,), in the model's order in its
-            stiffest state.
-        max_solves: Most full solutions.
-        progress: Told (solutions, cut-off, objective) after each.
-    """
-    measured = np.asarray(measured_hz, dtype=float)
-    if measured.shape != (model.n_elastic,):
-        raise InputError(
-            f"measured_hz has shape {measured.shape}: expected ({model.n_elastic},)."
-        )
-    n = len(model)
-    solved: dict[int, np.ndarray] = {}
-    visited: list[int] = []
-
-    def solve(step: int) -> None:
-        solved[step] = _followed(model, step, solved)
-        visited.append(step)
-        if progress is not None:
-            progress(len(visited), model.cutoffs[step], _sum(solved[step], measured))
-
-    if n < 2:
-        raise InputError(f"the contact has {n} distinct pressure; expected at least 2.")
-    for step in dict.fromkeys([0, (n - 1) // 3, 2 * (n - 1) // 3, n - 1]):
-        solve(step)
-    bound = -np.inf
-    while True:
-        least = min(_sum(f, measured) for f in solved.values())
-        predicted, below = _predict(model.cutoffs, solved, measured)
-        predicted[[*solved, *np.flatnonzero(below >= least)]] = np.inf
-        step = int(np.argmin(predicted))
-        bound = least if np.isinf(predicted[step]) else min(least, below.min())
-        if np.isinf(predicted[step]) or len(visited) >= max_solves:
-            break
-        solve(step)
-    best = min(solved, key=lambda k: _sum(solved[k], measured))
-    return CutoffMinimum(
-        best, float(model.cutoffs[best]), _sum(solved[best], measured), solved[best], visited,
-        float(bound),
-    )  # fmt: skip
-
-
-def _sum(frequencies: np.ndarray, measured: np.ndarray) -> float:
-    return float(np.sum(np.abs(frequencies / measured - 1)))
-
-
-def _predict(cutoffs, solved, measured) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolated objective at every step, and a bound from below by monotonicity."""
-    steps = sorted(solved)
-    known = np.array([solved[k] for k in steps])
-    curves = PchipInterpolator(cutoffs[steps], known)
-    left = np.clip(np.searchsorted(steps, np.arange(len(cutoffs)), "right") - 1, 0, len(steps) - 2)
-    high = np.maximum(known[left], known[left + 1]) / measured - 1
-    low = np.minimum(known[left], known[left + 1]) / measured - 1
-    off = np.maximum(0.0, np.maximum(low, -high))
-    return np.sum(np.abs(curves(cutoffs) / measured - 1), axis=1), off.sum(axis=1)
-
-
-def _followed(model: CutoffModel, step: int, solved: Mapping[int, np.ndarray]) -> np.ndarray:
-    """Elastic frequencies at a step, in the order of the stiffest state."""
-    modes = model.solve(step)
-    n = model.n_elastic + _SPARE // 2
-    frequencies = _elastic(modes, n)
-    if not solved:
-        model.order = {step: np.arange(n)}
-        return frequencies[: model.n_elastic]
-    near = min(solved, key=lambda k: abs(k - step))
-    other = model.solve(near)
-    A, B = (
-        np.column_stack([v.array_r for v in m.shapes[m.n_rigid : m.n_rigid + n]])
-        for m in (other, modes)
-    )
-    link = _assign(model.joint.model.comm.allreduce(A.T @ product(model.mass, B)))
-    model.order[step] = link[model.order[near]]
-    return frequencies[model.order[step]][: model.n_elastic]

@@ -34,7 +34,7 @@ __all__ = [
 COMPLEX = ("parts", "magnitude")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WeightedEquations:
     """W_m A W_p x_w = W_m b (seed 000, eq. 18).
 

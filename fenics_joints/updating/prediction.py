@@ -47,7 +47,7 @@ _STEP = 1e-5
 _UNDAMPED = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Prediction:
     """The model's counterpart of a `Target` at values of the parameters.
 
@@ -78,6 +78,11 @@ class Prediction:
     frfs: np.ndarray | None = None
     frf_slopes: np.ndarray | None = None
     frf_by_line: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        frequencies = ", ".join(f"{f:.5g}" for f in self.frequencies_hz[:6])
+        lines = "" if self.lines_hz is None else f", FRFs at {len(self.lines_hz)} lines"
+        return f"Prediction({frequencies or 'no'} Hz{lines})"
 
 
 class Predictor:

@@ -13,7 +13,7 @@ from fenics_joints.updating.prediction import Prediction
 __all__ = ["Iteration", "Update"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Iteration:
     """A set of values on the way.
 
@@ -37,6 +37,10 @@ class Iteration:
     cost: float
     condition_before: float
     condition_after: float
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{v:.4g}" for v in self.values[:8])
+        return f"Iteration({values}: cost {self.cost:.4g})"
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,8 @@ import numpy as np
 import fenics_joints
 from fenics_joints.case import Case
 from fenics_joints.preload import ContactState, PreloadResult
-from fenics_joints.updating.cutoff import CutoffMinimum, CutoffSweep
+from fenics_joints.updating.cutoff import CutoffSweep
+from fenics_joints.updating.cutoff_minimum import CutoffMinimum
 
 __all__ = ["CutoffReport", "SchemeReport"]
 

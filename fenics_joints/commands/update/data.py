@@ -25,7 +25,7 @@ _ALONE = 1.2
 _LINES = 60
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class UpdateData:
     """A case's data at one condition.
 

@@ -103,6 +103,7 @@ class _Run:
         self.parameters = [self.full.parameters[n] for n in self.section.parameters]
         self.start = {**case.nominal(damping=damped), **case.start()}
         self.notes: list[str] = []
+        self.n_modes: int | None = None
         self.model = self._model()
 
     def _model(self) -> CombinedModel | FollowedModel:
@@ -113,6 +114,7 @@ class _Run:
                 self.full, target, self.parameters, self.start, case.measurements(), n_modes,
                 self.progress,
             )  # fmt: skip
+            self.n_modes = model.n_modes
             if target.shape_sensors is not None:
                 self.data = replace(self.data, target=replace(target, shapes=model.reference))
             return model
@@ -205,9 +207,7 @@ class _Run:
                 model, self.parameters, target, self.start, step_limit=self.section.step_limit,
                 **common, **noise_tolerances(target),
             )  # fmt: skip
-        common["regularisation"] = self.section.regularisation
-        if isinstance(self.model, FollowedModel):
-            common["n_modes"] = self.model.n_modes
+        common |= {"regularisation": self.section.regularisation, "n_modes": self.n_modes}
         found = update(model, self.parameters, target, self.start, **common)
         both = {"frequencies", "frfs"} <= set(target.kinds)
         misfit = found.chi2 / max(found.degrees_of_freedom, 1)
