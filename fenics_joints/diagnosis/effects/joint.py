@@ -47,12 +47,12 @@ class InterfacePrior:
 
     Attributes:
         known: Median, spread, unit, whether log-normal, and limits of its prior.
-        stiffness: Name of the parameter of a kind, of a kind in a group of zones, and of the
-            exponents of both.
+        names: Name of the stiffness of a kind in all zones together, and in a group of them.
+        exponents: Name of its exponent in the torque, likewise.
         family: Effects that stand for each other.
         alone: Names and descriptions of the effect on all zones together, by kinds.
-        graded: Name of the effect on groups of zones, of ``what`` gives way and ``how``, and its
-            description; and the kinds for which it is looked for.
+        graded: Name and description of the effect on groups of zones: ``what`` gives way, ``how``.
+        graded_kinds: The kinds for which that is looked for.
         at_one: Name of the effect at one place of a ``kind``, and its description.
     """
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from operator import itemgetter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.effects.sensing import Sensing
-    from fenics_joints.diagnosis.evidence.evidence import Evidence
-    from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-    from fenics_joints.reduction.forward import Forward
+from fenics_joints.diagnosis.effects.sensing import Sensing
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.reduction.forward import Forward
 
 __all__ = ["RowPrediction", "predict"]
 

@@ -18,16 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 from scipy.stats import chi2
 
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.errors import InputError
-
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.evidence.evidence import Evidence
 
 __all__ = ["Attribution", "ZoneTest", "attribution", "holm", "whitened", "zone_tests"]
 
