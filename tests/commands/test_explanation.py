@@ -15,6 +15,8 @@ pytest.importorskip("dolfinx")
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.assumptions import assumptions
 from fenics_joints.commands.diagnose.explanation import explain
+from fenics_joints.commands.diagnose.page import diagnosis_html
+from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.evidence.nested import Nested
@@ -25,8 +27,6 @@ from fenics_joints.diagnosis.where.localise import ZoneShare
 from fenics_joints.diagnosis.where.patches import PatchMap
 from fenics_joints.diagnosis.where.zone_tests import Attribution, ZoneTest
 from fenics_joints.measurements import Gap
-from fenics_joints.report import html as report
-from fenics_joints.report import terminal as summary
 
 TORQUES, MODES = np.array([5.0, 20.0]), ("bending 1", "bending 2", "bending 3")
 TEST = np.array([[400.0, 900.0, 2000.0], [410.0, 910.0, 2050.0]])
@@ -278,7 +278,7 @@ def test_points_hold_the_numbers_behind_the_sentences():
     assert "(150, 25, 10) mm in the lap" in part
     without = diagnosis(location=location(patches=None))
     assert "patches" not in point(without, "In which part?")
-    assert "of the misfit in frequency" not in report.diagnosis_html(without)
+    assert "of the misfit in frequency" not in diagnosis_html(without)
     assert "k_n = 660 GPa/m (510 to 860 GPa/m)" in point(d, "What was fitted?")
     told = point(d, "What can these data not tell?")
     assert "an axial mode (3.4 s.d.)" in told and "temperature" in told and "micro-slip" in told
@@ -294,7 +294,7 @@ def test_zone_names_in_words():
 def test_page_and_terminal_lead_with_the_sentences():
     key = "joint normal compliance (joint)"
     d = diagnosis(nested={key: Nested(42.0, 0.05, 900, np.zeros(1), np.ones(1), 0.0, 1.0)})
-    page, words = report.diagnosis_html(d), explain(d)
+    page, words = diagnosis_html(d), explain(d)
     assert "42.0 ± 0.05" in page and "41.2</td>" in page
     assert page.index(words.where) < page.index(words.which) < page.index(words.how_far)
     assert page.index(words.how_far) < page.index('id="words"') < page.index('id="tests"')
@@ -304,7 +304,7 @@ def test_page_and_terminal_lead_with_the_sentences():
     assert "not seen by this test" in page
 
     console = Console(width=80, record=True, file=io.StringIO())
-    summary.diagnosis(console, d)
+    show_diagnosis(console, d)
     text = " ".join(console.export_text().split())
     assert text.startswith(f"Plates: CAUSE Where. {words.where} Which. {words.which} How far. ")
 
