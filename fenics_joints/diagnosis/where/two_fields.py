@@ -73,7 +73,7 @@ class DenseFields:
         gamma: float,
     ):  # fmt: skip
         self.K, self.M = structure.stiffness(given), structure.mass(given)
-        self.P, self.gamma = structure.rows(sensors), gamma
+        self.P, self.gamma = structure.loads(sensors).T, gamma
 
     def solve(self, loads, there, omega: float, rho: float) -> list[tuple]:
         P = self.P * there[:, None]
