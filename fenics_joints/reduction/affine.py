@@ -145,12 +145,16 @@ class _Stack:
         full.T[self._indices] = row
         return full
 
-    def squares(self, shapes: np.ndarray) -> np.ndarray:
-        """x^T A x of every column of the shapes and every matrix, (k, n_terms)."""
+    def pack(self, shapes: np.ndarray) -> np.ndarray:
+        """x x^T of every column of the shapes, for `squares` of this stack or one of its size."""
         i, j = self._indices
         packed = shapes[i] * shapes[j]
         packed[i != j] *= 2.0
-        return packed.T @ self._upper.T
+        return packed.T
+
+    def squares(self, packed: np.ndarray) -> np.ndarray:
+        """x^T A x of every packed vector and every matrix, (k, n_terms)."""
+        return packed @ self._upper.T
 
     def times(self, shapes: np.ndarray) -> np.ndarray:
         """A x of every matrix and every column, (n_terms, n, k)."""
@@ -355,13 +359,16 @@ class AffinePencil:
             eigenvalues: lambda of each, (k,).
             values: All parameters' values.
         """
-        stiff = self._stiffness.squares(shapes) @ self._slopes(values)[0]
-        lam = np.asarray(eigenvalues, dtype=float)
-        return stiff - lam[:, None] * self.mass_gradients(shapes, values)
+        packed, lam = self._stiffness.pack(shapes), np.asarray(eigenvalues, dtype=float)
+        stiff = self._stiffness.squares(packed) @ self._slopes(values)[0]
+        return stiff - lam[:, None] * self._mass_gradients(packed, shapes, values)
 
     def mass_gradients(self, shapes: np.ndarray, values) -> np.ndarray:
         """Derivatives of x^T M x by every parameter, shape (k, n_parameters)."""
-        total = self._inertia.squares(shapes) @ self._slopes(values)[1]
+        return self._mass_gradients(self._inertia.pack(shapes), shapes, values)
+
+    def _mass_gradients(self, packed, shapes, values) -> np.ndarray:
+        total = self._inertia.squares(packed) @ self._slopes(values)[1]
         for p, A, B in self._moved(values):
             total[:, p] += 2 * np.sum((A @ shapes) * (B @ shapes), axis=0)
         return total
