@@ -214,6 +214,9 @@ class Target:
             raise InputError(f"shape_sd: expected one number above 0, {m} of them, or None")
         object.__setattr__(self, "shape_sd", np.broadcast_to(sd, m).copy())
 
+    def __repr__(self) -> str:
+        return f"Target({len(self)} modes: {', '.join(self.kinds)})"
+
     def __len__(self) -> int:
         """Number of the test's modes."""
         return len(self.frequencies_hz)
