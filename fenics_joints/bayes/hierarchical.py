@@ -271,13 +271,12 @@ def _nearest(specimens: Specimens, prior: Prior, g, draws: np.ndarray) -> np.nda
             f"{len(draws)} draws; expected a prior about a model that has them."
         )
 
-    def slope(x):
-        step = 1e-5 * np.eye(len(x))
-        return ((residuals(x + step) - residuals(x - step)) / 2e-5).T
-
-    return least_squares(lambda x: residuals(x[None])[0], best, slope, x_scale=spread).x
+    return least_squares(
+        lambda x: residuals(x[None])[0], best, lambda x: _slope(residuals, x), x_scale=spread
+    ).x
 
 
-def _slope(g, x: np.ndarray) -> np.ndarray:
+def _slope(g: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Derivative of g, from (n, p) to (n, m), at x (p,): (m, p)."""
     step = 1e-5 * np.eye(len(x))
     return ((g(x + step) - g(x - step)) / 2e-5).T
