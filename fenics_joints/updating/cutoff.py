@@ -162,7 +162,8 @@ class CutoffSweep:
     anchors: list[Anchor] = field(default_factory=list)
 
     def __repr__(self) -> str:
-        return f"CutoffSweep({self.scheme}, {len(self.cutoffs)} cut-offs, error {self.error:.1e})"
+        solved = f"{len(self.cutoffs)} cut-offs, {len(self.anchors)} solved"
+        return f"CutoffSweep({self.scheme}, {solved})"
 
     @property
     def error(self) -> float:
