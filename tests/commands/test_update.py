@@ -207,7 +207,7 @@ modes = "each"
     report = update_case(_case(test_files, update, "each"), MPI.COMM_WORLD)
     assert [h.name for h in report.held] == NAMES
     for h in report.held:
-        assert abs(h.error) < 4 * np.hypot(NOISE, h.sd) < 0.2 * abs(h.before_hz / h.test_hz - 1)
+        assert abs(h.error) < 4 * np.hypot(NOISE, h.sd) < 0.2 * abs(h.before / h.test - 1)
     E_found, _, h_found = report.update.values
     assert E_found / h_found == pytest.approx(E / H, rel=0.01)
     assert report.parameters[0]["sd"] > 20 * NOISE
