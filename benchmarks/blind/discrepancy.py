@@ -16,7 +16,7 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import world  # noqa: E402
-from world.cases import write_case  # noqa: E402
+from world.cases import _write  # noqa: E402
 
 from fenics_joints.case import build_structure, load_case  # noqa: E402
 from fenics_joints.diagnosis.zones.nominal import bonded_values
@@ -35,7 +35,7 @@ def compare(geometry: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     truth = world.clean(spec)
     with tempfile.TemporaryDirectory() as folder:
         conditions = [float(t) for t in range(1, len(truth.frequencies) + 1)]
-        write_case(
+        _write(
             Path(folder), np.random.default_rng(0), spec, (1e-9, 1e-9, 1e-9), conditions, truth, []
         )
         text = (Path(folder) / "case.toml").read_text()

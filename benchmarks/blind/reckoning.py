@@ -116,17 +116,17 @@ class Signatures:
     @cached_property
     def nuisances(self) -> np.ndarray:
         """Change of the state per standard deviation of each tolerance, (m + n_s m, p)."""
-        from benchmarks.blind.world.cases import PLACE_SD, TOLERANCES
+        from benchmarks.blind.world.cases import _PLACE, _TOLERANCE
 
         self.say(f"oracle: tolerances of {self.geometry}")
         steps = []
         for key in ("E", "rho", "thickness"):
             for body in (0, 1):
                 pair = [1.0, 1.0]
-                pair[body] = float(np.exp(TOLERANCES[key]))
+                pair[body] = float(np.exp(_TOLERANCE[key]))
                 steps.append({key: pair})
-        steps += [{key: float(np.exp(TOLERANCES[key]))} for key in ("heads", "accelerometer")]
-        steps.append({"place": PLACE_SD if self.geometry != "lap_beam" else 2e-3})
+        steps += [{key: float(np.exp(_TOLERANCE[key]))} for key in ("heads", "accelerometer")]
+        steps.append({"place": _PLACE if self.geometry != "lap_beam" else 2e-3})
         return np.array([self.state(nuisance=step) - self.base for step in steps]).T
 
     @cached_property
@@ -169,10 +169,10 @@ class Signatures:
 def sheets_of(geometry: str) -> list[_Sheet]:
     """What is computed of a geometry, by the ranges that the generator draws from."""
     from benchmarks.blind import world
-    from benchmarks.blind.world.effects import SOFTNESS, TOTAL_MASS
+    from benchmarks.blind.world.effects import _SOFT, _TOTAL
     from benchmarks.blind.world.rigs import RIGS
 
-    rig, soft, total = RIGS[geometry], np.log(SOFTNESS[geometry]), TOTAL_MASS[geometry]
+    rig, soft, total = RIGS[geometry], np.log(_SOFT[geometry]), _TOTAL[geometry]
     least = float(np.log(min(rig.torques) / max(rig.torques)))
     half, one = (lambda v: 0.5), np.zeros(1)
     wide = np.linspace(soft[0] + least / 2, soft[1], 9)
@@ -195,7 +195,7 @@ def sheets_of(geometry: str) -> list[_Sheet]:
     ]  # fmt: skip
     if len(rig.bolts) > 1:
         places = {bolt.x: f"bolt {bolt.label}" for bolt in reversed(rig.bolts)}
-        span = np.log(np.array([0.1, 6.0]) * SOFTNESS[geometry][0])
+        span = np.log(np.array([0.1, 6.0]) * _SOFT[geometry][0])
         sheets += [
             _Sheet("loose_bolt", label, np.linspace(*span, 5), one,
                    lambda u, v: {"k": np.exp(u)}, tuple(span))

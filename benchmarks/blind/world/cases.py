@@ -20,8 +20,8 @@ GEOMETRIES = tuple(RIGS)
 FINAL_GEOMETRY = "lap_beam"
 #: Relative standard deviations of frequencies, shapes and damping: quiet, usual, poor.
 NOISE = ((2e-4, 0.01, 0.05), (1e-3, 0.05, 0.15), (5e-3, 0.10, 0.40))
-TOLERANCES = {"E": 0.015, "rho": 0.01, "thickness": 0.005, "heads": 0.03, "accelerometer": 0.05}
-PLACE_SD = 5e-3  # m, standard deviation of the accelerometer's place; 2 mm on the short beam
+_TOLERANCE = {"E": 0.015, "rho": 0.01, "thickness": 0.005, "heads": 0.03, "accelerometer": 0.05}
+_PLACE = 5e-3  # m, standard deviation of the accelerometer's place; 2 mm on the short beam
 _SCATTER = 0.15
 _RATIOS = (1.0, 2.0, 4.0, 8.0)
 _BY_LEVEL = ("micro_slip", "gapping")
@@ -102,7 +102,7 @@ def generate(
     without = clean(replace(spec, effects=[])) if names else shown
     missing = _missing(rng, spec)
     conditions = _conditions(spec)
-    write_case(Path(folder), rng, spec, noise, conditions, shown, missing)
+    _write(Path(folder), rng, spec, noise, conditions, shown, missing)
     gap, distances = _distances(shown, without, noise)
     return Truth(
         geometry=geometry,
@@ -142,12 +142,12 @@ def _specimen(rng, geometry: str, names: list[str]) -> Spec:
     if set(names) & set(_BY_TORQUE) and not set(names) & set(_BY_LEVEL):
         test = "torque"
     nuisance: dict[str, Any] = {
-        key: np.exp(TOLERANCES[key] * rng.standard_normal(2)).tolist()
+        key: np.exp(_TOLERANCE[key] * rng.standard_normal(2)).tolist()
         for key in ("E", "rho", "thickness")
     }
     for key in ("heads", "accelerometer"):
-        nuisance[key] = float(np.exp(TOLERANCES[key] * rng.standard_normal()))
-    place = PLACE_SD if geometry != "lap_beam" else 2e-3
+        nuisance[key] = float(np.exp(_TOLERANCE[key] * rng.standard_normal()))
+    place = _PLACE if geometry != "lap_beam" else 2e-3
     nuisance["place"] = float(np.clip(place * rng.standard_normal(), -2 * place, 2 * place))
     if rng.random() < 0.1 and "mis_pairing" not in names:
         nuisance["whole_swap"] = int(rng.integers(rig.n_modes - 1))
@@ -216,7 +216,7 @@ def _distances(shown: Answer, without: Answer, noise) -> tuple[float, dict[str, 
 # -- files -----------------------------------------------------------------------------------------
 
 
-def write_case(folder: Path, rng, spec, noise, conditions, shown: Answer, missing) -> None:
+def _write(folder: Path, rng, spec, noise, conditions, shown: Answer, missing) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     rig = RIGS[spec.geometry]
     condition, unit = ("level", "N") if spec.test == "level" else ("torque", "N·m")

@@ -104,7 +104,7 @@ def number(region: str) -> int:
 # -- sizes -----------------------------------------------------------------------------------------
 
 #: Joint stiffness per area, Pa/m, from far more than shows to very soft, by geometry.
-SOFTNESS = {
+_SOFT = {
     "lap_plates": (3e10, 2e12),
     "c_beam": (3e11, 1e13),
     "lap_beam": (1e11, 5e12),
@@ -127,7 +127,7 @@ def draw(rng: np.random.Generator, geometry: str, name: str) -> dict:
 
 
 def _soft(rng, rig):
-    return {"k": _log(rng, *SOFTNESS[rig.name]), "beta": 0.5}
+    return {"k": _log(rng, *_SOFT[rig.name]), "beta": 0.5}
 
 
 def _both(rng, rig):
@@ -150,7 +150,7 @@ def _temperature(rng, rig) -> dict:
     return {"factor": float(1 - softer * offset), "drift": float(1 - softer * drift)}
 
 
-TOTAL_MASS = {"lap_plates": 0.86, "c_beam": 2.7, "lap_beam": 0.57}
+_TOTAL = {"lap_plates": 0.86, "c_beam": 2.7, "lap_beam": 0.57}
 
 _DRAW: dict[str, Callable] = {
     "normal_and_tangential": _both,
@@ -158,15 +158,15 @@ _DRAW: dict[str, Callable] = {
     "graded": lambda rng, rig: {"k": 30 * _soft(rng, rig)["k"], "beta": float(rng.uniform(0.4, 1))},
     "lost_contact": lambda rng, rig: {"share": _log(rng, 0.004, 0.08)},
     "loose_bolt": lambda rng, rig: {
-        "k": SOFTNESS[rig.name][0] * _log(rng, 0.1, 6.0)
+        "k": _SOFT[rig.name][0] * _log(rng, 0.1, 6.0)
     },
     "modulus": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.04, 0.3)))},
     "density": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.03, 0.2)))},
     "thickness": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.015, 0.15)))},
     "width": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.05, 0.35)))},
     "accelerometer": _end_mass,
-    "washers": lambda rng, rig: {"kg": TOTAL_MASS[rig.name] * _log(rng, 0.02, 0.15)},
-    "suspension": lambda rng, rig: {"N/m": TOTAL_MASS[rig.name] * _log(rng, 5e3, 6e5)},
+    "washers": lambda rng, rig: {"kg": _TOTAL[rig.name] * _log(rng, 0.02, 0.15)},
+    "suspension": lambda rng, rig: {"N/m": _TOTAL[rig.name] * _log(rng, 5e3, 6e5)},
     "clamp": lambda rng, rig: {"k": _log(rng, 5e12, 1e14)},
     "sensor_place": lambda rng, rig: {"m": _sign(rng) * _log(rng, 6e-3, 2.4e-2)},
     "sensor_gain": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.1, 0.7)))},
@@ -187,8 +187,8 @@ _DRAW: dict[str, Callable] = {
     },
     "stinger": lambda rng, rig: {
         "sensor": int(rng.integers(len(rig.sensors))),
-        "kg": TOTAL_MASS[rig.name] * _log(rng, 0.01, 0.04),
-        "N/m": TOTAL_MASS[rig.name] * (2 * np.pi * _log(rng, 200.0, 1200.0)) ** 2
+        "kg": _TOTAL[rig.name] * _log(rng, 0.01, 0.04),
+        "N/m": _TOTAL[rig.name] * (2 * np.pi * _log(rng, 200.0, 1200.0)) ** 2
         * (0.001 if rig.clamped else 0.05),
     },
     "taper": lambda rng, rig: {
@@ -196,7 +196,7 @@ _DRAW: dict[str, Callable] = {
     },
     "cable": lambda rng, rig: {
         "sensor": int(rng.integers(len(rig.sensors))),
-        "kg": TOTAL_MASS[rig.name] * _log(rng, 0.01, 0.04),
+        "kg": _TOTAL[rig.name] * _log(rng, 0.01, 0.04),
         "mode": int(rng.integers(rig.n_modes)), "detuned": float(np.exp(rng.normal(0, 0.1))),
     },
 }  # fmt: skip

@@ -67,7 +67,7 @@ def _pressure(geometry: str) -> np.ndarray:
     return pressures(_whole(geometry))
 
 
-class Specimen:
+class _Specimen:
     """The structure of a spec with its joint, ready to be tested."""
 
     def __init__(self, spec: Spec):
@@ -117,9 +117,9 @@ class Specimen:
 
 
 @cache
-def nominal_specimen(geometry: str):
+def _nominal(geometry: str):
     """The modes that the sensors see of the structure as drawn, and its mass matrix."""
-    specimen = Specimen(Spec(geometry))
+    specimen = _Specimen(Spec(geometry))
     rig, n = specimen.rig, len(specimen.whole.points)
     file = kept("modes", specimen.whole, specimen.m.data.round(15).tobytes())
     if file.is_file():
@@ -139,13 +139,13 @@ def nominal_specimen(geometry: str):
 
 def nominal_hz(geometry: str) -> np.ndarray:
     """Frequencies of the structure as drawn, Hz, (m,)."""
-    return nominal_specimen(geometry)[0].hz
+    return _nominal(geometry)[0].hz
 
 
 def answer(spec: Spec) -> Answer:
     """What the test on a specimen shows, without noise."""
-    nominal, weight = nominal_specimen(spec.geometry)
-    specimen = Specimen(spec)
+    nominal, weight = _nominal(spec.geometry)
+    specimen = _Specimen(spec)
     if spec.test == "level" and (specimen.sensing.opens or specimen.sensing.slip is not None):
         hz, damping, state = _by_level(specimen, nominal, weight)
     else:
@@ -153,7 +153,7 @@ def answer(spec: Spec) -> Answer:
     return _as_seen(specimen, hz, damping, state)
 
 
-def _by_torque(specimen: Specimen, nominal, weight):
+def _by_torque(specimen: _Specimen, nominal, weight):
     spec, rig, sensing = specimen.spec, specimen.rig, specimen.sensing
     torques = np.array(rig.torques) * np.array(spec.scatter or np.ones(len(rig.torques)))
     if spec.test == "level":
@@ -185,10 +185,10 @@ class UnsettledError(RuntimeError):
     """Slip and amplitude swing for ever, as where two amplitudes are possible."""
 
 
-class Small:
+class _Small:
     """A specimen in a basis of its modes with the joint at rest and with softer ones."""
 
-    def __init__(self, specimen: Specimen, nominal, weight):
+    def __init__(self, specimen: _Specimen, nominal, weight):
         self.specimen, rig, sensing = specimen, specimen.rig, specimen.sensing
         torque = max(rig.torques) * (specimen.spec.scatter or [1.0])[-1]
         self.k_n, self.k_t = specimen.springs(torque)
@@ -287,9 +287,9 @@ class Small:
         return np.linalg.eigh(k)
 
 
-def _by_level(specimen: Specimen, nominal, weight):
+def _by_level(specimen: _Specimen, nominal, weight):
     spec, sensing = specimen.spec, specimen.sensing
-    small = Small(specimen, nominal, weight)
+    small = _Small(specimen, nominal, weight)
     warm = sensing.E[0] * sensing.E[1] ** np.linspace(0, 1, len(spec.levels))
     rest = np.array(spec.damping) + small.rest.share / 2 * _loss(sensing, small.rest.hz)
     small.enrich([small.mode(j, spec.levels[-1], zeta) for j, zeta in enumerate(rest)])
@@ -316,8 +316,8 @@ def calibrate_levels(spec: Spec, drop: float, ratios) -> list[float]:
         drop: Relative drop of the frequency.
         ratios: Of the forces; the last is the largest.
     """
-    nominal, weight = nominal_specimen(spec.geometry)
-    small = Small(Specimen(spec), nominal, weight)
+    nominal, weight = _nominal(spec.geometry)
+    small = _Small(_Specimen(spec), nominal, weight)
     near = [None] * len(spec.damping)
     level = _LEAST
     # Upwards from next to nothing, so that each mode is followed.
@@ -337,7 +337,7 @@ def calibrate_levels(spec: Spec, drop: float, ratios) -> list[float]:
 # -- the test --------------------------------------------------------------------------------------
 
 
-def _as_seen(specimen: Specimen, hz, damping, state: _State) -> Answer:
+def _as_seen(specimen: _Specimen, hz, damping, state: _State) -> Answer:
     rig, sensing = specimen.rig, specimen.sensing
     places = [
         (x + sensing.shifts.get(i, 0.0), y, body) for i, (x, y, body) in enumerate(rig.sensors)

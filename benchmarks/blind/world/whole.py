@@ -100,7 +100,7 @@ class Whole:
         for bolt in self.rig.bolts:
             away = np.hypot(points[:, 0] - bolt.x, points[:, 1] - bolt.y)
             there &= away > self.rig.hole / 2
-        self.points, self.area_weights = points[there], weights[there]
+        self.points, self._weights = points[there], weights[there]
 
     def shape(self, build: Build) -> None:
         """Give the meshes the shape of a build."""
@@ -139,7 +139,7 @@ class Whole:
             for body, start in zip(self.bodies, self.starts, strict=True)
         )
         opening = [b - a for a, b in zip(lower, upper, strict=True)]
-        return Interface(self.points, self.area_weights * narrow, opening)
+        return Interface(self.points, self._weights * narrow, opening)
 
     def at(self, places) -> list[sparse.csr_matrix]:
         """u_x, u_y, u_z at places (x, y, body) on the outer faces, each (n, n_dofs)."""
