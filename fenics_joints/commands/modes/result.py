@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from textwrap import shorten
 
 import numpy as np
 
@@ -36,7 +37,8 @@ class ModeList:
     rings: tuple[Ring, ...] = ()
 
     def __repr__(self) -> str:
-        return f"ModeList({self.case.name!r}, {self.modes!r})"
+        highest = f"to {self.frequencies_hz[-1]:.5g} Hz" if len(self.modes) else "none"
+        return f"ModeList({shorten(self.case.name, 60)!r}, {len(self.modes)} modes, {highest})"
 
     @property
     def frequencies_hz(self) -> np.ndarray:
