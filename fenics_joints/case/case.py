@@ -116,6 +116,11 @@ class Case(Section):
         case._coarse = None
         return case
 
+    @property
+    def measured(self) -> TestData | None:
+        """The measured modes, or None; `measurements` refuses that."""
+        return self._measured
+
     def measurements(self) -> TestData:
         """The measured data.
 
@@ -205,14 +210,18 @@ class Case(Section):
 
     def has_ratios(self) -> bool:
         """Whether damping ratios were measured at the condition of the update."""
-        data = self._measured
-        if data is None or data.damping is None:
+        data, row = self._measured, self.row()
+        if row is None or data.damping is None:
             return False
-        try:
-            row = data.row(None if self.update is None else self.update.at)
-        except InputError:
-            return False  # said where the condition is checked
         return bool(np.isfinite(data.damping[row]).any())
+
+    def row(self) -> int | None:
+        """Row of the measured data at the condition of the update; None if there is none."""
+        try:
+            at = None if self.update is None else self.update.at
+            return None if self._measured is None else self._measured.row(at)
+        except InputError:
+            return None  # said where the condition is checked
 
     def damping_names(self) -> set[str]:
         """Names of the parameters of damping: of ``[damping]``, and the c of laps of beams."""

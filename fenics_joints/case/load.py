@@ -12,10 +12,10 @@ from pydantic import ValidationError
 from fenics_joints.case.case import Case
 from fenics_joints.case.checks.bayes import check_bayes
 from fenics_joints.case.checks.beams import check_beams
+from fenics_joints.case.checks.combined import check_combined
 from fenics_joints.case.checks.harmonic import check_harmonic
 from fenics_joints.case.checks.names import check_mesh, check_names
 from fenics_joints.case.checks.update import check_update
-from fenics_joints.case.combined import check_combined
 from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.messages import case_error, describe, did_you_mean, said
 from fenics_joints.case.test import FRFSection, Test, ValidationTest

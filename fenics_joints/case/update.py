@@ -75,6 +75,11 @@ class HeldSection(Section):
     bands: Annotated[list[ascending(Spacing)], Field(min_length=1)] | None = None
     responses: Names | None = None
 
+    @property
+    def each(self) -> bool:
+        """Whether every mode is held out in turn."""
+        return self.modes == ["each"]
+
 
 class PriorSection(Section):
     """A prior, such as ``{ kind = "normal", mean = "1763 N m", sd = "88 N m" }``.

@@ -5,7 +5,7 @@ They come from files by `fenics_joints.measurements.files.read_frfs`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -225,13 +225,19 @@ class MeasuredFRFs:
         Raises:
             InputError: If there is none.
         """
-        lines = (self.frequencies_hz >= low) & (self.frequencies_hz <= high)
+        lines = self.lines_in([(low, high)])
         if not lines.any():
             raise InputError(
                 f"band = [{low:g}, {high:g}] Hz: expected one with measured lines, which go from "
                 f"{self.frequencies_hz[0]:g} to {self.frequencies_hz[-1]:g} Hz"
             )
         return self._lines(lines)
+
+    def lines_in(self, bands: Iterable[tuple[float, float]]) -> np.ndarray:
+        """Which lines lie in one of the bands, pairs (low, high) in Hz; shape (n,), bool."""
+        f = self.frequencies_hz[:, None]
+        low, high = np.reshape(list(bands), (-1, 2)).T
+        return np.any((f >= low) & (f <= high), axis=1)
 
     def _lines(self, lines: np.ndarray) -> MeasuredFRFs:
         coherence = None if self.coherence is None else self.coherence[lines]

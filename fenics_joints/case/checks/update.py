@@ -20,11 +20,11 @@ def _check_cutoff(case: Case) -> list[str]:
     errors += unknown(
         indexed("update.cutoff.contacts", cutoff.contacts), contacts, "no such contact"
     )
-    if case._measured is None:
+    if case.measured is None:
         errors.append("update.cutoff: expected a section [test] with frequencies")
     if cutoff.calibrate is not None:
         known = {"parameter": case.nominal()}
-        known |= {"mode": case._measured.mode_names} if case._measured else {}
+        known |= {"mode": case.measured.mode_names} if case.measured else {}
         for key, names in known.items():
             given = [(f"update.cutoff.calibrate.{key}", getattr(cutoff.calibrate, key))]
             errors += unknown(given, names, f"no such {key}")
@@ -46,7 +46,7 @@ def _check_values(table: str, given: Mapping[str, float | str], parameters) -> l
 
 def check_update(case: Case) -> list[str]:
     """What is wrong with an update, a line each."""
-    update, measured = case.update, case._measured
+    update, measured = case.update, case.measured
     errors = [] if update.cutoff is None else _check_cutoff(case)
     known = case.nominal(damping=True)
     errors += unknown(indexed("update.parameters", update.parameters), known, "no such parameter")

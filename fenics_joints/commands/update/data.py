@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.case.combined import EACH, held_lines
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.lines import choose_lines
@@ -76,7 +75,7 @@ def _around(frequencies_hz: np.ndarray, mode: int) -> tuple[float, float]:
 
 
 def update_data(case: Case) -> UpdateData:
-    """The data of a case that `fenics_joints.case.combined.check_combined` has passed.
+    """The data of a case that `fenics_joints.case.checks.combined.check_combined` has passed.
 
     Raises:
         InputError: If there is no line to fit.
@@ -87,9 +86,10 @@ def update_data(case: Case) -> UpdateData:
         case.measurements()  # an error if there are none
     fields = _modes(case, kinds)
     names = fields.pop("names")
-    held = update.held.modes if update.held is not None and update.held.modes else []
-    each = held == [EACH]
-    held_modes = () if each else tuple(names.index(name) for name in held)
+    held = update.held
+    each = held is not None and held.each
+    modes = () if held is None or each else held.modes or ()
+    held_modes = tuple(names.index(name) for name in modes)
     bands = [_around(fields["frequencies_hz"], mode) for mode in held_modes]
     functions = _functions(case, bands) if "frfs" in kinds else {}
     target = Target(**fields, frfs=functions.pop("target", None))
@@ -101,7 +101,7 @@ def update_data(case: Case) -> UpdateData:
 
 
 def _condition(case: Case) -> tuple[str, float, str] | None:
-    data = case._measured
+    data = case.measured
     if data is None or (case.combined() and len(data) == 1 and not data.condition_unit):
         return None
     row = data.row(case.update.at)
@@ -110,7 +110,7 @@ def _condition(case: Case) -> tuple[str, float, str] | None:
 
 def _modes(case: Case, kinds) -> dict:
     """Fields of a `Target` on modes. Measured shapes pair them even where they are no data."""
-    data = case._measured
+    data = case.measured
     if data is None or not {"frequencies", "shapes", "damping"} & set(kinds):
         # Functions alone; but where resonances are is known, and pairs them with the model's.
         return {"names": ()}
@@ -141,7 +141,7 @@ def _functions(case: Case, bands: list[tuple[float, float]]) -> dict:
         sd = np.maximum(np.nan_to_num(frfs.relative_sd(section.averages), nan=1.0), _LEAST)
     out = np.zeros(frfs.values.shape, dtype=bool)
     bands = [*bands, *((held.bands if held is not None else None) or ())]
-    out[held_lines(frfs.frequencies_hz, bands)] = True
+    out[frfs.lines_in(bands)] = True
     for name in (held.responses if held is not None else None) or ():
         out[:, frfs.response_names.index(name)] = True
     lines = _lines(case, frfs, sd, out)

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from fenics_joints.case.messages import did_you_mean, said
-from fenics_joints.errors import InputError
+from fenics_joints.case.case import Case
+from fenics_joints.case.messages import did_you_mean, indexed, said, unknown
 
-if TYPE_CHECKING:
-    from fenics_joints.case.case import Case
-
-__all__ = ["EACH", "check_combined", "held_lines"]
-
-#: Holds out every mode in turn.
-EACH = "each"
+__all__ = ["check_combined"]
 
 
 def check_combined(case: Case) -> list[str]:
@@ -49,8 +41,8 @@ def _is_unread(case: Case) -> bool:
     test = case.test
     if test is None:
         return False
-    return (test.frequencies is not None and case._measured is None) or (
-        test.frfs is not None and case._frfs is None
+    return (test.frequencies is not None and case.measured is None) or (
+        test.frfs is not None and case.frfs() is None
     )
 
 
@@ -71,7 +63,7 @@ def _without_effect(case: Case) -> list[str]:
 
 def _check_ratios(case: Case) -> list[str]:
     """Measured damping ratios as data."""
-    update, data, errors = case.update, case._measured, []
+    update, data, errors = case.update, case.measured, []
     if update.method == "weighted":
         expected = "expected no damping in update.data: the seed's equations have none"
         errors.append(said("update.method", update.method, expected))
@@ -80,7 +72,7 @@ def _check_ratios(case: Case) -> list[str]:
             "damping is missing: expected a section [damping], or the c of a lap of beams, without "
             "which the model's damping ratios are 0"
         )
-    at = _row(update, data) if case.has_ratios() else None
+    at = case.row() if case.has_ratios() else None
     if at is not None:
         errors += [
             f"test.damping: {name} = 0 at {data.condition_name} = {data.conditions[at]:g}: "
@@ -110,9 +102,9 @@ def _check_damping(case: Case) -> list[str]:
 
 def _check_noise(case: Case) -> list[str]:
     section = None if case.test is None else case.test.frfs
-    if section is None or case._frfs is None or section.averages is None:
+    if section is None or case.frfs() is None or section.averages is None:
         return []
-    coherence, measured = case._frfs.coherence, case._frfs.measured
+    coherence, measured = case.frfs().coherence, case.frfs().measured
     if coherence is None or np.isnan(coherence[:, measured]).any():
         expected = "expected the coherence of every function in the files, or noise instead"
         return [said("test.frfs.averages", section.averages, expected)]
@@ -121,7 +113,7 @@ def _check_noise(case: Case) -> list[str]:
 
 def _check_data(case: Case) -> list[str]:
     """Whether there is what is to be fitted, and a model of it."""
-    update, measured, errors = case.update, case._measured, []
+    update, measured, errors = case.update, case.measured, []
     lacking = {
         "frequencies": (measured is None, "test.frequencies, or [test.frfs.identify]"),
         "shapes": (measured is None or measured.shapes is None, "test.shapes and [test.sees]"),
@@ -129,7 +121,7 @@ def _check_data(case: Case) -> list[str]:
             not case.has_ratios(),
             "test.damping, with ratios at the condition of the update",
         ),
-        "frfs": (case._frfs is None, "a section [test.frfs]"),
+        "frfs": (case.frfs() is None, "a section [test.frfs]"),
     }
     wanted = case.fitted_data()
     for i, kind in enumerate(update.data or ()):
@@ -161,7 +153,7 @@ def _check_data(case: Case) -> list[str]:
             f"update.{key}: expected it only with 'frfs' in update.data"
             for key, given in _of_functions(update) if given is not None
         ]  # fmt: skip
-    return errors + (_check_lines(case) if "frfs" in wanted and case._frfs is not None else [])
+    return errors + (_check_lines(case) if "frfs" in wanted and case.frfs() is not None else [])
 
 
 def _of_functions(update):
@@ -172,7 +164,7 @@ def _of_functions(update):
 
 
 def _check_lines(case: Case) -> list[str]:
-    lines, f = case.update.lines, case._frfs.frequencies_hz
+    lines, f = case.update.lines, case.frfs().frequencies_hz
     if isinstance(lines, int):
         if lines > len(f):
             return [said("update.lines", lines, f"expected at most the {len(f)} measured lines")]
@@ -185,7 +177,7 @@ def _check_lines(case: Case) -> list[str]:
 
 def _check_conditions(case: Case) -> list[str]:
     """Everything must have been measured at one condition, that of the update."""
-    update, data, errors = case.update, case._measured, []
+    update, data, errors = case.update, case.measured, []
     if update.hold_out:
         errors.append(
             said("update.hold_out", update.hold_out, "conditions are held out of curves of "
@@ -195,7 +187,7 @@ def _check_conditions(case: Case) -> list[str]:
         if update.at is not None:
             errors.append(said("update.at", update.at, "expected it only with test.frequencies"))
         return errors
-    at = _row(update, data)
+    at = case.row()
     if at is None:
         return errors  # said already
     places = []
@@ -214,34 +206,23 @@ def _check_conditions(case: Case) -> list[str]:
     return errors
 
 
-def _row(update, data) -> int | None:
-    """Row of the update's condition; None if there is none."""
-    try:
-        return data.row(update.at)
-    except InputError:
-        return None
-
-
 def _check_held(case: Case) -> list[str]:
     held = case.update.held
     if held is None:
         return []
-    errors, data, frfs = [], case._measured, case._frfs
+    errors, data, frfs = [], case.measured, case.frfs()
     if not any((held.modes, held.bands, held.responses)):
         errors.append("update.held: expected modes, bands or responses")
     if held.modes:
         errors += _check_held_modes(case, held.modes, data)
     if held.responses and frfs is not None:
         names = list(frfs.response_names)
-        errors += [
-            said(f"update.held.responses[{i}]", name,
-                 f"no such response{did_you_mean(name, names)}")
-            for i, name in enumerate(held.responses) if name not in names
-        ]  # fmt: skip
+        given = indexed("update.held.responses", held.responses)
+        errors += unknown(given, names, "no such response")
         if set(names) <= set(held.responses):
             errors.append(said("update.held.responses", held.responses, "expected some left"))
     if held.bands and frfs is not None:
-        out = held_lines(frfs.frequencies_hz, held.bands)
+        out = frfs.lines_in(held.bands)
         if not out.any():
             errors.append(said("update.held.bands", held.bands, "expected measured lines in them"))
         if out.all():
@@ -259,18 +240,15 @@ def _check_held_modes(case: Case, modes, data) -> list[str]:
             f"{key}: expected it only with 'frequencies' in update.data, or 'damping' without "
             "'frfs'"
         ]
-    row = _row(case.update, data)
+    row = case.row()
     if row is None:
         return []  # said already
     there = np.isfinite(data.frequencies_hz[row])
     measured = {name for name, is_there in zip(data.mode_names, there, strict=True) if is_there}
-    if modes == [EACH]:
+    if case.update.held.each:
         few = len(measured) < 2
         return [said(key, modes, "expected two modes or more in the test")] if few else []
-    errors = [
-        said(f"{key}[{i}]", name, f"no such mode{did_you_mean(name, list(data.mode_names))}")
-        for i, name in enumerate(modes) if name not in data.mode_names
-    ]  # fmt: skip
+    errors = unknown(indexed(key, modes), data.mode_names, "no such mode")
     errors += [
         said(f"{key}[{i}]", name, "its frequency was not measured: expected one to compare with")
         for i, name in enumerate(modes) if name in data.mode_names and name not in measured
@@ -280,17 +258,3 @@ def _check_held_modes(case: Case, modes, data) -> list[str]:
     if not np.any(fitted & left):
         errors.append(said(key, modes, "expected some modes left to fit"))
     return errors
-
-
-def held_lines(frequencies_hz: np.ndarray, bands) -> np.ndarray:
-    """Which lines lie in one of the bands, shape (n,), bool.
-
-    Args:
-        frequencies_hz: Lines, Hz, shape (n,).
-        bands: Pairs (low, high), Hz; None for none.
-    """
-    f = np.asarray(frequencies_hz)
-    out = np.zeros(len(f), dtype=bool)
-    for low, high in bands or ():
-        out |= (f >= low) & (f <= high)
-    return out
