@@ -7,7 +7,7 @@ the first term alone), and the first term does not shrink with more cells throug
 Linear triangles and tetrahedra are worse: 4 times too stiff at l = t, n = 1. On 8 mm lapped plates
 with 10 mm cells, one through each plate, the frequencies come out 28 to 32 % high in linear
 quadrilaterals and about twice as high as they should in linear triangles; quadratic cells represent
-pure bending exactly (``tests/structure/test_thin_layers.py``).
+pure bending exactly (``tests/forms/test_thin_layer_limits.py``).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Thin-layer joint materials (seed 001, eqs. 5 to 8) in any direction of the layer's normal.
 
-What thin elements do, and how far to trust them. ``tests/structure/test_thin_layers.py`` proves
+What thin elements do, and how far to trust them. ``tests/forms/test_thin_layer_limits.py`` proves
 each line on lapped plates, for aspect ratios (in-plane size over thickness) from 10 to 1000 and
 more:
 

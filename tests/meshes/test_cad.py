@@ -1,30 +1,17 @@
-"""Assemblies from STEP: measures against the drawing, modes against hexahedra, refusals."""
+"""Assemblies from STEP: measures against the drawing, modes against hexahedra."""
 
 from __future__ import annotations
 
-import io
 import re
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from rich.console import Console
-from step_files import (
-    FLANGE_BOLTS,
-    bores,
-    bracket,
-    dumbbell_halves,
-    flanges,
-    spigot,
-    write_step,
-)
+from step_files import FLANGE_BOLTS, bores, bracket, dumbbell_halves, flanges, spigot, write_step
 
-from fenics_joints.case import build_structure, load_case
-from fenics_joints.commands.modes.run import run_modes
-from fenics_joints.errors import InputError, MeshError
+from fenics_joints.errors import MeshError
 from fenics_joints.meshes import check_contact, check_mesh, dumbbell, measure_ring, read_step
 from fenics_joints.modal import solve_modes
 from fenics_joints.structure import Structure, part, transition
@@ -208,201 +195,6 @@ def test_pile_of_parts(tmp_path):
     assert measure_ring(tagged, "ring_2").upper == ("b",)
 
 
-CASE = """
-[mesh]
-file = "machine.step"
-size = "30 mm"
-layer = "0.7 mm"
-circle = 6
-ring_size = "9 mm"
-[mesh.parts]
-bed = 1
-column = ["60 mm", "30 mm", "30 mm"]
-[mesh.faces]
-ground = ["10 mm", "10 mm", "0 mm"]
-[mesh.bolts]
-r_wai = "11 mm"
-thread = "M12"
-[parts.frame]
-cells = ["bed", "column"]
-E = "150 GPa"
-nu = 0.23
-rho = "7200 kg/m3"
-"""
-RING = """
-[joints.{0}]
-law = "transition"
-cells = "{1}"
-E = "6111 MPa"
-nu = 0.253
-h = "0.72 mm"
-"""
-
-
-def test_case(tmp_path):
-    """A case of a STEP file: its rings with one set of parameters, or each with its own."""
-    write_step(tmp_path / "machine.step", flanges())
-    together = CASE + RING.format("rings", "ring_*")
-    each = CASE + "".join(RING.format(f"ring_{i}", f"ring_{i}") for i in (1, 2, 3, 4))
-    slopes, tagged = [], None
-    for text in (together, each):
-        (tmp_path / "case.toml").write_text(text, encoding="utf-8")
-        structure = build_structure(load_case(tmp_path), MPI.COMM_SELF, tagged=tagged)
-        tagged = structure.tagged
-        modes = solve_modes(structure, n_modes=8)
-        at = [i for i, name in enumerate(structure.parameters) if name.startswith("ring")]
-        by_h = [i for i in at if list(structure.parameters)[i].endswith(".h")]
-        slopes.append((modes.eigenvalues[6:], modes.gradients([6, 7])[:, by_h].sum(axis=1)))
-    assert slopes[0][0] == pytest.approx(slopes[1][0], rel=1e-9)
-    assert slopes[0][1] == pytest.approx(slopes[1][1], rel=1e-5)
-    assert "ground" in tagged.facet_names
-
-
-def test_modes_say_what_was_found(tmp_path, capfd):
-    """The rings and the size of the mesh: a bolt that was not found, or a wrong unit, is seen."""
-    write_step(tmp_path / "machine.step", flanges())
-    text = CASE.replace("[mesh]", "[mesh]\ndegree = 1") + RING.format("rings", "ring_*")
-    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
-    result = run_modes(load_case(tmp_path), MPI.COMM_SELF, Mock(), n_modes=7)
-    found = result.json()
-    assert found["size_m"] == pytest.approx([0.1, 0.06, 0.0357], rel=1e-9)
-    assert [ring["name"] for ring in found["rings"]] == [f"ring_{i}" for i in (1, 2, 3, 4)]
-    assert found["rings"][2]["centre_m"] == pytest.approx([0.085, 0.015, 0.02035], abs=1e-9)
-    assert found["rings"][0]["parts"] == ["bed", "column"]
-    console = Console(record=True, width=80, file=io.StringIO())
-    result.summary(console)
-    page = result.page()
-    assert '<b id="size">100 x 60.0 x 35.7 mm</b>' in page and '<b id="rings">4</b>' in page
-    said = console.export_text()
-    for what in ("100 x 60.0 x 35.7 mm", "ring_4", "85.0, 45.0, 20.4", "6 to 11", "bed, column"):
-        assert what in said and what in page
-
-
-def test_radius_from_the_database(tmp_path):
-    """M12 at 120 N·m is 50 kN; seed 000's Table 2 has 51.55 mm for plates of 25 mm."""
-    write_step(tmp_path / "machine.step", flanges())
-    text = CASE.replace('r_wai = "11 mm"', 'torque = "120 N*m"\nthickness = "25 mm"')
-    (tmp_path / "case.toml").write_text(text + RING.format("rings", "ring_*"), encoding="utf-8")
-    # Two of these rings do not fit beside each other.
-    with pytest.raises(MeshError, match=r"case.toml: mesh: .*: 30 mm .*, 10[23]\.\d") as told:
-        build_structure(load_case(tmp_path), MPI.COMM_SELF)
-    assert "rings of bolt 1 at (45, 15, 20) mm between 'bed' and 'column'" in str(told.value)
-    (tmp_path / "case.toml").write_text(
-        CASE.replace('r_wai = "11 mm"', 'torque = "9 N*m"'), encoding="utf-8"
-    )
-    with pytest.raises(InputError, match="either r_wai, or thread, torque and thickness"):
-        load_case(tmp_path)
-
-
-def one_box(occ):
-    occ.addBox(0, 0, 0, 10, 10, 10)
-
-
-def overlapping(occ):
-    flanges()(occ)
-    occ.addBox(90, 0, 10, 30, 60, 5)
-
-
-def far_apart(occ):
-    flanges(gap=5)(occ)
-
-
-def with_lone_block(occ):
-    flanges()(occ)
-    occ.addBox(200, 0, 0, 10, 10, 10)
-
-
-def corner(occ):
-    """A block with a foot and a back, each with a bolt of its own, against an L."""
-    block = occ.addBox(0, 0, 0, 60, 60, 60)
-    base, wall = occ.addBox(-10, 0, -10, 70, 60, 10), occ.addBox(-10, 0, 0, 10, 60, 60)
-    angle, _ = occ.fuse([(3, base)], [(3, wall)])
-    drills = [(3, occ.addCylinder(30, 30, -11, 0, 0, 30, 5))]
-    drills += [(3, occ.addCylinder(-11, 30, 40, 30, 0, 0, 5))]
-    occ.cut([(3, block)], drills, removeTool=False)
-    occ.cut(angle, drills)
-
-
-def with_bolts(occ):
-    """A bolt left in each hole, as wide as the bed's."""
-    flanges(upper_radius=7)(occ)
-    for x, y in FLANGE_BOLTS:
-        occ.addCylinder(x, y, 5, 0, 0, 40, 6)
-
-
-def sunk(occ):
-    flanges(gap=-0.1)(occ)
-
-
-AB = {"parts": {"a": 1, "b": 2}}
-FIRST, SECOND = r"bolt 1 at \(45, 15, 20\) mm", r"bolt 2 at \(45, 45, 20\) mm"
-REFUSED = {
-    "one solid": (one_box, {}, "it has one solid, .*expected an assembly of at least two"),
-    "overlap": (
-        overlapping, {"parts": {"bed": 1, "slab": 3}}, r"'bed' and 'slab' overlap by 29\d\d.* mm3"
-    ),
-    "no contact": (far_apart, AB, "no two of 'a', 'b' have flat faces"),
-    "hanging": (
-        with_lone_block, {"parts": {"a": 1, "b": 2, "c": 3}}, "no bolt joins 'a', 'b' with 'c'"
-    ),
-    "wide ring": (
-        flanges(upper=(20, 3, 80, 54)), {"r_wai": 14.9 * MM, **AB},
-        f"ring of {FIRST} between 'a' and 'b', 6 to 14.9 mm, leaves the faces",
-    ),
-    "no hole": (
-        flanges(upper_radius=0), {"parts": {"bed": 1}},
-        r"no bolt: expected holes of 0 to 22 mm .*are: 'bed': 12 mm at \(45, 15, 20\) mm",
-    ),
-    "no hole here": (
-        flanges(), {"bolts": [(0.045, 0.015, 0.02), (0.065, 0.03, 0.02)]},
-        r"bolt 2 at \(65, 30, 20\) mm: .* has no hole there, expected one, or r_nei",
-    ),
-    "out of line": (flanges(shift=0.3), {}, "the axes of its two holes are 0.3 mm apart"),
-    "overlapping rings": (
-        flanges(), {"r_wai": 16 * MM}, f"{FIRST} .*{SECOND} .*overlap: 30 mm apart"
-    ),
-    "narrow": (flanges(), {"r_nei": 4 * MM}, "r_nei is 4 mm, expected at least the hole's .*, 6"),
-    "off": (flanges(), {"bolts": [(0.045, 0.015, 0.03)]}, "bolt 1 at .* is on no two faces that"),
-    "no label": (
-        flanges(), {"parts": {"bed": "Bett"}}, "parts.bed = 'Bett' fits 0 solids.*there are: 1"
-    ),
-    "twice": (
-        flanges(), {"parts": {"a": 1, "b": (0.01, 0.01, 0.01)}}, "parts.a and parts.b are both"
-    ),
-    "no face": (flanges(), {"faces": {"end": (1, 1, 1)}}, "faces.end: no face of a solid is at"),
-    "bonded too": (flanges(), {"bonded": [("a", "b")], **AB}, "no two of 'a', 'b'"),
-    "not there": (flanges(), {"bonded": [("a", "b")]}, "bonded has .*expected two of the parts"),
-    "reserved": (flanges(), {"parts": {"ring_2": 1}}, "parts has the name 'ring_2', which is that"),
-    "reserved face": (
-        flanges(), {"faces": {"joint_upper": (0, 0.03, 0.01)}}, "faces has the name 'joint_upper'"
-    ),
-    "loop": (corner, {}, "cannot be moved 0.7 mm apart along the normal"),
-    "bolts in the file": (
-        with_bolts, {"parts": {"bed": 1, "foot": 2, "stud": 3}},
-        f"'stud' passes through the middle of {FIRST} between 'bed' and 'foot'; expected an empty",
-    ),
-    "far out of line": (flanges(shift=4), {}, "the axes of its two holes are 4 mm apart"),
-    "sunk": (sunk, AB, "no two of 'a', 'b' .*; 'a' and 'b' overlap by 434"),
-    "how far": (far_apart, AB, r"those of 'a' and 'b' are 5 mm apart \(layer says"),
-    "edge": (
-        flanges(), {"faces": {"end": (0, 0, 0.01)}}, r"end: 2 faces of solids meet at \(0, 0, 10\)"
-    ),
-    "micrometres": (flanges(), {"element_size": 4e-5}, "element_size is 0.04 mm, .* about 2.*e.10"),
-    "fine ring": (flanges(), {"ring_size": 1e-6}, "ring_size is 0.001 mm, .* cells; expected at"),
-    "radius": (flanges(), {"r_wai": -1.0}, "r_wai is -1.0, expected the outer radius"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_refusals(tmp_path, name):
-    """Each names the solid or the bolt, and what was expected."""
-    draw, given, message = REFUSED[name]
-    path = write_step(tmp_path / "refused.step", draw)
-    with pytest.raises(MeshError, match=message):
-        sizes = {"element_size": 0.04, "r_wai": 11 * MM, "circle": 6, "ring_size": 9 * MM}
-        read_step(path, MPI.COMM_SELF, **(sizes | given))
-
-
 def test_labels(tmp_path):
     """Accents are spelt out, and labels with slashes or of two solids are told apart."""
     path = write_step(tmp_path / "a.step", flanges(), ("Größe Éq", "M12/Fuß"))
@@ -417,13 +209,3 @@ def test_labels(tmp_path):
     assert first != second
     tagged = read_step(path, MPI.COMM_SELF, parts={"top": second}, **sizes)
     assert list(tagged.cell_names)[:2] == ["plate", "top"]
-
-
-def test_no_step_file(tmp_path):
-    (tmp_path / "a.step").write_text("solid a", encoding="utf-8")
-    for name, message in (("a.step", "not a STEP file"), ("b.step", "no such file")):
-        with pytest.raises(MeshError, match=message):
-            read_step(tmp_path / name, MPI.COMM_SELF, element_size=1.0, r_wai=1.0)
-    (tmp_path / "a.step").write_text("ISO-10303-21;\nHEADER;", encoding="utf-8")
-    with pytest.raises(MeshError, match="a.step: gmsh cannot read it|it has no solid"):
-        read_step(tmp_path / "a.step", MPI.COMM_SELF, element_size=1.0, r_wai=1.0)

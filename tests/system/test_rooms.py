@@ -162,6 +162,20 @@ def test_tests_mirror_the_rooms():
     assert folders <= FLOOR.keys() | {"system", "helpers"}
 
 
+def test_tests_mirror_the_files():
+    """``test_<name>[_<what>].py`` of a room tests its file, or its folder, of that name."""
+    stray = set()
+    for path in (ROOT / "tests").glob("*/test_*.py"):
+        folder = path.parent.name
+        if folder == "system":
+            continue
+        source = ROOT / folder if folder in SOURCES else ROOT / "fenics_joints" / folder
+        own = source.parent.glob("*.py") if folder == "hall" else source.rglob("[a-z]*")
+        if not any(f"{path.stem}_".startswith(f"test_{o.stem}_") for o in own):
+            stray.add(path.relative_to(ROOT).as_posix())
+    assert stray == set()
+
+
 def test_contributing_shows_the_rooms_in_their_order():
     """From top to bottom; and every file that it tells to copy from is there."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

@@ -1,30 +1,24 @@
-"""Pages and summaries: what they show is what the result holds, and a page stands alone."""
+"""The page and the summary of a diagnosis: they show what the result holds, and stand alone."""
 
 from __future__ import annotations
 
 import io
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from cell_map import cells
 from html_page import Page, check_page
-from markupsafe import Markup
 from rich.console import Console
 
 from fenics_joints import formatting
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.page import VERDICTS, diagnosis_html
 from fenics_joints.commands.diagnose.summary import show_diagnosis
-from fenics_joints.commands.modes.page import ModePicture, modes_html
-from fenics_joints.commands.modes.result import ModeList
-from fenics_joints.commands.modes.summary import show_modes
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.diagnosis.where.localise import ZoneShare
 from fenics_joints.measurements import Gap
-from fenics_joints.report import mesh_pictures
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])
@@ -82,34 +76,8 @@ def diagnosis(**changes) -> Diagnosis:
     return Diagnosis(**{**values, **changes})
 
 
-class Modes(SimpleNamespace):
-    def __len__(self) -> int:
-        return len(self.frequencies_hz)
-
-
-def mode_list(frequencies_hz=(1e-6, 2e-6, 423.123, 800.5), n_rigid=2, seen=True) -> ModeList:
-    """Modes of which the test saw those below 500 Hz, if it is known what it saw."""
-    f = np.array(frequencies_hz)
-    modes = Modes(frequencies_hz=f, n_rigid=n_rigid, model=SimpleNamespace(n_dofs=21345))
-    case = SimpleNamespace(title="Plates <i>", name="Plates <i>")
-    return ModeList(case, modes, np.where(f < 500, 1.0, 0.0) if seen else None)
-
-
-def modes_page_text() -> str:
-    shape = mesh_pictures.mode_shape(cells().vertices, cells().vertices, (0, 0, 1), "m7", "shape")
-    return modes_html(mode_list(), [ModePicture(3, 423.123, Markup(shape))])
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: diagnosis_html(diagnosis(), log_sd=np.full((3, 2), 0.01)),
-        modes_page_text,
-    ],
-    ids=["diagnosis", "modes"],
-)
-def test_page_is_well_formed_and_stands_alone(make):
-    check_page(make())
+def test_page_is_well_formed_and_stands_alone():
+    check_page(diagnosis_html(diagnosis(), log_sd=np.full((3, 2), 0.01)))
 
 
 def test_diagnosis_page_shows_the_numbers_of_the_result():
@@ -160,14 +128,6 @@ def test_every_verdict_without_validation_and_map(verdict):
     assert verdict.upper() in console.export_text()
 
 
-def test_modes_page_says_what_the_test_saw():
-    page = Page(modes_page_text())
-    assert page.column("modes", 1) == ["0.00", "0.00", "423.12", "800.50"]
-    kinds = ["rigid body", "rigid body", "seen by the test", "not seen by the test"]
-    assert page.column("modes", 2) == kinds
-    assert page.texts["visible"] == "1"
-
-
 def large_diagnosis() -> Diagnosis:
     """More of everything than a screen holds, with long names."""
     effects = [
@@ -192,7 +152,6 @@ def test_summaries_fit_a_screen():
     shows = [
         lambda c: show_diagnosis(c, diagnosis()),
         lambda c: show_diagnosis(c, large_diagnosis()),
-        lambda c: show_modes(c, mode_list(np.arange(40.0), 6, seen=False)),
     ]
     for show in shows:
         for width in (80, 100):

@@ -1,0 +1,70 @@
+"""Bodies taken apart at named faces."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matching_faces import assert_pair, corners_and_sides, faces
+from mpi4py import MPI
+
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes import check_mesh, separate
+from fenics_joints.meshes.extrude import Extrusion
+from fenics_joints.meshes.plane import flat_lists, tensor_grid
+from fenics_joints.meshes.skin import add_faces, facets_between
+from fenics_joints.meshes.tagged import MeshLists, distribute
+from fenics_joints.parallel import on_root
+
+COMM = MPI.COMM_WORLD
+
+
+def three_layers(cell):
+    """Three layers of cells, the third part beside the second; faces across and outside."""
+    points, quads = tensor_grid(np.arange(4.0), np.arange(3.0))
+    right = points[quads][:, :, 0].mean(axis=1) > 2
+    names = {"a": 1, "b": 2, "c": 3}
+    if cell in ("quadrilateral", "triangle"):
+        top = points[quads][:, :, 1].mean(axis=1) > 1
+        return flat_lists(points, quads, np.where(top, 2 + right, 1), cell, names)
+    values = np.array([np.ones(len(quads), int), 2 + right])
+    column = Extrusion(points, quads, np.arange(3.0), values, cell)
+    return MeshLists(cell, *column.lists(), names, {})
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
+def test_three_bodies_meet_and_tags_stay(cell):
+    def build():
+        lists = three_layers(cell)
+        names = ("a", "b"), ("a", "c"), ("b", "c")
+        tags = {f"{p}{q}": facets_between(lists, p, q) for p, q in names}
+        named = {("a", "b"): ("a_b", "b_a"), ("b", "c"): ("b_c", "c_b")}
+        return separate(add_faces(lists, tags), lists.cell_names, named)
+
+    tagged = distribute(COMM, on_root(COMM, build))
+    depth = 1.0 if cell in ("quadrilateral", "triangle") else 2.0
+    # The old tags of named pairs are replaced; that of the third pair stays, with the first body.
+    expected = {"a_b": 2 * depth, "b_a": 2 * depth, "b_c": depth, "c_b": depth, "ac": depth}
+    assert faces(tagged) == pytest.approx(expected)
+    assert corners_and_sides(tagged, "ac")[1] == {1}
+    assert check_mesh(tagged).bodies == 3
+    assert_pair(tagged, "a_b", "b_a", "ab")
+    assert_pair(tagged, "c_b", "b_c", "cb")
+
+
+def test_separate_says_what_is_wrong():
+    lists = three_layers("quadrilateral")
+    for bodies, names, message in [
+        (["a", "b"], {}, "bodies lacks c, expected each part in one body"),
+        (["a", ("b", "a"), "c"], {}, "bodies has 'a' twice, expected one body for it"),
+        (["a", "b", "d"], {}, "bodies has 'd', expected parts of: a, b, c"),
+        ([("a", "b"), "c"], {("a", "b"): ("1", "2")}, "expected parts of two bodies, not of one"),
+        ("abc", {("a", "d"): ("1", "2")}, "faces has ('a', 'd'), expected two parts of"),
+    ]:
+        with pytest.raises(MeshError, match=re.escape(message)):
+            separate(lists, bodies, names)
+    lists = replace(lists, cell_values=np.where(lists.x[lists.cells][:, :, 0].min(axis=1) < 1, 3,
+                    np.where(lists.x[lists.cells][:, :, 0].max(axis=1) > 2, 2, 1)))  # fmt: skip
+    with pytest.raises(MeshError, match=re.escape("faces has ('b', 'c'), expected parts that")):
+        separate(lists, "abc", {("b", "c"): ("1", "2")})
