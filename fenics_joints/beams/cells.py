@@ -89,7 +89,7 @@ def _element_matrices(structure: BeamStructure, values) -> tuple[dict, dict]:
             stiff = np.tensordot(terms, stiffness_matrices(stretch.length)[: len(terms)], 1)
             if joint is not None and joint.k_axial is not None:
                 stiff = np.zeros((6, 6))
-            heavy = [law.inertia_terms(q)[0] for law in (region.law, *BEAM_MASSES)]
+            heavy = [law.inertia_term(q) for law in (region.law, *BEAM_MASSES)]
             mass = np.tensordot(heavy, mass_matrices(stretch.length), 1)
             for e in elements:
                 stiffness[i, e], inertia[i, e] = stiff, mass

@@ -8,7 +8,6 @@ mass, and that of a Timoshenko beam depends on Poisson's ratio and on the height
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,16 +29,6 @@ _POSITIVE = {
     "E": "Pa", "stretch": "", "width": "", "height": "m", "breadth": "m", "length": "m",
     "shear": "",
 }  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class _BeamLaw(Law):
-    """A law with a scalar of mass of its own."""
-
-    heavy: Callable = lambda q: 0.0
-
-    def inertia_terms(self, q) -> np.ndarray:
-        return np.array([self.heavy(q)])
 
 
 def _positive(where: str, key: str, value, unit: str) -> None:
@@ -104,8 +93,8 @@ def _none(*arguments):
     raise NotImplementedError("laws of beams have matrices, no forms")
 
 
-def _law(name, properties, terms, check, heavy) -> _BeamLaw:
-    return _BeamLaw(name, properties, _none, terms, (), check, heavy=heavy)
+def _law(name, properties, terms, check, heavy) -> Law:
+    return Law(name, properties, _none, terms, (), check, inertia=_none, inertia_term=heavy)
 
 
 def _check_lapped(where: str, q) -> None:
@@ -121,7 +110,7 @@ def _check_axial(where: str, q) -> None:
         _positive(joint, "k_axial", q["k_axial"], "N/m")
 
 
-def _joint_law(name: str, key: str, unit: str) -> _BeamLaw:
+def _joint_law(name: str, key: str, unit: str) -> Law:
     def check(where, q):
         _positive(where.rpartition(".")[0] or where, key, q[key], unit)
 

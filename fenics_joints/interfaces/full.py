@@ -69,8 +69,6 @@ def _shear_stiffness(structure: Structure, number: int, q: Mapping[str, float]) 
     # Of a constrained layer the normal modulus is lambda + 2 G, zero for E = 4 G.
     E = 4 * G if structure.regions[number].law.name == "constrained" else 0.0
     K, _ = structure.region_matrices(number, {**q, "E": E, "G": G})
-    for bc in structure.bcs:
-        K.zeroRowsColumnsLocal(bc.dof_indices()[0], diag=0.0)
     return K
 
 

@@ -27,7 +27,7 @@ from slepc4py import SLEPc
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.lanczos import Operator, lanczos
 from fenics_joints.modal.options import petsc_defaults, reason_of
-from fenics_joints.structure.sparse import dense_block, product, vector_of
+from fenics_joints.structure.sparse import dense_block, product, vectors_like
 
 __all__ = [
     "DEFAULT_SHIFT",
@@ -157,7 +157,7 @@ class EigenSolver:
                 "below zero"
             )
         stats["seconds"] = time.perf_counter() - begin
-        return EigenResult(values, [vector_of(K, x) for x in X.T], residuals, stats)
+        return EigenResult(values, vectors_like(K.createVecRight(), X.T), residuals, stats)
 
     def inverse(self, block: np.ndarray) -> np.ndarray:
         """``(K - shift M)^-1 block`` with the last solution's factorisation. Collective.

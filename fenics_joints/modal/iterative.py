@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.eigensolver import EigenResult
 from fenics_joints.modal.multigrid import Multigrid, rigid_motions, to_upper_half
-from fenics_joints.structure.sparse import vector_of, without_zeros
+from fenics_joints.structure.sparse import vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["IterativeEigenSolver"]
@@ -134,7 +134,8 @@ class IterativeEigenSolver:
                 12 * (entries + self._multigrid.entries) + 8 * structure.n_dofs * 10 * width
             ) / 2**30,
         }  # fmt: skip
-        return EigenResult(values, [vector_of(self._A, x) for x in X.T], residuals, stats)
+        shapes = vectors_like(self._A.createVecRight(), X.T)
+        return EigenResult(values, shapes, residuals, stats)
 
     def _set_up(self, structure, given) -> None:
         """Matrices as their triangles, one after the other, so that few whole ones exist at once"""

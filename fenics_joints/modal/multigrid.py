@@ -21,7 +21,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.modal.options import petsc_defaults
-from fenics_joints.structure.sparse import vector_of, without_zeros
+from fenics_joints.structure.sparse import vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["Multigrid", "rigid_motions", "to_upper_half"]
@@ -193,7 +193,7 @@ def _set_near_null_space(A: PETSc.Mat, structure: Structure) -> None:
         raise InputError("supports: expected ones that leave some DOF free.")
     good = s > 1e-12 * s[-1]
     R = R @ (Q[:, good] / np.sqrt(s[good]))
-    vectors = [vector_of(A, column) for column in R.T]
+    vectors = vectors_like(A.createVecRight(), R.T)
     space = PETSc.NullSpace().create(vectors=vectors, comm=A.comm)
     A.setNearNullSpace(space)
     space.destroy()

@@ -178,13 +178,13 @@ class _AtLaw:
     @cached_property
     def rho(self) -> float | np.ndarray:
         """Of the mass."""
-        return self.law.inertia_terms(self.q)[0]
+        return self.law.inertia_term(self.q)
 
     def slopes(self, key: str) -> tuple[np.ndarray, float]:
         """Derivatives of the stiffness's and the mass's scalars by a property."""
         if key not in self.known:
             stiff = slopes(self.law.stiffness_terms, self.q, key) if len(self.theta) else self.theta
-            self.known[key] = stiff, slopes(self.law.inertia_terms, self.q, key)[0]
+            self.known[key] = stiff, float(slopes(self.law.inertia_term, self.q, key))
         return self.known[key]
 
 
@@ -274,19 +274,21 @@ class AffinePencil:
             self._known[key] = _AtLaw(region.law, region.values(values))
         return self._known[key]
 
-    def _theta(self, at: Sequence[_AtLaw], values: Values) -> np.ndarray:
-        """Numbers before the terms of K, (n_terms,) or (n_terms, b)."""
-        return np.concatenate(
-            [*(each.theta for each in at), _column([s.stiffness for s in self.springs], values)]
-        )
+    def scalars(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers before the terms of K and of M, each (n_terms,) or (n_terms, b).
+
+        Those of regions, then of springs, and of masses that stay.
+        """
+        at = [self._at_law(region, values) for region in self.regions]
+        springs = _column([s.stiffness for s in self.springs], values)
+        return np.concatenate([*(each.theta for each in at), springs]), self._rho(at, values)
 
     def _rho(self, at: Sequence[_AtLaw], values: Values) -> np.ndarray:
-        """Numbers before the terms of M, likewise."""
         still = _column([m.mass for m in self._still], values)
         return np.concatenate([np.array([each.rho for each in at]), still]) if at else still
 
-    def _slopes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the scalars, each (n_terms, n_parameters); kept for the next call."""
+    def scalar_slopes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of `scalars`, each (n_terms, n_parameters); kept for the next call."""
         key, last = tuple(values.values()), self.__dict__.get("_last")
         if last is None or last[0] != key:
             last = self.__dict__["_last"] = key, self._new_slopes(values)
@@ -326,9 +328,8 @@ class AffinePencil:
 
     def matrices(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
         """(K, M) at all parameters' values, each (n, n); (b, n, n) of values of shape (b,) each."""
-        at = [self._at_law(region, values) for region in self.regions]
-        K = self._stiffness.sum(self._theta(at, values))
-        M = self._inertia.sum(self._rho(at, values))
+        theta, rho = self.scalars(values)
+        K, M = self._stiffness.sum(theta), self._inertia.sum(rho)
         for mass in self._moving:
             at, _ = mass(values[mass.travel])
             weight = np.asarray(mass.share * number(mass.mass, values))
@@ -360,7 +361,7 @@ class AffinePencil:
             values: All parameters' values.
         """
         packed, lam = self._stiffness.pack(shapes), np.asarray(eigenvalues, dtype=float)
-        stiff = self._stiffness.squares(packed) @ self._slopes(values)[0]
+        stiff = self._stiffness.squares(packed) @ self.scalar_slopes(values)[0]
         return stiff - lam[:, None] * self._mass_gradients(packed, shapes, values)
 
     def mass_gradients(self, shapes: np.ndarray, values) -> np.ndarray:
@@ -368,14 +369,14 @@ class AffinePencil:
         return self._mass_gradients(self._inertia.pack(shapes), shapes, values)
 
     def _mass_gradients(self, packed, shapes, values) -> np.ndarray:
-        total = self._inertia.squares(packed) @ self._slopes(values)[1]
+        total = self._inertia.squares(packed) @ self.scalar_slopes(values)[1]
         for p, A, B in self._moved(values):
             total[:, p] += 2 * np.sum((A @ shapes) * (B @ shapes), axis=0)
         return total
 
     def products(self, shapes: np.ndarray, eigenvalues, values) -> np.ndarray:
         """(dK/dp - lambda dM/dp) x for every parameter, shape (k, n_parameters, n)."""
-        by_theta, by_rho = self._slopes(values)
+        by_theta, by_rho = self.scalar_slopes(values)
         lam = np.asarray(eigenvalues, dtype=float)
         total = np.tensordot(self._stiffness.times(shapes), by_theta, axes=(0, 0))
         heavy = np.tensordot(self._inertia.times(shapes), by_rho, axes=(0, 0))
@@ -397,7 +398,7 @@ class AffinePencil:
             Index of the parameter; ``"K"`` or ``"M"``; a name from ``apart``, or None for the sum
             of all others; the matrix, (n, n).
         """
-        by_theta, by_rho = self._slopes(values)
+        by_theta, by_rho = self.scalar_slopes(values)
         others = np.ones(len(by_theta), dtype=bool)
         for name in apart:
             others[self.rows[name]] = False

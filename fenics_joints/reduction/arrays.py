@@ -66,6 +66,10 @@ class ArrayModel:
         """All parameters' values."""
         return self.pencil.values(given)
 
+    def values_of_slopes(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+        """All parameters' values, where derivatives are asked for."""
+        return self.values(given)
+
     def stiffness(self, given: Mapping[str, float] | None = None) -> np.ndarray:
         """Reduced K(p), shape (n_dofs, n_dofs)."""
         return self._matrices(given)[0]
@@ -94,11 +98,11 @@ class ArrayModel:
             eigenvalues: lambda of each, shape (k,).
             given: Values of parameters that differ from their nominal value.
         """
-        return self.pencil.gradients(shapes, eigenvalues, self.values(given))
+        return self.pencil.gradients(shapes, eigenvalues, self.values_of_slopes(given))
 
     def pencil_products(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
         """(dK/dp - lambda dM/dp) x for every parameter, shape (k, n_parameters, n_dofs)."""
-        return self.pencil.products(shapes, eigenvalues, self.values(given))
+        return self.pencil.products(shapes, eigenvalues, self.values_of_slopes(given))
 
     def shape_slopes(self, index, given=None) -> tuple[np.ndarray, np.ndarray]:
         """Mass-normalised shapes of some modes and their derivatives by every parameter.
@@ -147,7 +151,7 @@ class ArrayModel:
             of all others; the matrix, (n_dofs, n_dofs).
         """
         apart = [name for name in apart if name not in self.dampers]
-        return self.pencil.slopes(self.values(given), apart)
+        return self.pencil.slopes(self.values_of_slopes(given), apart)
 
     def resolved(self, damping: Damping) -> Damping:
         """A damping by names of `layers`, which are those that a user knows."""

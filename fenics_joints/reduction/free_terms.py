@@ -7,33 +7,26 @@ with the terms that vary instead of an assembly of every part.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.linalg import block_diag
 
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm
+from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.projection import Projection
+from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.sparse import without_zeros
+from fenics_joints.structure.sparse import product, without_zeros
 from fenics_joints.structure.structure import Structure
-from fenics_joints.structure.values import number, slopes
+from fenics_joints.structure.values import number
 
 __all__ = ["FreeTerms"]
 
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
-
-
-@dataclass(frozen=True, eq=False)
-class _Terms:
-    """Matrices, and the numbers before them at all parameters' values."""
-
-    matrices: list[PETSc.Mat]
-    numbers: Callable[[Mapping[str, float]], np.ndarray]
 
 
 class FreeTerms:
@@ -57,7 +50,7 @@ class FreeTerms:
     is_dense, is_meshed = False, False
 
     def __init__(self, structure: Structure, free: Sequence[str], given: Mapping[str, float]):
-        self.full, self.given = structure, structure.values(given)
+        self.full, self.comm, self.given = structure, structure.comm, structure.values(given)
         unknown = [name for name in free if name not in self.given]
         if unknown or not free:
             raise InputError(f"free = {list(free)}: expected some of: {', '.join(self.given)}.")
@@ -71,19 +64,22 @@ class FreeTerms:
             i for i, r in enumerate(structure.regions) if self._vary(r.properties.values())
         ]
         self._supports = [
-            i for i, s in enumerate(structure.elastic_supports) if self._vary((s.k_n, s.k_t))
-        ]
+            i for i, s in enumerate(structure.elastic_supports)
+            if self._vary(s.properties.values())
+        ]  # fmt: skip
         self._springs = [s for s in structure.springs if self._vary((s.stiffness,))]
         self._masses = [m for m in structure.masses if self._vary((m.mass, m.travel))]
         for mass in self._masses:
             if self._vary((mass.travel,)):
                 raise InputError(f"{mass.travel}: expected parameters that are not places.")
+        self._terms = self._scalars()
         self._K, self._M = structure.stiffness(self.given), structure.mass(self.given)
-        #: Mass of a region at a unit of its law's inertia, where it varies.
-        self._inertia: dict[int, PETSc.Mat] = {}
-        self._stiff, self._heavy = self._stiff_terms(), self._heavy_terms()
-        for rest, terms in ((self._K, self._stiff), (self._M, self._heavy)):
-            self._add(rest, terms, self.given, -1.0)
+        self._stiff, self._mix = self._stiff_terms()
+        #: By their number among the scalars of mass, those that vary.
+        self._heavy = self._heavy_terms()
+        stiff, heavy = self._factors(self.given)
+        self._add(self._K, self._stiff, -stiff)
+        self._add(self._M, self._heavy.values(), -heavy)
         self._lean_M = without_zeros(self._M)
 
     def _vary(self, values) -> bool:
@@ -91,75 +87,61 @@ class FreeTerms:
 
     # -- terms ---------------------------------------------------------------------------------
 
-    def _stiff_terms(self) -> list[_Terms]:
-        full = self.full
-        found = [self._region_terms(i) for i in self._regions]
-        for i in self._supports:
-            support = full.elastic_supports[i]
-            found.append(_Terms(
-                list(full.support_matrices(i)),
-                lambda v, s=support: np.array([number(s.k_n, v), number(s.k_t, v)]),
-            ))  # fmt: skip
-        for name in {s.stiffness for s in self._springs}:
-            unit = self._difference(self._K, full.stiffness, name)
-            found.append(_Terms([unit], lambda v, name=name: np.array([v[name]])))
-        return found
+    def _scalars(self) -> AffinePencil:
+        """What varies, on no basis: for its scalars."""
+        full, none, regions = self.full, np.zeros((0, 0)), []
+        laws = [(full.regions[i], full.regions[i].law) for i in self._regions]
+        laws += [(full.elastic_supports[i], ELASTIC_SUPPORT) for i in self._supports]
+        for owner, law in laws:
+            if any(callable(p) for p in owner.properties.values()):
+                raise InputError(
+                    f"{owner.name}: a graded joint cannot be reduced; expected uniform properties."
+                )
+            q = {
+                key: value if self._vary((value,)) else number(value, self.given)
+                for key, value in owner.properties.items()
+            }
+            stiff = np.zeros((len(law.samples), 0, 0))
+            regions.append(RegionTerm(owner.name, law, q, stiff, none, 0.0))
+        springs = dict.fromkeys(s.stiffness for s in self._springs)
+        masses = dict.fromkeys(m.mass for m in self._masses)
+        return AffinePencil(
+            self.parameters, regions,
+            [SpringTerm(name, name, 1.0, none.ravel()) for name in springs],
+            [MassTerm(name, name, 0.0, 1.0, np.zeros(1), none[None]) for name in masses],
+        )  # fmt: skip
 
-    def _region_terms(self, i: int) -> _Terms:
-        """The region's stiffness at its law's samples, and how much of each a value takes."""
-        region, law = self.full.regions[i], self.full.regions[i].law
-        if any(callable(p) for p in region.properties.values()):
-            raise InputError(
-                f"{region.name}: a graded joint cannot be reduced; expected uniform properties."
-            )
-        matrices = [self._held(self.full.region_matrices(i, q)[0]) for q in law.samples]
-        inverse = np.linalg.inv([law.stiffness_terms(q) for q in law.samples])
-
-        def numbers(values):
-            return law.stiffness_terms(self._properties(i, values)) @ inverse
-
-        return _Terms(matrices, numbers)
-
-    def _heavy_terms(self) -> list[_Terms]:
-        found = []
+    def _stiff_terms(self) -> tuple[list[PETSc.Mat], np.ndarray]:
+        """Matrices at the laws' samples and at units, and how much of each the scalars take."""
+        full, matrices, mix = self.full, [], []
         for i in self._regions:
-            law = self.full.regions[i].law
-            if not self._heavy_varies(i):
+            law = full.regions[i].law
+            matrices += [full.region_matrices(i, q)[0].copy() for q in law.samples]
+            mix.append(np.linalg.inv([law.stiffness_terms(q) for q in law.samples]))
+        for i in self._supports:
+            matrices += full.support_matrices(i)
+        springs = [s.stiffness for s in self._terms.springs]
+        matrices += [self._difference(self._K, full.stiffness, name) for name in springs]
+        mix.append(np.eye(2 * len(self._supports) + len(springs)))
+        return matrices, block_diag(*mix)
+
+    def _heavy_terms(self) -> dict[int, PETSc.Mat]:
+        found, owners = {}, self._terms.regions
+        moving = self._terms.scalar_slopes(self.given)[1].any(axis=1)
+        for row in np.flatnonzero(moving).tolist():
+            if row >= len(owners):
+                name = self._terms.masses[row - len(owners)].mass
+                found[row] = self._difference(self._M, self.full.mass, name)
                 continue
-            matrix = self._held(self.full.region_matrices(i, law.samples[0])[1])
-            matrix.scale(1 / law.inertia_terms(law.samples[0])[0])
-            self._inertia[i] = matrix
-
-            def numbers(values, i=i, law=law):
-                return law.inertia_terms(self._properties(i, values))[:1]
-
-            found.append(_Terms([matrix], numbers))
-        for name in {m.mass for m in self._masses}:
-            unit = self._difference(self._M, self.full.mass, name)
-            found.append(_Terms([unit], lambda v, name=name: np.array([v[name]])))
+            law = owners[row].law
+            found[row] = self.full.region_matrices(self._regions[row], law.samples[0])[1].copy()
+            found[row].scale(1 / law.inertia_term(law.samples[0]))
         return found
 
-    def _heavy_varies(self, i: int) -> bool:
-        """Whether the region's mass depends on what is free."""
-        region, q = self.full.regions[i], self._properties(i, self.given)
-        return any(
-            np.any(slopes(region.law.inertia_terms, q, key))
-            for key, value in region.properties.items()
-            if self._vary((value,))
-        )
-
-    def _properties(self, i: int, values) -> dict[str, float]:
-        region = self.full.regions[i]
-        q = {key: number(region.properties[key], values) for key in region.law.properties}
-        region.law.check(region.name, q)
-        return q
-
-    def _held(self, A: PETSc.Mat) -> PETSc.Mat:
-        """A copy without what the supports hold."""
-        copy = A.copy()
-        for bc in self.full.bcs:
-            copy.zeroRowsColumnsLocal(bc.dof_indices()[0], diag=0.0)
-        return copy
+    def _factors(self, values) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers before the matrices of stiffness and of mass, (n,); (n, b) of values (b,)."""
+        theta, rho = self._terms.scalars(values)
+        return self._mix.T @ theta, rho[list(self._heavy)]
 
     def _difference(self, here: PETSc.Mat, assemble, name: str) -> PETSc.Mat:
         """The matrix of a unit of a parameter that one is linear in."""
@@ -170,10 +152,9 @@ class FreeTerms:
         return there
 
     @staticmethod
-    def _add(A: PETSc.Mat, terms: list[_Terms], values, sign: float = 1.0) -> None:
-        for term in terms:
-            for c, matrix in zip(term.numbers(values), term.matrices, strict=True):
-                A.axpy(sign * float(c), matrix, _SUBSET)
+    def _add(A: PETSc.Mat, matrices: Iterable[PETSc.Mat], numbers: np.ndarray) -> None:
+        for c, matrix in zip(numbers.tolist(), matrices, strict=True):
+            A.axpy(c, matrix, _SUBSET)
 
     # -- the calls of a structure --------------------------------------------------------------
 
@@ -189,13 +170,13 @@ class FreeTerms:
     def stiffness(self, given: Mapping[str, float] | None = None) -> PETSc.Mat:
         """K(p), N/m; the caller's to destroy."""
         K = self._K.copy()
-        self._add(K, self._stiff, self.values(given))
+        self._add(K, self._stiff, self._factors(self.values(given))[0])
         return K
 
     def mass(self, given: Mapping[str, float] | None = None) -> PETSc.Mat:
         """M(p), kg; the caller's to destroy."""
         M = self._M.copy()
-        self._add(M, self._heavy, self.values(given))
+        self._add(M, self._heavy.values(), self._factors(self.values(given))[1])
         return M
 
     def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
@@ -221,10 +202,10 @@ class FreeTerms:
         """The model on a basis, as plain arrays, with what sensors see. Collective."""
         on = Projection(self.full, basis)
         regions = [self._region_on(on, n, i) for n, i in enumerate(self._regions)]
-        for i in self._supports:
-            support = self.full.elastic_supports[i]
-            named = self._named({"k_n": support.k_n, "k_t": support.k_t})
-            regions.append(on.support(i, named))
+        own = self._terms.regions[len(regions) :]
+        regions += [
+            on.support(i, term.properties) for i, term in zip(self._supports, own, strict=True)
+        ]
         still = [replace(m, travel=number(m.travel, self.given)) for m in self._masses]
         moving = AffinePencil(
             self.parameters, regions, [on.spring(s) for s in self._springs],
@@ -236,17 +217,11 @@ class FreeTerms:
         return ArrayModel(pencil, self.scale_hz, *on.sensors(sensors))
 
     def _region_on(self, on: Projection, n: int, i: int) -> RegionTerm:
-        region, inertia, volume = self.full.regions[i], None, 0.0
-        sampled = [on.matrix(A) for A in self._stiff[n].matrices]
-        if i in self._inertia:
-            inertia, volume = on.matrix(self._inertia[i]), self._volumes[i]
-        return on.region(region, self._named(region.properties), sampled, inertia, volume)
-
-    def _named(self, properties: Mapping[str, float | str]) -> dict[str, float | str]:
-        """Numbers in place of the names that do not vary."""
-        return {
-            k: v if self._vary((v,)) else number(v, self.given) for k, v in properties.items()
-        }
+        region, inertia, volume, term = self.full.regions[i], None, 0.0, self._terms.regions[n]
+        sampled = [on.matrix(A) for A in self._stiff[self._terms.rows[region.name]]]
+        if n in self._heavy:
+            inertia, volume = on.matrix(self._heavy[n]), self._volumes[i]
+        return on.region(region, term.properties, sampled, inertia, volume)
 
     def residuals(
         self, X: np.ndarray, eigenvalues: np.ndarray, points: Sequence[Mapping[str, float]]
@@ -261,30 +236,12 @@ class FreeTerms:
         Returns:
             This rank's rows, (n_local, k).
         """
-        dense = PETSc.Mat().createDense(
-            (self._K.getSizes()[0], (None, X.shape[1])), comm=self._K.comm
-        )
-        dense.setUp()
-        dense.getDenseArray()[:] = X
-        dense.assemble()
         values = [self.values(p) for p in points]
-        total = _times(self._K, dense) - _times(self._lean_M, dense) * eigenvalues
-        for terms, factor in ((self._stiff, np.ones_like(eigenvalues)),
-                              (self._heavy, -eigenvalues)):  # fmt: skip
-            for term in terms:
-                c = np.array([term.numbers(v) for v in values]) * factor[:, None]
-                for matrix, column in zip(term.matrices, c.T, strict=True):
-                    total += _times(matrix, dense) * column
-        dense.destroy()
+        table = {name: np.array([v[name] for v in values]) for name in self.parameters}
+        stiff, heavy = self._factors(table)
+        total = product(self._K, X) - product(self._lean_M, X) * eigenvalues
+        for matrix, row in zip(self._stiff, stiff, strict=True):
+            total += product(matrix, X) * row
+        for matrix, row in zip(self._heavy.values(), heavy, strict=True):
+            total -= product(matrix, X) * (row * eigenvalues)
         return total
-
-    def sums(self, local: np.ndarray) -> np.ndarray:
-        """A number of each rank summed over all. Collective."""
-        return self._K.comm.tompi4py().allreduce(local, op=MPI.SUM)
-
-
-def _times(A: PETSc.Mat, X: PETSc.Mat) -> np.ndarray:
-    product = A.matMult(X)
-    found = product.getDenseArray().copy()
-    product.destroy()
-    return found

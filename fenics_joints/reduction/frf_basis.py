@@ -214,9 +214,11 @@ def frf_error(
     """
     if not len(at):
         raise InputError("at: expected at least one set of parameter values.")
-    some = _some(check_lines(frequencies_hz), lines)
-    exact = [_exact(structure, p, some, excitation, sensors, damping) for p in at]
-    return _error(reduced, at, exact, some, excitation, sensors, damping)
+    asked = {
+        "frequencies_hz": _some(check_lines(frequencies_hz), lines), "excitation": excitation,
+        "sensors": sensors, "damping": damping,
+    }  # fmt: skip
+    return _error(reduced, at, [_exact(structure, given, asked) for given in at], asked)
 
 
 def checked_frf_model(
@@ -265,19 +267,22 @@ def checked_frf_model(
     if not len(samples) or not len(points):
         raise InputError("samples and points: expected at least one set of values in each.")
     done = progress or (lambda: None)
-    places = {"excitation": excitation, "sensors": sensors}
     sampler = _sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
-    used, some, exact = list(samples), _some(sampler.lines, lines), []
+    used, exact = list(samples), []
+    asked = {
+        "frequencies_hz": _some(sampler.lines, lines), "excitation": excitation,
+        "sensors": sensors, "damping": damping,
+    }  # fmt: skip
     for given in used:
         sampler.add(given, sampler.modes(given))
         done()
     for given in points:
-        exact.append(_exact(structure, given, some, **places, damping=damping))
+        exact.append(_exact(structure, given, asked))
         done()
     history, own = [], np.zeros(len(points), dtype=bool)
     while True:
         reduced = ReducedStructure(structure, sampler.snapshots.basis(tolerance), travel)
-        found = _error(reduced, points, exact, some, **places, damping=damping)
+        found = _error(reduced, points, exact, asked)
         history.append((reduced.n_dofs, found.worst))
         worst = int(np.argmax(np.where(own, 0.0, found.by_point)))
         late = found.worst > error
@@ -309,22 +314,14 @@ def _some(lines: np.ndarray, count: int | None) -> np.ndarray:
     return lines[np.unique(np.linspace(0, len(lines) - 1, count).round().astype(int))]
 
 
-def _exact(structure, given, lines, excitation, sensors, damping) -> np.ndarray:
+def _exact(structure, given: Values, asked) -> np.ndarray:
     """Receptances of the full model, (n_f, n_sensors, n_excitations)."""
-    settings = {"method": "modal", "check": 0} if damping and damping.is_modal else {}
-    return solve_frf(
-        structure, given, frequencies_hz=lines, excitation=excitation, sensors=sensors,
-        damping=damping, **settings,
-    ).values  # fmt: skip
+    modal = asked["damping"] and asked["damping"].is_modal
+    settings = {"method": "modal", "check": 0} if modal else {}
+    return solve_frf(structure, given, **asked, **settings).values
 
 
-def _error(reduced, at, exact, lines, excitation, sensors, damping) -> FRFError:
-    found = np.array([
-        solve_frf(
-            reduced, given, frequencies_hz=lines, excitation=excitation, sensors=sensors,
-            damping=damping,
-        ).values
-        for given in at
-    ])  # fmt: skip
+def _error(reduced, at: Sequence[Values], exact, asked) -> FRFError:
+    found = np.array([solve_frf(reduced, given, **asked).values for given in at])
     ratio = found / np.array(exact)
-    return FRFError(lines, np.abs(ratio - 1), np.log(ratio))
+    return FRFError(asked["frequencies_hz"], np.abs(ratio - 1), np.log(ratio))

@@ -116,7 +116,7 @@ class GreedyModel(SeenModes):
         lam = np.concatenate(eigenvalues)
         Z = np.array([vector.array_r for vector in self.basis]).T
         R = self.terms.residuals(Z @ np.hstack(columns), lam, [points[i] for i in where])
-        squares = self.terms.sums(np.sum(R * self.nominal.solver.inverse(R), axis=0))
+        squares = self.terms.comm.allreduce(np.sum(R * self.nominal.solver.inverse(R), axis=0))
         worst = np.max((squares / (2 * lam)).reshape(-1, self.n_test), axis=1)
         for i, error in zip(where[:: self.n_test], worst, strict=True):
             found[i] = error / self._softened(points[i])
@@ -134,9 +134,7 @@ class _Softened:
         self.springs = [(s.stiffness, start[s.stiffness]) for s in model.pencil.springs]
         self.regions = []
         for region in model.pencil.regions:
-            q = region.values(start)
-            here = np.tensordot(region.law.stiffness_terms(q), region.stiffness, axes=1)
-            sizes, vectors = np.linalg.eigh(here)
+            sizes, vectors = np.linalg.eigh(model.region_stiffness(region.name, start))
             keep = np.flatnonzero(sizes > 1e-8 * sizes[-1])[-_DIRECTIONS:]
             white = vectors[:, keep] / np.sqrt(sizes[keep])
             self.regions.append((region, white.T @ region.stiffness @ white))

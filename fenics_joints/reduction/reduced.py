@@ -59,8 +59,7 @@ class ReducedStructure(ArrayModel):
         uniform = [i for i in range(len(structure.regions)) if i not in self._graded]
         regions = [self._region_term(i, volumes[i]) for i in uniform]
         regions += [
-            on.support(i, {"k_n": s.k_n, "k_t": s.k_t})
-            for i, s in enumerate(structure.elastic_supports)
+            on.support(i, s.properties) for i, s in enumerate(structure.elastic_supports)
         ]
         pencil = AffinePencil(
             structure.parameters, regions, [on.spring(s) for s in structure.springs],
@@ -78,7 +77,7 @@ class ReducedStructure(ArrayModel):
             K, M = self.full.region_matrices(number, q)
             sampled.append(on.matrix(K))
             if inertia is None:
-                inertia = on.matrix(M) / region.law.inertia_terms(q)[0]
+                inertia = on.matrix(M) / region.law.inertia_term(q)
         return on.region(region, region.properties, sampled, inertia, volume)
 
     # -- the calls of a model ------------------------------------------------------------------
@@ -106,24 +105,14 @@ class ReducedStructure(ArrayModel):
         K, M = self.full.region_matrices(number, None)
         return self.projection.matrix(K), self.projection.matrix(M)
 
-    def pencil_gradients(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
-        """See `ArrayModel.pencil_gradients`.
+    def values_of_slopes(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+        """See `ArrayModel.values_of_slopes`.
 
         Raises:
-            InputError: If a region is graded; so the other derivatives.
+            InputError: If a region is graded, which has derivatives in the full model alone.
         """
         self._refuse_graded()
-        return super().pencil_gradients(shapes, eigenvalues, given)
-
-    def pencil_products(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
-        """See `ArrayModel.pencil_products`."""
-        self._refuse_graded()
-        return super().pencil_products(shapes, eigenvalues, given)
-
-    def slopes(self, given: Mapping[str, float] | None = None, apart: Sequence[str] = ()):
-        """See `ArrayModel.slopes`."""
-        self._refuse_graded()
-        return super().slopes(given, apart)
+        return self.values(given)
 
     def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
         """Displacement shapes at sensors, shape (n_sensors, n_shapes)."""

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import Modes
+from fenics_joints.structure.sparse import vectors_like
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["SNAPSHOT", "Snapshots", "dense_columns", "orthonormal", "project"]
@@ -47,10 +48,8 @@ class Snapshots:
         self._first = modes.given if self._first is None else self._first
         for i in range(len(modes)) if keep is None else keep:
             (self._rigid if i < modes.n_rigid else self._others).append(modes.shapes[int(i)])
-        for column in () if more is None else more.T:
-            vector = modes.shapes[0].duplicate()
-            vector.array[:] = column
-            self._others.append(vector)
+        if more is not None:
+            self._others += vectors_like(modes.shapes[0], more.T)
 
     def basis(self, tolerance: float) -> list[PETSc.Vec]:
         """Orthonormal vectors that span all of them. Collective.
@@ -63,16 +62,14 @@ class Snapshots:
         """
         if not self._rigid and not self._others:
             raise InputError("samples: expected at least one set of parameter values.")
-        args = self.structure, self._first
+        full, given, whole = self.structure, self._first, []
         # Rigid bodies are kept whole, or they would no longer be rigid; they are the same in all
         # samples, but that soft springs may mix them.
-        whole = self._whole(*args) if self._rigid else []
+        if self._rigid:
+            whole = orthonormal(full, self._rigid, given, _RIGID, only_mass=True)
         if not self._others:
             return whole
-        return orthonormal(args[0], [*whole, *self._others], args[1], tolerance, len(whole))
-
-    def _whole(self, structure, given) -> list[PETSc.Vec]:
-        return orthonormal(structure, self._rigid, given, _RIGID, only_mass=True)
+        return orthonormal(full, [*whole, *self._others], given, tolerance, len(whole))
 
 
 def orthonormal(
@@ -107,12 +104,7 @@ def orthonormal(
     combine[first, first] = np.linalg.inv(np.linalg.cholesky(gram[first, first])).T
     combine[first, rest], combine[rest, rest] = -onto @ rest_vectors, rest_vectors
     combine /= norms[:, None]
-    basis = []
-    for column in (Z.getDenseArray() @ combine).T:
-        vector = snapshots[0].duplicate()
-        vector.array[:] = column
-        basis.append(vector)
-    return basis
+    return vectors_like(snapshots[0], (Z.getDenseArray() @ combine).T)
 
 
 def dense_columns(vectors: list[PETSc.Vec]) -> PETSc.Mat:

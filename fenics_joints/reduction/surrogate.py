@@ -20,6 +20,7 @@ from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
 from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.structure.points import Sensors
+from fenics_joints.structure.sparse import vectors_like
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["Surrogate"]
@@ -156,9 +157,4 @@ class Surrogate(SeenModes):
             return None
         if basis.ndim != 2 or basis.shape[1] != self.nominal.shape(0).getLocalSize():
             return None
-        vectors = []
-        for row in basis:
-            vector = self.nominal.shape(0).duplicate()
-            vector.array[:] = row
-            vectors.append(vector)
-        return vectors
+        return vectors_like(self.nominal.shape(0), basis)

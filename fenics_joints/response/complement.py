@@ -13,8 +13,6 @@ bordered matrix (Nelson, AIAA J. 14, 1976; with the whole cluster in the border)
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import scipy.linalg
 
@@ -22,7 +20,6 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes
 from fenics_joints.response.modal_basis import check_modes
 from fenics_joints.response.pencil import DampedPencil
-from fenics_joints.structure.model import Damped
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.sparse import product
 
@@ -66,20 +63,6 @@ class FullComplement:
     def inner(self, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Y^T X, equal on all ranks."""
         return self.comm.allreduce(Y.T @ X)
-
-    def changes(
-        self, X: np.ndarray, given=None
-    ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """dK/dp X and dM/dp X of every parameter that has any, with its index.
-
-        Args:
-            X: This rank's rows of vectors, (n_local, k).
-            given: Values at which to take them; the modes' own without.
-        """
-        given, held = self.modes.given if given is None else given, self.structure.held_dofs
-        for p, stiff, heavy in _changes(self.structure, X, given):
-            stiff[held[: len(X)]] = heavy[held[: len(X)]] = 0.0
-            yield p, stiff, heavy
 
     def solve(self, rights: np.ndarray, eigenvalues: np.ndarray, own: np.ndarray) -> np.ndarray:
         """w of every column.
@@ -161,12 +144,6 @@ class ReducedComplement:
         """Y^T X."""
         return Y.T @ X
 
-    def changes(
-        self, X: np.ndarray, given=None
-    ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """See `FullComplement.changes`."""
-        return _changes(self.model, X, self.modes.given if given is None else given)
-
     def solve(self, rights: np.ndarray, eigenvalues: np.ndarray, own: np.ndarray) -> np.ndarray:
         """See `FullComplement.solve`."""
         if self._next_is_near and own[-1].any():
@@ -184,18 +161,6 @@ class ReducedComplement:
             w = np.linalg.solve(A, r)
             found[:, mine] = w - X @ (heavy.T @ w)
         return found
-
-
-def _changes(model: Damped, X: np.ndarray, given) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """dK/dp X and dM/dp X of every parameter that has any, with its index, ascending."""
-    found: dict[int, dict[str, np.ndarray]] = {}
-    for p, kind, _, form in model.slopes(given):
-        images = found.setdefault(p, {kind: np.zeros_like(X) for kind in "KM"})
-        images[kind] += form @ X
-        if not model.is_dense:
-            form.destroy()
-    for p in sorted(found):
-        yield p, found[p]["K"], found[p]["M"]
 
 
 def complement(modes: Modes, close: float) -> FullComplement | ReducedComplement:

@@ -21,7 +21,7 @@ along one direction, after the eigenvalue derivatives have told them apart (Dail
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -120,9 +120,29 @@ def _gradients(work, index, own, rows) -> np.ndarray:
 
 def _forces(work, X, lam, own, given=None):
     """For every parameter: its index, -(dK - lambda dM) x, and the turning a, (n, m)."""
-    for p, stiff, heavy in work.changes(X, given):
+    for p, stiff, heavy in _changes(work.modes, X, given):
         turn = np.where(own, -0.5 * work.inner(work.shapes, heavy), 0.0)
         yield p, heavy * lam - stiff, turn
+
+
+def _changes(
+    modes: Modes, X: np.ndarray, given=None
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """dK/dp X and dM/dp X of every parameter that has any, with its index, ascending.
+
+    Args:
+        modes: The modes.
+        X: This rank's rows of vectors, (n_local, k).
+        given: Values at which to take them; the modes' own without.
+    """
+    found: dict[int, dict[str, np.ndarray]] = {}
+    for p, kind, _, form in modes.model.slopes(modes.given if given is None else given):
+        images = found.setdefault(p, {kind: np.zeros_like(X) for kind in "KM"})
+        images[kind] += form @ X
+        if not modes.model.is_dense:
+            form.destroy()
+    for p in sorted(found):
+        yield p, found[p]["K"], found[p]["M"]
 
 
 def _solve(work, rights, mode, lam, own) -> np.ndarray:
@@ -303,7 +323,7 @@ def split_modes(
 def _along(work, X, along, given=None) -> tuple[np.ndarray, np.ndarray]:
     """dK/dt X and dM/dt X."""
     stiff, heavy = np.zeros_like(X), np.zeros_like(X)
-    for p, by_K, by_M in work.changes(X, given):
+    for p, by_K, by_M in _changes(work.modes, X, given):
         stiff += along[p] * by_K
         heavy += along[p] * by_M
     return stiff, heavy

@@ -114,7 +114,7 @@ class Assembly:
         self._forms: dict[object, fem.Form] = {}
         self._direction: fem.Function | None = None
         self._rows: dict[bytes, PointRows] = {}
-        self._region_matrices: dict[int, list[PETSc.Mat]] = {}
+        self._region_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
         self._support_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
 
     # -- set-up ------------------------------------------------------------------------------
@@ -160,17 +160,14 @@ class Assembly:
         self.weight = circumference(ufl.SpatialCoordinate(self.mesh)[0])
 
     def _values(self):
-        for region in self.regions:
-            for key in region.law.properties:
-                yield region.name, key, region.properties[key]
+        for owner in (*self.regions, *self.elastic_supports):
+            for key, value in owner.properties.items():
+                yield owner.name, key, value
         for mass in self.masses:
             yield mass.name, "mass", mass.mass
             yield mass.name, "travel", mass.travel
         for spring in self.springs:
             yield spring.name, "stiffness", spring.stiffness
-        for support in self.elastic_supports:
-            yield support.name, "k_n", support.k_n
-            yield support.name, "k_t", support.k_t
 
     def _region_cells(self) -> list[tuple[Region, np.ndarray]]:
         """Local cells, ghosts included, of each region."""
@@ -222,45 +219,42 @@ class Assembly:
 
     # -- forms -------------------------------------------------------------------------------
 
-    def _groups(self):
-        """Regions that share a law and its directions, with their tags: one integral each."""
-        groups: dict[tuple, list[int]] = {}
-        for region in self.regions:
-            tags = [self.tagged.cell_tag(name) for name in region.cells]
-            key = region.law, region.normal, region.across
-            groups.setdefault(key, []).extend(tags)
-        for key, tags in groups.items():
-            yield *key, tuple(sorted(tags))
-
-    def _directions(self, normal, across) -> tuple[ufl.core.expr.Expr, dict]:
-        """A law's normal, and what else of directions it takes."""
-        n, *rest = (
-            ufl.as_vector([float(c) for c in way[: self.gdim]])
-            for way in (normal, across)
-            if way is not None
-        )
-        return n, {"across": rest[0]} if rest else {}
-
     def _measure(self, kind: str, data, tags) -> ufl.Measure:
         metadata = {"quadrature_degree": self.quadrature_degree}
         return ufl.Measure(kind, self.mesh, subdomain_data=data, metadata=metadata)(tags)
 
     def stiffness_form(self, u, v) -> ufl.Form:
         """Stiffness of all parts and joints, as UFL over the property field."""
-        return self._sum(lambda law, q, n, ways, dx: law.stiffness(u, v, q, n, dx, **ways))
+        return self._sum(0, u, v)
 
     def inertia_form(self, u, v) -> ufl.Form:
         """Consistent mass of all parts and joints, as UFL over the property field."""
-        return self._sum(lambda law, q, n, ways, dx: law.inertia(u, v, q, dx))
+        return self._sum(1, u, v)
 
-    def _sum(self, make) -> ufl.Form:
-        total = None
-        for law, normal, across, tags in self._groups():
-            q = {name: self.field.q[i] for i, name in enumerate(law.properties)}
-            n, ways = self._directions(normal, across)
-            form = make(law, q, n, ways, self._measure("dx", self.tagged.cell_tags, tags))
-            total = form if total is None else total + form
-        return total
+    def _sum(self, which: int, u, v) -> ufl.Form:
+        """Regions that share a law and its directions are one integral."""
+        groups: dict[tuple, list[Region]] = {}
+        for region in self.regions:
+            groups.setdefault((region.law, region.normal, region.across), []).append(region)
+        forms = []
+        for alike in groups.values():
+            tags = sorted(self.tagged.cell_tag(name) for region in alike for name in region.cells)
+            dx = self._measure("dx", self.tagged.cell_tags, tuple(tags))
+            forms.append(self._form(which, alike[0], u, v, dx))
+        return sum(forms[1:], forms[0])
+
+    def _form(self, which: int, region: Region, u, v, dx) -> ufl.Form:
+        """Stiffness (0) or mass (1) by a region's law and directions."""
+        law = region.law
+        q = {name: self.field.q[i] for i, name in enumerate(law.properties)}
+        if which:
+            return law.inertia(u, v, q, dx)
+        ways = {"normal": region.normal, "across": region.across}
+        ways = {
+            key: ufl.as_vector([float(c) for c in way[: self.gdim]])
+            for key, way in ways.items() if way is not None
+        }  # fmt: skip
+        return law.stiffness(u, v, q, ways.pop("normal"), dx, **ways)
 
     def compiled(self, key, make: Callable[[], ufl.Form]) -> fem.Form:
         """A compiled form, kept under a key."""
@@ -273,32 +267,26 @@ class Assembly:
         """Trial and test function."""
         return ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
 
-    def region_form(self, number: int, u, v) -> tuple[ufl.Form, ufl.Form]:
-        """Stiffness and mass of one region alone, as UFL over the property field.
+    def compiled_region(self, number: int, which: int) -> fem.Form:
+        """`region_form`, compiled."""
+        return self.compiled((number, which), lambda: self.region_form(number, which))
+
+    def region_form(self, number: int, which: int) -> ufl.Form:
+        """Stiffness (0) or mass (1) of one region alone, as UFL over the property field.
 
         The cells are data of the form: regions with one law and normal share compiled code.
 
         Args:
             number: Index of the region in `regions`.
-            u: Trial function or displacement.
-            v: Test function or displacement.
+            which: 0 or 1.
         """
         region, cells = self.field.regions[number]
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         mine = [(1, np.sort(cells[cells < owned]).astype(np.int32))]
-        dx = self._measure("dx", mine, 1)
-        q = {name: self.field.q[i] for i, name in enumerate(region.law.properties)}
-        n, ways = self._directions(region.normal, region.across)
-        return region.law.stiffness(u, v, q, n, dx, **ways), region.law.inertia(u, v, q, dx)
-
-    def compiled_region(self, number: int, which: int) -> fem.Form:
-        """`region_form`, stiffness (0) or mass (1), compiled."""
-        return self.compiled(
-            (number, which), lambda: self.region_form(number, *self.arguments)[which]
-        )
+        return self._form(which, region, *self.arguments, self._measure("dx", mine, 1))
 
     def region_matrices(self, number: int, q: Mapping[str, float] | None) -> tuple:
-        """Stiffness and mass of one region alone, supports not applied.
+        """Stiffness and mass of one region alone; rows and columns of held DOFs are zero.
 
         Args:
             number: Index of the region in `regions`.
@@ -309,16 +297,11 @@ class Assembly:
         """
         if q is not None:
             self.field.fill(number, q)
-        forms = [self.compiled_region(number, which) for which in (0, 1)]
-        if number not in self._region_matrices:
-            self._region_matrices[number] = [fem_petsc.create_matrix(form) for form in forms]
-        matrices = []
-        for form, A in zip(forms, self._region_matrices[number], strict=True):
-            A.zeroEntries()
-            fem_petsc.assemble_matrix(A, form)
-            A.assemble()
-            matrices.append(A)
-        return tuple(matrices)
+        before = self._region_matrices.get(number, (None, None))
+        self._region_matrices[number] = tuple(
+            self.assembled(self.compiled_region(number, which), before[which]) for which in (0, 1)
+        )
+        return self._region_matrices[number]
 
     def support_matrices(self, number: int) -> tuple[PETSc.Mat, PETSc.Mat]:
         """Stiffness of an elastic support at k_n = 1 Pa/m and at k_t = 1 Pa/m, m2; kept.
@@ -354,7 +337,7 @@ class Assembly:
 
     def _add_supports(self, K: PETSc.Mat, values: Mapping[str, float]) -> None:
         for i, support in enumerate(self.elastic_supports):
-            q = {key: number(getattr(support, key), values) for key in ("k_n", "k_t")}
+            q = {key: number(value, values) for key, value in support.properties.items()}
             ELASTIC_SUPPORT.check(support.name, q)
             for k, unit in zip(q.values(), self.support_matrices(i), strict=True):
                 K.axpy(k, unit, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)

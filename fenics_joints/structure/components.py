@@ -293,3 +293,8 @@ class ElasticSupport:
     facets: str
     k_n: Value
     k_t: Value
+
+    @property
+    def properties(self) -> Mapping[str, Value]:
+        """Those of `structure.laws.ELASTIC_SUPPORT`."""
+        return {"k_n": self.k_n, "k_t": self.k_t}

@@ -8,7 +8,7 @@ model needs only these scalars to be exact in the properties (`fenics_joints.red
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import ufl
@@ -30,6 +30,22 @@ __all__ = [
 Properties = Mapping[str, object]
 
 
+def _mass(u, v, q: Properties, dx) -> ufl.Form:
+    return forms.mass(u, v, q["rho"], dx, stretch=q["stretch"])
+
+
+def _wide_mass(u, v, q: Properties, dx) -> ufl.Form:
+    return forms.mass(u, v, q["rho"], dx, stretch=q["stretch"], width=q["width"])
+
+
+def _transition_mass(u, v, q: Properties, dx) -> ufl.Form:
+    return forms.transition_mass(u, v, q["rho"], dx, thickness=q["h"], meshed=q["meshed"])
+
+
+def _axisymmetric_mass(u, v, q: Properties, dx) -> ufl.Form:
+    return forms.axisymmetric_mass(u, v, q["rho"], dx, radius=_radius(dx), stretch=q["stretch"])
+
+
 @dataclass(frozen=True, eq=False)
 class Law:
     """A linear material law with properties that may vary from cell to cell.
@@ -44,6 +60,8 @@ class Law:
         samples: As many property sets as there are scalars, for which these are independent.
         check: ``(name, q) -> None``; raises InputError when the properties make no sense.
         ratio_limit: E / G must stay below this, if the law couples them.
+        inertia: ``(u, v, q, dx) -> Form``, the consistent mass.
+        inertia_term: ``q -> rho(q)``, the scalar in which the mass is linear.
     """
 
     name: str
@@ -53,48 +71,8 @@ class Law:
     samples: tuple[Properties, ...]
     check: Callable[[str, Properties], None]
     ratio_limit: float | None = None
-
-    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
-        """Consistent mass form; linear in rho * stretch for every law."""
-        return forms.mass(u, v, q["rho"], dx, stretch=q["stretch"])
-
-    def inertia_terms(self, q: Properties) -> np.ndarray:
-        """The scalars in which the mass is linear, like ``stiffness_terms``."""
-        return np.array([q["rho"] * q["stretch"]])
-
-
-class _WideLaw(Law):
-    """A law with a width besides a thickness."""
-
-    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
-        return forms.mass(u, v, q["rho"], dx, stretch=q["stretch"], width=q["width"])
-
-    def inertia_terms(self, q: Properties) -> np.ndarray:
-        return np.array([q["rho"] * q["stretch"] * q["width"]])
-
-
-class _TransitionLaw(Law):
-    """A layer whose thickness h is a property, beside that in the mesh."""
-
-    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
-        return forms.transition_mass(u, v, q["rho"], dx, thickness=q["h"], meshed=q["meshed"])
-
-    def inertia_terms(self, q: Properties) -> np.ndarray:
-        return np.array([q["rho"] * q["h"] / q["meshed"]])
-
-
-class _SupportLaw(Law):
-    """Springs spread over facets, Pa/m, which have no mass; no law of cells."""
-
-    def inertia_terms(self, q: Properties) -> np.ndarray:
-        return np.array([0.0 * q["k_n"]])
-
-
-class _RingLaw(Law):
-    """A law on the half section of a body of revolution, r = x[0]."""
-
-    def inertia(self, u, v, q: Properties, dx) -> ufl.Form:
-        return forms.axisymmetric_mass(u, v, q["rho"], dx, radius=_radius(dx), stretch=q["stretch"])
+    inertia: Callable = _mass
+    inertia_term: Callable[[Properties], float] = lambda q: q["rho"] * q["stretch"]
 
 
 def _radius(dx):
@@ -247,7 +225,7 @@ SOLID = Law(
 )
 
 #: A solid whose width is a property too: twice as many scalars, so only where it is wanted.
-WIDE_SOLID = _WideLaw(
+WIDE_SOLID = Law(
     "wide solid",
     (*SOLID.properties, "width"),
     _wide_stiffness,
@@ -258,10 +236,12 @@ WIDE_SOLID = _WideLaw(
         for s, w in ((1.0, 1.0), (2.0, 1.0), (0.5, 1.0), (1.0, 2.0), (1.0, 0.5), (2.0, 2.0))
     ),
     _check_wide,
+    inertia=_wide_mass,
+    inertia_term=lambda q: q["rho"] * q["stretch"] * q["width"],
 )
 
 #: The transition-interface material (seed 000): a joint whose thickness h, m, is a property.
-TRANSITION = _TransitionLaw(
+TRANSITION = Law(
     "transition",
     ("E", "nu", "rho", "h", "meshed"),
     _transition_stiffness,
@@ -272,16 +252,13 @@ TRANSITION = _TransitionLaw(
         for h in (0.5, 1.0, 2.0)
     ),
     _check_transition,
+    inertia=_transition_mass,
+    inertia_term=lambda q: q["rho"] * q["h"] / q["meshed"],
 )
 
 # Stretched along its axis a body of revolution has the same scalars as any solid.
-AXISYMMETRIC_SOLID = _RingLaw(
-    SOLID.name,
-    SOLID.properties,
-    _axisymmetric_stiffness,
-    SOLID.stiffness_terms,
-    SOLID.samples,
-    SOLID.check,
+AXISYMMETRIC_SOLID = replace(
+    SOLID, stiffness=_axisymmetric_stiffness, inertia=_axisymmetric_mass
 )
 
 _LAYER_PROPERTIES = ("E", "G", "rho", "stretch")
@@ -322,13 +299,14 @@ LAYER_LAWS = {
 }
 
 #: Springs spread over a face, along its normal and in its plane; they hold facets, not cells.
-ELASTIC_SUPPORT = _SupportLaw(
+ELASTIC_SUPPORT = Law(
     "elastic support",
     ("k_n", "k_t"),
     _support_stiffness,
     lambda q: np.array([q["k_n"], q["k_t"]]),
     ({"k_n": 1.0, "k_t": 0.0}, {"k_n": 0.0, "k_t": 1.0}),
     _check_support,
+    inertia_term=lambda q: 0.0 * q["k_n"],
 )
 
 #: Of a body of revolution the law of a part is another object with the same scalars.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from petsc4py import PETSc
 
-__all__ = ["MatrixForm", "RowForm", "dense_block", "product", "vector_of", "without_zeros"]
+__all__ = ["MatrixForm", "RowForm", "dense_block", "product", "vectors_like", "without_zeros"]
 
 #: Parts of a matrix whose rows are copied one after the other.
 _CHUNKS = 8
@@ -60,11 +62,13 @@ def dense_block(A: PETSc.Mat, columns: int) -> PETSc.Mat:
     return dense
 
 
-def vector_of(A: PETSc.Mat, values: np.ndarray) -> PETSc.Vec:
-    """A vector that A can multiply, with this rank's values."""
-    x = A.createVecRight()
-    x.array[:] = values
-    return x
+def vectors_like(one: PETSc.Vec, rows: Iterable[np.ndarray]) -> list[PETSc.Vec]:
+    """Vectors laid out like one, each with this rank's values of a row."""
+    found = []
+    for row in rows:
+        found.append(one.duplicate())
+        found[-1].array[:] = row
+    return found
 
 
 def without_zeros(A: PETSc.Mat) -> PETSc.Mat:

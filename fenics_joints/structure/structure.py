@@ -10,7 +10,6 @@ import basix
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from numpy.typing import ArrayLike
 from petsc4py import PETSc
@@ -148,7 +147,8 @@ class Structure(Assembly):
         """`slopes` by supports, springs and point masses."""
         position = {name: i for i, name in enumerate(self.parameters)}
         for i, support in enumerate(self.elastic_supports):
-            for k, unit in zip((support.k_n, support.k_t), self.support_matrices(i), strict=True):
+            units = self.support_matrices(i)
+            for k, unit in zip(support.properties.values(), units, strict=True):
                 if isinstance(k, str):
                     name = support.name if support.name in apart else None
                     yield position[k], "K", name, MatrixForm(unit)
@@ -186,28 +186,20 @@ class Structure(Assembly):
             key for key in region.law.properties
             if region.properties[key] == parameter or callable(region.properties[key])
         ]  # fmt: skip
-        terms = region.law.stiffness_terms, region.law.inertia_terms
+        terms = region.law.stiffness_terms, region.law.inertia_term
         return tuple(any(np.any(slopes(t, q, key)) for key in keys) for t in terms)
 
     def _region_slope(self, i: int, which: int, change) -> PETSc.Mat:
-        """dK (which = 0) or dM (1) along a change of a region's properties.
-
-        Held rows are not zeroed: vectors that the form is used on are zero there.
-        """
+        """dK (which = 0) or dM (1) along a change of a region's properties."""
         if self._direction is None:
             self._direction = fem.Function(self.field.space)
         form = self.compiled(
             ("slope", i, which),
-            lambda: ufl.derivative(
-                self.region_form(i, *self.arguments)[which], self.field.q, self._direction
-            ),
+            lambda: ufl.derivative(self.region_form(i, which), self.field.q, self._direction),
         )
         self._direction.x.array[:] = 0.0
         self.field.put(self._direction, *change)
-        A = fem_petsc.create_matrix(form)
-        fem_petsc.assemble_matrix(A, form)
-        A.assemble()
-        return A
+        return self.assembled(form)
 
     def _mass_rows(self, mass, values) -> tuple[np.ndarray, np.ndarray]:
         """Rows of the displacement at a mass and of its slope along the travel, (n_local, gdim)."""

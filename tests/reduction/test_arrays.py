@@ -73,7 +73,7 @@ def plain_sum(pencil, values):
         q = region.values(values)
         for factor, term in zip(region.law.stiffness_terms(q), region.stiffness, strict=True):
             K += factor * term
-        M += region.law.inertia_terms(q)[0] * region.inertia
+        M += region.law.inertia_term(q) * region.inertia
     for spring in pencil.springs:
         K += spring.share * values[spring.stiffness] * np.outer(spring.row, spring.row)
     for mass in pencil.masses:
