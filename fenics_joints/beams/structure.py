@@ -20,7 +20,7 @@ from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.rows import PlaceRows
-from fenics_joints.structure.values import number
+from fenics_joints.structure.values import by_name, number
 
 __all__ = ["BeamStructure"]
 
@@ -72,7 +72,7 @@ class BeamStructure(ArrayModel):
         offset_mass: bool = True,
     ):
         self.beams, self.joints, self.offset_mass = tuple(beams), tuple(joints), offset_mass
-        known = _by_name(parameters)
+        known = by_name(parameters)
         _check_distinct([*self.beams, *self.joints])
         _check_names(known, [*self.beams, *self.joints, *masses, *springs, *clamps])
         nominal = {name: p.value for name, p in known.items()}
@@ -224,15 +224,6 @@ def _dilation_frequency(pencil: AffinePencil, layout: Layout) -> float:
     if not pencil.total_mass(values) > 0:
         raise InputError("the structure has no mass: expected a density > 0 in some beam.")
     return float(np.sqrt((shape @ K @ shape) / (shape @ M @ shape)) / (2 * np.pi))
-
-
-def _by_name(parameters: Sequence[Parameter]) -> dict[str, Parameter]:
-    known: dict[str, Parameter] = {}
-    for p in parameters:
-        if p.name in known:
-            raise InputError(f"parameter {p.name}: expected each name once.")
-        known[p.name] = p
-    return known
 
 
 def _check_distinct(components: Sequence) -> None:

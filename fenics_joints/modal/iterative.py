@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.eigensolver import EigenResult
 from fenics_joints.modal.multigrid import Multigrid, rigid_motions, to_upper_half
-from fenics_joints.structure.sparse import vectors_like, without_zeros
+from fenics_joints.structure.sparse import product, vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["IterativeEigenSolver"]
@@ -249,13 +249,8 @@ def _unresisted(K: PETSc.Mat, R: np.ndarray) -> np.ndarray:
     however stiff the body.
     """
     comm = K.comm.tompi4py()
-    x, y = K.createVecs()
     diagonal = np.maximum(np.abs(K.getDiagonal().array_r), np.finfo(float).tiny)
-    forces = np.empty_like(R)
-    for j in range(R.shape[1]):
-        x.array[:] = R[:, j]
-        K.mult(x, y)
-        forces[:, j] = y.array_r / diagonal
+    forces = product(K, R) / diagonal[:, None]
     parts = comm.allgather(np.linalg.qr(forces, mode="r"))
     _, s, Vt = np.linalg.svd(np.vstack(parts))
     s = np.concatenate([s, np.zeros(R.shape[1] - len(s))])

@@ -31,7 +31,7 @@ from fenics_joints.structure.components import (
 from fenics_joints.structure.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
 from fenics_joints.structure.points import PointRows, locate
 from fenics_joints.structure.properties import PropertyField
-from fenics_joints.structure.values import number, parameter_values
+from fenics_joints.structure.values import by_name, number, parameter_values
 
 __all__ = ["Assembly"]
 
@@ -87,11 +87,7 @@ class Assembly:
         self.tagged = tagged
         self.mesh = tagged.mesh
         self.comm = tagged.mesh.comm
-        self.parameters: dict[str, Parameter] = {}
-        for parameter in parameters:
-            if parameter.name in self.parameters:
-                raise InputError(f"parameter {parameter.name} is given twice; expected once.")
-            self.parameters[parameter.name] = parameter
+        self.parameters = by_name(parameters)
         self.regions, self.masses = tuple(regions), tuple(masses)
         supports = tuple(supports)
         self.springs = tuple(springs)

@@ -79,74 +79,49 @@ def _radius(dx):
     return ufl.SpatialCoordinate(dx.ufl_domain())[0]
 
 
+_EXPECTED = {
+    "E": "E > 0 (Pa)",
+    "G": "G > 0 (Pa)",
+    "nu": "-1 < nu < 0.5",
+    "rho": "rho >= 0 (kg/m3)",
+    "stretch": "stretch > 0",
+    "width": "width > 0",
+    "h": "h > 0 (m)",
+    "meshed": "meshed > 0 (m)",
+    "k_n": "k_n >= 0 (Pa/m)",
+    "k_t": "k_t >= 0 (Pa/m)",
+}
+_MAY_BE_ZERO = ("rho", "k_n", "k_t")
+
+
 def _require(where: str, key: str, value, good, expected: str) -> None:
     if not np.all(good):
         shown = np.asarray(value).flat[int(np.argmin(np.broadcast_to(good, np.shape(value))))]
         raise InputError(f"{where}.{key} = {shown:g} is out of range: expected {expected}.")
 
 
-def _check_material(where: str, q: Properties) -> None:
-    _require(where, "E", q["E"], np.asarray(q["E"]) > 0, "E > 0 (Pa)")
-    _require(where, "rho", q["rho"], np.asarray(q["rho"]) >= 0, "rho >= 0 (kg/m3)")
-
-
-def _check_common(where: str, q: Properties) -> None:
-    _check_material(where, q)
-    _require(where, "stretch", q["stretch"], np.asarray(q["stretch"]) > 0, "stretch > 0")
-
-
-def _check_poisson(where: str, q: Properties) -> None:
-    nu = np.asarray(q["nu"])
-    _require(where, "nu", nu, (nu > -1) & (nu < 0.5), "-1 < nu < 0.5")
-
-
-def _check_solid(where: str, q: Properties) -> None:
-    _check_common(where, q)
-    _check_poisson(where, q)
-
-
-def _check_transition(where: str, q: Properties) -> None:
-    _check_material(where, q)
-    _check_poisson(where, q)
-    for key in ("h", "meshed"):
-        _require(where, key, q[key], np.asarray(q[key]) > 0, f"{key} > 0 (m)")
-
-
-def _check_wide(where: str, q: Properties) -> None:
-    _check_solid(where, q)
-    _require(where, "width", q["width"], np.asarray(q["width"]) > 0, "width > 0")
-
-
-def _check_support(where: str, q: Properties) -> None:
-    for key in ("k_n", "k_t"):
-        _require(where, key, q[key], np.asarray(q[key]) >= 0, f"{key} >= 0 (Pa/m)")
-
-
-def _check_uncoupled(where: str, q: Properties) -> None:
-    _check_common(where, q)
-    _require(where, "G", q["G"], np.asarray(q["G"]) > 0, "G > 0 (Pa)")
+def _check(where: str, q: Properties) -> None:
+    for key, value in q.items():
+        value = np.asarray(value)
+        if key == "nu":
+            good = (value > -1) & (value < 0.5)
+        else:
+            good = value >= 0 if key in _MAY_BE_ZERO else value > 0
+        _require(where, key, value, good, _EXPECTED[key])
 
 
 def _check_isotropic(where: str, q: Properties) -> None:
-    _check_uncoupled(where, q)
+    _check(where, q)
     E, G = np.asarray(q["E"]), np.asarray(q["G"])
     _require(
         where, "E", E, E < 3 * G, f"E < 3 G (G = {np.max(G):g} Pa) in an isotropic layer (nu < 0.5)"
     )
 
 
-def _with_stretch(*moduli):
+def _with_stretch(moduli, q: Properties) -> np.ndarray:
     """Every modulus times s, 1 and 1/s: in-plane, mixed and through-thickness gradients."""
-
-    def terms(q: Properties) -> np.ndarray:
-        s = q["stretch"]
-        return np.array([m * f for m in _evaluate(moduli, q) for f in (s, 1.0, 1 / s)])
-
-    return terms
-
-
-def _evaluate(moduli, q):
-    return [modulus(q) for modulus in moduli]
+    s = q["stretch"]
+    return np.array([m * f for m in moduli for f in (s, 1.0, 1 / s)])
 
 
 def _solid_stiffness(u, v, q, normal, dx):
@@ -216,12 +191,9 @@ SOLID = Law(
     "solid",
     ("E", "nu", "rho", "stretch"),
     _solid_stiffness,
-    _with_stretch(
-        lambda q: forms.lame_parameters(q["E"], q["nu"])[0],
-        lambda q: forms.lame_parameters(q["E"], q["nu"])[1],
-    ),
+    lambda q: _with_stretch(forms.lame_parameters(q["E"], q["nu"]), q),
     _samples({"E": 2.0, "nu": 0.0}, {"E": 2.0, "nu": 0.3}),
-    _check_solid,
+    _check,
 )
 
 #: A solid whose width is a property too: twice as many scalars, so only where it is wanted.
@@ -235,7 +207,7 @@ WIDE_SOLID = Law(
         for nu in (0.0, 0.3)
         for s, w in ((1.0, 1.0), (2.0, 1.0), (0.5, 1.0), (1.0, 2.0), (1.0, 0.5), (2.0, 2.0))
     ),
-    _check_wide,
+    _check,
     inertia=_wide_mass,
     inertia_term=lambda q: q["rho"] * q["stretch"] * q["width"],
 )
@@ -251,7 +223,7 @@ TRANSITION = Law(
         for nu in (0.0, 0.3)
         for h in (0.5, 1.0, 2.0)
     ),
-    _check_transition,
+    _check,
     inertia=_transition_mass,
     inertia_term=lambda q: q["rho"] * q["h"] / q["meshed"],
 )
@@ -270,10 +242,7 @@ LAYER_LAWS = {
             "isotropic",
             _LAYER_PROPERTIES,
             _isotropic_stiffness,
-            _with_stretch(
-                lambda q: forms.lame_from_moduli(q["E"], q["G"])[0],
-                lambda q: q["G"],
-            ),
+            lambda q: _with_stretch(forms.lame_from_moduli(q["E"], q["G"]), q),
             _samples({"E": 2.0, "G": 1.0}, {"E": 2.6, "G": 1.0}),
             _check_isotropic,
             3.0,
@@ -284,7 +253,7 @@ LAYER_LAWS = {
             _uncoupled_stiffness,
             _uncoupled_terms,
             _UNCOUPLED_SAMPLES + _samples({"E": 1.0, "G": 1.0}),
-            _check_uncoupled,
+            _check,
         ),
         Law(
             "constrained",
@@ -305,7 +274,7 @@ ELASTIC_SUPPORT = Law(
     _support_stiffness,
     lambda q: np.array([q["k_n"], q["k_t"]]),
     ({"k_n": 1.0, "k_t": 0.0}, {"k_n": 0.0, "k_t": 1.0}),
-    _check_support,
+    _check,
     inertia_term=lambda q: 0.0 * q["k_n"],
 )
 

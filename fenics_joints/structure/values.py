@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.structure.components import Parameter
 
-__all__ = ["number", "parameter_values", "slopes"]
+__all__ = ["by_name", "number", "parameter_values", "slopes"]
 
 _COMPLEX_STEP = 1e-30
+
+
+def by_name(parameters: Iterable[Parameter]) -> dict[str, Parameter]:
+    """Parameters by name, in order.
+
+    Raises:
+        InputError: If a name is there twice.
+    """
+    known: dict[str, Parameter] = {}
+    for parameter in parameters:
+        if parameter.name in known:
+            raise InputError(f"parameter {parameter.name} is given twice; expected once.")
+        known[parameter.name] = parameter
+    return known
 
 
 def parameter_values(
