@@ -189,7 +189,7 @@ def _direct(
 ) -> tuple[Response, dict[str, object]]:
     stiffness = DynamicStiffness(pencil, petsc_options)
     comm, n_loads = pencil.comm, loads.shape[1]
-    terms = pencil.terms() if gradients else []
+    terms = list(pencil.terms()) if gradients else []
     rights, where = _distinct(comm, np.hstack([loads, reads]) if gradients else loads)
     n = len(pencil.structure.parameters)
     values = np.empty((len(lines), reads.shape[1], n_loads), dtype=complex)

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.model import Damped
 from fenics_joints.structure.sparse import MatrixForm, product
-from fenics_joints.structure.structure import Structure
 
-__all__ = ["DampedPencil", "Term", "check_damped", "damped_terms", "imaginary", "linear"]
+__all__ = ["DampedPencil", "Term", "check_damped", "imaginary", "linear"]
 
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
@@ -45,7 +45,7 @@ class DampedPencil:
     """K, M and the stiffness of every damped layer, at given values of the parameters. Collective.
 
     Args:
-        structure: The full model.
+        structure: A model of any kind; of one of plain arrays all matrices are arrays.
         given: Values of parameters that differ from their nominal value.
         damping: The damping; None for none.
 
@@ -61,17 +61,17 @@ class DampedPencil:
 
     def __init__(
         self,
-        structure: Structure,
+        structure: Damped,
         given: Mapping[str, float] | None = None,
         damping: Damping | None = None,
     ):
         self.structure = structure
         self.named = damping or Damping()
-        self.named.check(structure.parameters, structure.layers)
+        self.named.check(structure.parameters, structure.layers, structure.dampers)
         self.values = structure.values(given)
         self.damping = self.named.at(self.values)
         self.K, self.M = structure.stiffness(given), structure.mass(given)
-        self.comm = structure.comm
+        self.comm = MPI.COMM_SELF if structure.is_dense else structure.comm
         self.parts = {
             name: structure.region_stiffness(name, given) for name in self.named.layers
         }
@@ -117,12 +117,21 @@ class DampedPencil:
             C.axpy(self.damping.viscous.get(name, 0.0), A, structure=_SUBSET)
         return C
 
-    def terms(self) -> list[Term]:
+    def terms(self) -> Iterator[Term]:
         """dZ/dp of all parameters but those of modal damping ratios. Collective."""
-        K, M = MatrixForm(self.K), MatrixForm(self.M)
-        parts = {name: MatrixForm(A) for name, A in self.parts.items()}
-        given = self.structure, self.values, self.named, self.damping
-        return list(damped_terms(*given, K, M, parts))
+        model, named, numbers = self.structure, self.named, self.damping
+        for p, kind, name, form in model.slopes(self.values, named.layers):
+            factor = numbers.mass_factor if kind == "M" else partial(_stiffness, numbers, name)
+            yield Term(p, kind, factor, form)
+        alpha, beta = named.rayleigh
+        found = [(named.structural, imaginary, self.K), (alpha, linear, self.M)]
+        found += [(beta, linear, self.K)]
+        found += [(v, imaginary, self.parts[n]) for n, v in named.hysteretic.items()]
+        found += [(v, linear, self.parts[n]) for n, v in named.viscous.items()]
+        position = {name: i for i, name in enumerate(model.parameters)}
+        for value, factor, A in found:
+            if isinstance(value, str):
+                yield Term(position[value], "D", factor, A if model.is_dense else MatrixForm(A))
 
 
 def check_damped(model: object) -> None:
@@ -136,33 +145,6 @@ def check_damped(model: object) -> None:
             f"model: expected a Structure, ReducedStructure or ArrayModel, not a "
             f"{type(model).__name__}."
         )
-
-
-def damped_terms(
-    model: Damped, values, named: Damping, numbers: Damping, K, M, parts: Mapping[str, object]
-) -> Iterator[Term]:
-    """dZ/dp of a model of any kind, but for modal damping ratios. Collective.
-
-    Args:
-        model: The model.
-        values: All parameters' values.
-        named: The damping with names of parameters.
-        numbers: The damping in numbers.
-        K: Stiffness at the values; anything that a block of columns can be multiplied by.
-        M: Mass, likewise.
-        parts: Stiffness of the layers with damping of their own, likewise, by name.
-    """
-    for p, kind, name, form in model.slopes(values, named.layers):
-        factor = numbers.mass_factor if kind == "M" else partial(_stiffness, numbers, name)
-        yield Term(p, kind, factor, form)
-    alpha, beta = named.rayleigh
-    found = [(named.structural, imaginary, K), (alpha, linear, M), (beta, linear, K)]
-    found += [(v, imaginary, parts[n]) for n, v in named.hysteretic.items()]
-    found += [(v, linear, parts[n]) for n, v in named.viscous.items()]
-    position = {name: i for i, name in enumerate(model.parameters)}
-    for value, factor, form in found:
-        if isinstance(value, str):
-            yield Term(position[value], "D", factor, form)
 
 
 def _stiffness(numbers: Damping, name: str | None, s: complex) -> complex:

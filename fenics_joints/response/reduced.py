@@ -12,14 +12,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from mpi4py import MPI
 
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, count_rigid, inverted_modes
 from fenics_joints.response.modal_basis import ModalPencil
-from fenics_joints.response.pencil import damped_terms
+from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.model import Damped
-from fenics_joints.structure.values import parameter_values
 
 __all__ = ["reduced_pencil"]
 
@@ -50,23 +48,18 @@ def reduced_pencil(
             are wanted.
         ConvergenceError: If the matrices are singular.
     """
-    values = parameter_values(model.parameters, given)
-    named = damping or Damping()
-    named.check(model.parameters, model.layers, model.dampers)
-    numbers = named.at(values)
-    K, M = model.stiffness(values), model.mass(values)
-    stiff, heavy, basis, n_rigid = _modes(K, M, SHIFT_SHARE * model.dilation_frequency(values))
-    layers = {name: model.region_stiffness(name, values) for name in named.layers}
+    pencil = DampedPencil(model, given, damping)
+    shift_hz = SHIFT_SHARE * model.dilation_frequency(given)
+    stiff, heavy, basis, n_rigid = _modes(pencil.K, pencil.M, shift_hz)
     massive = heavy > 0
     modes = Modes(model, dict(given or {}), stiff[massive], basis[:, massive], n_rigid)
     terms = None
     if gradients:
-        whole = damped_terms(model, values, named, numbers, K, M, layers)
-        terms = [replace(term, form=_on(basis, term.form)) for term in whole]
-    parts = {name: _on(basis, A) for name, A in layers.items()}
+        terms = [replace(term, form=_on(basis, term.form)) for term in pencil.terms()]
+    parts = {name: _on(basis, A) for name, A in pencil.parts.items()}
     return ModalPencil(
-        modes, basis, stiff, heavy, parts, terms, numbers, named, tuple(model.parameters),
-        MPI.COMM_SELF,
+        modes, basis, stiff, heavy, parts, terms, pencil.damping, pencil.named,
+        tuple(model.parameters), pencil.comm,
     )  # fmt: skip
 
 

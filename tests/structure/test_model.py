@@ -53,7 +53,7 @@ def solid(mount=(), **mounted) -> Structure:
 def mounted() -> Structure:
     return solid(
         MOUNT, springs=[Spring("cord", "cord.k", (0.151, 0.017, 0.0165), (0.0, 0.6, 0.8))],
-        supports=[ElasticSupport("wall", "x_min", "wall.k_n", "wall.k_t")],
+        supports=[ElasticSupport("wall", "end_1", "wall.k_n", "wall.k_t")],
     )  # fmt: skip
 
 
