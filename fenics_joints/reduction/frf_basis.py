@@ -121,11 +121,9 @@ class ResponseSampler:
         more = None
         if residual:
             lines = modes.frequencies_hz[modes.n_rigid :] if self.lines is None else self.lines
-            none = np.zeros((len(modes.shapes[0].array_r), 0))
-            loads = none if self.loads is None else self.loads
             pencil = DampedPencil(self.structure, given, self.damping)
             try:
-                modal = modal_pencil(pencil, loads, lines, modes=modes)
+                modal = modal_pencil(pencil, self.loads, lines, modes=modes)
             finally:
                 pencil.destroy()
             more = modal.basis[:, len(modes) :]

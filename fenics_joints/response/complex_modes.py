@@ -157,9 +157,8 @@ def solve_complex_modes(
         if modes is None:
             modes = solve_modes(structure, given, n_modes=n_modes)
         lines = modes.frequencies_hz[modes.n_rigid :]
-        none = np.zeros((len(modes.shapes[0].array_r), 0))
         lines = lines if len(lines) else np.ones(1)
-        modal = modal_pencil(pencil, none, lines, modes=modes)
+        modal = modal_pencil(pencil, None, lines, modes=modes)
         modal, s, y, residuals = _improved(pencil, modal, tolerance)
         slopes = _slopes(with_terms(modal, pencil), s, y) if gradients else None
     finally:

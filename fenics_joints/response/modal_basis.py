@@ -272,7 +272,7 @@ def check_lines(frequencies_hz) -> np.ndarray:
 
 def modal_pencil(
     pencil: DampedPencil,
-    loads: np.ndarray,
+    loads: np.ndarray | None,
     lines: np.ndarray,
     *,
     modes: Modes | None = None,
@@ -283,7 +283,7 @@ def modal_pencil(
 
     Args:
         pencil: The matrices and the damping.
-        loads: This rank's rows of forces and sensors, (n_local, k).
+        loads: This rank's rows of forces and sensors, (n_local, k); None for none.
         lines: Frequencies of interest, Hz.
         modes: Its modes at the same values; by default they are found.
         n_modes: Their number; by default enough to reach beyond the lines.
@@ -298,7 +298,7 @@ def modal_pencil(
     if modes.solver is None or modes.model is not pencil.structure:
         raise InputError("modes: expected those of this structure, with their solver.")
     check_modes(pencil, modes, shapes)
-    s = 2j * np.pi * np.median(lines)
+    s, loads = 2j * np.pi * np.median(lines), shapes[:, :0] if loads is None else loads
     modal = _on_basis(pencil, modes, _residual_vectors(pencil, modes, shapes, loads, s))
     return with_terms(modal, pencil) if gradients else modal
 
