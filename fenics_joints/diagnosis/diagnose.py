@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
-from fenics_joints.diagnosis.search import Search, with_evidence
+from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
@@ -116,9 +117,6 @@ class _Run:
     def answer(self) -> Diagnosis:
         return self._report(self._sample(self.search.run()))
 
-    def _probabilities(self, fits: Sequence[Fit]) -> np.ndarray:
-        return self.search.probabilities(fits)
-
     # -- nested sampling -----------------------------------------------------------------------
 
     def _sample(self, fits: list[Fit]) -> list[Fit]:
@@ -126,7 +124,7 @@ class _Run:
         enough parameters."""
         count = self.given.diagnose.nested
         order = [
-            i for i in np.argsort(-self._probabilities(fits), kind="stable")
+            i for i in np.argsort(-self.search.probabilities(fits), kind="stable")
             if fits[i].hypothesis.effects
         ][:count]  # fmt: skip
         sampled = [i for i in order if _can_be_sampled(fits[i])]
@@ -149,13 +147,13 @@ class _Run:
                 continue
             self.nested[fits[i].hypothesis.label_of_keys] = result
             self.laplace[fits[i].hypothesis.label_of_keys] = fits[i].log_evidence
-            fits[i] = with_evidence(fits[i], result.log_evidence)
+            fits[i] = replace(fits[i], log_evidence=result.log_evidence)
         return fits
 
     # -- the answer --------------------------------------------------------------------------
 
     def _report(self, fits: list[Fit]) -> Diagnosis:
-        probability = self._probabilities(fits)
+        probability = self.search.probabilities(fits)
         order = np.argsort(-probability, kind="stable")
         fits, probability = [fits[i] for i in order], probability[order]
         grouped = classes(fits, probability, self.evidence)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from itertools import combinations
 
 import numpy as np
@@ -95,7 +95,7 @@ class Search:
         looks = self._looked(tried, [z for _, z in looks], lower)
         starts = []
         for i, h in enumerate(singles):
-            own = h.own_columns
+            own = h.own
             ends = [look for (j, _), look in zip(tries, looks, strict=True) if j == i]
             end = max(ends, key=lambda look: look[0], default=(0.0, steps[i]))[1]
             starts.append([steps[i]])
@@ -125,7 +125,6 @@ class Search:
         surrogate, fits = self.model.surrogate, list(fits)
         limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
 
-
         def leading() -> list[dict[str, float]]:
             self.progress.step(surrogate.checking)
             return self._leading_values(fits, count)
@@ -138,10 +137,7 @@ class Search:
 
     def _fit_again(self, fits: list[Fit]) -> None:
         """Fit what leads with the better model, in place."""
-        score = np.array([f.log_evidence for f in fits]) + self.log_prior(
-            [f.hypothesis for f in fits]
-        )
-        near = list(near_best(score, _AGAIN, len(fits)))
+        near = list(near_best(self._scores(fits), _AGAIN, len(fits)))
         near += [i for i, f in enumerate(fits) if f.hypothesis.name and i not in near]
         self.progress.step("fitting again with the better model", len(near))
         # Where the old model was far off, the way on from its end may be shut.
@@ -207,12 +203,9 @@ class Search:
         lower = np.linalg.cholesky(self.model.evidence.covariance())
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
         starts = [self._start(effects, parent) for effects, parent in pairs]
-
-        prior = self.log_prior(hypotheses)
-        best = max(f.log_evidence + p for f, p in zip(known, self.log_prior(
-            [f.hypothesis for f in known]), strict=True))  # fmt: skip
+        best = np.max(self._scores(known))
         looks = self._looked(hypotheses, starts, lower)
-        scores = np.array([value for value, _ in looks]) + prior
+        scores = np.array([value for value, _ in looks]) + self.log_prior(hypotheses)
         # A step that is too long promises too much: what is promised is held against what is
         # fitted, and never against another promise.
         chosen = [i for i in near_best(scores, np.inf, _MOST) if scores[i] > best - _MARGIN]
@@ -261,7 +254,7 @@ class Search:
         for effects, parent in together:
             residual, slope = white[id(parent)]
             other = alone[effects[-1].key]
-            own = other.hypothesis.own_columns
+            own = other.hypothesis.own
             columns = np.hstack([slope, white[id(other)][1][:, own]])
             hessian = columns.T @ columns + np.eye(columns.shape[1])
             pull = columns.T @ residual
@@ -295,6 +288,12 @@ class Search:
             ]
         )
 
+    def _scores(self, fits: Sequence[Fit]) -> np.ndarray:
+        """ln of the evidence times the prior odds of each."""
+        return np.array([f.log_evidence for f in fits]) + self.log_prior(
+            [f.hypothesis for f in fits]
+        )
+
     def probabilities(self, fits: Sequence[Fit]) -> np.ndarray:
         """Posterior probability of each of the fitted hypotheses.
 
@@ -302,8 +301,7 @@ class Search:
         of wrong explanations is none. And what explains the test may be a look-alike
         (`fenics_joints.diagnosis.evidence.unlisted`).
         """
-        score = np.array([f.log_evidence for f in fits])
-        score = score + self.log_prior([f.hypothesis for f in fits])
+        score = self._scores(fits)
         unknown = max((s for s, f in zip(score, fits, strict=True) if f.hypothesis.unknown),
                       default=np.inf)  # fmt: skip
         known = np.array([not f.hypothesis.unknown for f in fits])
@@ -326,19 +324,13 @@ def _tries(hypothesis: Hypothesis) -> list[np.ndarray]:
 
     One parameter to both sides; several by a Sobol sequence all over their range.
     """
-    own = hypothesis.own_columns
-    limits = [hypothesis.priors[j][1].limits(_FAR) for j in own]
+    limits = [prior.limits(_FAR) for _, prior in hypothesis.priors[hypothesis.own]]
     low, high = np.array(limits).reshape(-1, 2).T
-    if len(own) == 1:
+    if len(low) == 1:
         points = np.clip([[-_ASIDE], [_ASIDE]], low, high)
     else:
-        points = low + (high - low) * _spread(len(own), _TRIES) if own else []
-    found = []
-    for point in points:
-        z = np.zeros(len(hypothesis.priors))
-        z[own] = point
-        found.append(z)
-    return found
+        points = low + (high - low) * _spread(len(low), _TRIES) if limits else []
+    return [hypothesis.at(point) for point in points]
 
 
 def _spread(dimensions: int, count: int) -> np.ndarray:
@@ -362,7 +354,3 @@ def _pack(found: Fit) -> dict:
 def _unpack(task, packed: dict) -> Fit:
     return Fit(hypothesis=task[0], **packed)
 
-
-def with_evidence(found: Fit, log_evidence: float) -> Fit:
-    """A fit with the evidence from elsewhere."""
-    return replace(found, log_evidence=log_evidence)

@@ -13,11 +13,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.forward import Forward
 
@@ -47,10 +49,8 @@ def distance(a: Fit, b: Fit, evidence: Evidence) -> float:
 def _one_way(a: Fit, b: Fit, evidence: Evidence, lower) -> float:
     """Whitened distance from a's prediction to the nearest that b can make."""
     used = evidence.fitted
-    residual = np.linalg.solve(lower, (a.predicted - b.predicted)[used])
-    slope = np.linalg.solve(lower, b.jacobian[used])
-    if slope.shape[1] == 0:
-        return float(np.linalg.norm(residual))
+    residual = whiten(lower, (a.predicted - b.predicted)[used])
+    slope = whiten(lower, b.jacobian[used])
     # |residual - slope d|^2 + |z + d|^2 - |z|^2: what b loses of its prior counts as well.
     hessian = slope.T @ slope + np.eye(slope.shape[1])
     d = np.linalg.solve(hessian, slope.T @ residual - b.z)
@@ -83,18 +83,14 @@ def detectable(
     damped = evidence.log_damping is not None
     bare = Hypothesis((), tuple(nuisances), modes=modes, damped=damped)
     with_it = replace(bare, effects=(effect,))
-    own, first = len(effect.priors), sum(len(e.priors) for e in nuisances)
-    still = np.zeros(len(bare.priors))
-    used = evidence.fitted
     lower = np.linalg.cholesky(evidence.covariance())
-    longest, (without, _) = 0.0, predict(bare, forward, evidence, still, baseline)
-    for size in (0.0, 1.0):
-        z = np.zeros(len(with_it.priors))
-        z[first : first + own] = size
-        there, _ = predict(with_it, forward, evidence, z, baseline)
-        seen = np.linalg.solve(lower, (there - without)[used])
-        longest = max(longest, float(np.linalg.norm(seen)))
-    return longest >= 2 * APART
+    without, _ = predict(bare, forward, evidence, bare.at(0.0), baseline)
+    changes = (
+        (predict(with_it, forward, evidence, with_it.at(size), baseline)[0] - without)
+        for size in (0.0, 1.0)
+    )
+    seen = (np.linalg.norm(whiten(lower, change[evidence.fitted])) for change in changes)
+    return bool(max(seen) >= 2 * APART)
 
 
 def classes(
@@ -120,13 +116,7 @@ def classes(
     names = labels([e for f in fits for e in f.hypothesis.effects])
     leader = fits[int(np.argmax(probability))]
     lead = {e.key for e in leader.hypothesis.effects}
-    parent = {key: key for key in keys}
-
-    def root(key: str) -> str:
-        while parent[key] != key:
-            key = parent[key]
-        return key
-
+    together = DisjointSet(keys)
     weighed = list(zip(fits, probability, strict=True))
     alone = {
         frozenset(e.key for e in f.hypothesis.effects): p
@@ -136,7 +126,7 @@ def classes(
     for i, (a, p_a) in enumerate(weighed):
         for b, p_b in weighed[:i]:
             swap = _swap(a, b)
-            if swap is None or root(swap[0]) == root(swap[1]):
+            if swap is None or together.connected(*swap):
                 continue
             rest = {e.key for e in a.hypothesis.effects} - {swap[0]}
             if rest - lead or (not rest and swap[0] in lead and len(lead) > 1):
@@ -146,12 +136,11 @@ def classes(
             if abs(a.log_evidence - b.log_evidence) > UNDECIDED:
                 continue
             if distance(a, b, evidence) < APART:
-                parent[root(swap[0])] = root(swap[1])
-    members: dict[str, list[str]] = {}
-    for key in keys:
-        members.setdefault(root(key), []).append(names[key])
+                together.merge(*swap)
     # In alphabetical order: by probability, round-off would have a say in the name.
-    return {key: " or ".join(sorted(set(members[root(key)]))) for key in keys}
+    return {
+        key: " or ".join(sorted({names[other] for other in together.subset(key)})) for key in keys
+    }
 
 
 def labels(effects: Sequence[Effect]) -> dict[str, str]:

@@ -107,10 +107,22 @@ class Hypothesis:
         return [(e, p) for e in (*self.nuisances, *self.effects) for p in e.priors]
 
     @cached_property
-    def own_columns(self) -> list[int]:
-        """Where the effects' parameters stand in z; the others are free in any case."""
-        keys = {e.key for e in self.effects}
-        return [j for j, (e, _) in enumerate(self.priors) if e.key in keys]
+    def own(self) -> slice:
+        """Where the effects' parameters stand in z, behind the nuisances'; the others are free in
+        any case."""
+        first = sum(len(e.priors) for e in self.nuisances)
+        return slice(first, len(self._own))
+
+    def at(self, own: np.ndarray | float) -> np.ndarray:
+        """z with the effects' parameters ``own`` and all others at their medians, (d,)."""
+        z = np.zeros(len(self.priors))
+        z[self.own] = own
+        return z
+
+    @cached_property
+    def limits(self) -> np.ndarray:
+        """Least and largest z of each parameter, (d, 2)."""
+        return np.array([prior.limits() for _, prior in self.priors]).reshape(-1, 2)
 
     @cached_property
     def shared(self) -> dict[str, list[tuple[Effect, Prior]]]:

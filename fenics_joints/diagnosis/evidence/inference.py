@@ -12,17 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import trapezoid
-from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.linear import log_evidence, whiten
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["Evidence", "Fit", "Forward", "Hypothesis", "evidence_of", "fit"]
+__all__ = ["Fit", "fit"]
 
 #: Standard deviations of the prior beyond which a scanned parameter is not looked for.
 _FARTHEST = 4.0
@@ -114,10 +114,9 @@ def fit(
         tolerance: Relative change of the sum of squares, and of z, at which the search ends.
         progress: Called when done.
     """
-    covariance = evidence.covariance(hypothesis.unknown)
-    lower = np.linalg.cholesky(covariance)
+    lower = np.linalg.cholesky(evidence.covariance(hypothesis.unknown))
     problem = _Problem(hypothesis, forward, evidence, baseline, lower)
-    bounds = np.array([prior.limits() for _, prior in hypothesis.priors]).reshape(-1, 2)
+    bounds = hypothesis.limits
     scanned = next((j for j, (_, p) in enumerate(hypothesis.priors) if p.scan), None)
     scan = None if scanned is None else problem.scan(scanned, bounds[scanned])
     if scan is not None:
@@ -136,7 +135,7 @@ def fit(
             best = (result.cost, result.x)
     if progress:
         progress()
-    found = problem.finish(best[1], bounds)
+    found = problem.finish(best[1])
     return found if scan is None else scan.improved(found)
 
 
@@ -181,18 +180,16 @@ class _Problem:
             self._last = (z.copy(), *found)
         return self._last[1:]
 
-    def _whiten(self, a):
-        return solve_triangular(self.lower, a, lower=True, check_finite=False)
-
     def residual(self, z):
         predicted, _ = self.predict(z)
         used = self.evidence.fitted
-        return np.concatenate([self._whiten(predicted[used] - self.evidence.data[used]), z])
+        return np.concatenate([whiten(self.lower, (predicted - self.evidence.data)[used]), z])
 
     def slope(self, z):
         _, jacobian = self.predict(z)
-        whitened = self._whiten(jacobian[self.evidence.fitted])
-        return np.concatenate([whitened, np.eye(len(z))])
+        return np.concatenate(
+            [whiten(self.lower, jacobian[self.evidence.fitted]), np.eye(len(z))]
+        )
 
     def scan(self, index: int, limits) -> _Scan:
         """The evidence's integrand over one parameter, the others optimal in a linear model."""
@@ -207,46 +204,37 @@ class _Problem:
             hessian = slope.T @ slope + np.eye(slope.shape[1])
             z[others] = -np.linalg.solve(hessian, slope.T @ residual)
             residual = residual + slope @ z[others]
-            log_density.append(
-                -0.5 * (residual @ residual + z @ z) - 0.5 * np.linalg.slogdet(hessian)[1]
-            )
+            log_density.append(log_evidence(residual @ residual + z @ z, hessian, self.lower))
             points.append(z)
         log_density = np.array(log_density)
         top = log_density.max()
         weight = np.exp(log_density - top)
         total = trapezoid(weight, grid)
         mean = trapezoid(weight * grid, grid) / total
-        constant = np.sum(np.log(np.diag(self.lower))) + 0.5 * len(residual) * np.log(2 * np.pi)
         return _Scan(
             index,
             points[int(np.argmax(log_density))],
-            float(top + np.log(total) - 0.5 * np.log(2 * np.pi) - constant),
+            float(top + np.log(total) - 0.5 * np.log(2 * np.pi)),
             float(trapezoid(weight * (grid - mean) ** 2, grid) / total),
         )
 
-    def finish(self, z, bounds) -> Fit:
+    def finish(self, z) -> Fit:
         predicted, jacobian = self.predict(z)
-        residual = self.residual(z)
-        slope = self.slope(z)
-        n = len(residual) - len(z)
-        misfit = float(residual[:n] @ residual[:n])
+        residual, slope = self.residual(z), self.slope(z)
+        n = len(self.lower)
         hessian = slope.T @ slope
-        log_det = 2 * np.sum(np.log(np.diag(self.lower)))
-        log_evidence = (
-            -0.5 * misfit - 0.5 * (log_det + n * np.log(2 * np.pi)) - 0.5 * z @ z
-            - 0.5 * np.linalg.slogdet(hessian)[1]
-        )  # fmt: skip
-        close = np.minimum(z - bounds[:, 0], bounds[:, 1] - z) < 1e-3 if len(z) else []
+        found = log_evidence(residual @ residual, hessian, self.lower)
+        low, high = self.hypothesis.limits.T
+        close = np.minimum(z - low, high - z) < 1e-3
         at_bound = tuple(
             f"{effect.name}: {prior.name}"
             for (effect, prior), near in zip(self.hypothesis.priors, close, strict=True)
             if near
         )
-        if not np.isfinite(log_evidence):
+        if not np.isfinite(found):
             label = self.hypothesis.label
             raise InputError(f"{label}: the evidence is not finite; check the data.")
-        covariance = np.linalg.inv(hessian) if len(z) else np.zeros((0, 0))
         return Fit(
-            self.hypothesis, z, covariance, predicted, self.evidence.log_f.shape, jacobian,
-            float(log_evidence), misfit, n, at_bound,
+            self.hypothesis, z, np.linalg.inv(hessian), predicted, self.evidence.shape, jacobian,
+            found, float(residual[:n] @ residual[:n]), n, at_bound,
         )  # fmt: skip

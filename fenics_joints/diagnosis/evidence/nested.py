@@ -20,12 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from nautilus import Sampler
 from scipy.interpolate import RBFInterpolator
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.reduction.batch import (
@@ -180,12 +180,10 @@ class Marginal:
     def __init__(self, fit: Fit, evidence: Evidence, baseline):
         self.fit, self.evidence, self.baseline = fit, evidence, baseline
         self.hypothesis = fit.hypothesis
-        before = sum(len(e.priors) for e in self.hypothesis.nuisances)
-        self.n_effects = sum(len(e.priors) for e in self.hypothesis.effects)
-        self.own = np.arange(before, before + self.n_effects)
-        self.rest = np.setdiff1d(np.arange(len(fit.z)), self.own)
-        priors = [prior for _, prior in self.hypothesis.priors[before:]][: self.n_effects]
-        self.limits = np.array([p.limits() for p in priors]).reshape(-1, 2)
+        self.own = self.hypothesis.own
+        self.rest = np.delete(np.arange(len(fit.z)), self.own)
+        self.limits = self.hypothesis.limits[self.own]
+        self.n_effects = len(self.limits)
         self.used = evidence.fitted
         self.lower = np.linalg.cholesky(evidence.covariance(self.hypothesis.unknown))
         noise = evidence.log_sd[evidence.used]
@@ -214,8 +212,7 @@ class Marginal:
         Those of the posterior fill a box along its principal axes, cut off at the limits.
         """
         d = self.n_effects
-        covariance = self.fit.covariance[np.ix_(self.own, self.own)]
-        sizes, axes = np.linalg.eigh(covariance)
+        sizes, axes = np.linalg.eigh(self.fit.covariance[self.own, self.own])
         near = qmc.Sobol(d, seed=seed).random(_NEAR)
         steps = _REACH * (2 * near - 1) * np.sqrt(np.maximum(sizes, 0.0))
         near = np.vstack([np.zeros(d), steps @ axes.T]) + self.fit.z[self.own]
@@ -281,10 +278,7 @@ class Marginal:
         """Whitened derivatives by what is integrated out, (k, p)."""
         arguments = self.hypothesis, self.forward, self.evidence, self.full(point), self.baseline
         _, jacobian = predict(*arguments)
-        return self._whiten(jacobian[np.ix_(self.used, self.rest)])
-
-    def _whiten(self, a):
-        return solve_triangular(self.lower, a, lower=True, check_finite=False)
+        return whiten(self.lower, jacobian[np.ix_(self.used, self.rest)])
 
     def _all_slopes(self, points: np.ndarray) -> np.ndarray:
         """`_slopes_at` of many points, (b, k, p)."""
@@ -300,7 +294,7 @@ class Marginal:
         """Whitened residuals with the rest at its most probable values, (b, k)."""
         z = [self.full(point) for point in points]
         predicted = self.predictions(z)[:, self.used]
-        return self._whiten((predicted - self.evidence.data[self.used]).T).T
+        return whiten(self.lower, (predicted - self.evidence.data[self.used]).T).T
 
     def predictions(self, z: list[np.ndarray]) -> np.ndarray:
         """Predictions at several z, (len(z), N); a lean model solves for all of them at once."""
@@ -389,7 +383,7 @@ class Marginal:
     def _on_a_line(self):
         """The same over one parameter, for which the sampler is not made: by the trapezoidal rule,
         on steps over the whole prior and finer ones where Laplace sees the posterior."""
-        (low, high), (own,) = self.limits[0], self.own
+        (low, high), own = self.limits[0], self.own.start
         sd = np.sqrt(self.fit.covariance[own, own])
         near = np.clip(self.fit.z[own] + sd * np.linspace(-_NEAR_SD, _NEAR_SD, _STEPS), low, high)
         z = np.unique(np.concatenate([np.linspace(low, high, _STEPS), near]))

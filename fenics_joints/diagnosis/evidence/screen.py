@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.linear import log_evidence, whiten
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.forward import Forward
 
@@ -34,20 +34,13 @@ def quick_evidence(
     """
     used = evidence.fitted
     predicted, jacobian = predict(hypothesis, forward, evidence, start, baseline)
-
-    def whiten(a):
-        return solve_triangular(lower, a, lower=True, check_finite=False)
-
-    residual = whiten(predicted[used] - evidence.data[used])
-    slope = whiten(jacobian[used])
+    residual = whiten(lower, predicted[used] - evidence.data[used])
+    slope = whiten(lower, jacobian[used])
     hessian = slope.T @ slope + np.eye(len(start))
     z = start - np.linalg.solve(hessian, slope.T @ residual + start)
-    low, high = np.array([p.limits() for _, p in hypothesis.priors]).reshape(-1, 2).T
-    z = np.clip(z, low, high)
+    z = np.clip(z, *hypothesis.limits.T)
     left = residual + slope @ (z - start)
-    constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(left) * np.log(2 * np.pi)
-    value = -0.5 * (left @ left + z @ z) - 0.5 * np.linalg.slogdet(hessian)[1] - constant
-    return float(value), z
+    return log_evidence(left @ left + z @ z, hessian, lower), z
 
 
 def whitened(found: Fit, evidence: Evidence, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +53,7 @@ def whitened(found: Fit, evidence: Evidence, lower: np.ndarray) -> tuple[np.ndar
     """
     used = evidence.fitted
     both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
-    white = solve_triangular(lower, both, lower=True, check_finite=False)
+    white = whiten(lower, both)
     return white[:, 0], white[:, 1:]
 
 
@@ -74,9 +67,8 @@ def linear_evidence(found: Fit, evidence: Evidence) -> float:
     lower = np.linalg.cholesky(evidence.covariance(found.hypothesis.unknown))
     residual, slope = whitened(found, evidence, lower)
     hessian, pull = slope.T @ slope + np.eye(len(found.z)), slope.T @ residual + found.z
-    constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(residual) * np.log(2 * np.pi)
     square = residual @ residual + found.z @ found.z - pull @ np.linalg.solve(hessian, pull)
-    return float(-0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - constant)
+    return log_evidence(square, hessian, lower)
 
 
 def near_best(values: np.ndarray, margin: float, most: int) -> np.ndarray:

@@ -28,7 +28,7 @@ from fenics_joints.diagnosis.plan.added import (
     table,
     widened,
 )
-from fenics_joints.diagnosis.plan.study import Measurement, Study, own_slice
+from fenics_joints.diagnosis.plan.study import Measurement, Study
 from fenics_joints.formatting import condition_value, spaced
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
@@ -138,10 +138,8 @@ class Candidates:
 
     def _values(self, effect: Effect, own: np.ndarray, row: int) -> dict[str, float]:
         hypothesis = self.test.hypothesis(effect)
-        z = np.zeros(len(hypothesis.priors))
-        z[own_slice(hypothesis)] = own
-        base = self.study.baseline(effect)
-        return hypothesis.values(z, float(self.evidence.conditions[row]), base, row)
+        condition, base = float(self.evidence.conditions[row]), self.study.baseline(effect)
+        return hypothesis.values(hypothesis.at(own), condition, base, row)
 
     @cached_property
     def _everywhere(self) -> Sensors:

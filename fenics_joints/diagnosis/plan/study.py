@@ -15,18 +15,18 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.errors import InputError
 from fenics_joints.parallel import spread
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-__all__ = ["Measurement", "Signature", "Study", "own_at", "own_slice"]
+__all__ = ["Measurement", "Signature", "Study", "own_at"]
 
 #: Sizes of an effect, in prior standard deviations: those it is judged at, and those that a search
 #: for the nearest prediction starts from.
@@ -163,7 +163,8 @@ class Study:
 
     def signature(self, effect: Effect, own: np.ndarray) -> Signature:
         """What an effect with these parameters does, exactly."""
-        predicted, _ = self._at(effect, self.baseline(effect), own)
+        hypothesis = self.measurement.hypothesis(effect)
+        predicted, _ = self._prediction(hypothesis, hypothesis.at(own), self.baseline(effect))
         found = Signature(effect, own, predicted, np.nan)
         return replace(found, d=2 * self.distance(found, None))
 
@@ -171,9 +172,9 @@ class Study:
         """Its change of the prediction in the metric of noise and nuisances together, (N,)."""
         base = self.baseline(signature.effect)
         bare = self.measurement.hypothesis()
-        nominal, slopes = self._prediction(bare, np.zeros(len(bare.priors)), base)
+        nominal, slopes = self._prediction(bare, bare.at(0.0), base)
         lower = np.linalg.cholesky(self.measurement.covariance + slopes @ slopes.T)
-        return solve_triangular(lower, signature.predicted - nominal, lower=True)
+        return whiten(lower, signature.predicted - nominal)
 
     # -- distances ---------------------------------------------------------------------------
 
@@ -240,31 +241,19 @@ class Study:
         places.sort(key=lambda p: p.cost)
         often = places[: _BEST if steps > 1 else 1]
         best = min((search.run(place, steps) for place in often), key=lambda p: p.cost)
-        own = best.z[search.own]
+        own = best.z[hypothesis.own]
         needed = own @ own - truth.own @ truth.own
         return best.misfit + best.others + max(float(needed), 0.0), own
 
-    def _at(self, effect, baseline, own) -> tuple[np.ndarray, np.ndarray]:
-        hypothesis = self.measurement.hypothesis(effect)
-        z = np.zeros(len(hypothesis.priors))
-        z[own_slice(hypothesis)] = own
-        return self._prediction(hypothesis, z, baseline)
-
     def _prediction(self, hypothesis, z, baseline) -> tuple[np.ndarray, np.ndarray]:
         """Remembered for what many comparisons start from: z of one effect, nuisances at rest."""
-        rest = np.delete(z, own_slice(hypothesis))
+        rest = np.delete(z, hypothesis.own)
         if rest.any():
             return self.measurement.predict(hypothesis, z, baseline)
         key = (hypothesis.effects, tuple(z), id(baseline))
         if key not in self._known:
             self._known[key] = self.measurement.predict(hypothesis, z, baseline)
         return self._known[key]
-
-
-def own_slice(hypothesis: Hypothesis) -> slice:
-    """Where the effects' parameters stand in z: behind the nuisances."""
-    first = sum(len(e.priors) for e in hypothesis.nuisances)
-    return slice(first, first + sum(len(e.priors) for e in hypothesis.effects))
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,9 +284,7 @@ class _Search:
     def __init__(self, study: Study, hypothesis: Hypothesis, baseline, target: np.ndarray):
         self._study, self._hypothesis = study, hypothesis
         self._baseline, self._target = baseline, target
-        self.own = own_slice(hypothesis)
-        limits = [prior.limits() for _, prior in hypothesis.priors]
-        self._limits = np.array(limits).reshape(-1, 2)
+        self._limits = hypothesis.limits.T
 
     def _place(self, z: np.ndarray) -> _Place | None:
         """None where the model has no answer, as too few modes that the test could see."""
@@ -306,19 +293,17 @@ class _Search:
         except InputError:
             return None
         lower = self._study.measurement.lower
-        residual = solve_triangular(lower, predicted - self._target, lower=True)
-        slopes = solve_triangular(lower, jacobian, lower=True)
-        rest = np.delete(z, self.own)
-        return _Place(z, residual, slopes, float(rest @ rest))
+        rest = np.delete(z, self._hypothesis.own)
+        residual = whiten(lower, predicted - self._target)
+        return _Place(z, residual, whiten(lower, jacobian), float(rest @ rest))
 
     def begin(self, own: np.ndarray) -> _Place | None:
         """The point of these own parameters, its nuisances refitted linearly to rank it."""
-        z = np.zeros(len(self._limits))
-        z[self.own] = own
+        z = self._hypothesis.at(own)
         place = self._place(z)
         if place is None:
             return None
-        free = np.delete(np.arange(len(z)), np.arange(len(z))[self.own])
+        free = np.delete(np.arange(len(z)), self._hypothesis.own)
         S = place.slopes[:, free]
         step = np.linalg.solve(S.T @ S + np.eye(len(free)), -S.T @ place.residual)
         moved = z.copy()
@@ -327,7 +312,7 @@ class _Search:
 
     def run(self, place: _Place, steps: int) -> _Place:
         """Gauss-Newton steps within the limits, halved where the cost would not fall."""
-        exact = self._place(np.clip(place.z, *self._limits.T))
+        exact = self._place(np.clip(place.z, *self._limits))
         place = place.exact if exact is None or exact.cost > place.exact.cost else exact
         for _ in range(steps):
             better = self._step(place)
@@ -341,7 +326,7 @@ class _Search:
 
     def _step(self, place: _Place) -> _Place | None:
         z, S = place.z, place.slopes
-        low, high = self._limits.T
+        low, high = self._limits
         downhill = -(S.T @ place.residual + z)
         free = ~((z <= low) & (downhill < 0)) & ~((z >= high) & (downhill > 0))
         if not free.any():

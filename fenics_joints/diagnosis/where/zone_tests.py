@@ -20,10 +20,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import scipy.linalg
 from scipy.stats import chi2
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.errors import InputError
 
 __all__ = ["Attribution", "ZoneTest", "attribution", "holm", "whitened", "zone_tests"]
@@ -125,7 +125,7 @@ def whitened(
         if len(array) != len(used):
             raise InputError(f"{len(array)} rows: expected {len(used)}, one for each datum.")
     lower = np.linalg.cholesky(_covariance(evidence, nuisance))
-    return [scipy.linalg.solve_triangular(lower, np.asarray(a)[used], lower=True) for a in arrays]
+    return [whiten(lower, np.asarray(a)[used]) for a in arrays]
 
 
 def _covariance(evidence: Evidence, nuisance: np.ndarray | None) -> np.ndarray:
@@ -310,9 +310,8 @@ def attribution(
     group, labels = _groups(evidence, by, names)
     group = group[used]
     order = np.argsort(group, kind="stable")
-    covariance = _covariance(evidence, nuisance)[np.ix_(order, order)]
-    lower = np.linalg.cholesky(covariance)
-    white = scipy.linalg.solve_triangular(lower, np.asarray(residual)[used][order], lower=True)
+    lower = np.linalg.cholesky(_covariance(evidence, nuisance)[np.ix_(order, order)])
+    white = whiten(lower, np.asarray(residual)[used][order])
     found = []
     for g in np.unique(group):
         own = white[group[order] == g]

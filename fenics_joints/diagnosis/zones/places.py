@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
 from fenics_joints.case.case import Case
 from fenics_joints.diagnosis.zones.zone import Grading, Zone, Zones
@@ -116,21 +117,12 @@ def _off(vector: np.ndarray, normal: np.ndarray) -> float:
 
 def _held_together(rows: Sequence[LayerZone], labels: Sequence[str]) -> list[str]:
     """For each zone the joints that it is one with: those that share a bolt."""
-    parent = {row.joint: row.joint for row in rows}
-
-    def root(joint):
-        while parent[joint] != joint:
-            joint = parent[joint]
-        return joint
-
-    first: dict[str, str] = {}
+    joints = list(dict.fromkeys(row.joint for row in rows))
+    one, first = DisjointSet(joints), {}
     for row, label in zip(rows, labels, strict=True):
         if label:
-            parent[root(row.joint)] = root(first.setdefault(label, row.joint))
-    members = {}
-    for joint in parent:
-        members.setdefault(root(joint), []).append(joint)
-    return [", ".join(members[root(row.joint)]) for row in rows]
+            one.merge(row.joint, first.setdefault(label, row.joint))
+    return [", ".join(j for j in joints if one.connected(j, row.joint)) for row in rows]
 
 
 def _groups(rows: Sequence[LayerZone]) -> dict[str, tuple[str, ...]]:

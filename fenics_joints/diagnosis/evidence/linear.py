@@ -1,0 +1,25 @@
+"""Whitened residuals, and the evidence of what is linear in parameters z ~ N(0, I)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+__all__ = ["log_evidence", "whiten"]
+
+
+def whiten(lower: np.ndarray, array: np.ndarray) -> np.ndarray:
+    """Rows, (k,) or (k, n), in standard deviations; ``lower`` factors their covariance."""
+    return solve_triangular(lower, array, lower=True, check_finite=False)
+
+
+def log_evidence(square: float, hessian: np.ndarray, lower: np.ndarray) -> float:
+    """ln of the marginal likelihood: ln N(r; 0, Sigma) - |z|^2 / 2 - ln det(H) / 2 at the maximum.
+
+    Args:
+        square: |r|^2 + |z|^2 there, r whitened.
+        hessian: H = J^T J + I of the whitened slopes J, (d, d).
+        lower: Cholesky factor of Sigma, (k, k).
+    """
+    constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(lower) * np.log(2 * np.pi)
+    return float(-0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - constant)
