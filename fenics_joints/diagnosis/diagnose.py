@@ -159,26 +159,26 @@ class _Run:
         grouped = classes(fits, probability, self.evidence)
         leader = self._leader(fits)
         effects = self._effects(fits, probability, grouped, leader)
-        verdict, summary = decide(fits, probability, effects, leader, self._gap(leader.log_f))
+        verdict, summary = decide(
+            fits, probability, effects, leader, _gap(self.data, leader.log_f)
+        )
         shrink = self._shrink(fits, grouped)
         self.progress.step("localising the gap")
-        regions = self.model.region_names()
-        where = zone_shares(leader, self.forward, self.evidence, self.baseline, regions)
+        shown = self.model.zones.shown
+        where = zone_shares(leader, self.forward, self.evidence, self.baseline, shown)
         cells = self._cells()
-        before = self._gap(np.array([self.forward(self.baseline)[0]] * len(self.data)))
         return Diagnosis(
             title=self.case.title,
             verdict=verdict,
             summary=summary,
             condition=self.model.condition,
-            before=before,
-            after=self._gap(leader.log_f),
+            before=_gap(self.data, [self.forward(self.baseline)[0]] * len(self.data)),
+            after=_gap(self.data, leader.log_f),
             noise=float(np.sqrt(np.nanmean(self.data.log_sd()[self.evidence.used] ** 2))),
             heldout_before=shrink.before,
             heldout_after=shrink.after,
             placebo_after=shrink.placebo,
             placebo=self._placebo_label(fits, leader, grouped),
-            folds=shrink.rows,
             validation=self._validation(leader),
             where=where,
             effects=effects,
@@ -205,10 +205,6 @@ class _Run:
             return next(f for f in fits if not f.hypothesis.unknown)
         return fits[0]
 
-    def _gap(self, log_f: np.ndarray) -> Gap:
-        data = self.data
-        return Gap(data.conditions, data.mode_names, data.frequencies_hz, np.exp(log_f))
-
     def _damping(self, leader: Fit) -> tuple[np.ndarray, np.ndarray] | None:
         if leader.log_damping is None:
             return None
@@ -221,7 +217,7 @@ class _Run:
                 tuple(e.key for e in f.hypothesis.effects),
                 float(p),
                 f.log_evidence,
-                self._gap(f.log_f).rms,
+                _gap(self.data, f.log_f).rms,
                 f.p_value,
                 f.hypothesis.table(f.z, f.covariance),
                 f.at_bound,
@@ -326,17 +322,12 @@ class _Run:
         data = self.given.validation()
         if data is None:
             return None
-        gaps = []
-        before = np.array([self.forward(self.baseline)[0]] * len(data))
-        after = np.array(
-            [
-                RowPrediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f
-                for c in data.conditions
-            ]
-        )
-        for log_f in (before, after):
-            gaps.append(Gap(data.conditions, data.mode_names, data.frequencies_hz, np.exp(log_f)))
-        return gaps[0], gaps[1]
+        before = [self.forward(self.baseline)[0]] * len(data)
+        after = [
+            RowPrediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f
+            for c in data.conditions
+        ]
+        return _gap(data, before), _gap(data, after)
 
     def _cells(self):
         names = list(self.model.full.parameters)
@@ -348,7 +339,7 @@ class _Run:
         ]
         surrogate = self.model.surrogate
         return cell_map(
-            self.model.subject.cells, surrogate.nominal, surrogate.pairing, self.evidence,
+            self.model.cells, surrogate.nominal, surrogate.pairing, self.evidence,
             np.array(columns).T, self.model.zones.shown,
         )  # fmt: skip
 
@@ -383,6 +374,10 @@ class _Run:
             if rest <= keys and len(others) == 1 and others <= set(members) - {mine}:
                 return f
         return None
+
+
+def _gap(data: TestData, log_f: Sequence[np.ndarray]) -> Gap:
+    return Gap(data.conditions, data.mode_names, data.frequencies_hz, np.exp(log_f))
 
 
 def _can_be_sampled(found: Fit) -> bool:

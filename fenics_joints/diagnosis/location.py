@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -53,9 +53,9 @@ class Location:
         return {
             "misfit": self.misfit,
             "n_data": self.n_data,
-            "regions": [test.to_json() for test in self.regions],
-            "zones": [test.to_json() for test in self.zones],
-            "attribution": [part.to_json() for part in self.attribution],
+            "regions": [asdict(test) for test in self.regions],
+            "zones": [asdict(test) for test in self.zones],
+            "attribution": [asdict(part) for part in self.attribution],
             "patches": None if self.patches is None else self.patches.to_json(),
             "constitutive": None if self.constitutive is None else self.constitutive.to_json(),
         }
@@ -92,7 +92,7 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
     by_mode = [part for part in parts if part.by == "mode"]
     nominal, pairing = model.surrogate.nominal, model.surrogate.pairing
     mapped = patch_tests(
-        model.subject.cells, nominal, pairing, evidence, residual, nuisance, n_patches,
+        model.cells, nominal, pairing, evidence, residual, nuisance, n_patches,
         soft=_yielding(model), by_torque=torque, merged=model.zones.shown,
     ) if n_patches else None  # fmt: skip
     return Location(
@@ -116,7 +116,7 @@ def _yielding(model: Prepared):
 
 def _groups(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
     """The model's components by name, joints whole; and the same by zones."""
-    shown = model.region_names()
+    shown = model.zones.shown
     components = dict.fromkeys(name.rpartition(".")[0] for name in model.baseline)
     whole: dict[str, list[str]] = {}
     for name in components:
@@ -131,8 +131,8 @@ def _constitutive(model: Prepared, n_patches: int) -> ConstitutiveError | None:
     there = np.isfinite(data.frequencies_hz[row])
     if not there.any():
         return None
-    cells = model.subject.cells
     return constitutive_error(
-        cells, model.baseline, data.shapes[:, there], data.frequencies_hz[row][there],
-        data.sensors, split=patches(cells, n_patches, model.zones.shown), noise=data.shape_noise,
+        model.cells, model.baseline, data.shapes[:, there], data.frequencies_hz[row][there],
+        data.sensors, split=patches(model.cells, n_patches, model.zones.shown),
+        noise=data.shape_noise,
     )  # fmt: skip

@@ -103,7 +103,6 @@ class Diagnosis:
         heldout_after: Gap on held-out data, selection and fitting done without them.
         placebo_after: The same for the best wrong effect.
         placebo: Its label.
-        folds: Rows with name, n, before, after, placebo, chosen.
         validation: Gap before and after on data that were never fitted; None if there are none.
         where: Share by region, largest first, ``unexplained`` last.
         effects: Effects, most probable first; ``no gap`` and ``none of these`` among them.
@@ -132,7 +131,6 @@ class Diagnosis:
     heldout_after: float
     placebo_after: float
     placebo: str
-    folds: list[dict]
     validation: tuple[Gap, Gap] | None
     where: list[ZoneShare]
     effects: list[EffectResult]
@@ -167,7 +165,7 @@ class Diagnosis:
             "hypotheses": [asdict(h) for h in self.hypotheses],
             "silent": [asdict(s) for s in self.silent],
             "separations": [_renamed(s, "class_name") for s in self.separations],
-            "folds": self.folds,
+            "folds": [asdict(fold) for fold in self.shrinkage.folds] if self.shrinkage else [],
             "conditions": {
                 "name": self.condition[0],
                 "unit": self.condition[1],

@@ -131,11 +131,6 @@ class Shrinkage:
     def __repr__(self) -> str:
         return f"Shrinkage({self.before:.2%} to {self.after:.2%} in {len(self.folds)} folds)"
 
-    @property
-    def rows(self) -> list[dict]:
-        """The folds as dicts."""
-        return [asdict(f) for f in self.folds]
-
     def to_json(self) -> dict:
         """All of it for `json.dumps`; what is not a number is None."""
         return plain(asdict(self))

@@ -55,7 +55,7 @@ def diagnosis(**changes) -> Diagnosis:
         title="Plates <b>& bolts</b>", verdict="cause", summary="The joint gives way.",
         condition=("torque", "N·m"), before=gap(1.2), after=gap(1.01), noise=0.0083,
         heldout_before=0.1981, heldout_after=0.0142, placebo_after=0.0731, placebo="modulus",
-        folds=[], shrinkage=shrinkage(),
+        shrinkage=shrinkage(),
         validation=(gap(1.19), gap(0.98)),
         where=[ZoneShare("joint", 0.943), ZoneShare("plates", 0.032),
                ZoneShare("unexplained", 0.025)],

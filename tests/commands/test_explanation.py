@@ -120,7 +120,7 @@ def diagnosis(**changes) -> Diagnosis:
         title="Plates", verdict="cause", summary="", condition=("torque", "N·m"),
         before=Gap(TORQUES, MODES, TEST, 1.2 * TEST), after=Gap(TORQUES, MODES, TEST, 1.011 * TEST),
         noise=0.005, heldout_before=0.2, heldout_after=0.033, placebo_after=0.12,
-        placebo="modulus error", folds=[], validation=None,
+        placebo="modulus error", validation=None,
         where=[ZoneShare("the_lap", 0.88), ZoneShare("plates", 0.07),
                ZoneShare("unexplained", 0.05)],
         effects=[

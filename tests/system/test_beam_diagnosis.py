@@ -209,7 +209,7 @@ def test_a_missed_mode_is_sampled_as_it_is_fitted(tmp_path):
 
 def test_shapes_contradict_the_law_where_it_is_wrong(tmp_path):
     """With the model's own shapes there is no error; with those of a soft stretch it is there."""
-    subject = prepare(write_case(tmp_path, measured()), MPI.COMM_SELF, QUIET).subject
+    subject = prepare(write_case(tmp_path, measured()), MPI.COMM_SELF, QUIET)
     x = subject.full.layout.x
     points = np.column_stack([x, 0 * x, 0 * x])
     sensors = Sensors(points, np.tile([0.0, 0.0, 1.0], (len(x), 1)))

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.damping import has_damping
+from fenics_joints.diagnosis.effects.damping import has_ratios
 from fenics_joints.measurements.data import TestData
 
 __all__ = ["DAMPING", "FREQUENCY", "SHAPE", "Entries", "Evidence", "evidence_of"]
@@ -117,19 +117,14 @@ class Evidence:
     def entries(self) -> Entries:
         """What each entry of `data` is."""
         n, m = self.shape
-        row, mode = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
-        kinds, rows, modes = [np.full(n * m, FREQUENCY)], [row], [mode]
-        sensors = [np.full(n * m, -1)]
+        row, mode = np.indices((n, m)).reshape(2, -1)
+        blocks = [(FREQUENCY, row, mode, -1)]
         if self.log_damping is not None:
-            kinds.append(np.full(n * m, DAMPING))
-            rows.append(row), modes.append(mode), sensors.append(sensors[0])
+            blocks.append((DAMPING, row, mode, -1))
         if self.shapes is not None:
-            count = self.shapes.size
-            kinds.append(np.full(count, SHAPE))
-            rows.append(np.full(count, self.shape_row))
-            modes.append(np.tile(np.arange(m), len(self.shapes)))
-            sensors.append(np.repeat(np.arange(len(self.shapes)), m))
-        return Entries(*(np.concatenate(a) for a in (kinds, rows, modes, sensors)))
+            sensor, mode = np.indices(self.shapes.shape).reshape(2, -1)
+            blocks.append((SHAPE, self.shape_row, mode, sensor))
+        return Entries(*np.hstack([np.broadcast_arrays(*block) for block in blocks]))
 
     @cached_property
     def data(self) -> np.ndarray:
@@ -157,14 +152,10 @@ class Evidence:
         e = self.entries
         same_mode = e.mode[:, None] == e.mode[None, :]
         slow = _slow(self.conditions, self.changing)[np.ix_(e.row, e.row)] * same_mode
-        scale = np.select(
-            [e.kind == FREQUENCY, e.kind == DAMPING], [self.discrepancy, self.damping_scatter]
-        )
-        total = slow * _blocks(e.kind, scale)
+        total = slow * _blocks(e.kind, self.discrepancy, self.damping_scatter)
         if unknown:
             wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * same_mode
-            factor = np.select([e.kind == FREQUENCY, e.kind == DAMPING], [1.0, _UNKNOWN_DAMPING])
-            total = total + wide * _blocks(e.kind, factor)
+            total = total + wide * _blocks(e.kind, 1.0, _UNKNOWN_DAMPING)
         if self.shapes is not None:
             is_shape = e.kind == SHAPE
             near = self.near if self.near is not None else np.eye(len(self.shapes))
@@ -180,12 +171,12 @@ class Evidence:
         """Standard deviation of each entry from the instrument alone, (N,)."""
         e = self.entries
         sd = self.log_sd[e.row, e.mode]
-        return np.select([e.kind == FREQUENCY, e.kind == DAMPING], [sd, self.damping_sd],
-                         self.shape_sd)  # fmt: skip
+        return np.choose(e.kind, [sd, self.damping_sd, self.shape_sd])
 
 
-def _blocks(kind: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Products of scales, nought between entries of different kinds."""
+def _blocks(kind: np.ndarray, of_frequency: float, of_damping: float) -> np.ndarray:
+    """Products of the kinds' scales, nought for shapes and between entries of different kinds."""
+    scale = np.array([of_frequency, of_damping, 0.0])[kind]
     return np.outer(scale, scale) * (kind[:, None] == kind[None, :])
 
 
@@ -222,8 +213,7 @@ def evidence_of(data: TestData, discrepancy: float, shape_error: float = 0.05) -
     kwargs = {}
     if data.by_level:
         kwargs["changing"] = _BETWEEN_LEVELS
-    stated = data.damping is not None and data.damping_noise is not None
-    if has_damping(data) or (stated and not data.by_level and np.any(data.damping > 0)):
+    if has_ratios(data):
         ratios = data.damping
         kwargs["log_damping"] = np.log(
             ratios, where=ratios > 0, out=np.full(ratios.shape, np.nan)

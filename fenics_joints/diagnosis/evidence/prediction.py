@@ -176,13 +176,16 @@ class RowPrediction:
             if j in known:
                 chain[:, j] = known[j]
                 continue
-            step = np.zeros(len(self._z))
-            step[j] = _DIFFERENCE
-            up, down = self._values(self._z + step, mode), self._values(self._z - step, mode)
-            chain[:, j] = np.subtract(pick(up), pick(down)) / (2 * _DIFFERENCE)
+            chain[:, j] = self._difference(j, lambda z: np.array(pick(self._values(z, mode))))
         if known is self._steady and not known:
             known.update(self._same_anywhere(chain))
         return chain
+
+    def _difference(self, j: int, function):
+        """Central difference of a function of z by its entry ``j``."""
+        step = np.zeros(len(self._z))
+        step[j] = _DIFFERENCE
+        return (function(self._z + step) - function(self._z - step)) / (2 * _DIFFERENCE)
 
     def _same_anywhere(self, chain: np.ndarray) -> dict[int, np.ndarray]:
         """Columns that no condition changes: of effects that do not depend on it, in values that no
@@ -241,10 +244,7 @@ class RowPrediction:
         slope = np.zeros((*at.shape, len(self._z)))
         for j, (effect, _) in enumerate(self._hypothesis.priors):
             if effect.sensing is not None:
-                step = np.zeros(len(self._z))
-                step[j] = _DIFFERENCE
-                up, down = (self._read(self._z + s, at, along) for s in (step, -step))
-                slope[:, :, j] = (up - down) / (2 * _DIFFERENCE)
+                slope[:, :, j] = self._difference(j, lambda z: self._read(z, at, along))
         return slope
 
     # -- damping -------------------------------------------------------------------------------
@@ -261,12 +261,13 @@ class RowPrediction:
 
     def _lost(self) -> np.ndarray:
         """Damping ratio of every mode from the effects, (m,)."""
-        total = np.zeros(len(self._log_f))
-        for i in range(len(total)):
-            look = self._seen(i)
-            for key, eta in self._losses(self._z, i, look.mode).items():
-                total[i] += 0.5 * eta * self._share(look, i, key)
-        return total
+        return np.array([self._lost_in(self._z, i) for i in range(len(self._log_f))])
+
+    def _lost_in(self, z, i: int) -> float:
+        """Damping ratio of mode i from the effects at ``z``, its shares those at hand."""
+        look = self._seen(i)
+        losses = self._losses(z, i, look.mode)
+        return sum(0.5 * eta * self._share(look, i, key) for key, eta in losses.items())
 
     def _share(self, look: _Look, i: int, key: str) -> float:
         """Share of mode i's strain energy that is in the stiffness ``key``; all for ``""``."""
@@ -305,13 +306,8 @@ class RowPrediction:
         """Derivative of mode i's lost part by z at fixed shares, (d,)."""
         slope = np.zeros(len(self._z))
         for j in range(len(self._z)):
-            if not self._hypothesis.acts(j, self._row, look.mode) or not self._hypothesis.loses(j):
-                continue
-            step = np.zeros(len(self._z))
-            step[j] = _DIFFERENCE
-            up, down = (self._losses(self._z + s, i, look.mode) for s in (step, -step))
-            by_z = {key: (up[key] - down[key]) / (2 * _DIFFERENCE) for key in up}
-            slope[j] = sum(0.5 * eta * self._share(look, i, key) for key, eta in by_z.items())
+            if self._hypothesis.acts(j, self._row, look.mode) and self._hypothesis.loses(j):
+                slope[j] = self._difference(j, lambda z: self._lost_in(z, i))
         return slope
 
 

@@ -19,7 +19,6 @@ from fenics_joints.diagnosis.effects.user import for_zones
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.model.subject import Subject, subject_of
-from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
@@ -30,14 +29,12 @@ __all__ = ["Prepared", "prepare"]
 
 
 @dataclass(repr=False)
-class Prepared:
-    """A case ready to be diagnosed.
+class Prepared(Subject):
+    """A case ready to be diagnosed: its nominal model with a test.
 
     Attributes:
-        case: The case, its joints or its contact in zones.
         comm: Communicator.
         data: The test.
-        subject: The nominal model, with all that effects need as parameters.
         effects: The effects that the case can hold.
         silent: Those that its test cannot speak of.
         nuisances: What is uncertain in any case.
@@ -46,10 +43,8 @@ class Prepared:
         surrogate: The reduced model; None until `reduce`.
     """
 
-    case: Case
     comm: MPI.Intracomm
     data: TestData
-    subject: Subject
     effects: tuple[Effect, ...]
     silent: tuple[Silent, ...]
     nuisances: tuple[Effect, ...]
@@ -59,21 +54,6 @@ class Prepared:
 
     def __repr__(self) -> str:
         return f"Prepared({self.case.title!r}, {len(self.effects)} effects, {self.evidence})"
-
-    @property
-    def full(self):
-        """The full model."""
-        return self.subject.full
-
-    @property
-    def zones(self) -> Zones:
-        """The joints in zones."""
-        return self.subject.zones
-
-    @property
-    def baseline(self) -> dict[str, float]:
-        """Parameter values of the nominal model."""
-        return self.subject.baseline
 
     @property
     def forward(self) -> Forward:
@@ -93,10 +73,6 @@ class Prepared:
             modes=tuple(self.data.mode_names), damped=self.evidence.log_damping is not None,
             **kwargs,
         )  # fmt: skip
-
-    def region_names(self) -> dict[str, str]:
-        """What each zone of a joint or contact is called where zones are shown as one."""
-        return self.zones.shown
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:
         """Make the reduced model, or read it from a folder if it is kept there. Collective.
@@ -200,7 +176,8 @@ def prepare(
     effects, silent = case_effects(case, data, zones)
     extra = [for_zones(effect, zones.by("joint")) for effect in extra]
     return Prepared(
-        case, comm, data, subject, (*effects, *extra), silent, case_nuisances(case, zones),
-        case.diagnose.preload_scatter if by_preload(data) else 0.0,
-        evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
+        **vars(subject), comm=comm, data=data, effects=(*effects, *extra), silent=silent,
+        nuisances=case_nuisances(case, zones),
+        scatter=case.diagnose.preload_scatter if by_preload(data) else 0.0,
+        evidence=evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
     )  # fmt: skip

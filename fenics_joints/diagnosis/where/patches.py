@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class PatchMap:
             "level": self.level,
             "bolts": self.bolts.tolist(),
             "patches": [
-                test.to_json() | {"region": region, "middle": m.tolist(), "volume": float(v)}
+                asdict(test) | {"region": region, "middle": m.tolist(), "volume": float(v)}
                 for test, region, m, v in rows
             ],
         }

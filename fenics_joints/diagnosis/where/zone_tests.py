@@ -17,7 +17,7 @@ stays chi-square whatever the others do.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -79,10 +79,6 @@ class ZoneTest:
     separable: bool
     alike: tuple[str, ...] = ()
 
-    def to_json(self) -> dict:
-        """Plain numbers, texts and lists."""
-        return asdict(self) | {"change": list(self.change), "alike": list(self.alike)}
-
 
 @dataclass(frozen=True)
 class Attribution:
@@ -101,10 +97,6 @@ class Attribution:
     chi2: float
     expected: int
     p: float
-
-    def to_json(self) -> dict:
-        """Plain numbers and texts."""
-        return asdict(self)
 
 
 def whitened(
