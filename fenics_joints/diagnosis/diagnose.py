@@ -261,7 +261,8 @@ class _Run:
         are also effects of its family, and what acts on the same parameters of the model: a joint
         that gives way at one place is no fair placebo for one that gives way.
         """
-        touched = {e.key: self._touched(e) for e in self.model.effects}
+        last = float(self.evidence.conditions[-1])
+        touched = {e.key: e.touches(self.baseline, 1.0, last) for e in self.model.effects}
 
         def holds(f: Fit, effect: Effect) -> bool:
             return any(
@@ -280,15 +281,6 @@ class _Run:
         if main is None:
             return lambda f: bool(f.hypothesis.effects)
         return lambda f: bool(f.hypothesis.effects) and not holds(f, main)
-
-    def _touched(self, effect: Effect) -> frozenset[str]:
-        """The model's parameters that an effect changes."""
-        if effect.apply is None:
-            return frozenset()
-        values = dict(self.baseline)
-        theta = {p.name: p.value(float(np.clip(1.0, *p.limits()))) for p in effect.priors}
-        effect.apply(values, theta, float(self.evidence.conditions[-1]))
-        return frozenset(name for name, value in values.items() if value != self.baseline[name])
 
     def _placebo_label(self, fits, leader, grouped) -> str:
         wrong = self._is_wrong(fits, leader, grouped)

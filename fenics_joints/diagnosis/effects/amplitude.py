@@ -27,20 +27,20 @@ NAMES = (MICRO_SLIP, SOFTENING, GROWING)
 
 _FAMILY = "softening with the level"
 #: Drop of the stiffness at the highest level: a tenth, within a factor of 4 either way.
-_DROP = (0.1, np.log(4.0), (1e-5, 20.0))
+_DROP = Prior("drop", 0.1, np.log(4.0), span=(1e-5, 20.0))
 #: Segalman's chi of bolted joints: dissipation grows with the force to the power chi + 3, which was
 #: measured as 2.2 to 2.9 (Segalman 2005; Smallwood, Gregory and Coleman 2000).
-_CHI = (-0.4, 0.25, (-0.98, 0.0))
+_CHI = Prior("chi", -0.4, 0.25, log=False, span=(-0.98, 0.0))
 #: Exponent of an elastic drop: 1 where a gap opens, 2 for large deflections; less where rough faces
 #: part.
-_POWER = (1.0, 0.6, (0.1, 4.0))
+_POWER = Prior("power", 1.0, 0.6, log=False, span=(0.1, 4.0))
 #: A real interface dissipates more or less than the power law's, and a force level tells its motion
 #: only roughly: some 30 %.
-_LOSS = (1.0, 0.3, (0.2, 5.0))
+_LOSS = Prior("loss", 1.0, 0.3, span=(0.2, 5.0))
 #: Loss factor of all of the structure at the highest level, within a factor of 4 either way; of
 #: air, it grows with the velocity, and of material, with a power of the stress up to about 1.
-_GROWN = (0.004, np.log(4.0), (1e-7, 1.0))
-_GROWTH = (1.0, 0.5, (0.05, 3.0))
+_GROWN = Prior("eta", 0.004, np.log(4.0), span=(1e-7, 1.0))
+_GROWTH = Prior("power", 1.0, 0.5, log=False, span=(0.05, 3.0))
 #: What is left of a stiffness at least.
 _LEFT = 0.05
 
@@ -91,11 +91,11 @@ def micro_slip(zones: Sequence[Zone], reference: float) -> Effect:
         eta = theta["loss"] * iwan_loss_factor(drop(theta, level), theta["chi"])
         return dict.fromkeys(slipping, eta)
 
-    priors = (_log("drop", _DROP), _normal("chi", _CHI), _log("loss", _LOSS))
     words = "Parts of the interface slip before all of it does: it softens and damps with the level"
     return Effect(
-        MICRO_SLIP, "joint", priors, apply, f"{words}.", True, _FAMILY, by_level=True, loss=loss
-    )
+        MICRO_SLIP, "joint", (_DROP, _CHI, _LOSS), apply, f"{words}.", True, _FAMILY,
+        by_level=True, loss=loss,
+    )  # fmt: skip
 
 
 def gapping(zones: Sequence[Zone], reference: float) -> Effect:
@@ -114,9 +114,8 @@ def gapping(zones: Sequence[Zone], reference: float) -> Effect:
             for key in zone.parameters():
                 values[key] *= left
 
-    priors = (_log("drop", _DROP), _normal("power", _POWER))
     words = "The joint softens with the level elastically: gaps open, or its geometry changes."
-    return Effect(SOFTENING, "joint", priors, apply, words, True, _FAMILY, by_level=True)
+    return Effect(SOFTENING, "joint", (_DROP, _POWER), apply, words, True, _FAMILY, by_level=True)
 
 
 def growing_damping(reference: float) -> Effect:
@@ -132,19 +131,8 @@ def growing_damping(reference: float) -> Effect:
     def loss(theta, level, hz):
         return {"": theta["eta"] * (level / reference) ** theta["power"]}
 
-    priors = (_log("eta", _GROWN), _normal("power", _GROWTH))
     words = "Damping grows with the level and the stiffness stays: air, material, the suspension."
-    return Effect(GROWING, "", priors, apply, words, True, by_level=True, loss=loss)
-
-
-def _log(name: str, given) -> Prior:
-    median, spread, span = given
-    return Prior(name, median, spread, "", True, span)
-
-
-def _normal(name: str, given) -> Prior:
-    median, spread, span = given
-    return Prior(name, median, spread, "", False, span)
+    return Effect(GROWING, "", (_GROWN, _GROWTH), apply, words, True, by_level=True, loss=loss)
 
 
 def amplitude_effects(

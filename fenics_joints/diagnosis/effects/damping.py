@@ -21,7 +21,7 @@ _FAMILY = "joint damping"
 #: Loss factor of a joint's interface at small motion: 0.02, within a factor of 4 either way. With a
 #: tenth of the strain energy in the joint that is a damping ratio of 0.1 %, and bolted structures
 #: of metal have 0.05 to 0.5 %, most of it from their joints.
-_LOSS = (0.02, np.log(4.0), (1e-5, 2.0))
+_LOSS = (0.02, np.log(4.0), "", True, (1e-5, 2.0))
 
 
 def has_damping(data: TestData) -> bool:
@@ -73,6 +73,5 @@ def _lossy(zones: Sequence[Zone]) -> list[str]:
 
 
 def _damping(name: str, parameter: str, loss, words: str) -> Effect:
-    median, spread, span = _LOSS
-    prior = Prior(parameter, median, spread, "", True, span)
+    prior = Prior(parameter, *_LOSS)
     return Effect(name, "joint", (prior,), None, words, family=_FAMILY, loss=loss)

@@ -119,6 +119,17 @@ class Effect:
         """Unique name."""
         return f"{self.name} ({self.region})" if self.region else self.name
 
+    def touches(
+        self, baseline: Mapping[str, float], z: float, condition: float
+    ) -> frozenset[str]:
+        """Names of the model's parameters that it changes, its own ``z`` from their medians."""
+        if self.apply is None:
+            return frozenset()
+        values = dict(baseline)
+        theta = {p.name: p.value(float(np.clip(z, *p.limits()))) for p in self.priors}
+        self.apply(values, theta, condition)
+        return frozenset(name for name, value in values.items() if value != baseline[name])
+
 
 @dataclass(frozen=True)
 class Silent:

@@ -34,19 +34,19 @@ from fenics_joints.diagnosis.effects.rig import (
     MISSCALED,
     MISSED,
     attached,
-    mass_error,
+    misjudged,
     misplaced_sensor,
     misscaled_sensor,
     missed_mode,
-    placed,
-    spring_error,
     support_compliance,
     swapped_modes,
+    travel,
 )
 from fenics_joints.diagnosis.zones.laps import lap_as_one
 from fenics_joints.diagnosis.zones.nominal import bonded_values
 from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import InputError
+from fenics_joints.formatting import spaced
 from fenics_joints.measurements.data import TestData
 
 __all__ = ["by_preload", "case_effects", "case_nuisances"]
@@ -85,18 +85,14 @@ def case_nuisances(case: Case, zones: Zones) -> tuple[Effect, ...]:
             if spread > 0:
                 words = f"{key} of {name}, within tolerance"
                 found.append(relative_error(words, name, [f"{name}.{key}"], spread, ""))
-    for name, section in case.masses.items():
-        label = name.replace("_", " ")
+    known = [(*item, "mass") for item in case.masses.items()]
+    for name, section, key in [*known, *((*item, "stiffness") for item in case.springs.items())]:
         if section.tolerance:
-            words = f"mass of {label}, within tolerance"
-            found.append(relative_error(words, name, [f"{name}.mass"], section.tolerance, ""))
-        if section.shift() is not None:
-            found.append(placed(f"place of {label}", name, section.shift()))
-    for name, section in case.springs.items():
-        if section.tolerance:
-            words = f"stiffness of {name.replace('_', ' ')}, within tolerance"
-            key = f"{name}.stiffness"
-            found.append(relative_error(words, name, [key], section.tolerance, ""))
+            words = f"{key} of {spaced(name)}, within tolerance"
+            found.append(relative_error(words, name, [f"{name}.{key}"], section.tolerance, ""))
+        if key == "mass" and section.shift() is not None:
+            place = travel(section.shift())
+            found.append(attached(f"place of {spaced(name)}", name, name, [place], ""))
     return tuple(_with_laps(effect, case, zones) for effect in found)
 
 
@@ -296,8 +292,8 @@ def _part_effects(case: Case, data: TestData) -> list[Effect]:
 
 def _attached_effects(case: Case) -> list[Effect]:
     effects = [_attachment(case, name) for name in case.attached]
-    effects += [mass_error(name, 1 / len(case.masses)) for name in case.masses]
-    effects += [spring_error(name, 1 / len(case.springs)) for name in case.springs]
+    effects += [misjudged(name, "mass", 1 / len(case.masses)) for name in case.masses]
+    effects += [misjudged(name, "stiffness", 1 / len(case.springs)) for name in case.springs]
     # Those that are elastic in this model: they have a stiffness.
     known = bonded_values(case)
     supports = [name for name in case.supports if f"{name}.k_n" in known]
@@ -317,11 +313,10 @@ def _attachment(case: Case, name: str) -> Effect:
     unit = "kg" if is_mass else "N/m"
     priors = [Prior(key, value, max(spread, 1e-3), unit, True, (1e-3 * value, 1e3 * value))]
     if is_mass and section.shift() is not None:
-        low, high = section.shift()
-        priors.append(Prior("travel", 0.0, (high - low) / 4, "m", False, (low, high)))
-    label = name.replace("_", " ")
+        priors.append(travel(section.shift()))
+    label = spaced(name)
     words = f"The {key} of the {label} acts on the structure; the nominal model leaves it out."
-    return attached(f"{label} {key}", label, name, tuple(priors), words)
+    return attached(f"{label} {key}", label, name, priors, words)
 
 
 def _test_effects(data: TestData):

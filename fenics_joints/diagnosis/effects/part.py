@@ -19,7 +19,8 @@ _WORDS = {"E": "modulus", "rho": "density", "thickness": "thickness", "width": "
 _BY_KELVIN = -4e-4
 #: Temperature of a test against that of the material's data, and its drift in a test, K: as a
 #: cause, hence a cold hall, the sun or a chamber rather than a laboratory.
-_OFFSET, _DRIFT = (30.0, (-100.0, 300.0)), (10.0, (-100.0, 100.0))
+_OFFSET = Prior("offset", 0.0, 30.0, "K", False, (-100.0, 300.0))
+_DRIFT = Prior("drift", 0.0, 10.0, "K", False, (-100.0, 100.0))
 
 
 def part_error(key: str, parts: Sequence[str], weight: float = 1.0, whole: bool = False) -> Effect:
@@ -64,14 +65,9 @@ def temperature(parts: Sequence[str], conditions: Sequence[float], drifts: bool)
         for part in parts:
             values[f"{part}.E"] *= 1 + _BY_KELVIN * warmer
 
-    sd, span = _OFFSET
-    priors = [Prior("offset", 0.0, sd, "K", False, span)]
-    if drifts:
-        sd, span = _DRIFT
-        priors.append(Prior("drift", 0.0, sd, "K", False, span))
     words = "The test was warmer or colder than the material's data, or its temperature drifted."
     # Not by the condition as far as a hypothesis asks: tightening does not scatter a temperature.
     return Effect(
-        "temperature", "all parts", tuple(priors), apply, words, family="temperature",
-        drifts=drifts,
+        "temperature", "all parts", (_OFFSET, _DRIFT) if drifts else (_OFFSET,), apply, words,
+        family="temperature", drifts=drifts,
     )  # fmt: skip

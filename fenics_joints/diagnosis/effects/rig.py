@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series, relative_error
+from fenics_joints.formatting import spaced
 
 __all__ = [
-    "MISPLACED", "MISSCALED", "MISSED", "SWAPPED", "attached", "mass_error", "misplaced_sensor",
-    "misscaled_sensor", "missed_mode", "placed", "spring_error", "support_compliance",
-    "swapped_modes",
+    "MISPLACED", "MISSCALED", "MISSED", "SWAPPED", "attached", "misjudged", "misplaced_sensor",
+    "misscaled_sensor", "missed_mode", "support_compliance", "swapped_modes", "travel",
 ]  # fmt: skip
 
 MISSCALED, MISPLACED = "sensor mis-scaled", "sensor misplaced"
@@ -19,13 +19,16 @@ SWAPPED, MISSED = "mode mis-pairing", "mode missed by the test"
 #: Stiffness of a clamped face per area, Pa/m: that of an interface (1e11 to 1e13), less what the
 #: ground gives way; hence a factor of 30 either way. "Clamped" ends have been seen to be off by
 #: more than 10 % in frequency (Ritto et al.).
-_SUPPORT = (1e12, np.log(30.0), (1e6, 1e17))
+_SUPPORT = (1e12, np.log(30.0), "Pa/m", True, (1e6, 1e17))
 #: Spread of a known mass or spring as a cause: a part forgotten on a scale, or a suspension whose
 #: data sheet holds for another load.
 MASS, SPRING = 0.3, 1.0
+_MISJUDGED = {
+    "mass": ("mass error", MASS, (0.3, 3.0)), "stiffness": ("spring error", SPRING, (1e-2, 1e2)),
+}  # fmt: skip
 #: Gain of a sensor whose setting or mounting is wrong, about 1: calibrations hold to 1 to 3 %, so
 #: this is a blunder's.
-_GAIN = (0.3, (0.05, 20.0))
+_GAIN = Prior("gain", 1.0, 0.3, span=(0.05, 20.0))
 #: Place of a sensor, relative to the length of the line of sensors: measured with a tape.
 _SHIFT = 0.02
 
@@ -33,24 +36,17 @@ _SHIFT = 0.02
 # -- attached to it --------------------------------------------------------------------------------
 
 
-def placed(name: str, key: str, shift: tuple[float, float]) -> Effect:
-    """A known mass whose place is uncertain: its travel, normal about zero.
+def travel(shift: tuple[float, float]) -> Prior:
+    """Where a mass is whose place is uncertain: normal about zero.
 
     Args:
-        name: Name of the effect.
-        key: Name of the mass.
         shift: Range of the travel, m: four standard deviations.
     """
-    prior = Prior("travel", 0.0, (shift[1] - shift[0]) / 4, "m", False, shift)
-
-    def apply(values, theta, condition):
-        values[f"{key}.travel"] = theta["travel"]
-
-    return Effect(name, key, (prior,), apply)
+    return Prior("travel", 0.0, (shift[1] - shift[0]) / 4, "m", False, shift)
 
 
 def attached(name: str, region: str, key: str, priors: Sequence[Prior], describe: str) -> Effect:
-    """A mass or a spring that the nominal model leaves out.
+    """A mass or a spring that the nominal model leaves out, or has at another place.
 
     Args:
         name: Name of the effect.
@@ -67,21 +63,19 @@ def attached(name: str, region: str, key: str, priors: Sequence[Prior], describe
     return Effect(name, region, tuple(priors), apply, describe)
 
 
-def mass_error(name: str, weight: float) -> Effect:
-    """A known mass that is not what the model says."""
-    label = name.replace("_", " ")
-    words = f"The mass of {label} is not what the model says."
-    return relative_error("mass error", label, [f"{name}.mass"], MASS, words, weight=weight)
+def misjudged(name: str, key: str, weight: float) -> Effect:
+    """A known mass, or a known spring such as a suspension, that is not what the model says.
 
-
-def spring_error(name: str, weight: float) -> Effect:
-    """A known spring, such as a suspension, that is not what the model says."""
-    label = name.replace("_", " ")
-    words = f"The stiffness of {label} is not what the model says."
+    Args:
+        name: Its name.
+        key: ``mass`` or ``stiffness``.
+        weight: Prior odds: one over the number of such.
+    """
+    what, spread, span = _MISJUDGED[key]
+    words = f"The {key} of {spaced(name)} is not what the model says."
     return relative_error(
-        "spring error", label, [f"{name}.stiffness"], SPRING, words,
-        span=(1e-2, 1e2), weight=weight,
-    )  # fmt: skip
+        what, spaced(name), [f"{name}.{key}"], spread, words, span=span, weight=weight
+    )
 
 
 def support_compliance(supports: Sequence[str], weight: float = 1.0) -> Effect:
@@ -97,9 +91,8 @@ def support_compliance(supports: Sequence[str], weight: float = 1.0) -> Effect:
             for key in ("k_n", "k_t"):
                 in_series(values, f"{support}.{key}", theta[key])
 
-    median, spread, span = _SUPPORT
-    priors = tuple(Prior(key, median, spread, "Pa/m", True, span) for key in ("k_n", "k_t"))
-    labels = [support.replace("_", " ") for support in supports]
+    priors = tuple(Prior(key, *_SUPPORT) for key in ("k_n", "k_t"))
+    labels = [spaced(support) for support in supports]
     name = "compliance of all supports" if len(labels) > 1 else f"{labels[0]} compliance"
     region = ", ".join(supports)
     words = "What is held as if rigid gives way: the clamp, or the ground under it."
@@ -115,11 +108,9 @@ def misscaled_sensor(i: int, weight: float) -> Effect:
     def read(sensing, theta):
         sensing.gains[i] *= theta["gain"]
 
-    spread, span = _GAIN
-    prior = Prior("gain", 1.0, spread, "", True, span)
     words = f"Sensor {i + 1} reads all modes by one factor too large or too small."
     return Effect(
-        MISSCALED, f"sensor {i + 1}", (prior,), None, words,
+        MISSCALED, f"sensor {i + 1}", (_GAIN,), None, words,
         family=MISSCALED, weight=weight, sensing=read,
     )  # fmt: skip
 

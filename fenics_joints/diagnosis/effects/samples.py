@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from scipy.stats import qmc
@@ -58,7 +58,7 @@ def sample_values(
     conditions: Sequence[float],
     count: int,
     seed: int,
-    known: Container[str] = (),
+    known: Iterable[str] = (),
 ) -> list[dict[str, float]]:
     """Parameter values with effects in them, at places of their priors from a Sobol sequence.
 
@@ -73,7 +73,10 @@ def sample_values(
         seed: Of the sequence.
         known: Parameters that are sampled otherwise; effects that change no others are left out.
     """
-    acting = [e for e in effects if _changed(e, baseline, known)]
+    acting = [
+        e for e in effects
+        if e.priors and any(e.touches(baseline, z, 1.0) - set(known) for z in (1.0, -1.0))
+    ]  # fmt: skip
     if not acting or count < 1:
         return []
     turns = [_turn(acting, i) for i in range(count)]
@@ -88,19 +91,6 @@ def sample_values(
             effect.apply(values, theta, float(conditions[i % len(conditions)]))
         found.append(values)
     return found
-
-
-def _changed(effect: Effect, baseline: Mapping[str, float], known: Container[str]) -> bool:
-    """Whether an effect one standard deviation from its medians changes a parameter not known."""
-    if effect.apply is None or not effect.priors:
-        return False
-    for z in (1.0, -1.0):
-        values = dict(baseline)
-        theta = {p.name: p.value(float(np.clip(z, *p.limits()))) for p in effect.priors}
-        effect.apply(values, theta, 1.0)
-        if any(values[key] != baseline[key] and key not in known for key in values):
-            return True
-    return False
 
 
 def _turn(effects: Sequence[Effect], i: int) -> tuple[Effect, ...]:

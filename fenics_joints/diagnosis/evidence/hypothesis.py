@@ -25,9 +25,9 @@ _AMPLITUDE = Effect("motion of the joint at equal level", "", (), _nothing)
 _DAMPING = Effect("damping at rest", "", (), _nothing)
 #: The same force or response at a sensor moves the joint about five times more or less in one mode
 #: than in another.
-_MOTION = (np.log(5.0), (0.02, 50.0))
+_MOTION = (1.0, np.log(5.0), "", True, (0.02, 50.0))
 #: Damping of bolted metal structures, away from slip: 0.3 %, within a factor of 4 either way.
-_AT_REST = (0.003, np.log(4.0), (1e-6, 0.5))
+_AT_REST = (0.003, np.log(4.0), "", True, (1e-6, 0.5))
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,18 +84,14 @@ class Hypothesis:
         """A factor on the level in every mode but the first, where the effects depend on it."""
         if not any(e.by_level for e in self.effects):
             return ()
-        spread, span = _MOTION
         return tuple(
-            Prior(f"{name} over {self.modes[0]}", 1.0, spread, "", True, span)
-            for name in self.modes[1:]
+            Prior(f"{name} over {self.modes[0]}", *_MOTION) for name in self.modes[1:]
         )
 
     @cached_property
     def dampings(self) -> tuple[Prior, ...]:
         """Damping ratio of every mode at rest, if damping is predicted."""
-        median, spread, span = _AT_REST
-        names = self.modes if self.damped else ()
-        return tuple(Prior(name, median, spread, "", True, span) for name in names)
+        return tuple(Prior(name, *_AT_REST) for name in (self.modes if self.damped else ()))
 
     @cached_property
     def priors(self) -> list[tuple[Effect, Prior]]:

@@ -26,7 +26,7 @@ from scipy.stats import norm, qmc
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.linear import whiten
-from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
+from fenics_joints.diagnosis.evidence.prediction import RowPrediction, joined, predict
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.reduction.batch import (
     LeanForward,
@@ -316,7 +316,6 @@ class Marginal:
     def _predicted(self, z: np.ndarray) -> np.ndarray:
         """As `predict`, without derivatives; nan where the model lacks a mode."""
         rows, shapes, evidence = [], [], self.evidence
-        n, m = evidence.shape
         for row, condition in enumerate(evidence.conditions):
             arguments = self.hypothesis, self.forward, z, condition, self.baseline, row
             prediction = RowPrediction(*arguments)
@@ -325,8 +324,7 @@ class Marginal:
             rows.append(prediction.data)
             if evidence.shapes is not None and row == evidence.shape_row:
                 shapes = [prediction.shapes(evidence.shapes)[0].ravel()]
-        by_kind = np.array(rows).reshape(n, -1, m).transpose(1, 0, 2)
-        return np.concatenate([by_kind.ravel(), *shapes])
+        return joined(rows, shapes, evidence.shape[1])
 
     def log_likelihood(self, points: np.ndarray) -> np.ndarray:
         """ln N(r - J_n z_n*; 0, Sigma + J_n J_n^T) at points, (b, d_e) -> (b,)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
@@ -12,7 +13,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["RowPrediction", "predict"]
+__all__ = ["RowPrediction", "joined", "predict"]
 
 _DIFFERENCE = 1e-5
 
@@ -36,21 +37,30 @@ def predict(
     Returns:
         The prediction, shape (N,), and its derivative by z, shape (N, d).
     """
-    m = evidence.log_f.shape[1]
-    rows, slopes, shapes, steady = [], [], [], {}
+    rows, slopes, shapes, steady = [], [], ([], []), {}
     for row, condition in enumerate(evidence.conditions):
         prediction = RowPrediction(hypothesis, forward, z, condition, baseline, row, steady)
         rows.append(prediction.data)
         slopes.append(prediction.slopes())
         if evidence.shapes is not None and row == evidence.shape_row:
-            shapes = [prediction.shapes(evidence.shapes)]
-    # Frequencies of all conditions first, then damping of all: as `Evidence.data`.
-    rows, slopes = np.array(rows), np.array(slopes)
-    kinds = [slice(k, k + m) for k in range(0, rows.shape[1], m)]
-    values = [rows[:, kind].ravel() for kind in kinds] + [s[0].ravel() for s in shapes]
-    by_z = [slopes[:, kind].reshape(len(rows) * m, len(z)) for kind in kinds]
-    by_z += [s[1].reshape(s[0].size, len(z)) for s in shapes]
-    return np.concatenate(values), np.concatenate(by_z)
+            at, by_z = prediction.shapes(evidence.shapes)
+            shapes = [at.ravel()], [by_z.reshape(at.size, len(z))]
+    m = evidence.shape[1]
+    return joined(rows, shapes[0], m), joined(slopes, shapes[1], m)
+
+
+def joined(rows: Sequence[np.ndarray], shapes: Sequence[np.ndarray], m: int) -> np.ndarray:
+    """In the order of `Evidence.data`: frequencies of all conditions, damping of all, shapes.
+
+    Args:
+        rows: `RowPrediction.data` of each condition, or its derivatives.
+        shapes: What comes behind them.
+        m: Number of modes.
+    """
+    by_row = np.array(rows)
+    n, size, *more = by_row.shape
+    by_kind = by_row.reshape(n, size // m, m, *more).swapaxes(0, 1)
+    return np.concatenate([by_kind.reshape(n * size, *more), *shapes])
 
 
 @dataclass(frozen=True)

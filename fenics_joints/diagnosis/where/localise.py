@@ -99,15 +99,13 @@ def zone_shares(
 def _along_path(forward, n_test: int, names, start, end) -> np.ndarray:
     """Contribution of every parameter to the change of ln f, shape (n_parameters, m)."""
     total = np.zeros((len(names), n_test))
-    moved = [n for n in names if end[n] != start[n]]
     for step in range(_STEPS):
-        values = [_between(start, end, n, step / _STEPS) for n in names]
-        middle = [_between(start, end, n, (step + 0.5) / _STEPS) for n in names]
-        after = [_between(start, end, n, (step + 1) / _STEPS) for n in names]
-        _, slope = forward(dict(zip(names, middle, strict=True)))
-        for i, name in enumerate(names):
-            if name in moved:
-                total[i] += slope[:, i] * (after[i] - values[i])
+        before, middle, after = (
+            np.array([_between(start, end, n, (step + s) / _STEPS) for n in names])
+            for s in (0.0, 0.5, 1.0)
+        )
+        _, slope = forward(dict(zip(names, middle.tolist(), strict=True)))
+        total += (slope * (after - before)).T
     exact = forward(end)[0] - forward(start)[0]
     # The midpoint rule's error goes to the parameters in proportion to what they moved.
     weight = np.abs(total) / np.maximum(np.sum(np.abs(total), axis=0), 1e-300)
@@ -116,6 +114,8 @@ def _along_path(forward, n_test: int, names, start, end) -> np.ndarray:
 
 def _between(start, end, name, t: float) -> float:
     a, b = start[name], end[name]
+    if a == b:
+        return a
     if a > 0 and b > 0:
         return float(a ** (1 - t) * b**t)
     return float((1 - t) * a + t * b)
