@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -162,7 +162,8 @@ class _Run:
         verdict, summary = decide(
             fits, probability, effects, leader, _gap(self.data, leader.log_f)
         )
-        shrink = self._shrink(fits, grouped)
+        wrong = self._is_wrong(fits, leader, grouped)
+        shrink = self._shrink(fits, wrong)
         self.progress.step("localising the gap")
         shown = self.model.zones.shown
         where = zone_shares(leader, self.forward, self.evidence, self.baseline, shown)
@@ -178,7 +179,7 @@ class _Run:
             heldout_before=shrink.before,
             heldout_after=shrink.after,
             placebo_after=shrink.placebo,
-            placebo=self._placebo_label(fits, leader, grouped),
+            placebo=next((f.hypothesis.label for f in fits if wrong(f)), ""),
             validation=self._validation(leader),
             where=where,
             effects=effects,
@@ -201,9 +202,7 @@ class _Run:
 
     def _leader(self, fits: Sequence[Fit]) -> Fit:
         """The best hypothesis that says what the gap is made of; "no gap" if that is the best."""
-        if fits[0].hypothesis.unknown:
-            return next(f for f in fits if not f.hypothesis.unknown)
-        return fits[0]
+        return next(f for f in fits if not f.hypothesis.unknown)
 
     def _damping(self, leader: Fit) -> tuple[np.ndarray, np.ndarray] | None:
         if leader.log_damping is None:
@@ -278,16 +277,9 @@ class _Run:
             key=lambda e: max((f.log_evidence for f in known if not holds(f, e)), default=-np.inf),
             default=None,
         )
-        if main is None:
-            return lambda f: bool(f.hypothesis.effects)
-        return lambda f: bool(f.hypothesis.effects) and not holds(f, main)
+        return lambda f: bool(f.hypothesis.effects) and (main is None or not holds(f, main))
 
-    def _placebo_label(self, fits, leader, grouped) -> str:
-        wrong = self._is_wrong(fits, leader, grouped)
-        return next((f.hypothesis.label for f in fits if wrong(f)), "")
-
-    def _shrink(self, fits: Sequence[Fit], grouped) -> Shrinkage:
-        wrong = self._is_wrong(fits, self._leader(fits), grouped)
+    def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool]) -> Shrinkage:
         masks = folds(self.data.conditions, self.data.mode_names, self.model.condition)
         fair = self._short_list(fits, masks, [f for f in fits if wrong(f)][:_WRONG])
         self.progress.step("holding data out, choosing and fitting anew", len(masks))

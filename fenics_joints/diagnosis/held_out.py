@@ -148,9 +148,7 @@ def _predictive(refit: Fit, blind: Evidence, scored: np.ndarray) -> tuple[np.nda
     return mean, vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def _noise_variance(
-    chosen: Fit, evidence: Evidence, scored: np.ndarray, reassembly: bool
-) -> np.ndarray:
+def _noise_variance(chosen: Fit, evidence: Evidence, scored: np.ndarray) -> np.ndarray:
     """Variance of each scored ln f that no model can undercut, shape (k,).
 
     That of the measurement; and of the tightenings' scatter what the fit leaves open, all of it at
@@ -159,8 +157,6 @@ def _noise_variance(
     e = evidence.entries
     variance = evidence.log_sd[e.row[scored], e.mode[scored]] ** 2
     place = chosen.hypothesis.places["tightenings"]
-    if not reassembly or place.stop == place.start:
-        return variance
     slope = chosen.jacobian[scored, place]
     return variance + np.einsum("ij,jk,ik->i", slope, chosen.covariance[place, place], slope)
 
@@ -205,7 +201,6 @@ def cross_validate(
     baseline: dict[str, float],
     masks: Sequence[tuple[str, np.ndarray]],
     *,
-    reassembly: bool = True,
     comm: MPI.Intracomm = MPI.COMM_SELF,
     progress: Callable[[], None] | None = None,
 ) -> Shrinkage:
@@ -221,8 +216,6 @@ def cross_validate(
         evidence: The test.
         baseline: Parameter values of the nominal model.
         masks: From `folds`.
-        reassembly: Whether the scatter of the preload counts as noise, as far as a fit cannot know
-            it.
         comm: Communicator whose ranks share out the folds; the call is collective.
         progress: Called after each fold.
     """
@@ -235,7 +228,7 @@ def cross_validate(
         found = None
         if scored.any() and blind.used.any():
             refits = [_refit(c, forward, blind, baseline) for c in candidates]
-            closed = _close(refits, log_prior, is_wrong, nominal, blind, scored, reassembly)
+            closed = _close(refits, log_prior, is_wrong, nominal, blind, scored)
             found = _open(name, closed, nominal, evidence, scored)
         if progress:
             progress()
@@ -266,38 +259,31 @@ def _scored(evidence: Evidence, mask: np.ndarray) -> np.ndarray:
     return (e.kind == FREQUENCY) & (mask & evidence.used)[e.row, e.mode]
 
 
-@dataclass(frozen=True)
-class _Closed:
-    """All that a fold says before its data are looked at."""
-
-    chosen: Fit
-    placebo: Fit | None
-    noise: np.ndarray
-    forecast: Forecast
-
-
-def _close(refits, log_prior, is_wrong, nominal, blind, scored, reassembly) -> _Closed:
-    """Choice and forecast of a fold; nothing that it is given holds the held-out values."""
+def _close(
+    refits, log_prior, is_wrong, nominal, blind, scored
+) -> tuple[Fit, Fit | None, np.ndarray, Forecast]:
+    """All that a fold says before its data are looked at, which nothing that it is given holds:
+    its choice, its placebo, the variance of noise, (k,), and the forecast."""
     score = np.array([f.log_evidence for f in refits]) + np.asarray(log_prior)
     weights = np.exp(score - logsumexp(score))
     known = np.array([not f.hypothesis.unknown for f in refits])
     wrong = np.array([is_wrong(f) for f in refits]) & known
     chosen = refits[int(np.argmax(np.where(known, score, -np.inf)))]
     placebo = refits[int(np.argmax(np.where(wrong, score, -np.inf)))] if wrong.any() else None
-    noise = _noise_variance(chosen, blind, scored, reassembly)
+    noise = _noise_variance(chosen, blind, scored)
     stated = forecast(
         refits, weights, chosen, nominal[scored], blind, scored, float(np.sqrt(np.mean(noise)))
     )
-    return _Closed(chosen, placebo, noise, stated)
+    return chosen, placebo, noise, stated
 
 
-def _open(name, closed: _Closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
+def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
     """Score what was stated on the held-out values."""
-    data, stated = evidence.data[scored], closed.forecast
-    wrong = nominal if closed.placebo is None else closed.placebo.predicted
-    predictions = (nominal, closed.chosen.predicted, wrong)
+    chosen, rival, variance, stated = closed
+    data = evidence.data[scored]
+    predictions = (nominal, chosen.predicted, nominal if rival is None else rival.predicted)
     errors = _Errors(
-        np.array([np.expm1(p[scored] - data) ** 2 for p in predictions] + [closed.noise])
+        np.array([np.expm1(p[scored] - data) ** 2 for p in predictions] + [variance])
     )
     before, after, placebo, noise = map(float, _sizes(errors.squares.sum(axis=1), errors.n))
     own, placebo_own, _ = map(float, _shrinks(errors.squares.sum(axis=1), errors.n))
@@ -305,8 +291,8 @@ def _open(name, closed: _Closed, nominal, evidence, scored) -> tuple[Fold, _Erro
     fold = Fold(
         name=name,
         n=len(data),
-        chosen=closed.chosen.hypothesis.label,
-        placebo_chosen="" if closed.placebo is None else closed.placebo.hypothesis.label,
+        chosen=chosen.hypothesis.label,
+        placebo_chosen="" if rival is None else rival.hypothesis.label,
         before=before,
         after=after,
         placebo=placebo,

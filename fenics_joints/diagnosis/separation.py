@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,11 +24,8 @@ from fenics_joints.reduction.surrogate import Surrogate
 __all__ = ["best_measurement"]
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    name: str
-    change: np.ndarray
-    sd: float
+#: Expected separation D of two hypotheses, and the measurement.
+Candidate = tuple[float, str]
 
 
 def best_measurement(
@@ -79,9 +76,12 @@ def best_measurement(
     candidates += _damping(a, b, surrogate.forward, baseline, condition)
     if not candidates:
         return None
-    scored = [(float(np.linalg.norm(c.change) / c.sd / 2), c.name) for c in candidates]
-    distance, name = max(scored)
+    distance, name = max(candidates)
     return Separation(class_name, tuple(members), name, distance)
+
+
+def _candidate(name: str, change: np.ndarray, sd: float) -> Candidate:
+    return float(np.linalg.norm(change) / sd / 2), name
 
 
 def _split(modes: Modes, sensors) -> tuple[np.ndarray, np.ndarray]:
@@ -92,25 +92,21 @@ def _split(modes: Modes, sensors) -> tuple[np.ndarray, np.ndarray]:
     return elastic[seen], elastic[~seen]
 
 
-def _log_ratio(a: Modes, b: Modes, i, j) -> np.ndarray:
-    n = min(len(i), len(j))
-    return np.log(a.frequencies_hz[i[:n]] / b.frequencies_hz[j[:n]])
-
-
-def _modes(a: Modes, b: Modes, sensors, n_test, sd, unseen: str) -> list[_Candidate]:
+def _modes(a: Modes, b: Modes, sensors, n_test, sd, unseen: str) -> list[Candidate]:
     (seen_a, unseen_a), (seen_b, unseen_b) = _split(a, sensors), _split(b, sensors)
     found = []
-    more = slice(n_test, n_test + MORE_MODES)
-    if len(seen_a[more]) and len(seen_b[more]):
-        change = _log_ratio(a, b, seen_a[more], seen_b[more])
-        found.append(_Candidate(next_modes(len(change)), change, sd))
-    if len(unseen_a) and len(unseen_b):
-        change = _log_ratio(a, b, unseen_a[:MORE_MODES], unseen_b[:MORE_MODES])
-        found.append(_Candidate(missed_modes(len(change), unseen), change, sd))
+    for first, second, words in (
+        (seen_a[n_test:], seen_b[n_test:], next_modes),
+        (unseen_a, unseen_b, lambda n: missed_modes(n, unseen)),
+    ):
+        n = min(len(first), len(second), MORE_MODES)
+        if n:
+            change = np.log(a.frequencies_hz[first[:n]] / b.frequencies_hz[second[:n]])
+            found.append(_candidate(words(n), change, sd))
     return found
 
 
-def _added_mass(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
+def _added_mass(a: Modes, b: Modes, sensors, n_test, sd) -> list[Candidate]:
     """Frequency shifts by a small added mass: -m phi^2 / 2 of ln f for mass-normalised phi."""
     if sensors is None:
         return []
@@ -123,10 +119,10 @@ def _added_mass(a: Modes, b: Modes, sensors, n_test, sd) -> list[_Candidate]:
     best = int(np.argmax(np.linalg.norm(change, axis=1)))
     place = ", ".join(f"{1e3 * x:.0f}" for x in sensors.points[best])
     name = f"the shifts by a known mass of {1e3 * mass:.0f} g added at ({place}) mm"
-    return [_Candidate(name, change[best], sd)]
+    return [_candidate(name, change[best], sd)]
 
 
-def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) -> list[_Candidate]:
+def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) -> list[Candidate]:
     """The same modes at half the lowest and twice the highest condition."""
     if not any(e.depends_on_condition for f in (a, b) for e in f.hypothesis.effects):
         return []
@@ -143,11 +139,11 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
             follow.track(f.hypothesis.values(f.z, float(near), baseline))
             log_f.append(RowPrediction(f.hypothesis, follow, f.z, float(value), baseline).log_f)
         name = f"the same modes at {word} {condition[0]} ({value:g} {condition[1]})"
-        found.append(_Candidate(name, log_f[0] - log_f[1], sd))
+        found.append(_candidate(name, log_f[0] - log_f[1], sd))
     return found
 
 
-def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[_Candidate]:
+def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[Candidate]:
     """How damping grows over the tested levels; its value at rest is free in every mode."""
     known = a.hypothesis.damped or not any(e.by_level for e in a.hypothesis.effects)
     if known or len(a.hypothesis.conditions) < 2:
@@ -162,4 +158,4 @@ def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[_Candidate]:
         ]
         grown.append(np.array(rows) - np.mean(rows, axis=0))
     name = f"the damping ratios of the same modes, at the same values of the {condition[0]}"
-    return [_Candidate(name, (grown[0] - grown[1]).ravel(), DAMPING_NOISE)]
+    return [_candidate(name, (grown[0] - grown[1]).ravel(), DAMPING_NOISE)]

@@ -71,11 +71,12 @@ def test_the_wrong_region_has_the_largest_error(wrong):
     split = patches(MeshCells(model), 2)
     cells = MeshCells(model)
     found = constitutive_error(cells, None, shapes, hz, sensors(), split=split, noise=0.01)
-    others = [v for name, v in zip(NAMES, found.relative, strict=True) if name != wrong]
-    assert found.relative[NAMES.index(wrong)] > 2 * max(others)
-    assert split.region[int(np.argmax(found.patch_relative))] == wrong
-    assert found.patch_stiffness.sum(axis=0) == pytest.approx(found.stiffness.sum(axis=0), rel=1e-9)
-    assert found.strain.sum(axis=0) == pytest.approx(np.ones(MODES), rel=1e-9)
+    others = [v for name, v in zip(NAMES, found.regions.relative, strict=True) if name != wrong]
+    assert found.regions.relative[NAMES.index(wrong)] > 2 * max(others)
+    assert split.region[int(np.argmax(found.patches.relative))] == wrong
+    whole = found.regions.stiffness.sum(axis=0)
+    assert found.patches.stiffness.sum(axis=0) == pytest.approx(whole, rel=1e-9)
+    assert found.regions.strain.sum(axis=0) == pytest.approx(np.ones(MODES), rel=1e-9)
 
 
 @pytest.mark.parallel
@@ -92,7 +93,7 @@ def test_a_right_model_has_no_error():
     assert np.all(wrong.total > 1e4 * found.total)
     alone = beam(MPI.COMM_SELF, "b")
     scaled = constitutive_error(MeshCells(alone), None, -1e3 * shapes, hz, sensors(), draws=0)
-    assert scaled.stiffness == pytest.approx(wrong.stiffness, rel=1e-6)
+    assert scaled.regions.stiffness == pytest.approx(wrong.regions.stiffness, rel=1e-6)
 
 
 def test_the_functional_is_at_its_least():
@@ -135,11 +136,11 @@ def test_noise_alone_accuses_no_region():
     model = beam(MPI.COMM_WORLD)
     hz, shapes = measured(model, noise=0.02)
     quiet = constitutive_error(MeshCells(model), None, shapes, hz, sensors(), noise=0.02)
-    assert quiet.stiffness.sum() == pytest.approx(quiet.by_noise.sum(), rel=0.5)
+    assert quiet.regions.stiffness.sum() == pytest.approx(quiet.regions.by_noise.sum(), rel=0.5)
     bent = MeshCells(beam(MPI.COMM_WORLD, "b"))
     loud = constitutive_error(bent, None, shapes, hz, sensors(), noise=0.02)
-    assert np.abs(quiet.relative).max() < 0.25 * loud.relative.max()
-    assert np.argmax(loud.relative) == NAMES.index("b")
+    assert np.abs(quiet.regions.relative).max() < 0.25 * loud.regions.relative.max()
+    assert np.argmax(loud.regions.relative) == NAMES.index("b")
 
 
 @pytest.mark.parallel

@@ -224,8 +224,8 @@ def test_shapes_contradict_the_law_where_it_is_wrong(tmp_path):
     assert np.all(error({}).total < 1e-9)
     for name in ("lap_s2", "lap_s4"):
         soft = error({f"{name}.k1": 0.3 * subject.baseline[f"{name}.k1"]})
-        assert soft.regions[int(np.argmax(soft.relative))] == name
-        assert np.sum(soft.strain, axis=0) == pytest.approx(1.0)
+        assert soft.regions.name[int(np.argmax(soft.regions.relative))] == name
+        assert np.sum(soft.regions.strain, axis=0) == pytest.approx(1.0)
 
 
 def test_a_lap_as_one_piece_is_a_beam_of_twice_the_height(tmp_path):

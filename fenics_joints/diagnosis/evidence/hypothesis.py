@@ -14,15 +14,11 @@ from fenics_joints.diagnosis.effects.sensing import Sensing
 __all__ = ["Hypothesis"]
 
 
-def _nothing(values, theta, condition) -> None:
-    pass
-
-
 #: Stand for the scatter of the preload, for what a mode moves the joint at the same level, and for
 #: the damping of what has no joint, in tables of parameters.
-_TIGHTENING = Effect("preload scatter", "bolts", (), _nothing)
-_AMPLITUDE = Effect("motion of the joint at equal level", "", (), _nothing)
-_DAMPING = Effect("damping at rest", "", (), _nothing)
+_TIGHTENING = Effect("preload scatter", "bolts", (), None)
+_AMPLITUDE = Effect("motion of the joint at equal level", "", (), None)
+_DAMPING = Effect("damping at rest", "", (), None)
 #: The same force or response at a sensor moves the joint about five times more or less in one mode
 #: than in another.
 _MOTION = (1.0, np.log(5.0), "", True, (0.02, 50.0))

@@ -83,11 +83,6 @@ class Fit:
         """
         return float(chi2.sf(self.misfit + self.z @ self.z, self.n_data))
 
-    @property
-    def frequencies_hz(self) -> np.ndarray:
-        """Predicted frequencies, Hz, shape (n, m)."""
-        return np.exp(self.log_f)
-
 
 def fit(
     hypothesis: Hypothesis,

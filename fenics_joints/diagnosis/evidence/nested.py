@@ -13,8 +13,6 @@ from regions that neural networks bound. Over a single parameter the sum is take
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +69,6 @@ class Nested:
         sd: Their posterior standard deviation, shape (d_e,).
         model_error: Largest error of ln f of the lean model against the reduced one at points of
             the posterior; 0 where no lean model was needed.
-        seconds: Time taken.
     """
 
     log_evidence: float
@@ -80,7 +77,6 @@ class Nested:
     mean: np.ndarray
     sd: np.ndarray
     model_error: float
-    seconds: float
 
     def __repr__(self) -> str:
         return f"Nested(ln Z {self.log_evidence:.2f} +- {self.error:.2f}, {self.calls} calls)"
@@ -96,7 +92,6 @@ def nested_evidence(
     n_effective: int = 500,
     slopes: str = "interpolated",
     seed: int = 1,
-    progress: Callable[[], None] | None = None,
 ) -> Nested:
     """Evidence of a fitted hypothesis by nested sampling over its effects' parameters.
 
@@ -114,24 +109,14 @@ def nested_evidence(
             first two the evidence is corrected by the mean ratio of the exact likelihood to the
             one sampled, over points of the posterior.
         seed: Of the random numbers.
-        progress: Called when done.
 
     Raises:
         ConvergenceError: If the sampler does not end.
     """
-    started = time.perf_counter()
     problem = Marginal(fit, evidence, baseline)
     if problem.n_effects == 0:
-        found = Nested(fit.log_evidence, 0.0, 0, np.zeros(0), np.zeros(0), 0.0, 0.0)
-    else:
-        found = _sample_well(problem, forward, slopes, n_live, n_effective, seed, started)
-    if progress:
-        progress()
-    return found
-
-
-def _sample_well(problem, forward, slopes, n_live, n_effective, seed, started) -> Nested:
-    """Sample; if the lean model is not good enough where the posterior is, improve it and again."""
+        return Nested(fit.log_evidence, 0.0, 0, np.zeros(0), np.zeros(0), 0.0)
+    # Sample; if the lean model is not good enough where the posterior is, improve it and again.
     model, limit = arrays_of(forward), problem.error_limit
     design = problem.design(seed)
     lean = forward if model is None else problem.lean(forward, model, *design, limit)
@@ -159,7 +144,6 @@ def _sample_well(problem, forward, slopes, n_live, n_effective, seed, started) -
         mean,
         np.sqrt(weights @ (points - mean) ** 2),
         error,
-        time.perf_counter() - started,
     )
 
 

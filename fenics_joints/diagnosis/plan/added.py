@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -299,21 +300,35 @@ def table(study: Study) -> np.ndarray:
 def _worth(study: Study, candidate: Candidate) -> Addition:
     before = table(study)
     changed = candidate.effects or {}
-    effects = [changed.get(e.key, e) for e in study.effects]
+    effects, n = [changed.get(e.key, e) for e in study.effects], len(study.effects)
     beneath = {e.key: study.baseline(e) for e in study.effects}
     richer = Study(candidate.measurement, effects, {}, beneath=beneath)
     after = before.copy()
+
+    @cache
+    def truth(i: int) -> Signature:
+        """The signature of the same size in the richer test."""
+        return richer.signature(
+            effects[i], _by_name(study.effects[i], study.expected[i].own, effects[i])
+        )
+
+    def again(i: int, j: int) -> float:
+        """D of a pair in the richer test; ``j`` beyond the effects is "no gap"."""
+        if j == n:
+            return truth(i).d / 2
+        start = _by_name(study.effects[j], study.near[i, j], effects[j])
+        return richer.distance(truth(i), effects[j], start)
+
     # All from an effect that is not seen is near: first whether it is seen now.
-    n = len(effects)
     for i in np.flatnonzero(before[:, n] < APART):
-        after[i, n] = max(after[i, n], _again(study, richer, i, n))
+        after[i, n] = max(after[i, n], again(i, n))
     seen = after[:, n] >= APART
     together = [
         (i, j) for i in np.flatnonzero(seen) for j in np.flatnonzero(seen)
         if i != j and before[i, j] < APART
     ]  # fmt: skip
     for i, j in together:
-        after[i, j] = max(after[i, j], _again(study, richer, i, j))
+        after[i, j] = max(after[i, j], again(i, j))
     open_ = [*together, *((i, n) for i in np.flatnonzero(before[:, n] < APART))]
     gains = np.array([after[i, j] - before[i, j] for i, j in open_] or [0.0])
     best = open_[int(np.argmax(gains))] if open_ else (0, n)
@@ -322,26 +337,6 @@ def _worth(study: Study, candidate: Candidate) -> Addition:
         candidate.name, len(groups(after[:, :n], seen)), int(seen.sum()), float(gains.mean()),
         float(gains.max()), (names[best[0]], names[best[1]]), after,
     )  # fmt: skip
-
-
-def _again(study: Study, richer: Study, i: int, j: int) -> float:
-    """D of a pair in the richer test; ``j`` beyond the effects is "no gap"."""
-    old = study.expected[i]
-    truth = _carried(richer, i, old)
-    if j == len(richer.effects):
-        return truth.d / 2
-    near = study.near[i, j]
-    start = _by_name(study.effects[j], near, richer.effects[j])
-    return richer.distance(truth, richer.effects[j], start)
-
-
-def _carried(richer: Study, i: int, old: Signature) -> Signature:
-    """The signature of the same size in the richer test; remembered."""
-    known = richer.__dict__.setdefault("_carried", {})
-    if i not in known:
-        effect = richer.effects[i]
-        known[i] = richer.signature(effect, _by_name(old.effect, old.own, effect))
-    return known[i]
 
 
 def _by_name(old: Effect, own: np.ndarray, new: Effect) -> np.ndarray:

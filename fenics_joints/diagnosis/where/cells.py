@@ -12,14 +12,12 @@ from fenics_joints._compat import geometry_dofmap
 from fenics_joints.beams.cells import JOINT_KEYS, cell_energies, log_slopes
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.diagnosis.where.two_fields import DenseFields, SparseFields, TwoFields
+from fenics_joints.diagnosis.zones.places import bolt_points
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["BeamElements", "Cells", "MeshCells"]
-
-#: Points of a mesh that are axes of bolts.
-_BOLTS = ("bolts", "bolt")
 
 
 class Cells(ABC):
@@ -94,7 +92,8 @@ class Cells(ABC):
             n: Number of sets.
         """
         total = np.zeros((n, *by_cell.shape[1:]))
-        np.add.at(total, number, by_cell)
+        if n:
+            np.add.at(total, number, by_cell)
         return total if self.replicated else self.comm.allreduce(total)
 
     def gather(self, *arrays: np.ndarray) -> list[np.ndarray] | None:
@@ -125,7 +124,7 @@ class MeshCells(Cells):
         self.structure, self.comm = structure, structure.comm
         self.regions = tuple(region.name for region in structure.regions)
         self.joints = {region.name for region in structure.regions if region.is_joint}
-        self.volume = structure.cell_volumes()
+        self.volume, self.bolts = structure.cell_volumes(), bolt_points(structure.tagged)
         owned = len(self.volume)
         self.corners = structure.mesh.geometry.x[geometry_dofmap(structure.mesh)[:owned]]
         self.region, self.group = np.zeros(owned, dtype=int), np.zeros(owned, dtype=int)
@@ -136,15 +135,6 @@ class MeshCells(Cells):
                 cells = cells[cells < owned]
                 self.region[cells], self.group[cells] = number, len(self.groups)
                 self.groups.append(region.name)
-
-    @property
-    def bolts(self) -> np.ndarray:
-        tagged = self.structure.tagged
-        there = [tagged.points[key] for key in _BOLTS if key in tagged.points]
-        if not there:
-            return np.zeros((0, 3))
-        points = np.atleast_2d(there[0])
-        return np.pad(points, [(0, 0), (0, 3 - points.shape[1])])
 
     def slopes(self, modes: Modes, index: Sequence[int]) -> dict[str, np.ndarray]:
         found = {key: np.zeros((len(self.volume), len(index))) for key in ("E", "G", "rho")}

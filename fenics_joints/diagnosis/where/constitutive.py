@@ -42,7 +42,7 @@ from fenics_joints.diagnosis.where.patches import Patches
 from fenics_joints.errors import InputError
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["ConstitutiveError", "constitutive_error", "trust"]
+__all__ = ["ConstitutiveError", "Energies", "constitutive_error", "trust"]
 
 #: Relative error in energy that is taken as lightly as a deviation at the sensors by their noise:
 #: shapes are then met to about two thirds of their noise.
@@ -52,94 +52,79 @@ _LITTLE = 0.25
 
 
 @dataclass(frozen=True, repr=False)
-class ConstitutiveError:
-    """Error in the constitutive relation, by region and patch and by measured mode.
+class Energies:
+    """Errors of some regions or patches, and their strain energy, by measured mode.
 
     All energies of a mode are relative to its own strain energy in the whole structure.
 
     Attributes:
-        frequencies_hz: Measured frequencies, (m,).
-        regions: Names of the regions.
-        stiffness: Error of the stiffness of each region, (n_regions, m).
-        inertia: Error of its mass, (n_regions, m).
+        name: Names of the regions, n of them.
+        volume: Share of each region in the volume, (n,).
+        stiffness: Error of the stiffness of each region, (n, m).
+        inertia: Error of its mass, (n, m).
         by_noise: What noise of the shapes alone adds to ``stiffness`` on average.
-        strain: Strain energy of each region, (n_regions, m); columns sum to 1.
-        volume: Share of each region in the volume, (n_regions,).
-        patches: Names of the patches, if asked for.
-        patch_stiffness: As ``stiffness`` by patch, (P, m).
-        patch_by_noise: As ``by_noise`` by patch, (P, m).
-        patch_strain: As ``strain`` by patch, (P, m).
-        patch_volume: As ``volume`` by patch, (P,).
-        deviation: Root mean square of P u - s over that of s, by mode, (m,).
+        strain: Strain energy of each region, (n, m); columns sum to 1.
     """
 
-    frequencies_hz: np.ndarray
-    regions: tuple[str, ...]
+    name: tuple[str, ...]
+    volume: np.ndarray
     stiffness: np.ndarray
     inertia: np.ndarray
     by_noise: np.ndarray
     strain: np.ndarray
-    volume: np.ndarray
-    patches: tuple[str, ...]
-    patch_stiffness: np.ndarray
-    patch_by_noise: np.ndarray
-    patch_strain: np.ndarray
-    patch_volume: np.ndarray
-    deviation: np.ndarray
-
-    def __repr__(self) -> str:
-        return f"ConstitutiveError({len(self.regions)} regions, {len(self.frequencies_hz)} modes)"
-
-    @property
-    def total(self) -> np.ndarray:
-        """Whole error of each mode, (m,)."""
-        return self.stiffness.sum(axis=0) + self.inertia.sum(axis=0)
 
     @property
     def relative(self) -> np.ndarray:
         """Error of the stiffness of each region, without what noise alone would make, over its own
-        strain energy, all modes together, (n_regions,); below zero where it is less than that.
+        strain energy, all modes together, (n,); below zero where it is less than that.
 
         A region that is strained little, as a free end is, tells little of its law: it counts with
         a quarter of the structure's mean energy per volume at least.
         """
-        return _over(self.stiffness - self.by_noise, self.strain, self.volume)
+        own, error = self.strain.sum(axis=1), self.stiffness - self.by_noise
+        return error.sum(axis=1) / np.maximum(own, _LITTLE * self.volume * own.sum())
+
+    def rows(self, *keys: str) -> list[dict]:
+        """Attributes of each region, in plain numbers and lists."""
+        columns = [np.asarray(getattr(self, key)).tolist() for key in keys]
+        return [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+@dataclass(frozen=True, repr=False)
+class ConstitutiveError:
+    """Error in the constitutive relation, by region and patch and by measured mode.
+
+    Attributes:
+        frequencies_hz: Measured frequencies, (m,).
+        regions: The regions' energies.
+        patches: Those of the patches; empty if not asked for.
+        deviation: Root mean square of P u - s over that of s, by mode, (m,).
+    """
+
+    frequencies_hz: np.ndarray
+    regions: Energies
+    patches: Energies
+    deviation: np.ndarray
+
+    def __repr__(self) -> str:
+        n = len(self.regions.name)
+        return f"ConstitutiveError({n} regions, {len(self.frequencies_hz)} modes)"
 
     @property
-    def patch_relative(self) -> np.ndarray:
-        """The same by patch, (P,)."""
-        return _over(self.patch_stiffness - self.patch_by_noise, self.patch_strain,
-                     self.patch_volume)  # fmt: skip
+    def total(self) -> np.ndarray:
+        """Whole error of each mode, (m,)."""
+        return self.regions.stiffness.sum(axis=0) + self.regions.inertia.sum(axis=0)
 
     def to_json(self) -> dict:
         """Plain lists."""
-        regions = {
-            "name": self.regions, "relative": self.relative, "stiffness": self.stiffness,
-            "inertia": self.inertia, "by_noise": self.by_noise, "strain": self.strain,
-        }  # fmt: skip
-        patches = {
-            "name": self.patches, "relative": self.patch_relative,
-            "stiffness": self.patch_stiffness, "by_noise": self.patch_by_noise,
-            "strain": self.patch_strain,
-        }  # fmt: skip
+        keys = "name", "relative", "stiffness", "by_noise", "strain"
         return {
             "frequencies_hz": self.frequencies_hz.tolist(),
             "total": self.total.tolist(),
             "deviation": self.deviation.tolist(),
-            "regions": _rows(regions),
-            "patches": _rows(patches),
+            "regions": self.regions.rows(*keys, "inertia"),
+            "patches": self.patches.rows(*keys),
         }
-
-
-def _over(error: np.ndarray, strain: np.ndarray, volume: np.ndarray) -> np.ndarray:
-    own = strain.sum(axis=1)
-    return error.sum(axis=1) / np.maximum(own, _LITTLE * volume * own.sum())
-
-
-def _rows(columns: Mapping[str, Sequence]) -> list[dict]:
-    """A table's rows, of plain numbers and lists."""
-    plain = [np.asarray(values).tolist() for values in columns.values()]
-    return [dict(zip(columns, row, strict=True)) for row in zip(*plain, strict=True)]
 
 
 def constitutive_error(
@@ -184,16 +169,19 @@ def constitutive_error(
         ]
     finally:
         system.destroy()
-    tables = {key: np.array([mode[key] for mode in modes]).T for key in modes[0]}
     volume = cells.sums(cells.region, cells.volume, len(cells.regions))
-    return ConstitutiveError(
-        hz, regions=cells.regions, volume=volume / volume.sum(), patches=split.names,
-        patch_volume=split.volume / volume.sum(), **tables,
-    )  # fmt: skip
+    *tables, deviation = zip(*modes, strict=True)
+    places = (cells.regions, volume), (split.names, split.volume)
+    regions, patches = (
+        Energies(names, size / volume.sum(), *np.moveaxis(table, 0, -1))
+        for (names, size), table in zip(places, tables, strict=True)
+    )
+    return ConstitutiveError(hz, regions, patches, np.array(deviation))
 
 
-def _mode(system, cells: Cells, given, shape, omega, gamma, noise, split, draws) -> dict:
-    """Energies by region and patch, and the deviation at the sensors, of a measured mode."""
+def _mode(system, cells: Cells, given, shape, omega, gamma, noise, split, draws):
+    """Energies by region and by patch, (4, n) each in the order of `Energies`, and the deviation at
+    the sensors, of a measured mode."""
     there = np.isfinite(shape)
     s = np.where(there, shape, 0.0)
     s = s / np.sqrt(np.mean(s[there] ** 2))
@@ -202,30 +190,20 @@ def _mode(system, cells: Cells, given, shape, omega, gamma, noise, split, draws)
     weight = trust(cells.structure.total_mass(given), there, omega, noise)
     fields = system.solve(loads, there, omega, weight)
 
-    def energies(x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        stiff, heavy = cells.energies(x, omega, given)
-        n = len(cells.regions)
-        by_region = (cells.sums(cells.region, values, n) for values in (stiff, heavy))
-        return (*by_region, cells.sums(split.number, stiff, len(split)))
+    def by_cell(x) -> np.ndarray:
+        return np.array(cells.energies(x, omega, given))
 
     u, lam = fields[0]
-    motion, error = energies(u), energies(lam)
-    drawn = [energies(field) for _, field in fields[1:]]
-    chance = [sum(k) / draws for k in zip(*drawn, strict=True)] or [0 * e for e in error]
+    motion, error = by_cell(u), by_cell(lam)
+    chance = sum((by_cell(field) for _, field in fields[1:]), 0 * error) / max(draws, 1)
     off = (system.read(u) - s)[there]
     system.release(fields)
-    whole = motion[0].sum()
-    stiff, heavy = 1 / (gamma * whole), 1 / ((1 - gamma) * whole)
-    return {
-        "stiffness": stiff * error[0],
-        "inertia": heavy * error[1],
-        "by_noise": stiff * chance[0],
-        "strain": motion[0] / whole,
-        "patch_stiffness": stiff * error[2],
-        "patch_by_noise": stiff * chance[2],
-        "patch_strain": motion[2] / whole,
-        "deviation": float(np.sqrt(np.mean(off**2))),
-    }
+    # Errors of stiffness and mass, what noise makes of the former, and the strain energy.
+    table = np.array([error[0] / gamma, error[1] / (1 - gamma), chance[0] / gamma, motion[0]]).T
+    by_region = cells.sums(cells.region, table, len(cells.regions)).T
+    by_patch = cells.sums(split.number, table, len(split)).T
+    whole = by_region[-1].sum()
+    return by_region / whole, by_patch / whole, float(np.sqrt(np.mean(off**2)))
 
 
 def trust(mass: float, there: np.ndarray, omega: float, noise: float) -> float:

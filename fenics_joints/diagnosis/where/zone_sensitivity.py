@@ -106,9 +106,7 @@ def _predict(effects: Sequence[Effect], forward, evidence: Evidence, baseline, z
     modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
     damped = evidence.log_damping is not None
     hypothesis = Hypothesis(tuple(effects), modes=modes, damped=damped)
-    place = np.zeros(len(hypothesis.priors))
-    place[: sum(len(effect.priors) for effect in effects)] = z
-    return predict(hypothesis, forward, evidence, place, baseline)
+    return predict(hypothesis, forward, evidence, hypothesis.at(z), baseline)
 
 
 def _relative(regions, baseline, interfaces) -> list[tuple[str, Effect]]:

@@ -18,15 +18,13 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case
 from fenics_joints.case.sections import Joint
-from fenics_joints.diagnosis.zones.places import LayerZone, placed
+from fenics_joints.diagnosis.zones.places import LayerZone, bolt_points, placed
 from fenics_joints.diagnosis.zones.zone import Zones, check_names
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
 
 __all__ = ["joint_zones"]
 
-#: Points of a builder that are axes of bolts.
-_BOLT_POINTS = ("bolts", "bolt")
 #: Distances closer than this, relative to the largest, are equal by symmetry.
 _SAME = 1e-6
 #: Cells that a ring has at a bolt on average, at least.
@@ -154,8 +152,7 @@ def _layer(tagged: TaggedMesh, section: Joint, volumes: np.ndarray) -> _Layer:
 def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _Layer) -> np.ndarray:
     """Points on the axes of a joint's bolts, m, (n, 3)."""
     if layer.section.bolts is None:
-        there = [tagged.points[key] for key in _BOLT_POINTS if key in tagged.points]
-        points = np.vstack(there) if there else np.empty((0, 3))
+        points = bolt_points(tagged)
         return points[[layer.inside(point, along=True) for point in points]]
     points = np.array(layer.section.bolts)
     for i, point in enumerate(points):

@@ -12,7 +12,10 @@ from fenics_joints.case.case import Case
 from fenics_joints.diagnosis.zones.zone import Grading, Zone, Zones
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["LayerZone", "placed"]
+__all__ = ["LayerZone", "bolt_points", "placed"]
+
+#: Points of a builder that are axes of bolts.
+_BOLT_POINTS = ("bolts", "bolt")
 
 #: Groups of rings at most, as each has stiffnesses of its own.
 _GROUPS = 4
@@ -41,6 +44,13 @@ class LayerZone:
     ring: int = 0
     distance: tuple[float, float] = (np.nan, np.nan)
     axis: Sequence[float] = (np.nan,) * 3
+
+
+def bolt_points(tagged: TaggedMesh) -> np.ndarray:
+    """Points on the axes of a mesh's bolts, m, (n, 3)."""
+    there = [np.atleast_2d(tagged.points[key]) for key in _BOLT_POINTS if key in tagged.points]
+    points = np.vstack(there) if there else np.zeros((0, 3))
+    return np.pad(points, [(0, 0), (0, 3 - points.shape[1])])
 
 
 def placed(case: Case, rows: Sequence[LayerZone], tagged: TaggedMesh | None = None) -> Zones:
