@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone
+from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone, ZoneInterface
 
 __all__ = [
     "PRIORS", "InterfacePrior", "bell_pressure", "gives_way", "graded", "interfaces", "lost_beyond",
@@ -54,6 +54,8 @@ class InterfacePrior:
         graded: Name and description of the effect on groups of zones: ``what`` gives way, ``how``.
         graded_kinds: The kinds for which that is looked for.
         at_one: Name of the effect at one place of a ``kind``, and its description.
+        loose: Where a bolt does not press: the interface that what is left counts for, its prior,
+            and the end of a sentence on it.
     """
 
     known: tuple[float, float, str, bool, tuple[float, float]]
@@ -64,6 +66,7 @@ class InterfacePrior:
     graded: tuple[str, str]
     graded_kinds: tuple[tuple[str, ...], ...]
     at_one: tuple[str, str]
+    loose: tuple[ZoneInterface, Prior, str]
 
 
 _LAYER = InterfacePrior(
@@ -85,6 +88,12 @@ _LAYER = InterfacePrior(
     graded_kinds=(("n", "t"),),
     at_one=(
         "compliance at one {kind}", "The interface gives way at {place}, more than elsewhere."
+    ),
+    # Faces that rest on each other: a hundredth of clamped ones, within a factor of 10 either way.
+    loose=(
+        LAYER, Prior("k", 1e10, np.log(10.0), "Pa/m", True, (1e6, 1e13)),
+        ": the faces around it only rest on each other. All bolts equally loose are the joint's "
+        "compliance as a whole.",
     ),
 )
 _LAP = InterfacePrior(
@@ -111,6 +120,12 @@ _LAP = InterfacePrior(
     at_one=(
         "joint stiffness at one {kind}",
         "{place} alone is softer or stiffer than the model says.",
+    ),
+    # A tenth of the lap's own stiffness, within a factor of 3.
+    loose=(
+        GIVEN_LAP, Prior("left", 0.1, np.log(3.0), "", True, (1e-4, 1.0)),
+        ", and the lap softer around it. All bolts equally loose are the joint's stiffness as a "
+        "whole.",
     ),
 )
 #: By kind of zones. Where the lap's own stiffness was given, identified elsewhere or taken from a
