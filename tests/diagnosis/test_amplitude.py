@@ -258,9 +258,8 @@ def test_damping_tells_slip_from_softening(diagnosed, law, cause):
     assert all(e.detectable for e in result.effects if e.name == cause)
     assert not {s.effect for s in result.silent} & set(NAMES)
     # A level is predicted from the others.
-    held_out = {fold["name"]: fold for fold in result.folds}
-    middle = held_out["level 2 N"]
-    assert cause in middle["chosen"] and middle["after"] < 2 * NOISE
+    middle = next(fold for fold in result.shrinkage.folds if fold.name == "level 2 N")
+    assert cause in middle.chosen and middle.after < 2 * NOISE
     measured, fitted = result.damping
     assert np.std(np.log(fitted / measured)) < 2 * DAMPING_NOISE
     growth = fitted[-1, 0] / fitted[0, 0]
