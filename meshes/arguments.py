@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import types
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Concatenate, Literal, ParamSpec
 
 import numpy as np
 from mpi4py import MPI
@@ -17,9 +18,11 @@ from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
 __all__ = [
-    "Builder", "Count", "Demand", "Gap", "Places", "Size", "Solid", "is_count", "is_positive",
-    "lengths", "requirement", "two_counts",
+    "Arguments", "Builder", "Count", "Demand", "Gap", "Places", "Size", "Solid", "described",
+    "is_count", "is_positive", "lengths", "made_by", "requirement", "two_counts",
 ]  # fmt: skip
+
+P = ParamSpec("P")
 
 
 def is_positive(value: float) -> bool:
@@ -84,11 +87,10 @@ Places = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class Builder:
-    """The arguments of a mesh builder; a further builder is a subclass, with these and their types.
+class Arguments:
+    """The arguments of a function that makes a mesh, each with its type, default and unit.
 
-    The types are annotated with what they must be, a `Demand`; a case file asks them for its
-    section ``[mesh]``.
+    The types are annotated with what they must be, a `Demand`.
 
     Raises:
         MeshError: An argument is impossible; names it, its value and what was expected.
@@ -112,6 +114,14 @@ class Builder:
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
 
+
+@dataclass(frozen=True, kw_only=True)
+class Builder(Arguments):
+    """The arguments of a mesh builder; a further builder is a subclass.
+
+    A case file asks it for the section ``[mesh]``. The ``function`` is `made_by` it.
+    """
+
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the parts and of the faces."""
         raise NotImplementedError
@@ -123,6 +133,29 @@ class Builder:
     def build(self, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh. Collective; its lists are made on rank 0 alone."""
         return distribute(comm, on_root(comm, self.lists))
+
+
+def made_by(builder: Callable[P, Builder]) -> Callable[Concatenate[MPI.Intracomm, P], TaggedMesh]:
+    """The function of a communicator and a builder's arguments that builds the mesh."""
+
+    def make(comm, **arguments):
+        return builder(**arguments).build(comm)
+
+    return described(make, builder)
+
+
+def described(make: Callable[..., TaggedMesh], arguments: type[Arguments]):
+    """A function with the name, the signature and the docstring of its keyword arguments' class."""
+    kinds = typing.get_type_hints(arguments)
+    first = [p for p in inspect.signature(make).parameters.values() if p.kind is not p.VAR_KEYWORD]
+    given = inspect.signature(arguments).parameters.values()
+    given = [p.replace(annotation=kinds[p.name]) for p in given]
+    make.__signature__ = inspect.Signature([*first, *given], return_annotation=TaggedMesh)
+    make.__name__ = make.__qualname__ = arguments.function
+    make.__module__ = arguments.__module__
+    more = "Args:\n    comm: Communicator; the call is collective.\n"
+    make.__doc__ = inspect.cleandoc(arguments.__doc__).replace("Attributes:\n", more)
+    return make
 
 
 def _demands(kind: Any, value: Any):

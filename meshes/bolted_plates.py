@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from mpi4py import MPI
 
 from fenics_joints.meshes.arguments import (
     Builder,
@@ -17,12 +16,20 @@ from fenics_joints.meshes.arguments import (
     is_count,
     is_positive,
     lengths,
+    made_by,
 )
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import disc_grid, flat_lists, graded_lines, grid_lines, tensor_grid
+from fenics_joints.meshes.plane import (
+    disc_grid,
+    flat_lists,
+    graded_lines,
+    grid_cells,
+    grid_lines,
+    tensor_grid,
+)
 from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.skin import add_faces, exterior_facets
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
+from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = [
     "RoundPlates", "RoundPlatesSection", "bolted_plates", "bolted_plates_section",
@@ -332,8 +339,7 @@ class RoundPlates(_Plates):
         number = np.arange(len(points)).reshape(len(r), n)
         if not self.quarter:
             number = np.hstack([number, number[:, :1]])
-        corners = number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]
-        quads = np.stack(corners, axis=-1).reshape(-1, 4)
+        quads = grid_cells(number)
         middle = np.repeat(_middle(r), number.shape[1] - 1)
         if self.parts == "bolt":
             circle = number[0, :n]
@@ -343,30 +349,8 @@ class RoundPlates(_Plates):
         return points, quads, middle
 
 
-def bolted_plates_section(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
-    """Mesh of the section of two round plates under a bolt. Collective.
-
-    Args:
-        comm: Communicator.
-        arguments: See `RoundPlatesSection`.
-
-    Raises:
-        MeshError: As `RoundPlatesSection`.
-    """
-    return RoundPlatesSection(**arguments).build(comm)
-
-
-def bolted_plates(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
-    """Mesh of two round plates under a bolt. Collective.
-
-    Args:
-        comm: Communicator.
-        arguments: See `RoundPlates`.
-
-    Raises:
-        MeshError: As `RoundPlates`.
-    """
-    return RoundPlates(**arguments).build(comm)
+bolted_plates_section = made_by(RoundPlatesSection)
+bolted_plates = made_by(RoundPlates)
 
 
 def _middle(lines: np.ndarray) -> np.ndarray:

@@ -7,21 +7,22 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import Builder, Count, Demand, Gap, Size, Solid, two_counts
+from fenics_joints.meshes.arguments import (
+    Builder,
+    Count,
+    Demand,
+    Gap,
+    Size,
+    Solid,
+    made_by,
+    two_counts,
+)
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
-from fenics_joints.meshes.plane import (
-    between,
-    graded_lines,
-    grid_lines,
-    loop_around,
-    o_grid,
-    tensor_grid,
-)
+from fenics_joints.meshes.plane import Plan, graded_lines, grid_lines, o_grid
 from fenics_joints.meshes.skin import add_faces, exterior_facets
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
+from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = ["CBeams", "c_beams"]
 
@@ -127,29 +128,17 @@ class CBeams(Builder):
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
-        points, quads = self.plan()
-        x = points[quads][:, :, 0].mean(axis=1)
+        plan = Plan(self.x_lines(), self.y_lines())
+        for bolt in self.bolts:
+            radii = self.hole_diameter / 2, self.washer_diameter / 2
+            plan.fill(o_grid, bolt, self.zone, radii, self.radial_size)
+        x = plan.middle[:, 0]
         pad = (x < self.pad_length) | (x > self.length - self.pad_length)
-        column = Extrusion(points, quads, self.levels(), self.values(pad), self.cell)
+        values = self.values(pad)
+        column = Extrusion(plan.points, plan.quads, self.levels(), values, self.cell)
         bolts = np.column_stack([self.bolts, np.zeros(2)])
         lists = MeshLists(self.cell, *column.lists(), CELL_NAMES, {}, {"bolts": bolts})
         return self.with_faces(lapped(lists, self.layer, self.bonded))
-
-    def plan(self) -> tuple[np.ndarray, np.ndarray]:
-        """Plane points and cells, with O-grids around the holes."""
-        x, y = self.x_lines(), self.y_lines()
-        points, quads = tensor_grid(x, y)
-        number = np.arange(len(points)).reshape(len(x), len(y))
-        for bolt in self.bolts:
-            i = between(x, bolt[0], self.zone)
-            j = between(y, bolt[1], self.zone)
-            square = number[i][:, j]
-            loop = loop_around(square)
-            outside = np.abs(points[quads].mean(axis=1) - bolt).max(axis=1) > self.zone / 2
-            radii = self.hole_diameter / 2, self.washer_diameter / 2
-            new = o_grid(loop, points[loop], bolt, radii, self.radial_size, len(points))
-            points, quads = np.vstack([points, new[0]]), np.vstack([quads[outside], new[1]])
-        return points, quads
 
     def x_lines(self) -> np.ndarray:
         """Lines of the plan along the beams; symmetric."""
@@ -214,14 +203,4 @@ class CBeams(Builder):
         return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
 
 
-def c_beams(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
-    """Mesh of two C-shaped beams. Collective.
-
-    Args:
-        comm: Communicator.
-        arguments: See `CBeams`.
-
-    Raises:
-        MeshError: As `CBeams`.
-    """
-    return CBeams(**arguments).build(comm)
+c_beams = made_by(CBeams)

@@ -6,12 +6,20 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import Builder, Count, Demand, Places, Size, Solid, lengths
+from fenics_joints.meshes.arguments import (
+    Builder,
+    Count,
+    Demand,
+    Places,
+    Size,
+    Solid,
+    lengths,
+    made_by,
+)
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import between, grid_lines, ring_in_square, tensor_grid
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
+from fenics_joints.meshes.plane import Plan, grid_lines, ring_in_square
+from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = ["Dumbbell", "dumbbell"]
 
@@ -133,9 +141,9 @@ class Dumbbell(Builder):
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
-        points, quads, kind, ring = self.plan()
-        middle = points[quads].mean(axis=1)
-        neck = np.all(np.abs(middle) < np.array(self.neck[:2]) / 2, axis=1)
+        plan = self.plan()
+        kind, quads, ring = plan.kind, plan.quads, plan.number * (plan.kind > 0)
+        neck = np.all(np.abs(plan.middle) < np.array(self.neck[:2]) / 2, axis=1)
         if self.holes:
             quads, neck, ring = (a[kind >= 0] for a in (quads, neck, ring))
         half = self.half_levels()
@@ -147,7 +155,7 @@ class Dumbbell(Builder):
         joint = np.where(ring > 0, n + ring, 0) if len(self.centres) else (n + 1) * neck
         rows = [head] * (body - n_neck) + [2 * neck] * n_neck + [joint] * self.n_layer
         rows += [3 * neck] * n_neck + [4 * head] * (body - n_neck)
-        column = Extrusion(points, quads, z, np.array(rows), self.cell)
+        column = Extrusion(plan.points, quads, z, np.array(rows), self.cell)
         everywhere = np.ones(len(quads), dtype=bool)
         column.tag_level(0, everywhere, FACET_NAMES["end_1"])
         column.tag_level(len(z) - 1, everywhere, FACET_NAMES["end_2"])
@@ -166,24 +174,16 @@ class Dumbbell(Builder):
         """Distances of a body's levels from the joint."""
         return grid_lines([0.0, self.neck[2], self.neck[2] + self.head[2]], self.element_size)
 
-    def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Plane points; cells; 1 for those in a ring, -1 in a hole; the ring of each, from 1."""
-        x, y = (self.lines(axis) for axis in range(2))
-        points, quads = tensor_grid(x, y)
-        number = np.arange(len(points)).reshape(len(x), len(y))
-        kind, ring = np.zeros((2, len(quads)), dtype=int)
-        for i, centre in enumerate(self.centres, start=1):
-            square = number[between(x, centre[0], self.side)][:, between(y, centre[1], self.side)]
-            fits = square.shape == (self.n_zone + 1,) * 2
+    def plan(self) -> Plan:
+        """The plan, with the rings, whose cells have the kind 1, those of their holes -1."""
+        plan = Plan(self.lines(0), self.lines(1))
+        for centre in self.centres:
+            fits = plan.square(centre, self.side).shape == (self.n_zone + 1,) * 2
             expected = "rings in rows: squares side by side or one above the other"
             self.require(fits, "rings", self.centres.tolist(), expected)
-            outside = np.abs(points[quads].mean(axis=1) - centre).max(axis=1) > self.side / 2
             size = min(self.element_size, self.side / 4)
-            more, new, where = ring_in_square(points, square, centre, self.radii, size)
-            points, quads = np.vstack([points, more]), np.vstack([quads[outside], new])
-            kind = np.concatenate([kind[outside], where])
-            ring = np.concatenate([ring[outside], np.where(where > 0, i, 0)])
-        return points, quads, kind, ring
+            plan.fill(ring_in_square, centre, self.side, self.radii, size)
+        return plan
 
     def lines(self, axis: int) -> np.ndarray:
         """Lines of the plan along x or y, with those of the rings' squares evenly spaced."""
@@ -195,14 +195,4 @@ class Dumbbell(Builder):
         return grid_lines([*edges, *own.ravel()], self.element_size)
 
 
-def dumbbell(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
-    """Mesh of two dumbbell halves. Collective.
-
-    Args:
-        comm: Communicator.
-        arguments: See `Dumbbell`.
-
-    Raises:
-        MeshError: As `Dumbbell`.
-    """
-    return Dumbbell(**arguments).build(comm)
+dumbbell = made_by(Dumbbell)

@@ -10,12 +10,20 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import Builder, Count, Demand, Size, Solid, is_count, lengths
+from fenics_joints.meshes.arguments import (
+    Builder,
+    Count,
+    Demand,
+    Size,
+    Solid,
+    is_count,
+    lengths,
+    made_by,
+)
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import grid_lines, ring_in_square, tensor_grid
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
+from fenics_joints.meshes.plane import Plan, grid_lines, ring_in_square
+from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = ["EngravingMachine", "engraving_machine"]
 
@@ -238,21 +246,24 @@ class EngravingMachine(_Frame):
         """The whole mesh."""
         n = len(BODIES)
         bolts = self.centres()
-        points, quads, ring = self.plan(bolts)
-        middle = points[quads].mean(axis=1)
+        plan = Plan(self.lines(0), self.lines(1))
+        for centre in bolts:
+            size = min(self.element_size, self.side / 2)
+            plan.fill(ring_in_square, centre, self.side, self.corners(), size)
+        ring = plan.number * plan.kind  # below 0 in a hole
         below = grid_lines([-self.bed[2], -self.flange, 0.0], self.element_size)
         layer = np.linspace(0.0, self.layer, self.n_layer + 1)
         above = grid_lines(self.levels(), self.element_size)
         z = np.concatenate([below, layer[1:-1], above])
-        rows = np.zeros((len(z) - 1, len(quads)), dtype=int)
+        rows = np.zeros((len(z) - 1, len(ring)), dtype=int)
         for tag, boxes in enumerate((self.bed_boxes(), self.column_boxes()), start=1):
             for box in boxes:
-                rows[np.ix_(_inside(z, box[4:]), _in_plan(middle, box[:4]))] = tag
+                rows[np.ix_(_inside(z, box[4:]), _in_plan(plan.middle, box[:4]))] = tag
         first = len(below) - 1
         rows[first : first + self.n_layer] = np.where(ring > 0, n + ring, 0)
         # The holes end with the flanges: the arm may be above them.
         rows[np.ix_(_inside(z, (z[0], self.layer + self.flange)), np.flatnonzero(ring < 0))] = 0
-        column = Extrusion(points, quads, z, rows, self.cell)
+        column = Extrusion(plan.points, plan.quads, z, rows, self.cell)
         for level, cells, name in (
             (0, rows[0] > 0, "bottom"), (len(z) - 1, rows[-1] > 0, "top"),
             (first, ring > 0, "joint_lower"), (first + self.n_layer, ring > 0, "joint_upper"),
@@ -264,21 +275,6 @@ class EngravingMachine(_Frame):
         cell_names = {name: i for i, name in enumerate(self.groups()[0], start=1)}
         return MeshLists(self.cell, *column.lists(), cell_names, dict(FACET_NAMES), named)
 
-    def plan(self, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Plane points; cells; and the ring of each cell, from 1, or minus that of its hole."""
-        x, y = self.lines(0), self.lines(1)
-        points, quads = tensor_grid(x, y)
-        number = np.arange(len(points)).reshape(len(x), len(y))
-        ring, side = np.zeros(len(quads), dtype=int), self.side
-        for i, centre in enumerate(bolts, start=1):
-            square = number[_pocket(x, centre[0], side)][:, _pocket(y, centre[1], side)]
-            outside = np.abs(points[quads].mean(axis=1) - centre).max(axis=1) > side / 2
-            size = min(self.element_size, side / 2)
-            more, new, where = ring_in_square(points, square, centre, self.corners(), size)
-            points, quads = np.vstack([points, more]), np.vstack([quads[outside], new])
-            ring = np.concatenate([ring[outside], i * where])
-        return points, quads, ring
-
     def lines(self, axis: int) -> np.ndarray:
         """Lines of the plan along x or y: all walls', and those of the pockets evenly spaced."""
         boxes = np.array(self.bed_boxes() + self.column_boxes())
@@ -286,24 +282,6 @@ class EngravingMachine(_Frame):
         own = self.centres()[:, axis, None] + step
         walls = boxes[:, 2 * axis : 2 * axis + 2]
         return grid_lines([*walls.ravel(), *own.ravel()], self.element_size)
-
-
-def engraving_machine(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
-    """Mesh of a machine frame. Collective.
-
-    Args:
-        comm: Communicator.
-        arguments: See `EngravingMachine`.
-
-    Raises:
-        MeshError: As `EngravingMachine`.
-    """
-    return EngravingMachine(**arguments).build(comm)
-
-
-def _pocket(lines: np.ndarray, centre: float, side: float) -> np.ndarray:
-    """Numbers of the lines across a pocket."""
-    return np.flatnonzero(np.abs(lines - centre) < side / 2 * (1 + 1e-6))
 
 
 def _inside(lines: np.ndarray, span) -> np.ndarray:
@@ -316,3 +294,6 @@ def _in_plan(middle: np.ndarray, box) -> np.ndarray:
     """Numbers of the plane cells that lie in a box (x0, x1, y0, y1)."""
     x, y = middle.T
     return np.flatnonzero((x > box[0]) & (x < box[1]) & (y > box[2]) & (y < box[3]))
+
+
+engraving_machine = made_by(EngravingMachine)

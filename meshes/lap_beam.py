@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
-from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, is_positive
+from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, is_positive, made_by
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
 from fenics_joints.meshes.plane import flat_lists, grid_lines, tensor_grid
 from fenics_joints.meshes.skin import add_faces, exterior_facets
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
+from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = ["LapBeam", "LapBeamSection", "lap_beam", "lap_beam_section"]
 
@@ -216,27 +215,5 @@ class LapBeamSection(_Lap):
         return flat_lists(points, quads, values, self.cell, CELL_NAMES)
 
 
-def lap_beam(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
-    """Mesh of two lapped beams. Collective.
-
-    Args:
-        comm: Communicator.
-        arguments: See `LapBeam`.
-
-    Raises:
-        MeshError: As `LapBeam`.
-    """
-    return LapBeam(**arguments).build(comm)
-
-
-def lap_beam_section(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
-    """Mesh of the section of two lapped beams. Collective.
-
-    Args:
-        comm: Communicator.
-        arguments: See `LapBeamSection`.
-
-    Raises:
-        MeshError: As `LapBeamSection`.
-    """
-    return LapBeamSection(**arguments).build(comm)
+lap_beam = made_by(LapBeam)
+lap_beam_section = made_by(LapBeamSection)

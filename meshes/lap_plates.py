@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import Builder, Count, Gap, Places, Size, Solid
+from fenics_joints.meshes.arguments import Builder, Count, Gap, Places, Size, Solid, made_by
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import between, grid_lines, loop_around, o_grid, tensor_grid
-from fenics_joints.meshes.tagged import MeshLists, TaggedMesh
+from fenics_joints.meshes.plane import Plan, grid_lines, o_grid
+from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = ["LapPlates", "lap_plates"]
 
@@ -154,13 +153,16 @@ class LapPlates(Builder):
         """The whole mesh."""
         size_x, size_y = self.sizes()
         x, y = self.lines(size_x, size_y)
-        points, quads = tensor_grid(x, y)
         left = np.arange(len(y))
-        right = left + len(points) - len(y)
-        points, quads, circle, rims = self.drill(x, y, points, quads, min(size_x, size_y))
-        middle = points[quads].mean(axis=1)
-        column = Extrusion(points, quads, self.levels(), self.values(middle), self.cell)
-        self.tag_faces(column, middle, circle == 1, _chain(left), _chain(right), rims)
+        right = left + (len(x) - 1) * len(y)
+        plan, rims = Plan(x, y), [np.empty((0, 2), dtype=np.int64)]
+        for bolt in self.centres if self.radii else ():
+            rim = plan.fill(o_grid, bolt, self.zone, self.radii, min(size_x, size_y))
+            rims.append(_chain(np.append(rim, rim[0])))
+        values = self.values(plan.middle)
+        column = Extrusion(plan.points, plan.quads, self.levels(), values, self.cell)
+        rims, washer = np.vstack(rims), plan.kind == 1
+        self.tag_faces(column, plan.middle, washer, _chain(left), _chain(right), rims)
         centres = np.full((len(self.centres), 3), self.thickness + self.layer / 2)
         centres[:, :2] = self.centres
         return MeshLists(self.cell, *column.lists(), CELL_NAMES, FACET_NAMES, {"bolts": centres})
@@ -170,26 +172,6 @@ class LapPlates(Builder):
         around = np.concatenate([self.centres - half, self.centres + half])
         x = [0.0, self.length - self.lap, self.length, 2 * self.length - self.lap, *around[:, 0]]
         return grid_lines(x, size_x), grid_lines([0.0, self.width, *around[:, 1]], size_y)
-
-    def drill(self, x, y, points, quads, size):
-        """Replace the inside of each zone by an O-grid around the bolt's hole, if there are holes.
-
-        Returns:
-            Points; cells; the circle of each cell, 1 within the washer; the holes' edges, (n, 2).
-        """
-        circle, rims = np.zeros(len(quads), dtype=int), [np.empty((0, 2), dtype=np.int64)]
-        number = np.arange(len(points)).reshape(len(x), len(y))
-        for bolt in self.centres if self.radii else ():
-            i, j = (between(line, c, self.zone) for line, c in zip((x, y), bolt, strict=True))
-            loop = loop_around(number[i][:, j])
-            outside = np.abs(points[quads].mean(axis=1) - bolt).max(axis=1) > self.zone / 2
-            new = o_grid(loop, points[loop], bolt, self.radii, size, len(points))
-            rim = len(points) + np.arange(len(loop))
-            rims.append(_chain(np.append(rim, rim[0])))
-            points = np.vstack([points, new[0]])
-            quads = np.vstack([quads[outside], new[1]])
-            circle = np.concatenate([circle[outside], new[2]])
-        return points, quads, circle, np.vstack(rims)
 
     def levels(self) -> np.ndarray:
         plate = np.linspace(0.0, self.thickness, self.n_thickness + 1)
@@ -235,14 +217,4 @@ def _chain(points: np.ndarray) -> np.ndarray:
     return np.column_stack([points[:-1], points[1:]])
 
 
-def lap_plates(comm: MPI.Intracomm, **arguments) -> TaggedMesh:
-    """Mesh of two lapped plates. Collective.
-
-    Args:
-        comm: Communicator.
-        arguments: See `LapPlates`.
-
-    Raises:
-        MeshError: As `LapPlates`.
-    """
-    return LapPlates(**arguments).build(comm)
+lap_plates = made_by(LapPlates)

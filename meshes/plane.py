@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from fenics_joints.meshes.arguments import requirement
 from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = [
-    "between", "cut_quads", "disc_grid", "flat_lists", "graded_lines", "grid_lines", "loop_around",
+    "Plan", "cut_quads", "disc_grid", "flat_lists", "graded_lines", "grid_cells", "grid_lines",
     "o_grid", "ring_in_square", "tensor_grid",
 ]  # fmt: skip
 
@@ -123,18 +123,69 @@ def tensor_grid(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         (v00, v10, v01, v11), shape (n_cells, 4).
     """
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(len(points)).reshape(len(x), len(y))
+    return points, grid_cells(np.arange(len(points)).reshape(len(x), len(y)))
+
+
+def grid_cells(number: np.ndarray) -> np.ndarray:
+    """Cells (v00, v10, v01, v11) of a grid of points with these numbers, shape (n_cells, 4)."""
     corners = number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]
-    return points, np.stack(corners, axis=-1).reshape(-1, 4)
+    return np.stack(corners, axis=-1).reshape(-1, 4)
+
+
+class Plan:
+    """A plane tensor grid, in which O-grids can take the place of squares.
+
+    Args:
+        x, y: Its lines, in metres.
+
+    Attributes:
+        points: Vertices, shape (n_points, 2), in metres.
+        quads: Cells (v00, v10, v01, v11), shape (n_quads, 4).
+        kind: What the O-grids say of their cells, 0 for others, shape (n_quads,).
+        number: Number of the O-grid that a cell is in, from 1, 0 for none, shape (n_quads,).
+    """
+
+    def __init__(self, x: np.ndarray, y: np.ndarray):
+        self._lines, self._filled = (x, y), 0
+        self.points, self.quads = tensor_grid(x, y)
+        self._grid = np.arange(len(self.points)).reshape(len(x), len(y))
+        self.kind, self.number = np.zeros((2, len(self.quads)), dtype=int)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Centres of the cells, shape (n_quads, 2)."""
+        return self.points[self.quads].mean(axis=1)
+
+    def square(self, centre: np.ndarray, side: float) -> np.ndarray:
+        """Numbers of the points in a square, whose sides are lines of the grid; shape (m, n)."""
+        i, j = (_between(line, c, side) for line, c in zip(self._lines, centre, strict=True))
+        return self._grid[i, j]
+
+    def fill(
+        self, grid: Callable, centre: np.ndarray, side: float, radii: Sequence[float], size: float
+    ) -> np.ndarray:
+        """Put an O-grid, `o_grid` or `ring_in_square`, into a square.
+
+        Returns:
+            Numbers of the points on the innermost of the circles, anticlockwise.
+        """
+        square, first = self.square(centre, side), len(self.points)
+        outside = np.abs(self.middle - centre).max(axis=1) > side / 2
+        points, quads, kind = grid(self.points, square, centre, radii, size)
+        self._filled += 1
+        self.points = np.vstack([self.points, points])
+        self.quads = np.vstack([self.quads[outside], quads])
+        self.kind = np.concatenate([self.kind[outside], kind])
+        self.number = np.append(self.number[outside], np.full(len(quads), self._filled))
+        return first + np.arange(2 * sum(square.shape) - 4)
 
 
 def o_grid(
-    loop: np.ndarray,
-    loop_points: np.ndarray,
+    points: np.ndarray,
+    square: np.ndarray,
     centre: np.ndarray,
-    radii: tuple[float, ...],
+    radii: Sequence[float],
     size: float,
-    first_new: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Quadrilaterals between a round hole and the square around it.
 
@@ -144,37 +195,37 @@ def o_grid(
     circle and the square, are cut into the fewest equal parts not longer than ``size``.
 
     Args:
-        loop: Numbers of the square's boundary points, anticlockwise from its lower left corner,
-            shape (n,).
-        loop_points: Their positions, shape (n, 2), in metres.
+        points: Points of the plane, shape (n_points, 2), in metres.
+        square: Numbers of those of the square's grid, with n on its sides, shape (n_x, n_y).
         centre: Centre of the square and of the hole, shape (2,), in metres.
         radii: Radii of the hole and of the circles around it, ascending, in metres.
         size: Longest element along the radius, halfway along a side, in metres.
-        first_new: Number of the first new point.
 
     Returns:
-        New points, shape (n_rings * n, 2), the hole's first; cells (v00, v10, v01, v11) with v00
-        to v10 outwards, ring by ring from the hole, shape (n_rings * n, 4); and the number of the
-        circle inside which each cell lies, from 0 for the square, then 1 for ``radii[1]`` and so
-        on, shape (n_rings * n,).
+        New points, shape (n_rings * n, 2), numbered after those of the plane, the hole's first,
+        each ring's anticlockwise from the square's lower left corner; cells (v00, v10, v01, v11)
+        with v00 to v10 outwards, ring by ring from the hole, shape (n_rings * n, 4); and the
+        number of the circle inside which each cell lies, from 0 for the square, then 1 for
+        ``radii[1]`` and so on, shape (n_rings * n,).
     """
-    offset = loop_points - centre
+    loop, first = _loop_around(square), len(points)
+    offset = points[loop] - centre
     half = np.abs(offset).max()
     angle = _square_angle(offset / half)
     unit = np.column_stack([np.cos(angle), np.sin(angle)])
     curves = [radius * unit for radius in radii] + [offset]
     reach = [*radii, half]
-    points, bands = [], []
+    rings, bands = [], []
     for band in range(len(radii)):
         parts = math.ceil((reach[band + 1] - reach[band]) / size * (1 - 1e-9))
         for step in np.arange(parts) / parts:
-            points.append(centre + (1 - step) * curves[band] + step * curves[band + 1])
+            rings.append(centre + (1 - step) * curves[band] + step * curves[band + 1])
             bands.append((band + 1) % len(radii))
-    n, rings = len(loop), len(points)
-    number = np.vstack([first_new + np.arange(rings * n).reshape(rings, n), loop])
+    n = len(loop)
+    number = np.vstack([first + np.arange(len(rings) * n).reshape(-1, n), loop])
     turned = np.roll(number, -1, axis=1)
     cells = np.stack([number[:-1], number[1:], turned[:-1], turned[1:]], axis=-1).reshape(-1, 4)
-    return np.vstack(points), cells, np.repeat(bands, n)
+    return np.vstack(rings), cells, np.repeat(bands, n)
 
 
 def disc_grid(
@@ -202,8 +253,7 @@ def disc_grid(
     if quarter:
         loop = np.concatenate([number[-1], number[-2::-1, -1]])
     else:
-        sides = number[:-1, 0], number[-1, :-1], number[:0:-1, -1], number[0, :0:-1]
-        loop = np.roll(np.concatenate(sides), -3 * half)
+        loop = np.roll(_loop_around(number), -3 * half)
     parts = math.ceil((outer - side) / size * (1 - 1e-9))
     rings, numbers = [points], [first_new + loop]
     for step in range(1, parts):
@@ -212,9 +262,7 @@ def disc_grid(
     number = np.vstack([*numbers, circle])
     if not quarter:
         number = np.hstack([number, number[:, :1]])
-    corners = number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]
-    around = np.stack(corners, axis=-1).reshape(-1, 4)
-    return np.vstack(rings), np.vstack([first_new + quads, around])
+    return np.vstack(rings), np.vstack([first_new + quads, grid_cells(number)])
 
 
 def _square_angle(p: np.ndarray) -> np.ndarray:
@@ -226,13 +274,13 @@ def _square_angle(p: np.ndarray) -> np.ndarray:
     return turned + np.pi / 4 * along
 
 
-def between(lines: np.ndarray, centre: float, side: float) -> slice:
+def _between(lines: np.ndarray, centre: float, side: float) -> slice:
     """Numbers of the lines across a square, those of its sides included."""
     first, last = (int(np.abs(lines - centre - end * side / 2).argmin()) for end in (-1, 1))
     return slice(first, last + 1)
 
 
-def loop_around(square: np.ndarray) -> np.ndarray:
+def _loop_around(square: np.ndarray) -> np.ndarray:
     """Numbers of the points on the sides of a square grid, anticlockwise from the first corner.
 
     Args:
@@ -246,7 +294,7 @@ def ring_in_square(
     points: np.ndarray,
     square: np.ndarray,
     centre: np.ndarray,
-    radii: tuple[float, float],
+    radii: Sequence[float],
     size: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A ring between polygons around the centre of a square, all of which is filled.
@@ -262,9 +310,8 @@ def ring_in_square(
         New points, numbered after those of the plane; cells; 1 for those in the ring, -1 for those
         inside of it, 0 for the others.
     """
-    loop, first = loop_around(square), len(points)
-    n = len(loop)
-    x, quads, circle = o_grid(loop, points[loop], centre, radii, size, first)
+    first, n = len(points), 2 * sum(square.shape) - 4
+    x, quads, circle = o_grid(points, square, centre, radii, size)
     # The loop starts at the square's corner of least x and y, 3/8 of a turn before the x-axis.
     turn = np.roll(np.arange(n), -3 * n // 8)
     inner, disc = disc_grid(first + turn, x[turn] - centre, size, first + len(x), False)
