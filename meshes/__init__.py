@@ -9,7 +9,7 @@ from fenics_joints.meshes.bolted_plates import (
 )
 from fenics_joints.meshes.box import box
 from fenics_joints.meshes.c_beam import CBeams, c_beams
-from fenics_joints.meshes.cad import read_step
+from fenics_joints.meshes.cad import StepAssembly, read_step
 from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.contact import ContactMatch, check_contact
 from fenics_joints.meshes.dumbbell import Dumbbell, dumbbell
@@ -24,9 +24,9 @@ from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [
     "CBeams", "ContactMatch", "Dumbbell", "EngravingMachine", "LapBeam", "LapBeamSection",
-    "LapPlates", "MeshQuality", "Ring", "RoundPlates", "RoundPlatesSection", "TaggedMesh",
-    "bolted_plates", "bolted_plates_section", "box", "c_beams", "check_contact", "check_mesh",
-    "dumbbell", "engraving_machine", "extent", "graded_lines", "grid_lines", "lap_beam",
-    "lap_beam_section", "lap_plates", "layer_thickness", "measure_ring", "read_msh", "read_step",
-    "separate", "stacked_blocks",
+    "LapPlates", "MeshQuality", "Ring", "RoundPlates", "RoundPlatesSection", "StepAssembly",
+    "TaggedMesh", "bolted_plates", "bolted_plates_section", "box", "c_beams", "check_contact",
+    "check_mesh", "dumbbell", "engraving_machine", "extent", "graded_lines", "grid_lines",
+    "lap_beam", "lap_beam_section", "lap_plates", "layer_thickness", "measure_ring", "read_msh",
+    "read_step", "separate", "stacked_blocks",
 ]  # fmt: skip

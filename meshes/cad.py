@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, ClassVar, Concatenate, Literal, ParamSpec
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.errors import MeshError
-from fenics_joints.meshes.arguments import is_count, is_positive, requirement
+from fenics_joints.errors import MeshError, located
+from fenics_joints.meshes.arguments import (
+    Arguments,
+    Count,
+    Demand,
+    Size,
+    described,
+    is_count,
+    is_positive,
+)
 from fenics_joints.meshes.cad_bolts import BoltPlace, check_rings, given_bolts, hole_bolts
 from fenics_joints.meshes.cad_glue import Glued, Sizes, glue
 from fenics_joints.meshes.cad_layer import Opened
@@ -29,10 +38,9 @@ from fenics_joints.meshes.gmsh_model import gmsh_model
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
-__all__ = ["read_step"]
+__all__ = ["StepAssembly", "read_step"]
 
-JOINTS = ("rings", "layer", "contact")
-_require = requirement("read_step")
+P = ParamSpec("P")
 #: Of gmsh, while a file is read: millimetres whatever the file's unit, which are
 #: OpenCASCADE's default (any other would stay for whatever the caller reads or writes next), and
 #: straight-sided cells.
@@ -46,25 +54,16 @@ _OPTIONS = {
 }  # fmt: skip
 
 
-def read_step(
-    path: str | Path,
-    comm: MPI.Intracomm,
-    *,
-    element_size: float,
-    joint: str = "rings",
-    r_wai: float | Sequence[float] | None = None,
-    r_nei: float | None = None,
-    bolts: Sequence[Sequence[float]] | None = None,
-    hole: tuple[float, float] | None = None,
-    layer: float = 0.7e-3,
-    n_layer: int = 1,
-    parts: Mapping[str, Place] | None = None,
-    bonded: Sequence[tuple[str, str]] = (),
-    between: Sequence[tuple[str, str]] | None = None,
-    faces: Mapping[str, Sequence[float] | Sequence[Sequence[float]]] | None = None,
-    ring_size: float | None = None,
-    circle: int = 16,
-) -> TaggedMesh:
+def _is_range(hole) -> bool:
+    return np.shape(hole) == (2,) and all(map(is_positive, hole)) and hole[0] <= hole[1]
+
+
+def _is_polygon(edges) -> bool:
+    return is_count(edges) and edges >= 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepAssembly(Arguments):
     """Mesh an assembly from CAD, whose parts are bolted, and touch on flat faces.
 
     The faces may touch in the file, or be apart by up to ``layer``; they are closed first. Then the
@@ -81,9 +80,7 @@ def read_step(
     or layers and the parts; ``A_to_B`` and ``B_to_A``, what else of the faces of parts A and B
     touches; and ``faces``. Points: ``bolts``, the rings' centres at mid-height.
 
-    Args:
-        path: The STEP file, in any unit.
-        comm: Communicator; the call is collective, gmsh runs on rank 0 alone.
+    Attributes:
         element_size: Largest size of a cell, m.
         joint: ``"rings"``; ``"layer"`` for a layer on all that touches; ``"contact"`` for no layer
             and no opening: separate parts whose faces match vertex by vertex.
@@ -102,117 +99,124 @@ def read_step(
         ring_size: Size of the cells in the rings, m; None: half of R_wai - R_nei.
         circle: Edges of a whole circle, at least.
 
-    Returns:
-        The tagged mesh.
-
     Raises:
         MeshError: The file is no STEP file or has one solid; solids overlap, no faces touch, a
             bolt has no contact or no hole, its ring leaves the faces or overlaps another, the
             parts do not hang together, gmsh fails, or cells are flat; the message names the solid,
             the bolt, or the argument.
     """
-    for name, size in (("element_size", element_size), ("layer", layer)):
-        _require(is_positive(size), name, size, "a length above 0 m")
-    for name, size in (("r_nei", r_nei), ("ring_size", ring_size)):
-        _require(size is None or is_positive(size), name, size, "a length above 0 m")
-    _require(joint in JOINTS, "joint", joint, " or ".join(map(repr, JOINTS)))
-    _require(is_count(n_layer), "n_layer", n_layer, "a whole number of at least 1")
-    _require(is_count(circle) and circle >= 6, "circle", circle, "a whole number of at least 6")
-    radii = _outer_radii(joint, r_wai, bolts)
-    if hole is not None:
-        fits = np.shape(hole) == (2,) and all(map(is_positive, hole)) and hole[0] <= hole[1]
-        _require(fits, "hole", hole, "the least and the largest diameter, in metres")
-    assembly = _Assembly(
-        Path(path), _places(parts or {}), tuple(map(tuple, bonded)), between, joint, radii * _MM,
-        _in_mm(r_nei), _in_mm(bolts), _pair_in_mm(hole), layer * _MM, n_layer, _points(faces or {}),
-        element_size * _MM, _in_mm(ring_size), circle,
-    )  # fmt: skip
-    tagged = distribute(comm, on_root(comm, assembly.lists))
-    try:
-        check_mesh(tagged)
-    except MeshError as error:
-        raise MeshError(f"{path}: {error}") from None
-    return tagged
+    function: ClassVar[str] = "read_step"
+
+    element_size: Size
+    joint: Literal["rings", "layer", "contact"] = "rings"
+    r_wai: float | Sequence[float] | None = None
+    r_nei: Size | None = None
+    bolts: Sequence[Sequence[float]] | None = None
+    hole: Annotated[
+        tuple[float, float], Demand(_is_range, "the least and the largest diameter, in metres")
+    ] | None = None
+    layer: Size = 0.7e-3
+    n_layer: Count = 1
+    parts: Mapping[str, Place] | None = None
+    bonded: Sequence[tuple[str, str]] = ()
+    between: Sequence[tuple[str, str]] | None = None
+    faces: Mapping[str, Sequence[float] | Sequence[Sequence[float]]] | None = None
+    ring_size: Size | None = None
+    circle: Annotated[int, Demand(_is_polygon, "a whole number of at least 6")] = 16
+
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+        self.radii()
+        self.points()
+
+    def radii(self) -> np.ndarray:
+        """Outer radius of the rings, m: one, or one for each bolt; none without rings."""
+        r_wai, bolts = self.r_wai, self.bolts
+        if self.joint != "rings":
+            self.require(r_wai is None, "r_wai", r_wai, f"none with joint = {self.joint!r}")
+            self.require(bolts is None, "bolts", bolts, f"none with joint = {self.joint!r}")
+            return np.empty(0)
+        radii = np.atleast_1d(np.array(r_wai, dtype=float))
+        fits = r_wai is not None and radii.ndim == 1 and np.all(np.isfinite(radii) & (radii > 0))
+        self.require(fits, "r_wai", r_wai, "the outer radius of the rings, above 0 m")
+        if bolts is None:
+            self.require(len(radii) == 1, "r_wai", r_wai, "one radius, or bolts: their centres")
+            return radii
+        fits = len(bolts) > 0 and all(np.shape(bolt) == (3,) for bolt in bolts)
+        self.require(fits, "bolts", bolts, "a point (x, y, z) in metres for each bolt")
+        fits = len(radii) in (1, len(bolts))
+        self.require(fits, "r_wai", r_wai, f"one radius, or {len(bolts)}")
+        return np.broadcast_to(radii, len(bolts))
+
+    def points(self) -> dict[str, np.ndarray]:
+        """Points on each named face, m, shape (n, 3)."""
+        found = {}
+        for name, points in (self.faces or {}).items():
+            found[name] = np.atleast_2d(np.array(points, dtype=float))
+            fits = found[name].ndim == 2 and found[name].shape[1] == 3
+            expected = "a point (x, y, z) in metres, or several"
+            self.require(fits, f"faces.{name}", points, expected)
+        return found
+
+    def read(self, path: str | Path, comm: MPI.Intracomm) -> TaggedMesh:
+        """The mesh of a STEP file, in any unit. Collective; gmsh runs on rank 0 alone."""
+        tagged = distribute(comm, on_root(comm, _Assembly(Path(path), self).lists))
+        with located(path):
+            check_mesh(tagged)
+        return tagged
 
 
-def _outer_radii(joint: str, r_wai, bolts) -> np.ndarray:
-    """Outer radius of the rings, m: one, or one for each bolt; none without rings."""
-    if joint != "rings":
-        _require(r_wai is None, "r_wai", r_wai, f"none with joint = {joint!r}")
-        _require(bolts is None, "bolts", bolts, f"none with joint = {joint!r}")
-        return np.empty(0)
-    radii = np.atleast_1d(np.array(r_wai, dtype=float))
-    fits = r_wai is not None and radii.ndim == 1 and np.all(np.isfinite(radii) & (radii > 0))
-    _require(fits, "r_wai", r_wai, "the outer radius of the rings, above 0 m")
-    if bolts is None:
-        _require(len(radii) == 1, "r_wai", r_wai, "one radius, or bolts: their centres")
-        return radii
-    fits = len(bolts) > 0 and all(np.shape(bolt) == (3,) for bolt in bolts)
-    _require(fits, "bolts", bolts, "a point (x, y, z) in metres for each bolt")
-    _require(len(radii) in (1, len(bolts)), "r_wai", r_wai, f"one radius, or {len(bolts)}")
-    return np.broadcast_to(radii, len(bolts))
+def _reader(
+    assembly: Callable[P, StepAssembly],
+) -> Callable[Concatenate[str | Path, MPI.Intracomm, P], TaggedMesh]:
+    """The function of a file, a communicator and the other arguments."""
+
+    def read(path, comm, **arguments):
+        return assembly(**arguments).read(path, comm)
+
+    return described(read, assembly)
+
+
+read_step = _reader(StepAssembly)
 
 
 def _in_mm(length):
     return None if length is None else np.array(length, dtype=float) * _MM
 
 
-def _pair_in_mm(pair):
-    return None if pair is None else (float(pair[0]) * _MM, float(pair[1]) * _MM)
-
-
-def _places(parts: Mapping[str, Place]) -> dict[str, Place]:
-    return {
-        name: place if isinstance(place, str | int) else _in_mm(place)
-        for name, place in parts.items()
-    }
-
-
-def _points(faces) -> dict[str, np.ndarray]:
-    found = {}
-    for name, points in faces.items():
-        found[name] = np.atleast_2d(np.array(points, dtype=float)) * _MM
-        fits = found[name].ndim == 2 and found[name].shape[1] == 3
-        _require(fits, f"faces.{name}", points, "a point (x, y, z) in metres, or several")
-    return found
-
-
 @dataclass(frozen=True)
 class _Assembly:
-    """Checked arguments of ``read_step``, lengths in millimetres."""
+    """A file that is read with these arguments; lengths here are in millimetres."""
 
     path: Path
-    parts: Mapping[str, Place]
-    bonded: tuple[tuple[str, str], ...]
-    between: Sequence[tuple[str, str]] | None
-    joint: str
-    r_wai: np.ndarray
-    r_nei: float | None
-    bolts: Sequence[Sequence[float]] | None
-    hole: tuple[float, float] | None
-    layer: float
-    n_layer: int
-    faces: Mapping[str, np.ndarray]
-    size: float
-    ring_size: float | None
-    circle: int
+    given: StepAssembly
+
+    @property
+    def layer(self) -> float:
+        """Thickness of the layer."""
+        return self.given.layer * _MM
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
         with gmsh_model(self.path, _OPTIONS) as model:
-            solids = import_solids(self.path, model, self.parts)
-            bonded = self._pairs(solids, "bonded", self.bonded)
+            parts = {
+                name: place if isinstance(place, str | int) else _in_mm(place)
+                for name, place in (self.given.parts or {}).items()
+            }
+            solids = import_solids(self.path, model, parts)
+            bonded = self._pairs(solids, "bonded", self.given.bonded)
             contacts = self._contacts(model, solids, bonded)
             bolts = self._bolts(model, solids, contacts)
-            if self.joint == "rings":
+            if self.given.joint == "rings":
                 contacts = [c for c in contacts if any(b.contact is c for b in bolts)]
             shifts, body = closing(solids, contacts), bodies(solids, bonded)
             moves = np.zeros((int(body.max()) + 1, 3))
-            if self.joint != "contact":
+            if self.given.joint != "contact":
                 moves = opening(solids, body, contacts, self.layer)
-            glued = glue(model, solids, shifts, contacts, bolts, self.faces, self._sizes(bolts))
+            faces = {name: _in_mm(points) for name, points in self.given.points().items()}
+            glued = glue(model, solids, shifts, contacts, bolts, faces, self._sizes(bolts))
         self._check_bonds(solids, bonded, glued)
-        if self.joint != "contact":
+        if self.given.joint != "contact":
             self._check_one(solids, body, contacts)
         return self._named(solids, glued, Opened(glued, body, moves), body, moves, shifts, bolts)
 
@@ -229,12 +233,12 @@ class _Assembly:
         return found
 
     def _contacts(self, model, solids: Solids, bonded) -> list[Contact]:
-        reach = TOUCH if self.joint == "contact" else self.layer * (1 + 1e-6) + TOUCH
+        reach = TOUCH if self.given.joint == "contact" else self.layer * (1 + 1e-6) + TOUCH
         contacts = [
             c for c in find_contacts(model, solids, reach) if (c.lower, c.upper) not in bonded
         ]
-        if self.between is not None:
-            wanted = self._pairs(solids, "between", self.between)
+        if self.given.between is not None:
+            wanted = self._pairs(solids, "between", self.given.between)
             contacts = [c for c in contacts if (c.lower, c.upper) in wanted]
             for pair in set(wanted) - {(c.lower, c.upper) for c in contacts}:
                 a, b = (solids.names[i] for i in pair)
@@ -252,16 +256,15 @@ class _Assembly:
         return contacts
 
     def _bolts(self, model, solids: Solids, contacts) -> list[BoltPlace]:
-        if self.joint != "rings":
+        if self.given.joint != "rings":
             return []
-        if self.bolts is None:
-            bolts = hole_bolts(
-                model, solids, contacts, r_wai=float(self.r_wai[0]), r_nei=self.r_nei,
-                hole=self.hole,
-            )  # fmt: skip
+        r_wai, r_nei = _in_mm(self.given.radii()).tolist(), _in_mm(self.given.r_nei)
+        if self.given.bolts is None:
+            hole = None if self.given.hole is None else tuple(_in_mm(self.given.hole).tolist())
+            bolts = hole_bolts(model, solids, contacts, r_wai=r_wai[0], r_nei=r_nei, hole=hole)
         else:
             bolts = given_bolts(
-                model, solids, contacts, self.bolts, r_wai=self.r_wai.tolist(), r_nei=self.r_nei,
+                model, solids, contacts, _in_mm(self.given.bolts), r_wai=r_wai, r_nei=r_nei,
                 reach=self.layer,
             )  # fmt: skip
         check_rings(bolts, solids)
@@ -269,8 +272,9 @@ class _Assembly:
 
     def _sizes(self, bolts) -> Sizes:
         widths = [bolt.r_wai - bolt.r_nei for bolt in bolts]
-        ring = self.ring_size or min(widths, default=2 * self.size) / 2
-        return Sizes(self.size, min(ring, self.size), self.circle)
+        size = self.given.element_size * _MM
+        ring = _in_mm(self.given.ring_size) or min(widths, default=2 * size) / 2
+        return Sizes(size, min(ring, size), self.given.circle)
 
     def _check_bonds(self, solids: Solids, bonded, glued: Glued) -> None:
         touching = {i.solids for i in glued.interfaces}
@@ -291,7 +295,7 @@ class _Assembly:
             ", ".join(repr(solids.names[i]) for i in np.flatnonzero(apart == g))
             for g in range(apart.max() + 1)
         ]
-        what = "bolt" if self.joint == "rings" else "layer"
+        what = "bolt" if self.given.joint == "rings" else "layer"
         raise MeshError(
             f"{self.path}: no {what} joins {' with '.join(groups)}; expected one body "
             "(bonded = pairs of parts that are welded)"
@@ -307,7 +311,7 @@ class _Assembly:
         for name, interfaces in layers.items():
             self._check_new(name, names, "part")
             names.append(name)
-            cells.append(opened.layer(interfaces, self.n_layer))
+            cells.append(opened.layer(interfaces, self.given.n_layer))
             values.append(np.full(len(cells[-1]), len(names)))
             for upper, face in enumerate(("joint_lower", "joint_upper")):
                 facets.setdefault(face, []).extend(opened.side(i, upper) for i in interfaces)
@@ -346,12 +350,12 @@ class _Assembly:
     def _layers(self, glued: Glued) -> dict[str, list]:
         """The interfaces that are filled, by the name of their layer."""
         found: dict = {}
-        if self.joint == "rings":
+        if self.given.joint == "rings":
             for i in glued.interfaces:
                 if i.ring is not None:
                     found.setdefault(i.ring, []).append(i)
             return {f"ring_{ring + 1}": found[ring] for ring in sorted(found)}
-        if self.joint == "layer":
+        if self.given.joint == "layer":
             for i in glued.interfaces:
                 if i.contact is not None:
                     found.setdefault(i.contact, []).append(i)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.errors import MeshError
+from fenics_joints.errors import MeshError, located
 from fenics_joints.meshes.arguments import is_positive
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.gmsh_model import gmsh_model
@@ -83,10 +83,8 @@ def read_msh(
 
     lists = on_root(comm, build)
     tagged = distribute(comm, lists)
-    try:
+    with located(path):
         check_mesh(tagged)
-    except MeshError as error:
-        raise MeshError(f"{path}: {error}") from None
     _check_facets_found(path, tagged, lists)
     bolts = ring_centres(tagged) if gdim == 3 else None
     return tagged if bolts is None else replace(tagged, points={"bolts": bolts})
