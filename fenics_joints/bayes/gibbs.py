@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.bayes.straight import Straight
-from fenics_joints.bayes.walks import restored
+from fenics_joints.bayes.walks import Walk
 
 __all__ = ["Gibbs", "Level"]
 
@@ -71,7 +71,7 @@ class Level:
         return Straight(self.centre, np.einsum("pm,mij->pij", inverse, self.bend))
 
 
-class Gibbs:
+class Gibbs(Walk):
     """Chains of (mu, Sigma, tau, b), and of the specimens' x inside.
 
     Args:
@@ -82,7 +82,7 @@ class Gibbs:
     """
 
     label = "Gibbs, with Metropolis steps for the specimens"
-    _KEYS = ("x", "g", "mu", "sigma", "aux", "tau2", "b")
+    keys = ("x", "g", "mu", "sigma", "aux", "tau2", "b")
 
     def __init__(
         self,
@@ -91,15 +91,14 @@ class Gibbs:
         rngs: Sequence[np.random.Generator],
         states: Sequence[Mapping] | None = None,
     ):
-        self.level, self.rngs = level, list(rngs)
+        super().__init__(rngs)
+        self.level = level
         self.there = np.isfinite(data)
         self.y = np.where(self.there, data, 0.0)
         self.upper = np.triu_indices(level.slope.shape[1])
         self.accepted = np.zeros(len(data))
         if states is not None:
-            for key in self._KEYS:
-                setattr(self, key, np.array([state[key] for state in states], dtype=float))
-            self.rngs = [restored(state["rng"]) for state in states]
+            self.restore(states)
         elif len(data):
             self._begin()
 
@@ -124,14 +123,6 @@ class Gibbs:
         self.aux = np.full((n, p), level.scatter**2)
         self.tau2 = np.full(n, level.noise**2)
         self.b = np.zeros((n, m))
-
-    def states(self) -> list[dict]:
-        """What each chain goes on from, for JSON."""
-        return [
-            {"rng": rng.bit_generator.state}
-            | {key: np.asarray(getattr(self, key)[i]).tolist() for key in self._KEYS}
-            for i, rng in enumerate(self.rngs)
-        ]
 
     def advance(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Move all chains.

@@ -70,7 +70,7 @@ class FittedLikelihood:
         total = np.zeros(len(f))
         for density, column in zip(self._logs, f.T, strict=True):
             total += density(column)
-        return _finite(total)
+        return np.where(np.isfinite(total), total, -np.inf)
 
     def numbers(self) -> np.ndarray:
         """What the likelihood is made of, to be known again by."""
@@ -224,10 +224,6 @@ class GaussianLikelihood:
     def doubts(self) -> list[str]:
         """Nothing to doubt that is known of."""
         return []
-
-
-def _finite(total: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(total), total, -np.inf)
 
 
 def checked_specimens(mode_names: Sequence[str], frequencies_hz: np.ndarray) -> np.ndarray:

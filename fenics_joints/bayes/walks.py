@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-__all__ = ["Ensembles", "Independence", "RandomWalk", "generator", "restored"]
+__all__ = ["Ensembles", "Independence", "RandomWalk", "Walk", "generator"]
 
 #: Acceptance that the scale of the steps is led to, in a few dimensions (Roberts and Rosenthal,
 #: Stat. Sci. 16, 2001).
@@ -27,14 +27,39 @@ def generator(seed: int, chain: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([seed, 2, chain]))
 
 
-def restored(state: Mapping) -> np.random.Generator:
-    """The generator whose state was kept."""
-    rng = np.random.default_rng()
-    rng.bit_generator.state = state
-    return rng
+class Walk:
+    """Chains, each with random numbers of its own, that can be kept and gone on from.
+
+    Args:
+        rngs: One for each chain.
+
+    Attributes:
+        keys: Names of the arrays with a row for each chain that it goes on from.
+    """
+
+    keys: tuple[str, ...] = ("x", "lp")
+
+    def __init__(self, rngs: Sequence[np.random.Generator]):
+        self.rngs = list(rngs)
+
+    def states(self) -> list[dict]:
+        """What each chain goes on from, for JSON."""
+        return [
+            {"rng": rng.bit_generator.state}
+            | {key: np.asarray(getattr(self, key)[i]).tolist() for key in self.keys}
+            for i, rng in enumerate(self.rngs)
+        ]
+
+    def restore(self, states: Sequence[Mapping]) -> None:
+        """Go on from what `states` returned."""
+        for key in self.keys:
+            setattr(self, key, np.array([state[key] for state in states], dtype=float))
+        self.rngs = [np.random.default_rng() for _ in states]
+        for rng, state in zip(self.rngs, states, strict=True):
+            rng.bit_generator.state = state["rng"]
 
 
-class RandomWalk:
+class RandomWalk(Walk):
     """Metropolis's steps about the last point; the steps' covariance is learnt in the burn-in.
 
     Learning stops with the burn-in (Haario, Saksman and Tamminen, Bernoulli 7, 2001), so that what
@@ -50,6 +75,7 @@ class RandomWalk:
     """
 
     label = "Metropolis-Hastings, random walk"
+    keys = ("x", "lp", "root", "mean", "moment", "log_scale")
 
     def __init__(
         self,
@@ -60,7 +86,8 @@ class RandomWalk:
         burn_in: int,
         states: Sequence[Mapping] | None = None,
     ):
-        self.log_density, self.burn_in, self.rngs = log_density, burn_in, list(rngs)
+        super().__init__(rngs)
+        self.log_density, self.burn_in = log_density, burn_in
         n, d = np.shape(points)
         self.wide = np.linalg.cholesky(covariance)
         if states is None:
@@ -70,19 +97,12 @@ class RandomWalk:
             self.mean, self.moment = self.x.copy(), np.zeros((n, d, d))
             self.log_scale, self.t = np.full(n, np.log(2.38 / np.sqrt(d))), 0
             return
-        for key in ("x", "lp", "root", "mean", "moment", "log_scale"):
-            setattr(self, key, np.array([state[key] for state in states], dtype=float))
-        self.rngs = [restored(state["rng"]) for state in states]
+        self.restore(states)
         self.t = int(states[0]["t"]) if len(states) else 0
 
     def states(self) -> list[dict]:
         """What each chain goes on from, for JSON."""
-        keys = ("x", "lp", "root", "mean", "moment", "log_scale")
-        return [
-            {"rng": rng.bit_generator.state, "t": self.t}
-            | {key: getattr(self, key)[i].tolist() for key in keys}
-            for i, rng in enumerate(self.rngs)
-        ]
+        return [state | {"t": self.t} for state in super().states()]
 
     def advance(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Move all chains.
@@ -131,7 +151,7 @@ class RandomWalk:
             self.root = np.linalg.cholesky(self.moment + floor)
 
 
-class Independence:
+class Independence(Walk):
     """The paper's steps: every point is drawn from the prior, wherever the chain is.
 
     All proposals are known before the first step, so that the model solves for them together.
@@ -147,21 +167,13 @@ class Independence:
     label = "Metropolis-Hastings, proposals from the prior"
 
     def __init__(self, log_likelihood, draw, points, rngs, states=None):
-        self.log_likelihood, self.draw, self.rngs = log_likelihood, draw, list(rngs)
-        if states is None:
-            self.x = np.array(points, dtype=float)
-            self.lp = log_likelihood(self.x) if len(self.x) else np.empty(0)
+        super().__init__(rngs)
+        self.log_likelihood, self.draw = log_likelihood, draw
+        if states is not None:
+            self.restore(states)
             return
-        self.x = np.array([state["x"] for state in states])
-        self.lp = np.array([state["lp"] for state in states])
-        self.rngs = [restored(state["rng"]) for state in states]
-
-    def states(self) -> list[dict]:
-        """See `RandomWalk.states`."""
-        return [
-            {"rng": rng.bit_generator.state, "x": x.tolist(), "lp": float(lp)}
-            for rng, x, lp in zip(self.rngs, self.x, self.lp, strict=True)
-        ]
+        self.x = np.array(points, dtype=float)
+        self.lp = log_likelihood(self.x) if len(self.x) else np.empty(0)
 
     def advance(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `RandomWalk.advance`; the ln density is that of the likelihood alone."""

@@ -14,7 +14,7 @@ import itertools
 import json
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,7 +56,7 @@ class Interpolation:
     inside: np.ndarray
 
     def __repr__(self) -> str:
-        return f"Prediction({len(self.value)} points, {int(self.inside.sum())} inside)"
+        return f"Interpolation({len(self.value)} points, {int(self.inside.sum())} inside)"
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,8 @@ class _Member:
 
     kernel: str
     trend: str
-    scales: tuple[str, ...]
-    theta: tuple[float, ...]
+    scales: Sequence[str]
+    theta: Sequence[float]
     weight: float
 
 
@@ -101,7 +101,11 @@ class Kriging:
         self.members = tuple(members)
         self._varying = np.ptp(x, axis=0) > 0
         self._hull = Hull(x[:, self._varying])
-        self.processes = [self._process(m) for m in self.members]
+        z, log_y = x[:, self._varying], np.log(y)
+        self.processes = [
+            _fitted(m.kernel, m.trend, _scaled(z, z, m.scales), log_y, 0, theta=m.theta)
+            for m in self.members
+        ]
 
     def __repr__(self) -> str:
         return f"Kriging({self.output} of {', '.join(self.inputs)}; {len(self.y)} points)"
@@ -167,7 +171,10 @@ class Kriging:
         inside = same & self._hull.contains(x[:, self._varying])
         if not extrapolate and not inside.all():
             raise InputError(self._outside(x[~inside][0]))
-        mean, variance = self._mixture(x[:, self._varying])
+        z, samples = x[:, self._varying], self.x[:, self._varying]
+        mean, variance = self._mixture(
+            lambda process, scales: process.predict(_scaled(z, samples, scales), return_std=True)
+        )
         sd = np.sqrt(variance)
         value = np.exp(mean)
         return Interpolation(
@@ -178,14 +185,9 @@ class Kriging:
     def leave_one_out(self) -> LeaveOneOut:
         """Predict every sample point from the others, hyperparameters and weights kept."""
         z, log_y = self.x[:, self._varying], np.log(self.y)
-        weights = np.array([m.weight for m in self.members])[:, None]
-        each = [
-            _leave_one_out(p, _scaled(z, z, m.scales), log_y)
-            for p, m in zip(self.processes, self.members, strict=True)
-        ]
-        residual, sd = (np.array(a) for a in zip(*each, strict=True))
-        mean = np.sum(weights * residual, axis=0)
-        variance = np.sum(weights * (sd**2 + residual**2), axis=0) - mean**2
+        mean, variance = self._mixture(
+            lambda process, scales: _leave_one_out(process, _scaled(z, z, scales), log_y)
+        )
         value = np.exp(log_y - mean)
         return LeaveOneOut(value, value / self.y - 1, -mean / np.sqrt(variance))
 
@@ -223,8 +225,7 @@ class Kriging:
             "format": _FORMAT, "version": _VERSION,
             "inputs": list(self.inputs), "output": self.output,
             "x": self.x.tolist(), "y": self.y.tolist(),
-            "members": [dict(vars(m), scales=list(m.scales), theta=list(m.theta))
-                        for m in self.members],
+            "members": [vars(m) for m in self.members],
         }  # fmt: skip
 
     @classmethod
@@ -236,31 +237,20 @@ class Kriging:
             raise InputError(f"is version {content.get('version')!r}, expected {_VERSION}")
         try:
             x, y = _checked(content["x"], content["y"], content["inputs"], content["output"])
-            members = [
-                _Member(m["kernel"], m["trend"], tuple(m["scales"]), tuple(m["theta"]), m["weight"])
-                for m in content["members"]
-            ]
+            members = [_Member(**member) for member in content["members"]]
             return cls(content["inputs"], content["output"], x, y, members)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"is incomplete or damaged ({error!r})") from error
 
-    def _process(self, member: _Member):
-        z = self.x[:, self._varying]
-        return _fitted(
-            member.kernel, member.trend, _scaled(z, z, member.scales), np.log(self.y), 0,
-            theta=member.theta,
-        )  # fmt: skip
+    def _mixture(self, predict: Callable) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and variance of what the processes predict of the logarithm.
 
-    def _mixture(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and variance of the logarithm."""
-        samples = self.x[:, self._varying]
+        Args:
+            predict: Means and standard deviations by a process and the scales of its inputs.
+        """
         weights = np.array([m.weight for m in self.members])[:, None]
-        means, sds = [], []
-        for process, member in zip(self.processes, self.members, strict=True):
-            mean, sd = process.predict(_scaled(z, samples, member.scales), return_std=True)
-            means.append(mean)
-            sds.append(sd)
-        means, sds = np.array(means), np.array(sds)
+        each = [predict(p, m.scales) for p, m in zip(self.processes, self.members, strict=True)]
+        means, sds = (np.array(a) for a in zip(*each, strict=True))
         mean = np.sum(weights * means, axis=0)
         return mean, np.sum(weights * (sds**2 + (means - mean) ** 2), axis=0)
 
