@@ -207,5 +207,6 @@ def _effect(study: Study, i: int, letter: str) -> PlannedEffect:
     distances = [s.d / 2 for s in study.sizes[i]]
     return PlannedEffect(
         effect.name, effect.region, effect.key, effect.describe, expected.values,
-        expected.d / 2, min(distances), max(distances), letter,
+        {prior.name: prior.unit for prior in effect.priors}, expected.d / 2,
+        min(distances), max(distances), letter,
     )  # fmt: skip

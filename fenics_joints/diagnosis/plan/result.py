@@ -31,6 +31,7 @@ class PlannedEffect:
         key: Its unique name.
         describe: What it means.
         size: Its expected size: value of each parameter, SI, by name.
+        units: Units of these.
         distance: D from "no gap" at that size.
         least: The same at the size, of the prior's median and one standard deviation either way,
             that shows least.
@@ -43,6 +44,7 @@ class PlannedEffect:
     key: str
     describe: str
     size: dict[str, float]
+    units: dict[str, str]
     distance: float
     least: float
     most: float
