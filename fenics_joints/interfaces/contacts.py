@@ -158,10 +158,7 @@ class _Pairs:
     def _components(self, name: str) -> np.ndarray:
         """Global numbers in x of a contact's strains, (P, d)."""
         c, kept = self._kept[name]
-        slips = self._jumps.slips(c)
-        if self.laws[name].coupled:
-            slips = np.column_stack([self._jumps.opening(c), slips])
-        return slips[kept]
+        return self._jumps.numbers(c)[kept, 0 if self.laws[name].coupled else 1 :]
 
     def bubbles(self) -> np.ndarray:
         """Bubbles between pairs of an interface: its jump is piecewise linear."""

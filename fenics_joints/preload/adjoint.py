@@ -23,11 +23,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.options import last_line, petsc_defaults
+from fenics_joints.modal.options import last_line
 from fenics_joints.preload.hold import dots
 from fenics_joints.preload.patch import contour_area
 from fenics_joints.preload.result import PreloadResult
-from fenics_joints.preload.system import FACTOR_OPTIONS
 from fenics_joints.structure.sparse import product
 
 __all__ = ["Gradient", "PreloadAdjoint"]
@@ -77,19 +76,8 @@ class PreloadAdjoint:
         self._x, self._r = result.x.array_r.copy(), result.reactions.array_r.copy()
         self._A, B = self.pairs.tangent(self._x, self._r)
         self._J = self.solver.combine(self.pairs, self._A, B)
-        self._ksp = self._factorised()
-
-    def _factorised(self) -> PETSc.KSP:
-        """J's factorisation, with the options that the solver has for its own."""
-        ksp = PETSc.KSP().create(self.model.comm)
-        prefix = self.solver.prefix + "adjoint_"
-        ksp.setOptionsPrefix(prefix)
-        ksp.setOperators(self._J)
         given = {k: v for k, v in self.solver.petsc_options.items() if not k.startswith("snes")}
-        with petsc_defaults(prefix, {**FACTOR_OPTIONS, "pc_type": "lu", **given}):
-            ksp.setFromOptions()
-            ksp.setUp()
-        return ksp
+        self._ksp = self.solver.factorised(self._J, "adjoint", given)
 
     def __enter__(self) -> PreloadAdjoint:
         return self
@@ -157,10 +145,8 @@ class PreloadAdjoint:
         """The slope by r; pressures of open pairs are zero, whatever happens to r there."""
         g = self.result.x.duplicate()
         g.set(0.0)
-        numbers = self.jumps.opening(state.interface)
         values = np.where(state.closed, slope, 0.0) / state.interface.areas
-        mine = self.jumps.owned(numbers)
-        g.array[self.jumps.local(numbers[mine])] = values[mine]
+        self.jumps.put(g.array, self.jumps.numbers(state.interface)[:, 0], values)
         return g
 
     def _solve(self, g: PETSc.Vec) -> PETSc.Vec:
@@ -216,7 +202,7 @@ class PreloadAdjoint:
         work = -np.sum(slope * psi.array_r[self.pairs.numbers], axis=1)
         found, first = {}, 0
         for contact, interface in zip(self.model.contacts, self.jumps.contacts, strict=True):
-            last = first + int(self.jumps.owned(self.jumps.opening(interface)).sum())
+            last = first + int(self.jumps.owned(self.jumps.numbers(interface)[:, 0]).sum())
             if 0 < contact.friction < np.inf:
                 local = float(work[first:last].sum())
                 found[contact.name] = self.model.comm.allreduce(local, op=MPI.SUM)
@@ -272,8 +258,7 @@ class PreloadAdjoint:
 
     def _displacement(self, x: PETSc.Vec) -> PETSc.Vec:
         """T x, zero where supports hold: the stiffness there is the identity, for all q."""
-        u = self.jumps.T.createVecLeft()
-        self.jumps.T.mult(x, u)
+        u = self.jumps.T * x
         u.array[self.model.structure.held_dofs[: u.getLocalSize()]] = 0.0
         return u
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.preload.conditions import Pairs
 from fenics_joints.preload.newton import NewtonMatrix
-from fenics_joints.preload.system import FACTOR_OPTIONS, PreloadSystem
+from fenics_joints.preload.system import PreloadSystem
 
 __all__ = ["Equations"]
 
@@ -25,8 +24,7 @@ class Equations:
         self.system, self.pairs, self.load = system, pairs, load
         self.start, self.iterations = start, 0
         self.rows = load.duplicate()
-        own = system.model.jumps
-        self.pins = own.local(system.fixed)
+        self.pins = system.model.jumps.local(system.fixed)
         self._norm = self._atol = None
         # A slip front in a thin strip walks one vertex in an iteration.
         self.patience = 100 if any(c.friction > 0 for c in system.model.contacts) else 40
@@ -72,7 +70,7 @@ class Equations:
 
     def matrix(self) -> PETSc.Mat:
         """The Jacobian's matrix, A K + B, with the pattern of its rows."""
-        return self._assemble(*self.pairs.closed_tangent())
+        return self.system.combine(self.pairs, *self.pairs.closed_tangent())
 
     def shell(self) -> PETSc.Mat:
         """The Jacobian as a product, of which nothing is assembled."""
@@ -91,12 +89,9 @@ class Equations:
             context.A, context.B = A, B
             P.assemble()
         else:
-            self._assemble(A, B, P)
+            self.system.combine(self.pairs, A, B, P)
         if J != P:
             J.assemble()
-
-    def _assemble(self, A: np.ndarray, B: np.ndarray, out: PETSc.Mat | None = None) -> PETSc.Mat:
-        return self.system.combine(self.pairs, A, B, out)
 
     def forces(self, snes, x: PETSc.Vec, F: PETSc.Vec) -> None:
         """SNES's function of method vi, whose bounds say the rest."""
@@ -114,16 +109,10 @@ class Equations:
 
     def close(self, x: PETSc.Vec) -> None:
         """Put x into the state of bilateral contact, from which vinewtonrsls starts."""
-        A, B = self.pairs.closed_tangent()
-        J, F = self._assemble(A, B), x.duplicate()
+        J, F = self.matrix(), x.duplicate()
         self.residual(x, F)
         F.array[self.pairs.numbers] = self.pairs.closed(x.array_r, F.array_r)
-        ksp = PETSc.KSP().create(self.system.model.comm)
-        ksp.setOptionsPrefix(self.system.prefix + "close_")
-        with petsc_defaults(self.system.prefix + "close_", {**FACTOR_OPTIONS, "pc_type": "lu"}):
-            ksp.setFromOptions()
-        ksp.setOperators(J)
-        step = x.duplicate()
+        ksp, step = self.system.factorised(J, "close", {}), x.duplicate()
         ksp.solve(F, step)
         x.axpy(-1.0, step)
         x.array[self.pairs.numbers[:, 0]] = -self.pairs.gap

@@ -97,7 +97,7 @@ def find_hold(model: PreloadModel, K: PETSc.Mat) -> Hold:
     free = vectors[:, values < _FREE]
     free, n_whole = _whole_first(free, whole, scale)
     found = _orthonormal(model.comm, motions @ free)
-    pins = _pins(model, found, _allowed(model, resisted))
+    pins = _pins(model, found, resisted)
     return Hold(found, pins, n_whole)
 
 
@@ -153,43 +153,33 @@ def _in_x(model, u, moves, turns, k, centre) -> np.ndarray:
         k: Number of the motion.
         centre: Point about which it turns.
     """
-    jumps, axes = model.jumps, np.arange(model.jumps.gdim)
+    jumps = model.jumps
     array = np.zeros(jumps.n_local)
     array[: u.size] = u.ravel()
     for c, (upper, lower) in zip(jumps.contacts, moves, strict=True):
         motion = rigid_motions(c.points - centre, model.axisymmetric)[k]
         jump = (upper.astype(float) - lower)[:, None] * motion
         turned = np.einsum("nki,ni->nk", c.frames, jump)
-        _put(jumps, array, c.upper[:, None] * jumps.gdim + axes, turned)
-        _put(jumps, array, c.upper_midsides[:, None] * jumps.gdim + axes, 0.0)
+        jumps.put(array, jumps.numbers(c), turned)
+        jumps.put(array, jumps.bubbles(c), 0.0)
     following = [nodes for c in jumps.bonded for nodes in (c.upper, c.upper_midsides)]
-    for nodes in (*following, *(section.upper for section in jumps.sections)):
-        _put(jumps, array, nodes[:, None] * jumps.gdim + axes, 0.0)
+    following += [section.upper for section in jumps.sections]
+    for nodes in (*following, *(spider.nodes for spider in jumps.spiders)):
+        jumps.put(array, jumps.entries(nodes), 0.0)
     for i, spider in enumerate(jumps.spiders):
-        _put(jumps, array, spider.nodes[:, None] * 3 + np.arange(3), 0.0)
         if turns[i]:
             shift = rigid_motions(spider.centre[None] - centre)[k, 0]
             turn = np.eye(3)[k - 3] if k >= 3 else np.zeros(3)
-            _put(jumps, array, jumps.reference(i), np.concatenate([shift, turn]))
+            jumps.put(array, jumps.reference(i), np.concatenate([shift, turn]))
     return array
-
-
-def _put(jumps, array: np.ndarray, numbers: np.ndarray, values) -> None:
-    flat = numbers.ravel()
-    values = np.broadcast_to(values, numbers.shape).ravel()
-    mine = jumps.owned(flat)
-    array[jumps.local(flat[mine])] = values[mine]
 
 
 def _contact_rows(model: PreloadModel) -> np.ndarray:
     """Local entries of x that a closed contact resists: openings, and slips with friction."""
     jumps, rows = model.jumps, [np.empty(0, dtype=np.int64)]
     for contact, interface in zip(model.contacts, jumps.contacts, strict=True):
-        numbers = [jumps.opening(interface)]
-        if contact.friction > 0:
-            numbers.append(jumps.slips(interface).ravel())
-        for n in numbers:
-            rows.append(jumps.local(n[jumps.owned(n)]))
+        numbers = jumps.numbers(interface)[:, : None if contact.friction > 0 else 1].T.ravel()
+        rows.append(jumps.local(numbers[jumps.owned(numbers)]))
     return np.concatenate(rows)
 
 
@@ -222,17 +212,14 @@ def _orthonormal(comm: MPI.Intracomm, columns: np.ndarray) -> np.ndarray:
     return columns
 
 
-def _allowed(model, resisted) -> np.ndarray:
-    """Local entries of x that may be pinned: no jump of a contact that resists."""
-    allowed = np.ones(model.jumps.n_local, dtype=bool)
-    allowed[resisted] = False
-    return allowed
+def _pins(model, motions: np.ndarray, resisted: np.ndarray) -> np.ndarray:
+    """Entries of x, one for each motion, on which they are best told apart (pivoted rows).
 
-
-def _pins(model, motions: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-    """Entries of x, one for each motion, on which they are best told apart (pivoted rows)."""
+    No jump of a contact that resists is one.
+    """
     jumps, comm = model.jumps, model.comm
-    rows = np.where(allowed[:, None], motions, 0.0)
+    rows = motions.copy()
+    rows[resisted] = 0.0
     own = jumps.range[1] - jumps.range[0]
     rows[own:] = 0.0  # translations and rotations of references have other units
     pins = []

@@ -13,7 +13,7 @@ have weight zero at the vertices, serendipity quadrilaterals a negative one).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
@@ -62,26 +62,6 @@ class Section:
     axis: np.ndarray
 
 
-@dataclass
-class _Rows:
-    """Rows of T that differ from the identity's, as triplets."""
-
-    rows: list = field(default_factory=list)
-    columns: list = field(default_factory=list)
-    values: list = field(default_factory=list)
-
-    def add(self, rows, columns, values) -> None:
-        rows, columns, values = np.broadcast_arrays(rows, columns, values)
-        self.rows.append(rows.ravel())
-        self.columns.append(columns.ravel())
-        self.values.append(values.ravel().astype(float))
-
-    def arrays(self):
-        if not self.rows:
-            return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
-        return tuple(np.concatenate(a) for a in (self.rows, self.columns, self.values))
-
-
 class Jumps:
     """The map from x to u, its numbering, and rigid or glued parts. Collective.
 
@@ -117,7 +97,8 @@ class Jumps:
         self.start = self.gdim * imap.size_global
         self.n_extra = len(sections) + 6 * len(spiders)
         self._last = self.comm.rank == self.comm.size - 1
-        self.n_local = self.range[1] - self.range[0] + (self.n_extra if self._last else 0)
+        self._own = self.range[1] - self.range[0]
+        self.n_local = self._own + (self.n_extra if self._last else 0)
         self._check()
         self.T = self._product()
         self.unused = self._unused()
@@ -129,20 +110,20 @@ class Jumps:
         """Size of x."""
         return self.start + self.n_extra
 
-    def opening(self, contact: Interface) -> np.ndarray:
-        """Global numbers in x of a contact's openings, (n,)."""
-        return contact.upper * self.gdim
+    def entries(self, blocks: np.ndarray) -> np.ndarray:
+        """Global numbers in x of blocks of u, (n, gdim)."""
+        return np.asarray(blocks, dtype=np.int64)[:, None] * self.gdim + np.arange(self.gdim)
 
-    def slips(self, contact: Interface) -> np.ndarray:
-        """Global numbers in x of its slips, (n, gdim - 1)."""
-        return contact.upper[:, None] * self.gdim + np.arange(1, self.gdim)
+    def numbers(self, contact: Interface) -> np.ndarray:
+        """Global numbers in x of a contact's openings and, after them, slips, (n, gdim)."""
+        return self.entries(contact.upper)
 
     def bubbles(self, contact: Interface) -> np.ndarray:
         """Global numbers in x of its midsides' bubbles, in the frame of the edge's first end.
 
         Shape (n_edges, gdim).
         """
-        return contact.upper_midsides[:, None] * self.gdim + np.arange(self.gdim)
+        return self.entries(contact.upper_midsides)
 
     def shortening(self, section: int) -> int:
         """Global number in x of a section's shortening."""
@@ -172,42 +153,39 @@ class Jumps:
         for i, spider in enumerate(self.spiders):
             yield spider.name, spider.nodes, np.empty(0, int), self._spider_rows(i, spider)
 
-    def _pair_rows(self, c: Interface, free: bool) -> _Rows:
-        rows, axes = _Rows(), np.arange(self.gdim)
-        slave, master = (b[:, None] * self.gdim + axes for b in (c.upper, c.lower))
-        rows.add(slave, master, 1.0)
-        middle = c.upper_midsides[:, None] * self.gdim + axes
-        rows.add(middle, c.lower_midsides[:, None] * self.gdim + axes, 1.0)
+    # Rows of T that differ from the identity's: parts of rows, columns and values that broadcast.
+
+    def _pair_rows(self, c: Interface, free: bool) -> list[tuple]:
+        slave, middle = self.numbers(c), self.bubbles(c)
+        rows = [(slave, self.entries(c.lower), 1.0), (middle, self.entries(c.lower_midsides), 1.0)]
         if not free:
             return rows
         # u_upper = u_lower + frame^T w: component i gets frame[k, i] of jump k.
         turned = c.frames.transpose(0, 2, 1)
-        rows.add(slave[:, :, None], slave[:, None, :], turned)
-        first = c.edges[:, 0]
-        rows.add(middle[:, :, None], middle[:, None, :], turned[first])
+        rows.append((slave[:, :, None], slave[:, None, :], turned))
+        rows.append((middle[:, :, None], middle[:, None, :], turned[c.edges[:, 0]]))
         for end in c.edges.T:
-            rows.add(middle[:, :, None], slave[end][:, None, :], 0.5 * turned[end])
+            rows.append((middle[:, :, None], slave[end][:, None, :], 0.5 * turned[end]))
         return rows
 
-    def _section_rows(self, i: int, section: Section) -> _Rows:
-        rows, axes = _Rows(), np.arange(self.gdim)
-        slave, master = (b[:, None] * self.gdim + axes for b in (section.upper, section.lower))
-        rows.add(slave, master, 1.0)
+    def _section_rows(self, i: int, section: Section) -> list[tuple]:
+        slave = self.entries(section.upper)
         # Shortened by s, the upper half's end lies s below the lower half's: they overlap.
-        rows.add(slave, self.shortening(i), -section.axis)
-        return rows
+        return [
+            (slave, self.entries(section.lower), 1.0),
+            (slave, self.shortening(i), -section.axis),
+        ]
 
-    def _spider_rows(self, i: int, spider: Spider) -> _Rows:
+    def _spider_rows(self, i: int, spider: Spider) -> list[tuple]:
         if self.gdim != 3:
             raise InputError(f"{spider.name}: a spider needs a three-dimensional mesh.")
-        rows, columns = _Rows(), self.reference(i)
-        slave = spider.nodes[:, None] * 3 + np.arange(3)
+        slave, columns = self.entries(spider.nodes), self.reference(i)
         arm = spider.points - spider.centre
-        rows.add(slave, columns[:3], 1.0)
+        rows = [(slave, columns[:3], 1.0)]
         # u = U + theta x arm
         for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            rows.add(slave[:, a], columns[3 + b], arm[:, c])
-            rows.add(slave[:, a], columns[3 + c], -arm[:, b])
+            rows.append((slave[:, a], columns[3 + b], arm[:, c]))
+            rows.append((slave[:, a], columns[3 + c], -arm[:, b]))
         return rows
 
     def _check(self) -> None:
@@ -236,20 +214,17 @@ class Jumps:
     def _factor(self, group, whole: bool) -> PETSc.Mat:
         """The constraints of one group; rows over u or, if ``whole``, over x."""
         low, high = self.range
-        n_rows, rows_total = (self.n_local, self.n) if whole else (high - low, self.start)
+        n_rows, rows_total = (self.n_local, self.n) if whole else (self._own, self.start)
         governed = np.zeros(n_rows, dtype=bool)
         triplets = []
         for _, slaves, _, rows in group:
-            blocks = np.array(sorted(slaves), dtype=np.int64)
-            dofs = (blocks[:, None] * self.gdim + np.arange(self.gdim)).ravel()
+            dofs = self.entries(sorted(slaves))
             governed[dofs[(dofs >= low) & (dofs < high)] - low] = True
-            i, j, v = rows.arrays()
+            i, j, v = _flat(rows)
             mine = (i >= low) & (i < high)
             triplets.append((i[mine] - low, j[mine], v[mine]))
         plain = np.flatnonzero(~governed)
-        column = np.where(plain < high - low, plain + low, plain - (high - low) + self.start)
-        triplets.append((plain, column, np.ones(len(plain))))
-        i, j, v = (np.concatenate(part) for part in zip(*triplets, strict=True))
+        i, j, v = _flat([*triplets, (plain, self.globals(plain), 1.0)])
         A = scipy.sparse.csr_matrix((v, (i, j)), shape=(n_rows, self.n))
         return PETSc.Mat().createAIJ(
             ((n_rows, rows_total), (self.n_local, self.n)),
@@ -259,34 +234,24 @@ class Jumps:
 
     def _unused(self) -> np.ndarray:
         """Owned entries of x that no displacement depends on: their columns of T are empty."""
-        ones = self.T.createVecLeft()
-        ones.set(1.0)
-        indptr, indices, data = self.T.getValuesCSR()
-        square = PETSc.Mat().createAIJ(
-            self.T.getSizes(), csr=(indptr, indices, np.abs(data)), comm=self.comm
-        )
+        _, columns, data = self.T.getValuesCSR()
         weight = self.T.createVecRight()
-        square.multTranspose(ones, weight)
+        weight.set(0.0)
+        weight.setValues(columns, np.abs(data), PETSc.InsertMode.ADD_VALUES)
+        weight.assemble()
         empty = np.flatnonzero(weight.array_r == 0.0)
-        square.destroy(), ones.destroy(), weight.destroy()
-        own = self.range[1] - self.range[0]
-        return np.where(empty < own, empty + self.range[0], empty - own + self.start)
+        weight.destroy()
+        return self.globals(empty)
 
     # -- use ---------------------------------------------------------------------------------
 
     def displacement(self, x: PETSc.Vec) -> fem.Function:
         """The displacement u = T x as a function."""
-        u = fem.Function(self.V)
-        self.expand(x, u)
-        return u
-
-    def expand(self, x: PETSc.Vec, u: fem.Function) -> None:
-        """Put T x into a function."""
-        y = self.T.createVecLeft()
-        self.T.mult(x, y)
+        u, y = fem.Function(self.V), self.T * x
         u.x.array[: len(y.array_r)] = y.array_r
         u.x.scatter_forward()
         y.destroy()
+        return u
 
     def gather(self, x: PETSc.Vec, numbers: np.ndarray) -> np.ndarray:
         """Entries of x by global number, the same on all ranks, in the shape of ``numbers``."""
@@ -297,17 +262,26 @@ class Jumps:
         self.comm.Allreduce(MPI.IN_PLACE, values)
         return values.reshape(np.shape(numbers))
 
+    def put(self, array: np.ndarray, numbers: np.ndarray, values) -> None:
+        """Set entries of this rank's part of x by global number; those of other ranks are not."""
+        flat = np.ravel(numbers)
+        values, mine = np.broadcast_to(values, np.shape(numbers)).ravel(), self.owned(flat)
+        array[self.local(flat[mine])] = values[mine]
+
     def globals(self, local: np.ndarray) -> np.ndarray:
         """Global numbers of owned entries by local number."""
-        own = self.range[1] - self.range[0]
-        return np.where(local < own, local + self.range[0], local - own + self.start)
+        return np.where(local < self._own, local + self.range[0], local - self._own + self.start)
 
     def local(self, numbers: np.ndarray) -> np.ndarray:
         """Local numbers of owned entries."""
-        own = self.range[1] - self.range[0]
-        return np.where(
-            numbers < self.start, numbers - self.range[0], own + numbers - self.start
-        ).astype(np.int64)
+        inside, extra = numbers - self.range[0], self._own + numbers - self.start
+        return np.where(numbers < self.start, inside, extra).astype(np.int64)
+
+
+def _flat(parts: list[tuple]) -> list[np.ndarray]:
+    """Rows, columns and values of parts of each that broadcast."""
+    whole = [[a.ravel() for a in np.broadcast_arrays(*part)] for part in parts]
+    return [np.concatenate(arrays) for arrays in zip(*whole, strict=True)]
 
 
 def _ordered(sets: list) -> list[list]:

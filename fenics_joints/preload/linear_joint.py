@@ -172,9 +172,9 @@ class LinearJoint:
         conditions = self.conditions if conditions is None else conditions
         numbers = [np.empty(0, dtype=np.int64)]
         for c in self.jumps.contacts:
-            at = conditions[c.name]
-            numbers.append(self.jumps.opening(c)[at >= SLIP])
-            numbers.append(self.jumps.slips(c)[at == STICK].ravel())
+            at, pairs = conditions[c.name], self.jumps.numbers(c)
+            numbers.append(pairs[at >= SLIP, 0])
+            numbers.append(pairs[at == STICK, 1:].ravel())
             if c.name in self.springs:
                 # Springs act on vertices; between two of them the jump is linear.
                 at = np.where((self.springs[c.name] > 0).any(axis=1), STICK, OPEN)
@@ -208,7 +208,7 @@ class LinearJoint:
         A.zeroRowsColumns(mine, diag=diagonal)
 
     def _add_springs(self, K: PETSc.Mat, c: Interface, springs: np.ndarray) -> None:
-        numbers = np.column_stack([self.jumps.opening(c), self.jumps.slips(c)])
+        numbers = self.jumps.numbers(c)
         values = np.column_stack([springs[:, :1], np.repeat(springs[:, 1:], self.gdim - 1, axis=1)])
         for number, value in zip(numbers.ravel(), values.ravel(), strict=True):
             if self.jumps.owned(np.array([number]))[0]:
@@ -238,22 +238,11 @@ class LinearJoint:
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg, of parts, point masses, and bolts that are beams."""
-        return self.structure.total_mass(given) + sum(self._bolt_mass(b) for b in self.model.beams)
-
-    def _bolt_mass(self, bolt) -> float:
-        i = 2 * self.model.beams.index(bolt)
-        ends = [self.jumps.spiders[i + k].centre for k in (0, 1)]
-        shank = bolt.rho * np.pi / 4 * bolt.diameter**2 * np.linalg.norm(ends[1] - ends[0])
-        return float(shank + 2 * bolt.head_mass)
+        return self.structure.total_mass(given) + sum(map(self.model.bolt_mass, self.model.beams))
 
     def displacements(self, shapes) -> list[PETSc.Vec]:
         """Displacements u = T x of vectors x. Collective."""
-        found = []
-        for x in shapes:
-            y = self.jumps.T.createVecLeft()
-            self.jumps.T.mult(x, y)
-            found.append(y)
-        return found
+        return [self.jumps.T * x for x in shapes]
 
     def corner_motion(self, shapes) -> tuple[np.ndarray, np.ndarray]:
         """See `Structure.corner_motion`. Collective."""

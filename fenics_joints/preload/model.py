@@ -211,26 +211,32 @@ class PreloadModel:
         load = self.jumps.T.createVecRight()
         load.set(0.0)
         if isinstance(bolt, PretensionSection):
-            entries = {self.jumps.shortening(self.cuts.index(bolt)): 1.0}
+            self.jumps.put(load.array, self.jumps.shortening(self.cuts.index(bolt)), 1.0)
         else:
-            i = 2 * self.beams.index(bolt)
-            axis = self.beam_axis(bolt)
-            low, high = (self.jumps.reference(i + k)[:3] for k in (0, 1))
-            entries = dict(zip([*low, *high], [*axis, *-axis], strict=True))
-        for number, value in entries.items():
-            if self.jumps.owned(np.array([number]))[0]:
-                load.setValue(int(number), value)
-        load.assemble()
+            i, axis = 2 * self.beams.index(bolt), self.beam_axis(bolt)
+            for k, force in enumerate((axis, -axis)):
+                self.jumps.put(load.array, self.jumps.reference(i + k)[:3], force)
         return load
+
+    def ends(self, bolt: BeamBolt) -> tuple[np.ndarray, np.ndarray]:
+        """Centres of a bolt's lower and upper spider, m, (3,) each."""
+        i = 2 * self.beams.index(bolt)
+        return self.jumps.spiders[i].centre, self.jumps.spiders[i + 1].centre
 
     def beam_axis(self, bolt: BeamBolt) -> np.ndarray:
         """Unit vector from the lower spider's centre to the upper's."""
-        i = 2 * self.beams.index(bolt)
-        axis = self.jumps.spiders[i + 1].centre - self.jumps.spiders[i].centre
+        lower, upper = self.ends(bolt)
+        axis = upper - lower
         length = np.linalg.norm(axis)
         if not length > 0:
             raise InputError(f"{bolt.name}: its two spiders have one centre; expected a length.")
         return axis / length
+
+    def bolt_mass(self, bolt: BeamBolt) -> float:
+        """Mass, kg, of a bolt that is a beam, its heads included."""
+        lower, upper = self.ends(bolt)
+        shank = bolt.rho * np.pi / 4 * bolt.diameter**2 * np.linalg.norm(upper - lower)
+        return float(shank + 2 * bolt.head_mass)
 
     def force_values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
         """All bolts' forces, N, and factors of the loads; nominal with ``given`` put in.
@@ -299,7 +305,7 @@ class PreloadModel:
         if jumps.owned(np.array([jumps.n - 1]))[0] and self.beams:
             for i, bolt in enumerate(self.beams):
                 numbers = np.concatenate([jumps.reference(2 * i), jumps.reference(2 * i + 1)])
-                block = self._beam(bolt, i, axial)[which]
+                block = self._beam(bolt, axial)[which]
                 B.setValues(numbers.astype(np.int32), numbers.astype(np.int32), block)
         for number in jumps.unused:
             B.setValue(int(number), int(number), diagonal)
@@ -310,11 +316,10 @@ class PreloadModel:
         A.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         return A
 
-    def _beam(self, bolt: BeamBolt, i: int, axial: bool):
+    def _beam(self, bolt: BeamBolt, axial: bool):
         """Stiffness and mass, (12, 12), of a bolt condensed to its two reference points."""
-        ends = [self.jumps.spiders[2 * i + k].centre for k in (0, 1)]
         K, M = beam_matrices(
-            *ends, diameter=bolt.diameter, E=bolt.E, nu=bolt.nu, rho=bolt.rho,
+            *self.ends(bolt), diameter=bolt.diameter, E=bolt.E, nu=bolt.nu, rho=bolt.rho,
             n_elements=bolt.n_elements, axial=axial,
         )  # fmt: skip
         K, M = condense(K, M, end_dofs(bolt.n_elements))

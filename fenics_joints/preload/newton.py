@@ -23,7 +23,7 @@ from petsc4py import PETSc
 
 from fenics_joints.modal.options import petsc_defaults
 
-__all__ = ["NewtonMatrix", "NewtonPreconditioner"]
+__all__ = ["NewtonMatrix", "NewtonPreconditioner", "set_blocks"]
 
 #: Pairs that may have changed since P was factorised: about one Krylov iteration each. At most this
 #: share of n^(2/3), in which the ratio of a factorisation to a solution grows (nested dissection in
@@ -126,12 +126,7 @@ class NewtonPreconditioner:
         self.K.copy(self.P, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         low = self.P.getOwnershipRange()[0]
         rows = (self.numbers + low).astype(np.int32)
-        n, gdim = rows.shape
-        csr = np.arange(0, n * gdim * gdim + 1, gdim, dtype=np.int32)
-        columns = np.repeat(rows[:, None, :], gdim, axis=1).ravel()
-        self.P.setValuesIJV(csr, columns, self.springs.ravel(), addv=PETSc.InsertMode.ADD_VALUES,
-                            rowmap=rows.ravel())  # fmt: skip
-        self.P.assemble()
+        set_blocks(self.P, rows, self.springs, PETSc.InsertMode.ADD_VALUES)
         mean = self._diagonal.sum() / self._diagonal.getSize()
         self.P.zeroRowsColumns(rows[self.held], diag=mean)
         self._set_up()
@@ -180,6 +175,15 @@ class NewtonPreconditioner:
         """Free P and its factorisation. Collective."""
         for owned in (self.ksp, self.P, self._work, self._known, self._diagonal):
             owned.destroy()
+
+
+def set_blocks(A: PETSc.Mat, rows: np.ndarray, blocks: np.ndarray, mode) -> None:
+    """Put dense blocks, (n, k, k), at global rows and columns, (n, k), and assemble. Collective."""
+    (n, k), rows = rows.shape, rows.astype(np.int32)
+    starts = np.arange(0, n * k * k + 1, k, dtype=np.int32)
+    columns = np.repeat(rows[:, None, :], k, axis=1).ravel()
+    A.setValuesIJV(starts, columns, blocks.ravel(), addv=mode, rowmap=rows.ravel())
+    A.assemble()
 
 
 def _times(blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -134,19 +134,14 @@ class PreloadResult:
         self.solver, self.model, self.pairs = solver, solver.model, pairs
         self.forces, self.x, self.load = dict(forces), x, load
         self.iterations, self.balance = iterations, balance
-        self.reactions = self._reactions()
+        self.reactions = self.solver.K * x
+        self.reactions.axpy(-1.0, load)
         self.contacts = self._contacts()
         self.complementarity = self._complementarity()
 
     def __repr__(self) -> str:
         contacts = shorten(", ".join(self.contacts), 60)
         return f"PreloadResult({self.iterations} iterations, contacts {contacts})"
-
-    def _reactions(self) -> PETSc.Vec:
-        """K x - f: contact forces at the jumps, what the supports hold elsewhere."""
-        r = self.solver.K * self.x
-        r.axpy(-1.0, self.load)
-        return r
 
     def _contacts(self) -> dict[str, ContactState]:
         jumps, states = self.model.jumps, {}
@@ -155,16 +150,12 @@ class PreloadResult:
         at, r = self.x.array_r, self.reactions.array_r
         status.array[self.pairs.numbers[:, 0]] = self.pairs.status(at, r)
         for c in jumps.contacts:
-            opening, slips = jumps.opening(c), jumps.slips(c)
-            numbers = np.column_stack([opening, slips])
+            numbers = jumps.numbers(c)
+            jump, kind = jumps.gather(self.x, numbers), jumps.gather(status, numbers[:, 0])
             states[c.name] = ContactState(
-                c.name,
-                c,
-                jumps.gather(self.reactions, numbers),
-                jumps.gather(self.x, opening) + c.gap,
-                jumps.gather(self.x, slips),
-                jumps.gather(status, opening).astype(int),
-            )
+                c.name, c, jumps.gather(self.reactions, numbers), jump[:, 0] + c.gap, jump[:, 1:],
+                kind.astype(int),
+            )  # fmt: skip
         status.destroy()
         return states
 

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 from petsc4py import PETSc
 
+from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.preload.conditions import Pairs, Penalty
 from fenics_joints.preload.hold import Hold, find_hold
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.jumps import Jumps
 from fenics_joints.preload.model import PreloadModel
-from fenics_joints.preload.newton import NewtonPreconditioner
+from fenics_joints.preload.newton import NewtonPreconditioner, set_blocks
 
 __all__ = ["FACTOR_OPTIONS", "PreloadSystem"]
 
@@ -89,21 +90,22 @@ class PreloadSystem:
             out: The matrix of an earlier call, to assemble into.
         """
         rows = self.model.jumps.globals(pairs.numbers)
-        n, gdim = rows.shape
-        columns = np.repeat(rows[:, None, :], gdim, axis=1)
-        csr = (
-            np.arange(0, n * gdim * gdim + 1, gdim, dtype=np.int32),
-            columns.ravel().astype(np.int32),
-        )
-        rowmap = rows.ravel().astype(np.int32)
         if self._left is None:
-            self._left = self._identity(gdim)
-        self._left.setValuesIJV(*csr, A.ravel(), rowmap=rowmap)
-        self._left.assemble()
+            self._left = self._identity(rows.shape[1])
+        set_blocks(self._left, rows, A, PETSc.InsertMode.INSERT_VALUES)
         out = self._left.matMult(self.held, result=out)
-        out.setValuesIJV(*csr, B.ravel(), addv=PETSc.InsertMode.ADD_VALUES, rowmap=rowmap)
-        out.assemble()
+        set_blocks(out, rows, B, PETSc.InsertMode.ADD_VALUES)
         return out
+
+    def factorised(self, J: PETSc.Mat, name: str, options: Mapping[str, object]) -> PETSc.KSP:
+        """A solver that has factorised a matrix of `combine`; ``name`` ends its options' prefix."""
+        ksp, prefix = PETSc.KSP().create(self.model.comm), f"{self.prefix}{name}_"
+        ksp.setOptionsPrefix(prefix)
+        ksp.setOperators(J)
+        with petsc_defaults(prefix, {**FACTOR_OPTIONS, "pc_type": "lu", **options}):
+            ksp.setFromOptions()
+            ksp.setUp()
+        return ksp
 
     def _identity(self, gdim: int) -> PETSc.Mat:
         """Identity with room for full blocks at the pairs."""
@@ -133,10 +135,9 @@ def _pairs(model: PreloadModel, K: PETSc.Mat, penalty: float | None) -> Pairs:
     diagonal = K.getDiagonal()
     columns = {key: [] for key in ("numbers", "gap", "friction", "scale", "areas")}
     for contact, c in zip(model.contacts, jumps.contacts, strict=True):
-        mine = jumps.owned(jumps.opening(c))
-        numbers = np.column_stack([jumps.opening(c), jumps.slips(c)])[mine]
-        local = jumps.local(numbers.ravel()).reshape(numbers.shape)
-        columns["numbers"].append(local)
+        numbers = jumps.numbers(c)
+        mine = jumps.owned(numbers[:, 0])
+        columns["numbers"].append(jumps.local(numbers[mine]))
         columns["gap"].append(c.gap[mine])
         columns["friction"].append(np.full(mine.sum(), contact.friction))
         columns["scale"].append(_stiffness_at(jumps, diagonal, c)[mine])
@@ -151,10 +152,8 @@ def _stiffness_at(jumps: Jumps, diagonal: PETSc.Vec, c: Interface) -> np.ndarray
 
     An entry of the lower body moves both bodies, a jump the upper one alone.
     """
-    axes = np.arange(jumps.gdim)
     both, upper = (
-        jumps.gather(diagonal, nodes[:, None] * jumps.gdim + axes).mean(axis=1)
-        for nodes in (c.lower, c.upper)
+        jumps.gather(diagonal, jumps.entries(nodes)).mean(axis=1) for nodes in (c.lower, c.upper)
     )
     lower = both - upper
     return np.where(lower > 0, upper * lower / np.where(lower > 0, both, 1.0), upper)

@@ -136,11 +136,9 @@ def _joints(case: Case, labels) -> dict[str, Joint]:
 def _bolt_masses(case: Case, model: PreloadModel) -> dict[str, MassSection]:
     """The mass of each bolt that is a beam, on four places of the faces under its washers."""
     found = {}
-    for i, bolt in enumerate(model.beams):
-        lower, upper = (model.jumps.spiders[2 * i + k].centre for k in (0, 1))
+    for bolt in model.beams:
+        (lower, upper), mass = model.ends(bolt), model.bolt_mass(bolt)
         axis = model.beam_axis(bolt)
-        length = float(np.linalg.norm(upper - lower))
-        mass = bolt.rho * np.pi / 4 * bolt.diameter**2 * length + 2 * bolt.head_mass
         if not mass > 0:
             continue
         across = np.linalg.svd(axis[None])[2][1:]
