@@ -19,7 +19,7 @@ from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow
 from fenics_joints.harmonic.corrector import Settings
-from fenics_joints.harmonic.frf import fingerprint
+from fenics_joints.harmonic.frf import fingerprint, telling
 from fenics_joints.harmonic.result import Periodic, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel, inverted_modes
 from fenics_joints.progress import Progress
@@ -57,7 +57,7 @@ class Backbone(Periodic):
     def to_dict(self) -> dict:
         """Everything that people read, for JSON."""
         return {
-            **self.common_to_dict(),
+            **super().to_dict(),
             "method": self.method,
             "damping_ratio": self.damping_ratios.tolist(),
             "modal_amplitude": self.modal_amplitudes.tolist(),
@@ -110,17 +110,12 @@ def solve_backbone(
     low, high = (float(a) for a in amplitudes)
     if not 0 < low < high < np.inf:
         raise InputError(f"amplitudes = ({low}, {high}): expected 0 < low < high, m.")
-    tell = None
-    if progress is not None:
-        progress.step(f"{problem.method} of the mode near {problem.omega / (2 * np.pi):.4g} Hz")
-
-        def tell(z: np.ndarray) -> None:
-            progress.advance(1, f"{10 ** z[-1]:.3g} m")
-
+    step = f"{problem.method} of the mode near {problem.omega / (2 * np.pi):.4g} Hz"
     branch = follow(
         problem, np.append(problem.start(), np.log10(low)), (np.log10(low), np.log10(high)),
         settings=settings, name=fingerprint(balance, *words), checkpoint=checkpoint,
-        resume=resume, on_point=tell, writes=balance.comm.rank == 0,
+        resume=resume, on_point=telling(progress, step, lambda z: f"{10 ** z[-1]:.3g} m"),
+        writes=balance.comm.rank == 0,
     )  # fmt: skip
     return _backbone(problem, branch, sensor, force)
 
@@ -152,9 +147,7 @@ def _backbone(problem: _Mode, branch: Branch, sensor: str, force: str | None) ->
 
 def _linear_mode(balance: Balance, near: float | None) -> tuple[float, np.ndarray]:
     """Angular frequency and M-normalised shape of a mode at the static state."""
-    rest = np.zeros(balance.shape)
-    rest[:, 0] = balance.mean
-    J = balance.interface_force(rest)[1].reshape(*balance.shape, *balance.shape)
+    J = balance.interface_force(balance.rest)[1].reshape(*balance.shape, *balance.shape)
     K, M = balance.model.K + J[:, 1, :, 1], balance.model.M
     try:
         scale, inverse, shapes = inverted_modes(K, M, 1.0)
@@ -188,13 +181,11 @@ class _Mode:
         if abs(reach) < 1e-8 * np.linalg.norm(sensor) * np.linalg.norm(shape):
             raise InputError("the sensor does not move in the mode; expected another sensor.")
         self.shape = shape / reach
-        self.rest = np.zeros(balance.shape)
-        self.rest[:, 0] = balance.mean
         self.target = np.array([1.0, 0.0])
 
     def coefficients(self, z: np.ndarray) -> np.ndarray:
         """X, (n, K)."""
-        return self.rest + 10 ** z[-1] * z[:-3].reshape(self.balance.shape)
+        return self.balance.rest + 10 ** z[-1] * z[:-3].reshape(self.balance.shape)
 
     def start(self) -> np.ndarray:
         """Unknowns of the linear mode, without the amplitude."""

@@ -79,7 +79,7 @@ class Balance:
         ConvergenceError: If there is no equilibrium under the static load.
 
     Attributes:
-        mean: Displacements under the static load alone, m, (n,).
+        rest: Coefficients under the static load alone, m, (n, K).
     """
 
     def __init__(
@@ -95,8 +95,6 @@ class Balance:
     ):
         if cycles < 1:
             raise InputError(f"cycles = {cycles}: expected at least 1.")
-        if harmonics < 1:
-            raise InputError(f"harmonics = {harmonics}: expected at least 1.")
         samples = default_samples(model, harmonics) if samples is None else int(samples)
         self.model, self.fourier, self.cycles = model, Fourier(int(harmonics), samples), cycles
         self.comm = MPI.COMM_SELF if comm is None else comm
@@ -107,9 +105,9 @@ class Balance:
                 "degree of freedom."
             )
         self._given = states
-        self.mean, found = np.zeros(model.n_dofs), {}
+        self.rest, found = np.zeros(self.shape), {}
         if np.any(self.static):
-            self.mean, found = static_state(model, self.static)
+            self.rest[:, 0], found = static_state(model, self.static)
         self._states = found if states is None else dict(states)
         self._shares = [_share(p, self._states.get(p.name), self.comm) for p in model.interfaces]
         self._whole = self._shares if self.comm.size == 1 else None

@@ -22,6 +22,7 @@ from fenics_joints.harmonic.frf import (
     follow_band,
     linear_response,
     moving_size,
+    responses,
     telling,
     with_extremes,
 )
@@ -84,17 +85,11 @@ def solve_constant_response(
         on_point=telling(progress, f"force for {kind} {amplitude:g} at {sensor}"),
     )  # fmt: skip
     branch = with_extremes(problem, branch, _softer, settings)
-    return HarmonicResult(
-        balance=balance,
-        frequencies_hz=branch.z[:, -1] / (2 * np.pi),
-        coefficients=branch.z[:, :-2].reshape(-1, *balance.shape),
-        iterations=branch.iterations,
-        jacobians=branch.jacobians,
-        sensor=sensor,
-        force=force,
-        force_amplitudes=np.abs(branch.z[:, -2]),
-        tangents=np.delete(branch.tangents, -2, axis=1),
-    )
+    z, tangents = (np.delete(a, -2, axis=1) for a in (branch.z, branch.tangents))
+    return responses(
+        balance, z, branch.iterations, branch.jacobians, np.abs(branch.z[:, -2]),
+        tangents=tangents, force=force, sensor=sensor,
+    )  # fmt: skip
 
 
 def _softer(z: np.ndarray, tangent: np.ndarray) -> float:

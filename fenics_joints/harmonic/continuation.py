@@ -42,7 +42,7 @@ def follow(
     checkpoint: str | Path | None = None,
     resume: bool = False,
     name: str = "",
-    on_point: Callable[[np.ndarray], None] | None = None,
+    on_point: Callable[[np.ndarray], object] = lambda z: None,
     writes: bool = True,
 ) -> Branch:
     """Follow a branch until its parameter leaves the bounds.
@@ -80,8 +80,7 @@ def follow(
     kept = None
     if branch is None:
         branch, kept = _first(problem, start, direction, settings)
-        if on_point is not None:
-            on_point(branch.z[-1])
+        on_point(branch.z[-1])
     while not branch.complete:
         if len(branch) >= settings.max_points:
             _save(checkpoint, branch, name, writes)
@@ -91,8 +90,7 @@ def follow(
         except NotFound as failure:
             _save(checkpoint, branch, name, writes)
             raise _stopped(branch, failure.why) from None
-        if on_point is not None:
-            on_point(branch.z[-1])
+        on_point(branch.z[-1])
         if branch.complete or len(branch) % settings.save_every == 0:
             _save(checkpoint, branch, name, writes)
     return branch

@@ -86,34 +86,31 @@ def solve_harmonic(
     balance = Balance(model, **equations)
     settings = settings or Settings()
     load = balance.load(amplitude * row)
-    common = (force, amplitude, sensor, measure)
+    tell = telling(progress, f"response to {amplitude:g} N at {force}")
     if at is not None:
-        return _at_frequencies(balance, load, at, settings, initial, common, progress)
+        found = _at_frequencies(balance, load, at, settings, initial, tell)
+        return responses(balance, *found, amplitude, force=force, sensor=sensor, measure=measure)
     band = check_band(band, direction)
     problem = ForcedResponse(balance, load, 2 * np.pi * (band[1] - band[0]))
     branch = follow_band(
         problem, lambda omega: first_response(problem, omega, settings), band, direction,
         words=("force", force, amplitude), settings=settings, checkpoint=checkpoint, resume=resume,
-        on_point=telling(progress, f"response to {amplitude:g} N at {force}"),
+        on_point=tell,
     )  # fmt: skip
     branch = with_maxima(problem, branch, model.row("sensors", sensor), measure, settings)
-    return _result(balance, branch.z, branch.iterations, branch.jacobians, common, branch.tangents)
+    return responses(
+        balance, branch.z, branch.iterations, branch.jacobians, amplitude,
+        tangents=branch.tangents, force=force, sensor=sensor, measure=measure,
+    )  # fmt: skip
 
 
-def _result(balance, z, iterations, jacobians, common, tangents=None) -> HarmonicResult:
-    force, amplitude, sensor, measure = common
+def responses(balance: Balance, z, iterations, jacobians, amplitude, **named) -> HarmonicResult:
+    """The result of points z, coefficients first and omega last, under a force, N, or one each."""
     return HarmonicResult(
-        balance=balance,
-        frequencies_hz=z[:, -1] / (2 * np.pi),
-        coefficients=z[:, :-1].reshape(-1, *balance.shape),
-        iterations=iterations,
-        jacobians=jacobians,
-        sensor=sensor,
-        measure=measure,
-        force=force,
-        force_amplitudes=np.full(len(z), float(amplitude)),
-        tangents=tangents,
-    )
+        balance=balance, frequencies_hz=z[:, -1] / (2 * np.pi),
+        coefficients=z[:, :-1].reshape(-1, *balance.shape), iterations=iterations,
+        jacobians=jacobians, force_amplitudes=np.full(len(z), amplitude, dtype=float), **named,
+    )  # fmt: skip
 
 
 def check_band(band, direction: str) -> tuple[float, float]:
@@ -157,16 +154,16 @@ def follow_band(
     )  # fmt: skip
 
 
-def telling(progress: Progress | None, text: str):
-    """What tells the progress of every new point, the parameter being omega; None for none."""
+def telling(
+    progress: Progress | None,
+    text: str,
+    where: Callable[[np.ndarray], str] = lambda z: f"{z[-1] / (2 * np.pi):.4g} Hz",
+) -> Callable[[np.ndarray], None]:
+    """What tells the progress of every new point, and where it is; of omega by default."""
     if progress is None:
-        return None
+        return lambda z: None
     progress.step(text)
-
-    def tell(z: np.ndarray) -> None:
-        progress.advance(1, f"{z[-1] / (2 * np.pi):.4g} Hz")
-
-    return tell
+    return lambda z: progress.advance(1, where(z))
 
 
 class ForcedResponse:
@@ -229,18 +226,15 @@ def first_response(problem: ForcedResponse, omega: float, settings: Settings) ->
     growing = ForcedResponse(
         balance, problem.load, 1.0, omega=omega, least=1e-3 * moving_size(linear)
     )
-    rest = np.zeros(balance.shape)
-    rest[:, 0] = balance.mean
     share = 0.01
-    first = np.append((rest + share * (linear - rest)).reshape(-1), share)
+    first = np.append((balance.rest + share * (linear - balance.rest)).reshape(-1), share)
     z = follow(growing, first, (share, 1.0), settings=settings).z[-1]
     return np.append(z[:-1], omega)
 
 
 def linear_response(balance: Balance, omega: float, load: np.ndarray) -> np.ndarray:
     """Response of the structure linearised at its static state, (n, K)."""
-    rest = np.zeros(balance.shape)
-    rest[:, 0] = balance.mean
+    rest = balance.rest
     R, J = balance.evaluate(rest, omega, load)
     try:
         return rest - np.linalg.solve(J, R.reshape(-1)).reshape(rest.shape)
@@ -280,8 +274,12 @@ def with_extremes(problem, branch: Branch, slope, settings: Settings) -> Branch:
     return branch
 
 
-def _at_frequencies(balance, load, at, settings, initial, common, progress) -> HarmonicResult:
-    """Responses at given frequencies, each from that of the frequency below it."""
+def _at_frequencies(balance, load, at, settings, initial, tell):
+    """Responses at given frequencies, each from that of the frequency below it.
+
+    Returns:
+        (points, coefficients and omega, (N, n K + 1); Newton steps; Jacobians that each took).
+    """
     frequencies = np.asarray(at, dtype=float)
     usable = (frequencies > 0) & np.isfinite(frequencies)
     if frequencies.ndim != 1 or not len(frequencies) or not np.all(usable):
@@ -290,7 +288,6 @@ def _at_frequencies(balance, load, at, settings, initial, common, progress) -> H
     omegas = 2 * np.pi * frequencies
     order = np.argsort(omegas)
     problem = ForcedResponse(balance, load, float(np.ptp(omegas)) or omegas[0])
-    tell = telling(progress, f"response to {common[1]:g} N at {common[0]}")
     z = np.empty((len(omegas), balance.size + 1))
     iterations, jacobians = np.zeros((2, len(omegas)), dtype=int)
     last = None
@@ -304,9 +301,8 @@ def _at_frequencies(balance, load, at, settings, initial, common, progress) -> H
             found = correct(problem, first_response(problem, omegas[i], settings), None, settings)
         last = found
         z[i], iterations[i], jacobians[i] = last.z, last.iterations, last.jacobians
-        if tell is not None:
-            tell(z[i])
-    return _result(balance, z, iterations, jacobians, common)
+        tell(z[i])
+    return z, iterations, jacobians
 
 
 def _starts(balance: Balance, initial: HarmonicResult | None, frequencies):

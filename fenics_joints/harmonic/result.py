@@ -165,32 +165,25 @@ class Periodic:
             (s.closure for s in self.balance.stresses(self.coefficients[i]).values()), default=0.0
         )
 
-    def sensors_to_dict(self) -> dict:
-        """Amplitudes at all sensors, for JSON."""
-        return {
+    def to_dict(self) -> dict:
+        """Everything that people read, for JSON."""
+        sensors = {
             name: {
                 "amplitude_m": self.amplitude(name).tolist(),
                 "acceleration_m_s2": self.amplitude(name, "acceleration").tolist(),
             }
             for name in self.model.sensors
         }
-
-    def common_to_dict(self) -> dict:
-        """What all periodic motions say of themselves, for JSON."""
         return {
             "harmonics": self.balance.fourier.harmonics,
             "samples": self.balance.fourier.samples,
             "sensor": self.sensor,
             "measure": self.measure,
             "frequency_hz": self.frequencies_hz.tolist(),
-            "sensors": self.sensors_to_dict(),
+            "sensors": sensors,
             "iterations": self.iterations.tolist(),
             "jacobians": self.jacobians.tolist(),
         }
-
-    def to_dict(self) -> dict:
-        """Everything that people read, for JSON."""
-        return self.common_to_dict()
 
     def write_json(self, path: str | Path) -> None:
         """Write `to_dict` to a file.
@@ -262,18 +255,13 @@ class HarmonicResult(Periodic):
         Raises:
             InputError: If a parameter's value is zero or ``change`` gives another size.
         """
-        indices = list(range(len(self)) if indices is None else indices)
-        row = self.model.row("forces", self.force)
-        loads = [self.balance.load(a * row) for a in self.force_amplitudes[indices]]
-        made = response_gradient(
-            self.balance, self.coefficients[indices], self.omegas[indices], loads, change, values,
-            step,
-        )  # fmt: skip
-        return ResponseGradient(made, tuple(values), self, tuple(indices))
+        indices = tuple(range(len(self)) if indices is None else indices)
+        made = response_gradient(self, indices, change, values, step)
+        return ResponseGradient(made, tuple(values), self, indices)
 
     def to_dict(self) -> dict:
         """Everything that people read, for JSON."""
-        made = self.common_to_dict()
+        made = super().to_dict()
         for name, sensor in made["sensors"].items():
             sensor["phase_rad"] = np.angle(self.frf(name)).tolist()
         made["force"] = self.force

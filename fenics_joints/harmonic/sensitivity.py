@@ -64,21 +64,17 @@ class ResponseGradient:
 
 
 def response_gradient(
-    balance: Balance,
-    coefficients: np.ndarray,
-    omegas: np.ndarray,
-    loads: Sequence[np.ndarray],
+    result,
+    indices: Sequence[int],
     change: Callable[[Mapping[str, float]], InterfaceModel],
     values: Mapping[str, float],
     step: float,
 ) -> np.ndarray:
-    """d X / d p at responses X (N, n, K), shape (N, n, K, parameters).
+    """d X / d p at responses X, shape (N, n, K, parameters).
 
     Args:
-        balance: The equations.
-        coefficients: The responses, (N, n, K).
-        omegas: Their frequencies, rad/s.
-        loads: Their loads, (n, K) each.
+        result: The `HarmonicResult`.
+        indices: The responses in it, N of them.
         change: The model for values of the parameters.
         values: Present values.
         step: Relative step of the central differences.
@@ -87,15 +83,18 @@ def response_gradient(
         InputError: If a value is zero, or the changed model has another size.
         ConvergenceError: At a turning point, where there are none.
     """
-    pairs = {}
+    balance, pairs = result.balance, {}
     for key, value in values.items():
         if value == 0:
             raise InputError(f"{key} = 0: expected a value that a relative step can change.")
         pairs[key] = [
             _changed(balance, change, values, key, value * (1 + s * step)) for s in (1, -1)
         ]
-    found = np.empty((*coefficients.shape, len(values)))
-    for i, (X, omega, load) in enumerate(zip(coefficients, omegas, loads, strict=True)):
+    found = np.empty((len(indices), *balance.shape, len(values)))
+    row = result.model.row("forces", result.force)
+    for i, index in enumerate(indices):
+        X, omega = result.coefficients[index], result.omegas[index]
+        load = balance.load(result.force_amplitudes[index] * row)
         J = balance.evaluate(X, omega, load)[1]
         by_values = np.empty((X.size, len(values)))
         for j, (key, (up, down)) in enumerate(pairs.items()):
