@@ -244,10 +244,6 @@ class DenseMotion(Motion):
         m, x, y = self.model, u.array_r, v.array_r
         return float(0.5 * (y @ m.M @ y + x @ m.K @ x))
 
-    def total(self, local: float) -> float:
-        """Sum over ranks."""
-        return local
-
     def drag(self, v: PETSc.Vec) -> PETSc.Vec:
         found = v.duplicate()
         found.array[:] = self.model.C @ v.array_r

@@ -77,7 +77,7 @@ class Motion(ABC):
     def rest(self) -> list[np.ndarray]:
         """States of interfaces that never moved, of this rank's points."""
         pairs = zip(self._kernels, self._values, strict=True)
-        return [kernel.zero_state(*values.shape[:2]) for kernel, values in pairs]
+        return [np.zeros((*values.shape[:2], kernel.m)) for kernel, values in pairs]
 
     def step(self, u: PETSc.Vec, states: Sequence[np.ndarray]) -> list[tuple]:
         """(strain, stress, new state, tangent) of this rank's points after a step to u."""
@@ -86,10 +86,6 @@ class Motion(ABC):
             strain = self._strain(i, u).reshape(-1, kernel.d)
             found.append((strain, *kernel.step(strain, states[i], values)))
         return found
-
-    def weights(self) -> list[np.ndarray]:
-        """Weights of this rank's points, for every interface."""
-        return [p.weights for p in self.interfaces]
 
     @abstractmethod
     def _strain(self, i: int, u: PETSc.Vec) -> np.ndarray:
@@ -127,9 +123,9 @@ class Motion(ABC):
     def energy(self, u: PETSc.Vec, v: PETSc.Vec) -> float:
         """Kinetic energy and that of K, J: what interfaces store is not in it. Collective."""
 
-    @abstractmethod
     def total(self, local: float) -> float:
         """Sum over ranks. Collective."""
+        return self.comm.tompi4py().allreduce(local)
 
 
 def named(rows: Mapping[str, Any], kind: str, name: str):

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError
@@ -141,10 +140,6 @@ class SparseMotion(Motion):
         kinetic = v.dot(self._work)
         self.model.K.mult(u, self._work)
         return 0.5 * float(kinetic + u.dot(self._work))
-
-    def total(self, local: float) -> float:
-        """Sum over ranks. Collective."""
-        return self.comm.tompi4py().allreduce(local, op=MPI.SUM)
 
     def drag(self, v: PETSc.Vec) -> PETSc.Vec:
         found = self.vector()

@@ -28,10 +28,10 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.forms.kinematics import layer_strain, stretched_gradient
-from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.joint_laws.law import JointLaw, check_names
 from fenics_joints.joint_laws.point_values import PointValues
 
-__all__ = ["JointField", "tangents"]
+__all__ = ["JointField", "integral", "tangents"]
 
 
 def tangents(normal, gdim: int) -> list:
@@ -220,12 +220,7 @@ class JointField:
     def _constants(self, values: dict) -> list[dict]:
         """Parameters of each element, UFL scalars; the law's numbers are constants of the mesh."""
         law, mesh = self.law, self.u.function_space.mesh
-        unknown = [key for key in values if key not in law.parameters]
-        if unknown:
-            raise InputError(
-                f"values: {law.label} has no parameter {unknown[0]!r}; expected one of: "
-                f"{', '.join(law.parameters)}."
-            )
+        check_names(f"values: {law.label}", values, law.parameters)
         numbers = law.values(1)[0]
         made = {
             key: fem.Constant(mesh, np.ascontiguousarray(numbers[:, i], dtype=PETSc.ScalarType))
@@ -263,13 +258,16 @@ class JointField:
             new += [made[i] for i in range(self._m)]
             stored.append(law.stored(self.opening, self.slip, made, p))
             heat.append(law.dissipated(self.opening, self.slip, old, made, p))
-        self.stress = stress + self._pressed()[0]
+        pressure, pressed = self._pressed()
+        self.stress = stress + pressure
         self.traction = ufl.as_vector(traction)
         self._new = ufl.as_vector(new or [ufl.as_ufl(0.0)])
-        pressed = self._pressed()[1]
         told = None if self._m and None in stored else [e for e in stored if e is not None]
-        self._stored = None if told is None else sum(told, pressed)
-        self._increments = self._work(), None if None in heat else sum(heat, ufl.as_ufl(0.0))
+        self._energies = {
+            "work": self._work(),
+            "stored": None if told is None else sum(told, pressed),
+            "heat": None if None in heat else sum(heat, ufl.as_ufl(0.0)),
+        }
 
     def _pressed(self):
         """Stress and energy of the normal modulus."""
@@ -296,27 +294,21 @@ class JointField:
 
     def _prepare(self, space: Callable) -> None:
         """Compile once what every update needs."""
-        work, heat = self._increments
-        stored = self._stored
-        made = {"work": work, "stored": stored, "heat": heat}
         self._forms = {
             key: None if e is None else fem.form(self.jacobian * e * self.dx)
-            for key, e in made.items()
+            for key, e in self._energies.items()
         }
+        heat = self._energies["work" if self._energies["heat"] is None else "heat"]
         self._points = {
             "state": self._at(self._new, self.state.function_space),
             "last": self._at(ufl.as_vector(self._present()), self._last.function_space),
+            "heat": self._at(ufl.as_vector([heat]), self._heat.function_space),
         }
-        if heat is None:
-            heat = work
-        self._points["heat"] = self._at(ufl.as_vector([heat]), self._heat.function_space)
         self._before = self.stored() or 0.0
 
     def _sum(self, key: str) -> float | None:
         form = self._forms[key]
-        if form is None:
-            return None
-        return float(self._comm.allreduce(np.real(fem.assemble_scalar(form)), op=MPI.SUM))
+        return None if form is None else integral(self._comm, form)
 
     def stored(self) -> float | None:
         """Energy, J, in the joint's springs now; None for a law that does not tell. Collective."""
@@ -369,6 +361,11 @@ class JointField:
         For a law that does not tell heat from energy, the work done.
         """
         return self._heat
+
+
+def integral(comm: MPI.Intracomm, form: fem.Form) -> float:
+    """Value of a scalar form. Collective."""
+    return float(comm.allreduce(np.real(fem.assemble_scalar(form)), op=MPI.SUM))
 
 
 def _scalar(element):

@@ -31,6 +31,7 @@ from fenics_joints.forms.backbones import (
     segalman_limits,
     segalman_slope,
 )
+from fenics_joints.joint_laws.law import check_names
 
 __all__ = [
     "Backbone",
@@ -110,12 +111,7 @@ class Backbone(ABC):
             InputError: For an unknown parameter, or a value out of range.
         """
         known = {f.name: getattr(self, f.name) for f in fields(self)}
-        for key in values:
-            if key not in known:
-                raise InputError(
-                    f"{type(self).__name__} has no parameter {key!r}; expected one of: "
-                    f"{', '.join(known)}."
-                )
+        check_names(type(self).__name__, values, known)
         return type(self)(**{**known, **values})
 
 

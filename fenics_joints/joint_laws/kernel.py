@@ -102,10 +102,6 @@ class LawKernel:
             kernel = law.__dict__[_key(n_slip, normal)] = _kernels[source]
         return kernel
 
-    def zero_state(self, n_points: int, n_elements: int) -> np.ndarray:
-        """States of an interface that never moved, (P, E, m)."""
-        return np.zeros((n_points, n_elements, self.m))
-
     def _begin(self, strain, ndim: int, state, values):
         """Checked, contiguous copies of strain, state and values."""
         strain = np.ascontiguousarray(strain, dtype=float)
@@ -146,8 +142,7 @@ class LawKernel:
         self._expect(strain, (P, self.d))
         stress, new = np.empty((P, self.d)), np.empty_like(state)
         tangent = np.empty((P, self.d, self.d))
-        arrays = (strain, state, values, stress, new, tangent)
-        self._check(self._library.lib.law_step(P, values.shape[1], *map(self._pointer, arrays)))
+        self._run("law_step", (P, values.shape[1]), strain, state, values, stress, new, tangent)
         return stress, new, tangent
 
     def history(self, strain, state, values):
@@ -159,9 +154,7 @@ class LawKernel:
         P, T, _ = strain.shape
         self._expect(strain, (P, T, self.d))
         stress = np.empty_like(strain)
-        arrays = (strain, state, values, stress)
-        failed = self._library.lib.law_history(P, T, values.shape[1], *map(self._pointer, arrays))
-        self._check(failed)
+        self._run("law_history", (P, T, values.shape[1]), strain, state, values, stress)
         return stress, state
 
     def harmonic(
@@ -196,21 +189,16 @@ class LawKernel:
         begun, F = np.empty_like(state), np.empty((P, d, K))
         e, f = np.empty((P, T, d)), np.empty((P, T, d))
         J = np.empty((P, d, K, d, K)) if jacobian else None
-        arrays = (X, synthesis, analysis, values, state, begun, e, f, F)
-        failed = self._library.lib.law_harmonic(
-            P, values.shape[1], K, T, cycles if self.m else 1, *map(self._pointer, arrays),
-            self._pointer(J) if jacobian else self._library.ffi.NULL,
-        )  # fmt: skip
-        self._check(failed)
+        sizes = P, values.shape[1], K, T, cycles if self.m else 1
+        self._run("law_harmonic", sizes, X, synthesis, analysis, values, state, begun, e, f, F, J)
         return HarmonicStress(F, J, e, f, state, _closure(begun, state))
 
-    @staticmethod
-    def _check(failed: int) -> None:
-        if failed:
+    def _run(self, name: str, sizes: tuple[int, ...], *arrays: np.ndarray | None) -> None:
+        """Call a function of the library; None is an array that is not asked for."""
+        ffi = self._library.ffi
+        pointers = [ffi.NULL if a is None else ffi.cast("double *", a.ctypes.data) for a in arrays]
+        if getattr(self._library.lib, name)(*sizes, *pointers):
             raise JointsError("out of memory in a joint law")
-
-    def _pointer(self, array: np.ndarray):
-        return self._library.ffi.cast("double *", array.ctypes.data)
 
 
 def _key(n_slip: int, normal: bool) -> str:

@@ -8,14 +8,27 @@ From that one function come the residual and the consistent tangent of a finite-
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fenics_joints.errors import InputError
 
-__all__ = ["JointLaw"]
+__all__ = ["JointLaw", "check_names"]
+
+
+def check_names(what: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse parameters that something does not have.
+
+    Raises:
+        InputError: For the first unknown one.
+    """
+    for key in given:
+        if key not in known:
+            raise InputError(
+                f"{what} has no parameter {key!r}; expected one of: {', '.join(known)}."
+            )
 
 
 class JointLaw(ABC):
@@ -147,12 +160,7 @@ class JointLaw(ABC):
         Raises:
             InputError: For an unknown parameter, or a value that the law does not allow.
         """
-        unknown = [key for key in values if key not in self.parameters]
-        if unknown:
-            raise InputError(
-                f"{self.label} has no parameter {unknown[0]!r}; expected one of: "
-                f"{', '.join(self.parameters)}."
-            )
+        check_names(self.label, values, self.parameters)
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         JointLaw.__init__(other, **{**self.parameters, **values})

@@ -179,10 +179,13 @@ class CoulombStick(JointLaw):
         )  # fmt: skip
         return sigma + ufl.max_value(p["pressure"], 0.0), traction, state
 
-    def stored(self, normal, slip, state, p):
-        """Energy per area in the springs, above that of the state of rest without tension."""
+    def stored(self, normal, slip, state, p, opened=0):
+        """Energy per area in the springs, above that of the state of rest without tension.
+
+        Arguments as `JointLaw.stored`, and what sliding has ``opened``.
+        """
         k_n, rest = p["normal_stiffness"], ufl.max_value(p["pressure"], 0.0)
-        pressed = ufl.max_value(p["pressure"] - k_n * normal, 0.0)
+        pressed = ufl.max_value(p["pressure"] - k_n * (normal - opened), 0.0)
         work = (pressed**2 - rest**2) / (2.0 * k_n) + rest * normal
         return work + slider_energy(slip, state, p["tangential_stiffness"])
 
@@ -216,11 +219,7 @@ class DilatantCoulomb(CoulombStick):
     def stored(self, normal, slip, state, p):
         """Energy per area in the springs, above that of the state of rest."""
         n = slip.ufl_shape[0]
-        position, _ = _split(state, n)
-        k_n, rest = p["normal_stiffness"], ufl.max_value(p["pressure"], 0.0)
-        pressed = ufl.max_value(p["pressure"] - k_n * (normal - state[n]), 0.0)
-        work = (pressed**2 - rest**2) / (2.0 * k_n) + rest * normal
-        return work + slider_energy(slip, position, p["tangential_stiffness"])
+        return super().stored(normal, slip, _split(state, n)[0], p, opened=state[n])
 
     def dissipated(self, normal, slip, old, new, p):
         """Energy per area turned to heat in a step: stress at its end times plastic way."""

@@ -9,11 +9,10 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.joint_laws.field import JointField
+from fenics_joints.joint_laws.field import JointField, integral
 from fenics_joints.modal.options import petsc_defaults, reason_of
 
 __all__ = ["QuasiStatic", "QuasiStaticHistory", "solve_quasi_static"]
@@ -198,7 +197,7 @@ def solve_quasi_static(
             iterations = problem.solve()
         except ConvergenceError as error:
             raise ConvergenceError(f"load step {number} (load {load}): {error}") from error
-        rows.append([iterations, *_energies(joints), *(_total(comm, f) for f in forms.values())])
+        rows.append([iterations, *_energies(joints), *(integral(comm, f) for f in forms.values())])
         loads.append(load)
         residuals.append(problem.residuals)
     if not rows:
@@ -223,7 +222,3 @@ def _energies(joints: Sequence[JointField]) -> tuple[float, float, float]:
         sum(joint.work for joint in joints),
         sum(joint.dissipated for joint in joints),
     )
-
-
-def _total(comm: MPI.Intracomm, form: fem.Form) -> float:
-    return float(comm.allreduce(np.real(fem.assemble_scalar(form)), op=MPI.SUM))

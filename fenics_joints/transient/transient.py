@@ -96,9 +96,10 @@ class _Record:
         work = [
             0.5 * (old.dot(du) + new.dot(du)) for old, new in zip(last_forces, now[1], strict=True)
         ]
-        weights = self.motion.weights()
-        for w, (e0, f0, *_), (e1, f1, *_) in zip(weights, last_points, points, strict=True):
-            done = float((w[:, None] * (f0 + f1) * (e1 - e0)).sum())
+        for p, (e0, f0, *_), (e1, f1, *_) in zip(
+            self.motion.interfaces, last_points, points, strict=True
+        ):
+            done = float((p.weights[:, None] * (f0 + f1) * (e1 - e0)).sum())
             work.append(0.5 * self.motion.total(done))
         self.works.append(work)
         self._last = now

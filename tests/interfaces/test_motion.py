@@ -36,8 +36,8 @@ def asked(motion) -> dict[str, np.ndarray]:
         J.mult(filled(motion, unit), column)
         columns.append(whole(motion, column))
     work = sum(
-        w @ (strain * stress).sum(axis=1)
-        for w, (strain, stress, *_) in zip(motion.weights(), motion.step(u, states), strict=True)
+        p.weights @ (strain * stress).sum(axis=1)
+        for p, (strain, stress, *_) in zip(motion.interfaces, motion.step(u, states), strict=True)
     )
     return {
         "residual": whole(motion, r),
