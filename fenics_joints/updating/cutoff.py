@@ -22,12 +22,15 @@ from petsc4py import PETSc
 from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.interfaces.assembly import as_columns
+from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.preload import PreloadResult
 from fenics_joints.preload.linear_joint import LinearJoint, cutoff_conditions, pair_conditions
 from fenics_joints.structure.sparse import product, without_zeros
 
-__all__ = ["SPARE", "Anchor", "CutoffModel", "CutoffSweep", "assign", "elastic", "sweep"]
+__all__ = ["SPARE", "Anchor", "CutoffModel", "CutoffSweep", "assign", "elastic",
+           "elastic_shapes", "misfit", "sweep"]  # fmt: skip
 
 #: Pressures nearer than this, relative to the largest, are one step (symmetric facets).
 _SAME = 1e-6
@@ -53,6 +56,7 @@ class CutoffModel:
     Attributes:
         cutoffs: Every distinct facet pressure, ascending, Pa: step k has the cut-off
             ``cutoffs[k]``, and the facets with that pressure are the next to be lost.
+        solver: That of the last full solution.
         solves: Number of full solutions so far.
     """
 
@@ -73,7 +77,7 @@ class CutoffModel:
         self.cutoffs = _levels([s.facet_pressure for s in self.states])
         self.solves = 0
         self.order: dict[int, np.ndarray] = {}
-        self._solver = None
+        self.solver: EigenSolver | None = None
         self._known: dict[int, Modes] = {}
 
     def __len__(self) -> int:
@@ -99,29 +103,17 @@ class CutoffModel:
         """Entries of x held at zero at a step, ascending."""
         return np.sort(self.joint.held({**self.joint.conditions, **self.conditions(step)}))
 
-    def solve(self, step: int, n_modes: int | None = None, *, keep: bool = True) -> Modes:
+    def solve(self, step: int, *, keep: bool = True) -> Modes:
         """Modes of the full model at a step. Collective."""
         if step in self._known:
             return self._known[step]
         joint = self.joint.change(self.conditions(step))
-        n = self._n_modes() if n_modes is None else n_modes
-        modes = solve_modes(joint, self.given, n_modes=n, solver=self._solver)
-        self._solver, self.solves = modes.solver, self.solves + 1
+        n_modes = 6 + self.n_elastic + SPARE
+        modes = solve_modes(joint, self.given, n_modes=n_modes, solver=self.solver)
+        self.solver, self.solves = modes.solver, self.solves + 1
         if keep:
             self._known[step] = modes
         return modes
-
-    def _n_modes(self) -> int:
-        return 6 + self.n_elastic + SPARE
-
-    def inverse(self, block: np.ndarray) -> np.ndarray:
-        """Shifted stiffness of the last full solution, inverted, on a block of columns."""
-        return self._solver.inverse(block)
-
-    @property
-    def shift(self) -> float:
-        """The shift, (rad/s)^2, of `inverse`."""
-        return self._solver.shift
 
     @cached_property
     def mass(self) -> PETSc.Mat:
@@ -172,8 +164,7 @@ class CutoffSweep:
 
     def objective(self, measured_hz) -> np.ndarray:
         """Sum of the relative frequency errors (seed 004, eq. 7) at every step, (n_steps,)."""
-        measured = np.asarray(measured_hz, dtype=float)
-        return np.sum(np.abs(self.frequencies_hz / measured - 1), axis=1)
+        return misfit(self.frequencies_hz, np.asarray(measured_hz, dtype=float))
 
     def best(self, measured_hz) -> int:
         """Step of the least objective."""
@@ -267,11 +258,11 @@ class _Interval:
     """
 
     def __init__(self, model: CutoffModel, modes: Modes, low: int, high: int):
-        self.model, self.n_rigid, self.shift = model, modes.n_rigid, model.shift
+        self.model, self.n_rigid, self.shift = model, modes.n_rigid, model.solver.shift
         self.released = np.setdiff1d(model.held(low), model.held(high), assume_unique=True)
         jumps, comm = model.joint.jumps, model.joint.model.comm
         self._comm, self._M = comm, model.mass
-        self.Phi = np.column_stack([v.array_r for v in modes.shapes])
+        self.Phi = as_columns(modes.shapes)
         mine = jumps.owned(self.released)
         at = jumps.local(self.released[mine])
         self.Psi = _attachments(model, at, np.flatnonzero(mine), len(self.released))
@@ -327,8 +318,7 @@ class _Interval:
 
     def onto(self, modes: Modes, n: int) -> np.ndarray:
         """Products M-wise of the coordinates' vectors with other elastic modes, (size, n)."""
-        Y = np.column_stack([v.array_r for v in modes.shapes[modes.n_rigid : modes.n_rigid + n]])
-        heavy = product(self._M, Y)
+        heavy = product(self._M, elastic_shapes(modes, n))
         local = np.vstack([self.Phi.T @ heavy, self.Psi.T @ heavy])
         return self.turn.T @ self._comm.allreduce(local)
 
@@ -341,13 +331,23 @@ def _attachments(model: CutoffModel, at, columns, n: int) -> np.ndarray:
         block = np.zeros((n_local, min(_BLOCK, n - start)), order="F")
         inside = (columns >= start) & (columns < start + _BLOCK)
         block[at[inside], columns[inside] - start] = 1.0
-        found[:, start : start + _BLOCK] = model.inverse(block)
+        found[:, start : start + _BLOCK] = model.solver.inverse(block)
     return found
 
 
 def elastic(modes: Modes, n: int) -> np.ndarray:
     """The first n elastic frequencies, Hz."""
     return modes.frequencies_hz[modes.n_rigid : modes.n_rigid + n]
+
+
+def elastic_shapes(modes: Modes, n: int) -> np.ndarray:
+    """This rank's rows of the shapes of the first n elastic modes, (n_local, n)."""
+    return as_columns(modes.shapes[modes.n_rigid : modes.n_rigid + n])
+
+
+def misfit(frequencies_hz: np.ndarray, measured_hz: np.ndarray) -> np.ndarray:
+    """Sum of the relative frequency errors (seed 004, eq. 7), of frequencies (..., n)."""
+    return np.sum(np.abs(frequencies_hz / measured_hz - 1), axis=-1)
 
 
 def assign(overlap: np.ndarray) -> np.ndarray:

@@ -10,7 +10,14 @@ from scipy.interpolate import PchipInterpolator
 
 from fenics_joints.errors import InputError
 from fenics_joints.structure.sparse import product
-from fenics_joints.updating.cutoff import SPARE, CutoffModel, assign, elastic
+from fenics_joints.updating.cutoff import (
+    SPARE,
+    CutoffModel,
+    assign,
+    elastic,
+    elastic_shapes,
+    misfit,
+)
 
 __all__ = ["CutoffMinimum", "minimise"]
 
@@ -64,18 +71,19 @@ def minimise(
     """
     measured = np.asarray(measured_hz, dtype=float)
     if measured.shape != (model.n_elastic,):
-        raise InputError(
-            f"measured_hz has shape {measured.shape}: expected ({model.n_elastic},)."
-        )
+        raise InputError(f"measured_hz has shape {measured.shape}: expected ({model.n_elastic},).")
     n = len(model)
     solved: dict[int, np.ndarray] = {}
     visited: list[int] = []
+
+    def error(step: int) -> float:
+        return float(misfit(solved[step], measured))
 
     def solve(step: int) -> None:
         solved[step] = _followed(model, step, solved)
         visited.append(step)
         if progress is not None:
-            progress(len(visited), model.cutoffs[step], _sum(solved[step], measured))
+            progress(len(visited), model.cutoffs[step], error(step))
 
     if n < 2:
         raise InputError(f"the contact has {n} distinct pressure; expected at least 2.")
@@ -83,7 +91,7 @@ def minimise(
         solve(step)
     bound = -np.inf
     while True:
-        least = min(_sum(f, measured) for f in solved.values())
+        least = min(map(error, solved))
         predicted, below = _predict(model.cutoffs, solved, measured)
         predicted[[*solved, *np.flatnonzero(below >= least)]] = np.inf
         step = int(np.argmin(predicted))
@@ -91,15 +99,10 @@ def minimise(
         if np.isinf(predicted[step]) or len(visited) >= max_solves:
             break
         solve(step)
-    best = min(solved, key=lambda k: _sum(solved[k], measured))
+    best = min(solved, key=error)
     return CutoffMinimum(
-        best, float(model.cutoffs[best]), _sum(solved[best], measured), solved[best], visited,
-        float(bound),
-    )  # fmt: skip
-
-
-def _sum(frequencies: np.ndarray, measured: np.ndarray) -> float:
-    return float(np.sum(np.abs(frequencies / measured - 1)))
+        best, float(model.cutoffs[best]), error(best), solved[best], visited, float(bound)
+    )
 
 
 def _predict(cutoffs, solved, measured) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +114,7 @@ def _predict(cutoffs, solved, measured) -> tuple[np.ndarray, np.ndarray]:
     high = np.maximum(known[left], known[left + 1]) / measured - 1
     low = np.minimum(known[left], known[left + 1]) / measured - 1
     off = np.maximum(0.0, np.maximum(low, -high))
-    return np.sum(np.abs(curves(cutoffs) / measured - 1), axis=1), off.sum(axis=1)
+    return misfit(curves(cutoffs), measured), off.sum(axis=1)
 
 
 def _followed(model: CutoffModel, step: int, solved: Mapping[int, np.ndarray]) -> np.ndarray:
@@ -123,11 +126,7 @@ def _followed(model: CutoffModel, step: int, solved: Mapping[int, np.ndarray]) -
         model.order = {step: np.arange(n)}
         return frequencies[: model.n_elastic]
     near = min(solved, key=lambda k: abs(k - step))
-    other = model.solve(near)
-    A, B = (
-        np.column_stack([v.array_r for v in m.shapes[m.n_rigid : m.n_rigid + n]])
-        for m in (other, modes)
-    )
+    A, B = (elastic_shapes(m, n) for m in (model.solve(near), modes))
     link = assign(model.joint.model.comm.allreduce(A.T @ product(model.mass, B)))
     model.order[step] = link[model.order[near]]
     return frequencies[model.order[step]][: model.n_elastic]

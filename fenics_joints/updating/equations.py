@@ -112,10 +112,7 @@ def weighted_equations(
 
 def condition_number(A: np.ndarray) -> float:
     """Condition number in the 2-norm, of columns; inf where they are dependent."""
-    s = np.linalg.svd(A, compute_uv=False)
-    if len(A) < A.shape[1] or not s[-1] > 0:
-        return np.inf
-    return float(s[0] / s[-1])
+    return np.inf if len(A) < A.shape[1] else float(np.linalg.cond(A))
 
 
 def real_rows(

@@ -27,11 +27,9 @@ from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.modal.sensitivity import frequency_sensitivity
 from fenics_joints.response.damping_ratios import damping_ratios
 from fenics_joints.response.frf import solve_frf
-from fenics_joints.response.modal_basis import ModalPencil
 from fenics_joints.response.shape_sensitivity import shape_gradients
 from fenics_joints.response.units import KINDS
 from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
 
 __all__ = ["Prediction", "Predictor"]
 
@@ -247,12 +245,10 @@ class Predictor:
         if not by_line:
             return found.values, slopes, None
         beside = np.concatenate([lines * (1 + _STEP), lines * (1 - _STEP)])
-        loads, reads = (self._on_modes(found.modal, at) for at in (frfs.excitation, frfs.sensors))
+        loads, reads = (
+            found.modal.project(self.model.loads(at)) for at in (frfs.excitation, frfs.sensors)
+        )
         values = found.modal.response(beside, loads, reads).values
         values = values * ((2j * np.pi * beside) ** KINDS[frfs.kind])[:, None, None]
         up, down = np.split(values, 2)
         return found.values, slopes, (up - down) / (2 * _STEP)
-
-    def _on_modes(self, modal: ModalPencil, places: Sensors) -> np.ndarray:
-        """Loads of one newton at places on the modes, (n, n_places)."""
-        return modal.project(self.model.loads(places))

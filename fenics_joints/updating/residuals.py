@@ -125,16 +125,13 @@ def relative_errors(target: Target, found: Prediction) -> tuple[np.ndarray, tupl
 def raw_rows(target: Target, found: Prediction, how: str) -> tuple[np.ndarray, np.ndarray, int]:
     """A and b of seed 000, eqs. 16 and 17, and how many rows are frequencies."""
     used = np.isfinite(target.frequencies_hz)
-    f = found.frequencies_hz[used] if used.any() else np.empty(0)
-    A = f[:, None] * found.frequency_slopes[used] if used.any() else None
-    rows = [] if A is None else [(A, target.frequencies_hz[used] - f)]
+    f = found.frequencies_hz[used]
+    rows = [(f[:, None] * found.frequency_slopes[used], target.frequencies_hz[used] - f)]
     if target.frfs is not None:
         there = target.frfs.used
         rows.append(
             real_rows(found.frf_slopes[there], target.frfs.values[there], found.frfs[there], how)
         )
-    if not rows:
-        return np.empty((0, found.frequency_slopes.shape[-1])), np.empty(0), 0
     A, b = (np.concatenate([r[i] for r in rows]) for i in range(2))
     return A, b, int(used.sum())
 
