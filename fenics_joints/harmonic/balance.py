@@ -8,7 +8,6 @@ memory run through the cycle until their loop is closed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -67,15 +66,14 @@ class Balance:
         model: The model.
         harmonics: H, highest harmonic.
         samples: Samples of a period, T; `default_samples` by default.
-        static: Static load, N, (n,), in the mean's equations; None for none.
-        states: State of each interface before the first cycle, (P, E, m), by its name; by default
-            that of `static_state` under the static load.
+        static: Static load, N, (n,), in the mean's equations, which laws with memory bear before
+            the first cycle (`static_state`); None for none.
         cycles: How often laws with memory run through the cycle.
         comm: The interfaces' points are split over its ranks; every rank must hold the same model
             and make the same calls. None for this rank alone.
 
     Raises:
-        InputError: For a load, states or samples that do not fit.
+        InputError: For a load or samples that do not fit.
         ConvergenceError: If there is no equilibrium under the static load.
 
     Attributes:
@@ -89,7 +87,6 @@ class Balance:
         samples: int | None = None,
         *,
         static: np.ndarray | None = None,
-        states: Mapping[str, np.ndarray] | None = None,
         cycles: int = 2,
         comm: MPI.Comm | None = None,
     ):
@@ -104,11 +101,9 @@ class Balance:
                 f"static has shape {self.static.shape}: expected ({model.n_dofs},), one load per "
                 "degree of freedom."
             )
-        self._given = states
-        self.rest, found = np.zeros(self.shape), {}
+        self.rest, self._states = np.zeros(self.shape), {}
         if np.any(self.static):
-            self.rest[:, 0], found = static_state(model, self.static)
-        self._states = found if states is None else dict(states)
+            self.rest[:, 0], self._states = static_state(model, self.static)
         self._shares = [_share(p, self._states.get(p.name), self.comm) for p in model.interfaces]
         self._whole = self._shares if self.comm.size == 1 else None
         G = self.fourier.derivative
@@ -129,7 +124,7 @@ class Balance:
         """The same balance of another model of the same size."""
         return Balance(
             model, self.fourier.harmonics, self.fourier.samples, static=self.static,
-            states=self._given, cycles=self.cycles, comm=self.comm,
+            cycles=self.cycles, comm=self.comm,
         )  # fmt: skip
 
     def load(self, force: np.ndarray) -> np.ndarray:
@@ -219,13 +214,7 @@ def _share(points: InterfacePoints, state: np.ndarray | None, comm: MPI.Comm) ->
     bounds = [P * r // comm.size for r in range(comm.size + 1)]
     mine = slice(bounds[comm.rank], bounds[comm.rank + 1])
     values = points.law.values(P)
-    if state is not None:
-        expected = (P, values.shape[1], points.kernel.m)
-        if np.shape(state) != expected:
-            raise InputError(
-                f"states[{points.name!r}] has shape {np.shape(state)}: expected {expected}."
-            )
-        state = state[mine]
+    state = None if state is None else state[mine]
     rows = np.ascontiguousarray(points.rows[mine], dtype=float)
     weighted = (np.asarray(points.weights)[mine, None, None] * rows).reshape(-1, n)
     return _Share(points.kernel, rows, weighted, values[mine], state)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -68,10 +68,7 @@ def save_branch(path: str | Path, branch: Branch, name: str = "") -> None:
     Raises:
         InputError: If the file cannot be written.
     """
-    write_arrays(
-        path, z=branch.z, tangents=branch.tangents, iterations=branch.iterations,
-        jacobians=branch.jacobians, step=branch.step, complete=branch.complete, name=name,
-    )  # fmt: skip
+    write_arrays(path, **vars(branch), name=name)
 
 
 def load_branch(path: str | Path, name: str = "") -> Branch | None:
@@ -86,10 +83,7 @@ def load_branch(path: str | Path, name: str = "") -> Branch | None:
     try:
         with np.load(path, allow_pickle=False) as stored:
             found = str(stored["name"])
-            branch = Branch(
-                stored["z"], stored["tangents"], stored["iterations"], stored["jacobians"],
-                float(stored["step"]), bool(stored["complete"]),
-            )  # fmt: skip
+            branch = Branch(**{field.name: stored[field.name][()] for field in fields(Branch)})
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: not a branch written by this package ({error}).") from error
     if found != name:

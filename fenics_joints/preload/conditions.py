@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["OPEN", "SLIP", "STICK", "Pairs", "Penalty", "status"]
+__all__ = ["OPEN", "SLIP", "STICK", "Pairs", "Penalty"]
 
 OPEN, SLIP, STICK = 0, 1, 2
 
@@ -131,7 +131,9 @@ class Pairs:
     def status(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """OPEN, SLIP or STICK of each pair; without friction a closed pair slips."""
         normal, tangent = self.trial(x, r)
-        return status(normal, tangent, self._limit(normal))
+        limit = self._limit(normal)
+        stick = (np.linalg.norm(tangent, axis=1) <= limit) & (limit > 0)
+        return np.where(normal > 0, np.where(stick, STICK, SLIP), OPEN)
 
     def complementarity(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """|min(g c, N)| of each pair, N: zero in exact contact."""
@@ -161,12 +163,6 @@ class Penalty(Pairs):
     def share(self) -> float:
         """None: springs alone make the forces."""
         return 0.0
-
-
-def status(normal: np.ndarray, tangent: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """OPEN, SLIP or STICK from trial forces and friction limit."""
-    stick = (np.linalg.norm(tangent, axis=1) <= limit) & (limit > 0)
-    return np.where(normal > 0, np.where(stick, STICK, SLIP), OPEN)
 
 
 def _shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
