@@ -172,6 +172,7 @@ def test_nothing_is_left_of_a_failed_attempt(shared_tmp_path, monkeypatch):
         fields.write(result, path)
     COMM.barrier()
     assert {p.name: p.read_bytes() for p in shared_tmp_path.iterdir()} == before
+    COMM.barrier()  # all have looked before the folder below is made
     with pytest.raises(InputError, match="ends in"):
         fields.write(result, shared_tmp_path / "state.vtk")
     with pytest.raises(InputError, match="no folder"):
