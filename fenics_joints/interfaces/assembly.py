@@ -12,7 +12,7 @@ from fenics_joints.interfaces.model import InterfacePoints
 from fenics_joints.interfaces.reduced import LayerTerm, ReducedInterfaceModel
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.structure.sparse import vector_of
+from fenics_joints.structure.sparse import vectors_like
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["assemble", "as_columns", "as_vectors", "check_uniform"]
@@ -77,4 +77,4 @@ def as_columns(vectors: Sequence[PETSc.Vec]) -> np.ndarray:
 
 def as_vectors(A: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:
     """Columns of this rank's rows, (n_local, m), as vectors that a matrix can be applied to."""
-    return [vector_of(A, column) for column in columns.T]
+    return vectors_like(A.createVecRight(), columns.T)
