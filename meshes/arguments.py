@@ -6,7 +6,7 @@ import inspect
 import math
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar, Concatenate, Literal, ParamSpec
 
@@ -81,7 +81,7 @@ Count = Annotated[int, Demand(is_count, "a whole number of at least 1")]
 Solid = Literal["hexahedron", "tetrahedron"]
 #: Points in the plan.
 Places = Annotated[
-    list[tuple[Place, Place]],
+    Sequence[tuple[Place, Place]],
     Demand(lambda v: all(np.shape(b) == (2,) for b in v), "a pair (x, y) in metres for each bolt"),
 ]
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.errors import MeshError
+from fenics_joints.meshes.arguments import Solid, requirement
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
@@ -40,12 +41,12 @@ def box(
     Raises:
         MeshError: A length is not positive, a count is below 1, or the cell is unknown.
     """
-    if len(lengths) != 3 or not np.all(np.isfinite(lengths)) or min(lengths) <= 0:
-        raise MeshError(f"box: lengths is {lengths!r}, expected three lengths above 0 m")
-    if len(counts) != 3 or any(n != int(n) or n < 1 for n in counts):
-        raise MeshError(f"box: counts is {counts!r}, expected three whole numbers of at least 1")
-    if cell not in ("hexahedron", "tetrahedron"):
-        raise MeshError(f"box: cell is {cell!r}, expected 'hexahedron' or 'tetrahedron'")
+    require = requirement("box")
+    fits = len(lengths) == 3 and np.all(np.isfinite(lengths)) and min(lengths) > 0
+    require(fits, "lengths", lengths, "three lengths above 0 m")
+    fits = len(counts) == 3 and all(n == int(n) and n >= 1 for n in counts)
+    require(fits, "counts", counts, "three whole numbers of at least 1")
+    require(cell in get_args(Solid), "cell", cell, " or ".join(map(repr, get_args(Solid))))
     return distribute(comm, on_root(comm, lambda: _lists(lengths, counts, cell)))
 
 

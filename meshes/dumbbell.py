@@ -93,11 +93,6 @@ class Dumbbell(Builder):
         return np.array(self.rings, dtype=float).reshape(-1, 2)
 
     @property
-    def radii(self) -> tuple[float, float]:
-        """Inner and outer radius of the rings, m."""
-        return self.r_nei, self.r_wai
-
-    @property
     def side(self) -> float:
         """Side of the square around each ring, m."""
         return 2.3 * self.r_wai if self.zone is None else self.zone
@@ -181,8 +176,8 @@ class Dumbbell(Builder):
             fits = plan.square(centre, self.side).shape == (self.n_zone + 1,) * 2
             expected = "rings in rows: squares side by side or one above the other"
             self.require(fits, "rings", self.centres.tolist(), expected)
-            size = min(self.element_size, self.side / 4)
-            plan.fill(ring_in_square, centre, self.side, self.radii, size)
+            radii, size = (self.r_nei, self.r_wai), min(self.element_size, self.side / 4)
+            plan.fill(ring_in_square, centre, self.side, radii, size)
         return plan
 
     def lines(self, axis: int) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import MeshError, located
-from fenics_joints.meshes.arguments import is_positive
+from fenics_joints.meshes.arguments import is_positive, requirement
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.gmsh_model import gmsh_model
 from fenics_joints.meshes.rings import ring_centres
@@ -70,10 +70,9 @@ def read_msh(
             name is missing; cells are inverted or flat. The message names it.
     """
     path = Path(path)
-    if gdim not in (2, 3):
-        raise MeshError(f"read_msh: gdim is {gdim!r}, expected 2 or 3")
-    if not is_positive(scale):
-        raise MeshError(f"read_msh: scale is {scale!r}, expected a length above 0 m")
+    require = requirement("read_msh")
+    require(gdim in (2, 3), "gdim", gdim, "2 or 3")
+    require(is_positive(scale), "scale", scale, "a length above 0 m")
 
     def build() -> MeshLists:
         lists = _read(path, gdim, scale)

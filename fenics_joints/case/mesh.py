@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 import typing
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -104,8 +105,8 @@ def _written(kind: Any) -> Any:
         return Count if inside[0] is int else _written(inside[0])
     if origin in (typing.Union, types.UnionType):
         return _written(inside[0])
-    if origin in (list, tuple):
-        return origin[tuple(map(_written, inside))]
+    if origin in (Sequence, tuple):
+        return (list if origin is Sequence else tuple)[tuple(map(_written, inside))]
     return kind
 
 
