@@ -6,7 +6,7 @@ import numpy as np
 
 from fenics_joints.preload.interface import Interface
 
-__all__ = ["contour_area", "largest_radius", "mean_within"]
+__all__ = ["contour_area", "corners", "largest_radius", "mean_within", "radii"]
 
 
 def _edges(interface: Interface) -> np.ndarray:
@@ -17,7 +17,7 @@ def _edges(interface: Interface) -> np.ndarray:
     return np.unique(np.sort(np.vstack([f[:, list(e)] for e in around]), axis=1), axis=0)
 
 
-def _radii(points: np.ndarray, normals: np.ndarray, centre) -> np.ndarray:
+def radii(points: np.ndarray, normals: np.ndarray, centre) -> np.ndarray:
     """Distances of points from an axis through ``centre`` along the mean normal."""
     arm = points - (0.0 if centre is None else np.asarray(centre, dtype=float))
     axis = normals.mean(axis=0)
@@ -34,7 +34,7 @@ def largest_radius(interface: Interface, pressure: np.ndarray, limit: float, cen
         limit: Limit, Pa.
         centre: Centre, m, (gdim,); the origin by default.
     """
-    radius = _radii(interface.points, interface.normals, centre)
+    radius = radii(interface.points, interface.normals, centre)
     above = pressure >= limit if limit > 0 else pressure > 0
     best = float(radius[above].max(initial=0.0))
     a, b = _edges(interface).T
@@ -42,7 +42,7 @@ def largest_radius(interface: Interface, pressure: np.ndarray, limit: float, cen
     a, b = a[cross], b[cross]
     t = ((limit - pressure[a]) / (pressure[b] - pressure[a]))[:, None]
     points = (1 - t) * interface.points[a] + t * interface.points[b]
-    return max(best, float(_radii(points, interface.normals, centre).max(initial=0.0)))
+    return max(best, float(radii(points, interface.normals, centre).max(initial=0.0)))
 
 
 def contour_area(interface: Interface, pressure: np.ndarray, limit: float):
@@ -81,7 +81,7 @@ def _triangle(x: np.ndarray) -> np.ndarray:
     return 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
 
 
-def _corners(d: np.ndarray):
+def corners(d: np.ndarray):
     """Simplices of which one vertex lies apart from the others, where linear d >= 0 or where not.
 
     Args:
@@ -104,7 +104,7 @@ def _corners(d: np.ndarray):
 def _share_above(p: np.ndarray):
     """Share of simplices where a linear function with vertex values p is >= 0, and slope by p."""
     share, slope = (p >= 0).all(axis=1).astype(float), np.zeros(p.shape)
-    for rows, lone, others, t, below in _corners(p):
+    for rows, lone, others, t, below in corners(p):
         # The corner cut off there is prod p0 / (p0 - pj).
         corner, sign = t.prod(axis=1), -1.0 if below else 1.0
         p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
@@ -117,7 +117,7 @@ def _share_above(p: np.ndarray):
 
 def mean_within(interface: Interface, pressure: np.ndarray, radius: float, centre=None) -> float:
     """Mean pressure, Pa, of the facets within a radius; those cut count by their share inside."""
-    distance = radius - _radii(interface.points, interface.normals, centre)
+    distance = radius - radii(interface.points, interface.normals, centre)
     force = area = 0.0
     for simplex, measure in _simplices(interface):
         share, _ = _share_above(distance[simplex])
@@ -131,7 +131,7 @@ def _moment_above(d: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Integral of a linear p over the part of each simplex where linear d >= 0, per measure."""
     whole = p.mean(axis=1)
     result = np.where((d >= 0).all(axis=1), whole, 0.0)
-    for rows, lone, others, t, below in _corners(d):
+    for rows, lone, others, t, below in corners(d):
         p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
         cut = p0 + t * (pj - p0)
         corner = t.prod(axis=1) * (p0[:, 0] + cut.sum(axis=1)) / d.shape[1]

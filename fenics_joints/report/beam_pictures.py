@@ -18,7 +18,7 @@ from fenics_joints.report.patch_pictures import (
     patches_alt,
     rising,
 )
-from fenics_joints.report.style import new_figure, style, to_svg
+from fenics_joints.report.style import drawing, to_svg
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.where.localise import CellMap
@@ -78,8 +78,7 @@ def beam_patches(cells: PatchMap, name: str = "patches") -> str:
     colours = rising(norm(cells.share[cells.patch]))
     colours[~cells.seen[cells.patch]] = to_rgba(UNSEEN)
     bolts = 1e3 * cells.bolts[:, 0]
-    with style():
-        figure = new_figure(*_SIZE)
+    with drawing(*_SIZE) as figure:
         axes = figure.subplots()
         axes.add_collection(PolyCollection(boxes, facecolors=colours, edgecolors=colours, lw=0.3))
         for p, test in enumerate(cells.tests):
@@ -111,8 +110,7 @@ def beam_cells(cells: CellMap, name: str = "cells") -> str:
     """Beams and laps apart, elements coloured by density; see `mesh_pictures.cell_map`."""
     boxes = _boxes(np.asarray(cells.vertices, dtype=float))
     norm = Normalize(-1, 1)
-    with style():
-        figure = new_figure(_SIZE[0], _SIZE[1] - 0.2)
+    with drawing(_SIZE[0], _SIZE[1] - 0.2) as figure:
         axes = figure.subplots()
         colours = diverging(norm(cells.density))
         axes.add_collection(PolyCollection(boxes, facecolors=colours, edgecolors="#9aa0a8", lw=0.3))

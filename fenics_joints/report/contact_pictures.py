@@ -6,6 +6,7 @@ figures and need no display: ``figure.savefig("pressure.svg")``.
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +22,9 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
-from fenics_joints.preload.patch import contour_area, largest_radius
+from fenics_joints.preload.patch import contour_area, corners, largest_radius, radii
 from fenics_joints.preload.result import ContactState
-from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, new_figure, style
+from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, grid
 
 __all__ = ["pressure_map", "pressure_profile", "status_map"]
 
@@ -84,16 +85,14 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
     """
     _check_space(state, "pressure_map")
     _check_limit(limit)
-    plane = _Plane(state)
     facet_pressure = state.facet_pressure / 1e6
     norm = Normalize(0.0, max(facet_pressure.max(), 1e-12))
-    with style():
-        figure, panels = _plan_panels(state, plane, patches := _patches(state, centres))
-        for panel, patch in zip(panels, patches, strict=True):
+    with _plan(state, centres) as (figure, plane, panels):
+        for panel, patch in panels:
             value = facet_pressure[patch.facets]
-            colours = np.where((value > 0)[:, None], _PRESSURE(norm(value)), _rgba(_APART))
+            colours = np.where((value > 0)[:, None], _PRESSURE(norm(value)), to_rgba(_APART))
             _facets(panel, plane, state.interface.facets[patch.facets], colours)
-            lines = _contour(plane.points, state, patch, limit)
+            lines = _contour(plane.points, patch, limit)
             panel.add_collection(LineCollection(lines, colors=_INK, lw=1.5, capstyle="round"))
             radius = patch.radius(limit)
             if radius > 0:
@@ -106,8 +105,8 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
         bar.set_label("pressure, MPa")
         bar.outline.set_visible(False)
         handles = [
-            _line_handle(_limit_name(limit), "-", 1.5),
-            _line_handle("contact radius", _DASHES, 1.1),
+            Line2D([], [], color=_INK, lw=1.5, label=_limit_name(limit)),
+            Line2D([], [], color=_INK, ls=_DASHES, lw=1.1, label="contact radius"),
             Patch(fc=_APART, label="open"),
         ]
         figure.legend(handles=handles, loc="outside upper left", ncols=3)
@@ -127,10 +126,8 @@ def status_map(state: ContactState, *, centres=None) -> Figure:
         InputError: For a contact in the plane, or centres of another shape.
     """
     _check_space(state, "status_map")
-    plane = _Plane(state)
-    with style():
-        figure, panels = _plan_panels(state, plane, patches := _patches(state, centres))
-        for panel, patch in zip(panels, patches, strict=True):
+    with _plan(state, centres) as (figure, plane, panels):
+        for panel, patch in panels:
             facets = state.interface.facets[patch.facets]
             corners, owner = _corners(plane.points, facets)
             colours = [_STATUS[kind][1] for kind in state.status[owner]]
@@ -168,9 +165,8 @@ def pressure_profile(
     """
     _check_limit(limit)
     along = _direction(state, direction)
-    with style():
-        patches = _patches(state, centres)
-        figure = new_figure(_WIDTH, 2.4 * len(patches) + 0.5)
+    patches = _patches(state, centres)
+    with drawing(_WIDTH, 2.4 * len(patches) + 0.5) as figure:
         figure.set_facecolor("white")
         panels = figure.subplots(len(patches), 1, sharex=along is None, squeeze=False).ravel()
         for panel, patch in zip(panels, patches, strict=True):
@@ -184,10 +180,8 @@ def pressure_profile(
 def _profile(panel, patch: _Patch, limit: float, along) -> None:
     state, p = patch.state, patch.state.pressure[patch.pairs] / 1e6
     points = state.interface.points[patch.pairs]
-    if along is None:
-        at = _MM * _distance(state, points, patch.centre)
-    else:
-        at = _MM * (points @ along)
+    normals = state.interface.normals
+    at = _MM * (radii(points, normals, patch.centre) if along is None else points @ along)
     if points.shape[1] == 2:
         order = np.argsort(at)
         panel.plot(at[order], p[order], color=NOMINAL, lw=1.2, zorder=2)
@@ -270,14 +264,6 @@ def _limit_name(limit: float) -> str:
     return f"P_lim = {limit / 1e6:g} MPa"
 
 
-def _distance(state: ContactState, points: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """Distance of points from the axis through a centre along the mean normal."""
-    normal = state.interface.normals.mean(axis=0)
-    normal /= np.linalg.norm(normal)
-    arm = points - centre
-    return np.linalg.norm(arm - (arm @ normal)[:, None] * normal, axis=1)
-
-
 def _check_space(state: ContactState, name: str) -> None:
     if state.interface.points.shape[1] != 3:
         raise InputError(
@@ -327,30 +313,29 @@ class _Plane:
         return _MM * points @ self.axes.T
 
 
-def _plan_panels(state: ContactState, plane: _Plane, patches: list[_Patch]):
-    """A figure with a panel of equal axes for each patch."""
+@contextmanager
+def _plan(state: ContactState, centres):
+    """A figure, the plan, and a panel of equal axes with each patch."""
+    plane, patches = _Plane(state), _patches(state, centres)
     boxes = [plane.points[p.pairs] for p in patches]
     size = np.max([np.ptp(x, axis=0) for x in boxes], axis=0)
     columns = min(len(patches), 1 if size[0] > 3.5 * size[1] else 2)
     rows = -(-len(patches) // columns)
     height = (_WIDTH - 1.2) / columns * size[1] / max(size[0], 1e-12)
-    figure = new_figure(_WIDTH, rows * (min(height, _MOST) + 0.55) + 0.65)
-    figure.set_facecolor("white")
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for panel in panels[len(patches) :]:
-        panel.set_visible(False)
-    for panel, x in zip(panels, boxes, strict=False):
-        low, high = x.min(axis=0), x.max(axis=0)
-        margin = 0.03 * size.max()
-        panel.set_xlim(low[0] - margin, high[0] + margin)
-        panel.set_ylim(low[1] - margin, high[1] + margin)
-        panel.set_aspect("equal")
-        panel.spines[:].set_visible(False)
-        panel.tick_params(length=2)
-        panel.set_xlabel(plane.names[0])
-    for panel in panels[::columns]:
-        panel.set_ylabel(plane.names[1])
-    return figure, panels[: len(patches)]
+    margin = 0.03 * size.max()
+    with drawing(_WIDTH, rows * (min(height, _MOST) + 0.55) + 0.65) as figure:
+        figure.set_facecolor("white")
+        panels = grid(figure, len(patches), columns)
+        for panel, x in zip(panels, boxes, strict=True):
+            (left, low), (right, high) = x.min(axis=0) - margin, x.max(axis=0) + margin
+            panel.set(
+                xlim=(left, right), ylim=(low, high), aspect="equal", xlabel=plane.names[0]
+            )
+            panel.spines[:].set_visible(False)
+            panel.tick_params(length=2)
+        for panel in panels[::columns]:
+            panel.set_ylabel(plane.names[1])
+        yield figure, plane, list(zip(panels, patches, strict=True))
 
 
 def _facets(panel, plane: _Plane, facets: np.ndarray, colours) -> None:
@@ -368,23 +353,18 @@ def _corners(points: np.ndarray, facets: np.ndarray):
     return cut.reshape(-1, 4, 2), around.ravel()
 
 
-def _contour(points: np.ndarray, state: ContactState, patch: _Patch, limit: float) -> np.ndarray:
+def _contour(points: np.ndarray, patch: _Patch, limit: float) -> np.ndarray:
     """Segments where the pressure is at the limit, (n, 2, 2), as `ContactState.area_above` cuts."""
-    facets = state.interface.facets[patch.facets]
+    facets = patch.state.interface.facets[patch.facets]
     if facets.shape[1] == 4:
         facets = np.vstack([facets[:, [0, 1, 3]], facets[:, [0, 3, 2]]])
-    p = state.pressure[facets] - limit
-    above = p >= 0
-    cut = above.any(axis=1) & ~above.all(axis=1)
-    facets, p, above = facets[cut], p[cut], above[cut]
     # One vertex is alone on its side; the line crosses both edges from it.
-    lone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
-    rows, ends = np.arange(len(facets)), []
-    for turn in (1, 2):
-        other = (lone + turn) % 3
-        t = (p[rows, lone] / (p[rows, lone] - p[rows, other]))[:, None]
-        ends.append((1 - t) * points[facets[rows, lone]] + t * points[facets[rows, other]])
-    return np.stack(ends, axis=1)
+    ends = [
+        (1 - t[..., None]) * points[facets[rows, lone], None]
+        + t[..., None] * points[facets[rows[:, None], others]]
+        for rows, lone, others, t, _ in corners(patch.state.pressure[facets] - limit)
+    ]
+    return np.concatenate(ends)
 
 
 def _circle(panel, plane: _Plane, patch: _Patch, radius: float) -> None:
@@ -392,10 +372,3 @@ def _circle(panel, plane: _Plane, patch: _Patch, radius: float) -> None:
     panel.add_patch(Circle(centre, _MM * radius, fill=False, ec=_INK, lw=1.1, ls=_DASHES))
     panel.plot(*centre, "+", color=_INK, ms=6, mew=0.8)
 
-
-def _line_handle(label: str, dashes, width: float):
-    return Line2D([], [], color=_INK, ls=dashes, lw=width, label=label)
-
-
-def _rgba(colour: str) -> np.ndarray:
-    return np.array(to_rgba(colour))

@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 
 from fenics_joints.report import geometry
-from fenics_joints.report.style import new_figure, style, to_svg
+from fenics_joints.report.style import drawing, to_svg
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.where.localise import CellMap
@@ -42,8 +42,7 @@ def cell_map(cells: CellMap) -> str:
     norm = Normalize(-1, 1)
     width = 7.6
     height = (width - 1.2) * max(extent[across] / max(extent[along], 1e-9), 0.06)
-    with style():
-        figure = new_figure(width, min((height + 0.3) * len(levels), 8.0) + 0.95)
+    with drawing(width, min((height + 0.3) * len(levels), 8.0) + 0.95) as figure:
         panels = figure.subplots(len(levels), 1, sharex=True, sharey=True, squeeze=False).ravel()
         for panel, members in zip(panels, levels, strict=True):
             _level(panel, plane[members], cells, members, norm)
@@ -127,8 +126,7 @@ def mode_shape(
     scale = np.abs(value).max() or 1.0
     order = np.argsort(depth)
     colours = diverging(Normalize(-1, 1)(value[order] / scale))
-    with style():
-        figure = new_figure(3.7, 1.75)
+    with drawing(3.7, 1.75) as figure:
         axes = figure.subplots()
         axes.add_collection(
             PolyCollection(

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from fenics_joints.formatting import prefixed
-from fenics_joints.report.style import CHOSEN, INK, NOMINAL, new_figure, style, to_svg
+from fenics_joints.report.style import CHOSEN, INK, NOMINAL, drawing, grid, to_svg
 
 if TYPE_CHECKING:
     from fenics_joints.measurements.gap import Gap
@@ -64,18 +64,11 @@ def _grid(n: int, height: float, draw, condition: tuple[str, str], name: str, al
         alt: What the picture shows, in words.
     """
     columns = 2 if n > 1 else 1
-    rows = -(-n // columns)
-    with style():
-        figure = new_figure(7.6, height * rows + 0.5)
-        panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-        for i, panel in enumerate(panels[:n]):
+    with drawing(7.6, height * -(-n // columns) + 0.5) as figure:
+        panels = grid(figure, n, columns, _with_unit(*condition))
+        for i, panel in enumerate(panels):
             draw(panel, i)
-        for panel in panels[n:]:
-            panel.set_visible(False)
-        for panel in panels[max(n - columns, 0) : n]:
-            panel.set_xlabel(_with_unit(*condition))
-            panel.tick_params(labelbottom=True)
-        handles, names = _legend_of(panels[:n])
+        handles, names = _legend_of(panels)
         figure.legend(handles, names, loc="outside upper center", ncols=3)
         return to_svg(figure, name, alt)
 

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from fenics_joints.errors import InputError
 from fenics_joints.report import geometry
-from fenics_joints.report.style import new_figure, style, to_svg
+from fenics_joints.report.style import drawing, to_svg
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.where.patches import PatchMap
@@ -60,8 +60,7 @@ def patch_map(cells: PatchMap, name: str = "patches") -> str:
     width = np.ptp(x[:, :, 1])
     gap = 0.0 if len(levels) == 1 else 1.25 * width * np.tan(geometry.TILT) / np.cos(geometry.TURN)
     norm = Normalize(0.0, max(float(cells.share.max(initial=0.0)), 1e-9))
-    with style():
-        figure = new_figure(7.6, 1.0)
+    with drawing(7.6, 1.0) as figure:
         axes = figure.subplots()
         for k, members in enumerate(levels):
             shifted = x[members] + np.array([0.0, 0.0, k * gap])

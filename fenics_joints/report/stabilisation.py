@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable
-from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO, new_figure, style
+from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO, drawing
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -41,8 +42,8 @@ def write_stabilisation(
         return
     path = check_writable(path, "picture")
     stream = io.BytesIO()
-    with style():
-        figure = _draw(modes)
+    with drawing(8.0, 4.4) as figure:
+        _draw(figure, modes)
         figure.savefig(stream, format="png", dpi=dpi, facecolor="white")
     try:
         path.write_bytes(stream.getvalue())
@@ -61,9 +62,8 @@ def label_levels(frequencies_hz: np.ndarray, room: float) -> list[int]:
     return found
 
 
-def _draw(modes: IdentifiedModes):
+def _draw(figure: Figure, modes: IdentifiedModes) -> None:
     poles, frfs = modes.poles, modes.frfs
-    figure = new_figure(8.0, 4.4)
     axes = figure.subplots()
     level = axes.twinx()
     power = np.nanmean(np.abs(frfs.values) ** 2, axis=(1, 2))
@@ -93,4 +93,3 @@ def _draw(modes: IdentifiedModes):
     axes.set_xlabel("frequency, Hz")
     axes.set_ylabel("number of modes of the model")
     figure.legend(loc="outside upper center", ncols=4)
-    return figure

@@ -9,12 +9,17 @@ from __future__ import annotations
 import html
 import io
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import matplotlib
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-__all__ = ["CHOSEN", "INK", "NOISE", "NOMINAL", "PLACEBO", "new_figure", "style", "to_svg"]
+__all__ = [
+    "CHOSEN", "INK", "NOISE", "NOMINAL", "PLACEBO", "drawing", "grid", "style", "to_svg",
+]  # fmt: skip
 
 #: Colours that the page replaces by its own, and those that suit light and dark pages alike.
 INK, _MUTED, _LINE, _PAPER = "#1b2027", "#5b6470", "#d3d8de", "#fdfdfc"
@@ -47,11 +52,33 @@ _STYLE = {
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """A transparent figure, inches, laid out so that nothing is cut off."""
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="none")
-    FigureCanvasAgg(figure)
-    return figure
+@contextmanager
+def drawing(width: float, height: float) -> Iterator[Figure]:
+    """A transparent figure, inches, laid out so that nothing is cut off, to draw on in `style`."""
+    with style():
+        figure = Figure(figsize=(width, height), layout="constrained", facecolor="none")
+        FigureCanvasAgg(figure)
+        yield figure
+
+
+def grid(figure: Figure, n: int, columns: int, xlabel: str | None = None) -> np.ndarray:
+    """Panels in rows, (n,).
+
+    Args:
+        figure: Where.
+        n: How many.
+        columns: In each row; what the last one has beyond ``n`` is left empty.
+        xlabel: Of the axis that all of them share, below the lowest of each column; None where
+            each has its own.
+    """
+    shared = xlabel is not None
+    panels = figure.subplots(-(-n // columns), columns, sharex=shared, squeeze=False).ravel()
+    for panel in panels[n:]:
+        panel.set_visible(False)
+    for panel in panels[max(n - columns, 0) : n] if shared else ():
+        panel.set_xlabel(xlabel)
+        panel.tick_params(labelbottom=True)
+    return panels[:n]
 
 
 def style():
@@ -60,7 +87,7 @@ def style():
 
 
 def to_svg(figure: Figure, name: str, alt: str, dpi: int = 150) -> str:
-    """The figure as an ``<svg>`` element to put into a page. Call it within `style`.
+    """The figure as an ``<svg>`` element to put into a page.
 
     Args:
         figure: The figure.
@@ -69,7 +96,8 @@ def to_svg(figure: Figure, name: str, alt: str, dpi: int = 150) -> str:
         dpi: Resolution of its rasterised parts.
     """
     stream = io.StringIO()
-    figure.savefig(stream, format="svg", dpi=dpi, transparent=True, metadata=_NO_METADATA)
+    with style():
+        figure.savefig(stream, format="svg", dpi=dpi, transparent=True, metadata=_NO_METADATA)
     text = stream.getvalue()
     text = text[text.index("<svg") :].strip()
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

@@ -14,7 +14,7 @@ from fenics_joints.bayes.chains import Chains
 from fenics_joints.bayes.predictive import PredictiveCheck
 from fenics_joints.commands.bayes.held import HeldModes
 from fenics_joints.formatting import prefixed
-from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, new_figure, style, to_svg
+from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, style, to_svg
 
 __all__ = ["Shown", "correlations", "frequencies", "scatter"]
 
@@ -146,8 +146,7 @@ def frequencies(
         rows += [(f"{n}, held out", f, s, draws, PLACEBO) for n, f, s, draws in zip(
             held.mode_names, held.measured_hz, held.measured_sd, held.predicted_hz.T, strict=True
         ) if np.isfinite(f)]  # fmt: skip
-    with style():
-        figure = new_figure(7.8, 0.32 * len(rows) + 1.2)
+    with drawing(7.8, 0.32 * len(rows) + 1.2) as figure:
         axes, y = figure.subplots(), -np.arange(len(rows), dtype=float)
         axes.axvline(0, color=NOMINAL, lw=0.8)
         said = set()
@@ -185,8 +184,7 @@ def correlations(check: PredictiveCheck, rival: PredictiveCheck | None) -> str:
     if rival is not None:
         panels.append(("new, independent frequencies", rival.correlation_median))
     m = len(check.sd)
-    with style():
-        figure = new_figure(2.6 * len(panels) + 0.6, 2.9)
+    with drawing(2.6 * len(panels) + 0.6, 2.9) as figure:
         drawn = None
         for axes, (title, matrix) in zip(figure.subplots(1, len(panels)), panels, strict=True):
             drawn = axes.imshow(matrix, cmap="RdBu_r", vmin=-1, vmax=1)
@@ -217,8 +215,7 @@ def scatter(check: PredictiveCheck, rival: PredictiveCheck | None) -> str:
     both = [("new specimens, 90 %", check, CHOSEN)]
     if rival is not None:
         both.append(("new, independent frequencies, 90 %", rival, PLACEBO))
-    with style():
-        figure = new_figure(7.8, 3.1)
+    with drawing(7.8, 3.1) as figure:
         left, right = figure.subplots(1, 2, width_ratios=[1, 1.6])
         for axes, own, keys, names in (
             (left, 100 * check.sd, ("sd_low", "sd_median", "sd_high"), short),

@@ -15,7 +15,7 @@ from fenics_joints.commands.preload.page import contact_pictures, picture
 from fenics_joints.formatting import quantity
 from fenics_joints.report.contact_pictures import status_map
 from fenics_joints.report.html import render, svg
-from fenics_joints.report.style import CHOSEN, PLACEBO, new_figure, style, to_svg
+from fenics_joints.report.style import CHOSEN, PLACEBO, drawing, to_svg
 
 __all__ = ["cutoff_html", "frequencies_over_cutoff", "objective_over_cutoff"]
 
@@ -58,8 +58,7 @@ def _alt(s: SchemeReport) -> str:
 def frequencies_over_cutoff(u: CutoffReport, s: SchemeReport) -> str:
     """Frequencies over the cut-off pressure with the measured ones (seed 004, figs. 10, 11)."""
     x = s.sweep.cutoffs / 1e6
-    with style():
-        figure = new_figure(7.6, 4.6)
+    with drawing(7.6, 4.6) as figure:
         axes = figure.subplots()
         for j, name in enumerate(u.mode_names):
             line = axes.plot(x, s.sweep.frequencies_hz[:, j], lw=1.5, color=_shade(j))[0]
@@ -86,8 +85,7 @@ def _shade(j: int) -> str:
 
 def objective_over_cutoff(u: CutoffReport) -> str:
     """Sum of the relative errors over the cut-off pressure (seed 004, fig. 12)."""
-    with style():
-        figure = new_figure(7.6, 3.2)
+    with drawing(7.6, 3.2) as figure:
         axes = figure.subplots()
         for s in u.schemes:
             x, colour = s.sweep.cutoffs / 1e6, _COLOURS[s.scheme]

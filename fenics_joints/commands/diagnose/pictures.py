@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fenics_joints.formatting import percent
-from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO, new_figure, style, to_svg
+from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO, drawing, to_svg
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.shrinkage import Shrinkage
@@ -28,8 +28,7 @@ def forecasts(s: Shrinkage, name: str = "forecasts") -> str:
         s: The folds.
         name: Unique in the page.
     """
-    with style():
-        figure = new_figure(7.6, 0.36 * len(s.folds) + 1.2)
+    with drawing(7.6, 0.36 * len(s.folds) + 1.2) as figure:
         axes = figure.subplots()
         for y, fold in enumerate(s.folds):
             low, high = (100 * x for x in fold.predicted_after)
@@ -95,8 +94,7 @@ def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noi
     groups = [(name, [b for b in bars if np.isfinite(b[1])]) for name, bars in groups]
     groups = [(name, bars) for name, bars in groups if bars]
     rows = sum(len(bars) for _, bars in groups)
-    with style():
-        figure = new_figure(7.6, 0.34 * rows + 0.42 * len(groups) + 0.55)
+    with drawing(7.6, 0.34 * rows + 0.42 * len(groups) + 0.55) as figure:
         axes = figure.subplots()
         y, ticks, labels, largest = 0.0, [], [], 100 * noise
         for name, bars in groups:

@@ -9,7 +9,7 @@ from fenics_joints.commands.harmonic.model import SENSOR
 from fenics_joints.commands.harmonic.result import HarmonicReport
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.report.html import render, svg
-from fenics_joints.report.style import new_figure, style, to_svg
+from fenics_joints.report.style import drawing, to_svg
 
 __all__ = ["harmonic_html", "interface_map", "loops_chart", "over_amplitude", "responses_chart"]
 
@@ -40,8 +40,7 @@ def harmonic_html(r: HarmonicReport) -> str:
 
 def responses_chart(r: HarmonicReport) -> str:
     """Amplitude over frequency, by level, with the backbone and what was measured."""
-    with style():
-        figure = new_figure(7.6, 4.4)
+    with drawing(7.6, 4.4) as figure:
         axes = figure.subplots()
         for shade, response, f in zip(_cycle(), r.responses, r.facts, strict=False):
             amplitude = response.amplitude(SENSOR, r.kind)
@@ -77,8 +76,7 @@ def over_amplitude(r: HarmonicReport) -> str:
     """Frequency and damping of the mode over its amplitude, with the levels' peaks."""
     b = r.backbone
     x = b.amplitude(SENSOR)
-    with style():
-        figure = new_figure(7.6, 3.2)
+    with drawing(7.6, 3.2) as figure:
         left, right = figure.subplots(1, 2)
         for axes, y in ((left, b.frequencies_hz), (right, 100 * b.damping_ratios)):
             axes.semilogx(x, y, color="#2b7bba", lw=1.6)
@@ -106,8 +104,7 @@ def loops_chart(r: HarmonicReport, loops: list[dict], name: str) -> str:
     work = np.abs(np.ptp(made.strain[at], axis=0) * np.ptp(made.stress[at], axis=0))
     component = int(np.argmax(work))
     normal = points.normal and component == 0
-    with style():
-        figure = new_figure(7.6, 3.4)
+    with drawing(7.6, 3.4) as figure:
         axes = figure.subplots()
         for shade, level, f in zip(_cycle(), loops, r.facts, strict=False):
             strain, stress = (
@@ -136,8 +133,7 @@ def interface_map(r: HarmonicReport, points, made) -> str:
     along, across = np.argsort(-spread)[:2]
     plan = spread[across] > 1e-3 * spread[along]
     per = "m²" if points.name in r.case.contacts else "m³"
-    with style():
-        figure = new_figure(7.6, 3.0)
+    with drawing(7.6, 3.0) as figure:
         pair = figure.subplots(1, 2)
         shown = (
             (pair[0], made.slip_amplitude, "slip, m" if per == "m²" else "shear strain"),

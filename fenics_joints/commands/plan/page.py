@@ -11,7 +11,7 @@ from fenics_joints.diagnosis.evidence.classes import APART, confusion
 from fenics_joints.diagnosis.plan.result import Plan, PlannedEffect
 from fenics_joints.formatting import quantity, spaced
 from fenics_joints.report.html import facts, render, svg
-from fenics_joints.report.style import CHOSEN, PLACEBO, new_figure, style, to_svg
+from fenics_joints.report.style import CHOSEN, PLACEBO, drawing, to_svg
 
 __all__ = ["likeliest", "matrix_picture", "plan_html", "size_words"]
 
@@ -59,8 +59,7 @@ def matrix_picture(p: Plan) -> str:
         "apart", [(0.0, PLACEBO), (0.5, "#e9e4da"), (1.0, CHOSEN)]
     )
     cell = 0.42 if n <= _NUMBERED else 0.24
-    with style():
-        figure = new_figure(cell * (n + 1) + 3.6, cell * n + 1.0)
+    with drawing(cell * (n + 1) + 3.6, cell * n + 1.0) as figure:
         axes = figure.add_subplot()
         axes.imshow(D, cmap=colours, vmin=0, vmax=2 * APART, aspect="equal")
         numbers = [str(i + 1) for i in range(n)]

@@ -11,7 +11,7 @@ from fenics_joints.formatting import quantity
 from fenics_joints.preload import PreloadResult
 from fenics_joints.report.contact_pictures import pressure_map, pressure_profile
 from fenics_joints.report.html import render, svg
-from fenics_joints.report.style import style, to_svg
+from fenics_joints.report.style import to_svg
 
 __all__ = ["contact_pictures", "picture", "preload_html"]
 
@@ -29,8 +29,7 @@ def preload_html(p: PreloadReport) -> str:
 
 def picture(figure, name: str, alt: str) -> Markup:
     """A figure of `contact_pictures` as ``<svg>``."""
-    with style():
-        return svg(to_svg(figure, name, alt))
+    return svg(to_svg(figure, name, alt))
 
 
 def contact_pictures(result: PreloadResult, centres) -> list[tuple[str, object]]:

@@ -7,7 +7,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from fenics_joints.commands.update.result import Functions, UpdateReport
 from fenics_joints.formatting import prefixed
-from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, new_figure, style, to_svg
+from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, drawing, grid, to_svg
 
 __all__ = ["convergence_chart", "function_charts", "shown_functions"]
 
@@ -31,17 +31,10 @@ def function_charts(functions: Functions) -> str:
     """Magnitudes of measured functions and of the model's, before and after, a panel for each."""
     shown = shown_functions(functions)
     columns = 2 if len(shown) > 1 else 1
-    rows = -(-len(shown) // columns)
-    with style():
-        figure = new_figure(8.6, 2.25 * rows + 0.7)
-        panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-        for panel, (i, j) in zip(panels, shown, strict=False):
+    with drawing(8.6, 2.25 * -(-len(shown) // columns) + 0.7) as figure:
+        panels = grid(figure, len(shown), columns, "frequency, Hz")
+        for panel, (i, j) in zip(panels, shown, strict=True):
             _function(panel, functions, i, j)
-        for panel in panels[len(shown) :]:
-            panel.set_visible(False)
-        for panel in panels[max(len(shown) - columns, 0) : len(shown)]:
-            panel.set_xlabel("frequency, Hz")
-            panel.tick_params(labelbottom=True)
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
         alt = (
@@ -93,14 +86,10 @@ def convergence_chart(report: UpdateReport) -> str:
     values = np.array([i.values for i in history])
     moved = np.array([i.moved for i in history])
     columns = min(len(parameters), 4)
-    rows = -(-len(parameters) // columns)
-    with style():
-        figure = new_figure(8.6, 1.9 * rows + 0.5)
-        panels = figure.subplots(rows, columns, squeeze=False).ravel()
-        for k, (panel, p) in enumerate(zip(panels, parameters, strict=False)):
+    with drawing(8.6, 1.9 * -(-len(parameters) // columns) + 0.5) as figure:
+        panels = grid(figure, len(parameters), columns)
+        for k, (panel, p) in enumerate(zip(panels, parameters, strict=True)):
             _parameter(panel, p, values[:, k], moved)
-        for panel in panels[len(parameters) :]:
-            panel.set_visible(False)
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
         names = ", ".join(p["name"] for p in parameters)
