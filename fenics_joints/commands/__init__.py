@@ -9,16 +9,8 @@ from importlib import import_module
 
 from fenics_joints.commands.outcome import Outcome
 
-_RUNS = {
-    "run_bayes": "bayes.run",
-    "run_cutoff": "cutoff.run",
-    "run_diagnose": "diagnose.run",
-    "run_harmonic": "harmonic.run",
-    "run_modes": "modes.run",
-    "run_plan": "plan.run",
-    "run_preload": "preload.run",
-    "run_update": "update.run",
-}
+_COMMANDS = ("bayes", "cutoff", "diagnose", "harmonic", "modes", "plan", "preload", "update")
+_RUNS = {f"run_{command}": f"{__name__}.{command}.run" for command in _COMMANDS}
 
 __all__ = ["Outcome", *_RUNS]
 
@@ -27,4 +19,4 @@ def __getattr__(name: str):
     """A command's function, imported when it is first asked for."""
     if name not in _RUNS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_RUNS[name]}"), name)
+    return getattr(import_module(_RUNS[name]), name)

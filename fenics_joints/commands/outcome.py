@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
-if TYPE_CHECKING:
-    from rich.console import Console
+from rich.console import Console
 
 __all__ = ["Outcome"]
 
@@ -32,3 +31,14 @@ class Outcome(Generic[Result]):
     page: Callable[[], str] = field(repr=False)
     summary: Callable[[Console], None] = field(repr=False)
     failure: str | None = None
+
+    @classmethod
+    def of(
+        cls, result: Result, page: Callable[[Result], str],
+        summary: Callable[[Console, Result], None], failure: str | None = None,
+    ) -> Outcome[Result]:  # fmt: skip
+        """With the result's own JSON, and a page and a summary that are made of the result."""
+        return cls(
+            result, result.to_json, lambda: page(result), lambda console: summary(console, result),
+            failure,
+        )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from fenics_joints.preload.interface import Interface
 
-__all__ = ["contour_area", "corners", "largest_radius", "mean_within", "radii"]
+__all__ = ["contour_area", "cut_corners", "largest_radius", "mean_within", "radii"]
 
 
 def _edges(interface: Interface) -> np.ndarray:
@@ -81,7 +81,7 @@ def _triangle(x: np.ndarray) -> np.ndarray:
     return 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
 
 
-def corners(d: np.ndarray):
+def cut_corners(d: np.ndarray):
     """Simplices of which one vertex lies apart from the others, where linear d >= 0 or where not.
 
     Args:
@@ -104,7 +104,7 @@ def corners(d: np.ndarray):
 def _share_above(p: np.ndarray):
     """Share of simplices where a linear function with vertex values p is >= 0, and slope by p."""
     share, slope = (p >= 0).all(axis=1).astype(float), np.zeros(p.shape)
-    for rows, lone, others, t, below in corners(p):
+    for rows, lone, others, t, below in cut_corners(p):
         # The corner cut off there is prod p0 / (p0 - pj).
         corner, sign = t.prod(axis=1), -1.0 if below else 1.0
         p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
@@ -131,7 +131,7 @@ def _moment_above(d: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Integral of a linear p over the part of each simplex where linear d >= 0, per measure."""
     whole = p.mean(axis=1)
     result = np.where((d >= 0).all(axis=1), whole, 0.0)
-    for rows, lone, others, t, below in corners(d):
+    for rows, lone, others, t, below in cut_corners(d):
         p0, pj = p[rows, lone][:, None], p[rows[:, None], others]
         cut = p0 + t * (pj - p0)
         corner = t.prod(axis=1) * (p0[:, 0] + cut.sum(axis=1)) / d.shape[1]

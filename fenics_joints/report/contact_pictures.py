@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
-from fenics_joints.preload.patch import contour_area, corners, largest_radius, radii
+from fenics_joints.preload.patch import contour_area, cut_corners, largest_radius, radii
 from fenics_joints.preload.result import ContactState
 from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, grid
 
@@ -100,8 +100,9 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
             reach = f", r = {_MM * radius:.1f} mm" if radius > 0 else ""
             panel.set_title(f"{patch.title}\n{_summary(patch, limit)}{reach}", loc="left")
         bar = figure.colorbar(
-            ScalarMappable(norm, _PRESSURE), ax=list(panels), aspect=30, pad=0.02, shrink=0.9
-        )
+            ScalarMappable(norm, _PRESSURE), ax=[panel for panel, _ in panels], aspect=30, pad=0.02,
+            shrink=0.9,
+        )  # fmt: skip
         bar.set_label("pressure, MPa")
         bar.outline.set_visible(False)
         handles = [
@@ -362,7 +363,7 @@ def _contour(points: np.ndarray, patch: _Patch, limit: float) -> np.ndarray:
     ends = [
         (1 - t[..., None]) * points[facets[rows, lone], None]
         + t[..., None] * points[facets[rows[:, None], others]]
-        for rows, lone, others, t, _ in corners(patch.state.pressure[facets] - limit)
+        for rows, lone, others, t, _ in cut_corners(patch.state.pressure[facets] - limit)
     ]
     return np.concatenate(ends)
 

@@ -30,19 +30,7 @@ def _environment(filters: Mapping[str, Callable]) -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
     )
     env.globals["version"] = fenics_joints.__version__
-    env.filters.update(
-        percent=formatting.percent,
-        probability=formatting.probability,
-        hertz=formatting.hertz,
-        number=formatting.number,
-        quantity=formatting.quantity,
-        interval=formatting.interval,
-        spaced=spaced,
-        p_value=formatting.p_value,
-        spread=formatting.spread,
-        at=formatting.condition_value,
-        **filters,
-    )
+    env.filters.update({name: getattr(formatting, name) for name in formatting.__all__}, **filters)
     return env
 
 

@@ -141,7 +141,7 @@ def diagnosis(**changes) -> Diagnosis:
 
 
 def point(d: Diagnosis, question: str) -> str:
-    return {p.question: p.answer for p in explain(d).points}[question]
+    return explain(d).points[question]
 
 
 def test_three_sentences_of_a_cause():

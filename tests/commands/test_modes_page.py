@@ -11,7 +11,7 @@ from html_page import Page, check_page
 from markupsafe import Markup
 from rich.console import Console
 
-from fenics_joints.commands.modes.page import ModePicture, modes_html
+from fenics_joints.commands.modes.page import modes_html
 from fenics_joints.commands.modes.result import ModeList
 from fenics_joints.commands.modes.summary import show_modes
 from fenics_joints.report import mesh_pictures
@@ -32,7 +32,7 @@ def mode_list(frequencies_hz=(1e-6, 2e-6, 423.123, 800.5), n_rigid=2, seen=True)
 
 def modes_page_text() -> str:
     shape = mesh_pictures.mode_shape(cells().vertices, cells().vertices, (0, 0, 1), "m7", "shape")
-    return modes_html(mode_list(), [ModePicture(3, 423.123, Markup(shape))])
+    return modes_html(mode_list(), {2: Markup(shape)})
 
 
 def test_page_is_well_formed_and_stands_alone():

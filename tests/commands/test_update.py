@@ -15,8 +15,11 @@ from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints.case import build_structure, load_case
+from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.data import update_data
-from fenics_joints.commands.update.run import update_case, update_outcome
+from fenics_joints.commands.update.page import update_page
+from fenics_joints.commands.update.run import update_case
+from fenics_joints.commands.update.summary import show_update
 from fenics_joints.commands.update.words import accuracy, in_words, start_words
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.lines import choose_lines, near_peaks
@@ -180,7 +183,7 @@ def test_predicts_what_it_did_not_see(everything):
 
 def test_tells_it(everything):
     """JSON, page and summary hold what was found."""
-    outcome = update_outcome(everything)
+    outcome = Outcome.of(everything, update_page, show_update)
     data = json.loads(json.dumps(outcome.json(), allow_nan=False))
     assert data["method"] == "log" and data["parameters"][0]["determined"]
     assert data["modes"][4]["fitted"] is False and data["held_modes"][0]["name"] == "mode 5"
@@ -278,7 +281,7 @@ modes = [{held}]
     assert log_sd == pytest.approx([2.3 / np.sqrt(2)] * 2, rel=0.3)
     assert report.update.identifiability.undetermined == ("joint.E", "joint.h")
     assert "update.regularisation = 2.3" in start_words(report.update.identifiability, report.pull)
-    outcome = update_outcome(report)
+    outcome = Outcome.of(report, update_page, show_update)
     assert 'id="pull"' in outcome.page() and outcome.json()["fit"]["regularisation"] == 2.3
 
 

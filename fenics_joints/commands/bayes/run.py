@@ -75,10 +75,7 @@ def run_bayes(
         beside = None if keep is None else Path(keep).with_suffix(".model.h5")
         model = case_model(case, comm, progress, keep=beside)
         found = _Run(case, model, comm, progress, keep).report()
-    return Outcome(
-        found, found.to_json, lambda: bayes_html(found), lambda console: show_bayes(console, found),
-        found.failure,
-    )  # fmt: skip
+    return Outcome.of(found, bayes_html, show_bayes, found.failure)
 
 
 class _Run:

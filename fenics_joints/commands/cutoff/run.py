@@ -55,10 +55,7 @@ def run_cutoff(
     """
     with threadpool_limits(1):
         found = _Run(case, comm, progress or Progress(silent=True)).report()
-    return Outcome(
-        found, found.to_json, lambda: cutoff_html(found),
-        lambda console: show_cutoff(console, found),
-    )  # fmt: skip
+    return Outcome.of(found, cutoff_html, show_cutoff)
 
 
 class _Run:

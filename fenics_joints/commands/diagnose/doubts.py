@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from fenics_joints.commands.diagnose.reading import LEVEL, leading
 from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words, shortened
+from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.formatting import percent, spaced
-
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.result import Diagnosis
 
 __all__ = ["doubts"]
 

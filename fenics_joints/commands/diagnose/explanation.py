@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import shorten
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_joints.commands.diagnose.doubts import doubts
-from fenics_joints.commands.diagnose.questions import Point, questions
+from fenics_joints.commands.diagnose.questions import questions
 from fenics_joints.commands.diagnose.reading import (
     LEVEL,
     SHARE,
@@ -42,13 +41,11 @@ from fenics_joints.commands.diagnose.words import (
     span,
     times_words,
 )
+from fenics_joints.diagnosis.location import Location
+from fenics_joints.diagnosis.result import Diagnosis
+from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.formatting import percent, probability, spaced
-
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.location import Location
-    from fenics_joints.diagnosis.result import Diagnosis
-    from fenics_joints.diagnosis.shrinkage import Shrinkage
 
 __all__ = ["Explanation", "explain"]
 
@@ -65,14 +62,14 @@ class Explanation:
         where: Where the model is wrong, one sentence.
         which: Which effect causes it, and what rivals it.
         how_far: How far the gap shrinks on data that were held out.
-        points: The same in more words, question by question.
+        points: The same in more words: questions, and their answers.
         doubts: What speaks against taking the answer at its word.
     """
 
     where: str
     which: str
     how_far: str
-    points: tuple[Point, ...]
+    points: dict[str, str]
     doubts: tuple[str, ...]
 
     def __repr__(self) -> str:
@@ -90,7 +87,7 @@ class Explanation:
             "where": self.where,
             "which": self.which,
             "how_far": self.how_far,
-            "points": {point.question: point.answer for point in self.points},
+            "points": self.points,
             "doubts": list(self.doubts),
         }
 

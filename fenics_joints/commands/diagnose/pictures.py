@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.formatting import percent
 from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO, drawing, to_svg
-
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.shrinkage import Shrinkage
 
 __all__ = ["forecasts", "gap_bars"]
 

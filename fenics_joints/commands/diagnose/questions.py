@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from fenics_joints.commands.diagnose.reading import (
@@ -32,27 +29,17 @@ from fenics_joints.commands.diagnose.words import (
     shortened,
     zone_words,
 )
+from fenics_joints.diagnosis.location import Location
+from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import NO_GAP
+from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 from fenics_joints.formatting import condition_value, interval, percent, quantity, spaced
 
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.location import Location
-    from fenics_joints.diagnosis.result import Diagnosis
-    from fenics_joints.diagnosis.where.zone_tests import ZoneTest
-
-__all__ = ["Point", "questions"]
+__all__ = ["questions"]
 
 
-@dataclass(frozen=True)
-class Point:
-    """One question on a diagnosis, and its answer with the numbers."""
-
-    question: str
-    answer: str
-
-
-def questions(d: Diagnosis) -> tuple[Point, ...]:
-    """Those of the questions that a diagnosis has an answer to."""
+def questions(d: Diagnosis) -> dict[str, str]:
+    """Those of the questions that a diagnosis has an answer to, with the answers."""
     answers = (
         ("Is there more than chance?", _beyond_chance(d)),
         ("In which data?", _in_which_data(d)),
@@ -62,7 +49,7 @@ def questions(d: Diagnosis) -> tuple[Point, ...]:
         ("What can these data not tell?", _not_told(d)),
         ("Does it predict?", _predicts(d)),
     )
-    return tuple(Point(question, answer) for question, answer in answers if answer)
+    return {question: answer for question, answer in answers if answer}
 
 
 def _beyond_chance(d: Diagnosis) -> str:

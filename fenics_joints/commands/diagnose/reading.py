@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING
 
 from fenics_joints.commands.diagnose.words import joined, shortened
+from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
+from fenics_joints.diagnosis.evidence.nested import Nested
+from fenics_joints.diagnosis.location import Location
+from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, least_sure
+from fenics_joints.diagnosis.where.zone_tests import Attribution
 from fenics_joints.formatting import probability, spaced
-
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.effects.effect import Silent
-    from fenics_joints.diagnosis.evidence.nested import Nested
-    from fenics_joints.diagnosis.location import Location
-    from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
-    from fenics_joints.diagnosis.where.zone_tests import Attribution
 
 __all__ = [
     "LEVEL", "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
@@ -48,11 +45,6 @@ class EffectClass:
     letter: str
     probability: float
     effects: tuple[EffectResult, ...]
-
-    @property
-    def size(self) -> int:
-        """Number of effects."""
-        return len(self.effects)
 
 
 def leading(d: Diagnosis) -> HypothesisResult | None:

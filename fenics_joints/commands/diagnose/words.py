@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from fenics_joints.diagnosis.where.zone_tests import Attribution
 from fenics_joints.formatting import condition_value, number, percent, spaced
-
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.where.zone_tests import Attribution
 
 __all__ = [
     "NAMED", "chance_words", "from_to", "group_words", "joined", "p_value_words", "sentence",

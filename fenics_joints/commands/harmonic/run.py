@@ -55,10 +55,7 @@ def run_harmonic(
     # The matrices are small: threads only get in each other's way.
     with threadpool_limits(1):
         found = _solved(case, built, comm, progress, branches)
-    return Outcome(
-        found, found.to_json, lambda: harmonic_html(found),
-        lambda console: show_harmonic(console, found),
-    )  # fmt: skip
+    return Outcome.of(found, harmonic_html, show_harmonic)
 
 
 def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> HarmonicReport:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 from markupsafe import Markup
@@ -13,26 +13,11 @@ from fenics_joints.formatting import extents
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.mesh_pictures import mode_shape
 
-__all__ = ["ModePicture", "modes_html", "modes_page"]
+__all__ = ["modes_html", "modes_page"]
 
 
-@dataclass(frozen=True)
-class ModePicture:
-    """A mode shape for the page.
-
-    Attributes:
-        number: Number of the mode, from 1, rigid-body modes counted.
-        frequency_hz: Its frequency.
-        svg: The picture, from `mesh_pictures.mode_shape`.
-    """
-
-    number: int
-    frequency_hz: float
-    svg: Markup
-
-
-def modes_html(result: ModeList, shapes: Sequence[ModePicture] = ()) -> str:
-    """Modes as a page, with pictures of some of them."""
+def modes_html(result: ModeList, shapes: Mapping[int, Markup] = MappingProxyType({})) -> str:
+    """Modes as a page, with pictures of some of them, by index, from `mesh_pictures.mode_shape`."""
     visible, frequencies = result.visible, result.frequencies_hz
     return render(
         "modes.html", title=result.case.title, n_rigid=result.modes.n_rigid,
@@ -59,13 +44,12 @@ def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
     if not len(vertices):
         return ""
     sensors = result.case.sensors()
-    shapes = []
+    shapes = {}
     for i, motion in zip(wanted, motions, strict=True):
         way = _mean_direction(sensors, motion)
         hz = float(result.frequencies_hz[i])
         alt = f"Mode shape {i + 1} at {hz:.2f} Hz, coloured by its motion along {way.tolist()}."
-        picture = svg(mode_shape(vertices, motion, way, f"mode{i + 1}", alt))
-        shapes.append(ModePicture(int(i) + 1, hz, picture))
+        shapes[int(i)] = svg(mode_shape(vertices, motion, way, f"mode{i + 1}", alt))
     return modes_html(result, shapes)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload, build_structure
@@ -13,11 +11,9 @@ from fenics_joints.commands.modes.summary import show_modes
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
+from fenics_joints.preload import solve_preload
+from fenics_joints.preload.linear_joint import LinearJoint, status_conditions
 from fenics_joints.progress import Progress
-
-if TYPE_CHECKING:
-
-    from fenics_joints.preload.linear_joint import LinearJoint
 
 __all__ = ["run_modes"]
 
@@ -58,16 +54,11 @@ def run_modes(
     sensors = case.sensors()
     visibility = None if sensors is None else modes.visibility(sensors)
     found = ModeList(case, modes, visibility, model.size_m, model.rings())
-    return Outcome(
-        found, found.to_json, lambda: modes_page(found), lambda console: show_modes(console, found)
-    )
+    return Outcome.of(found, modes_page, show_modes)
 
 
 def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) -> LinearJoint:
     """The bodies of a case with linear contacts and its bolts."""
-    from fenics_joints.preload import solve_preload
-    from fenics_joints.preload.linear_joint import LinearJoint, status_conditions
-
     if state not in ("stuck", "preload"):
         raise InputError(f"contacts = {state!r}: expected 'stuck' or 'preload'.")
     model = build_preload(case, comm)

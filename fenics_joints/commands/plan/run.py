@@ -31,7 +31,4 @@ def run_plan(
     Raises:
         JointsError: If the case, the mesh or a solution fails.
     """
-    found = plan(case, comm, progress, keep=keep)
-    return Outcome(
-        found, found.to_json, lambda: plan_html(found), lambda console: show_plan(console, found)
-    )
+    return Outcome.of(plan(case, comm, progress, keep=keep), plan_html, show_plan)

@@ -56,10 +56,7 @@ def run_preload(
         progress.step(f"writing {fields}")
         written = tuple(write(result, fields))
     found = PreloadReport(case, result, contacts, _elastic(stuck), _elastic(loose), written)
-    return Outcome(
-        found, found.to_json, lambda: preload_html(found),
-        lambda console: show_preload(console, found),
-    )  # fmt: skip
+    return Outcome.of(found, preload_html, show_preload)
 
 
 def _elastic(modes) -> np.ndarray:

@@ -10,7 +10,8 @@ import numpy as np
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case.case import Case
 from fenics_joints.commands.update.data import positive
-from fenics_joints.commands.update.result import Sweep, finite
+from fenics_joints.commands.update.result import Sweep
+from fenics_joints.files import plain
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.measurements.target import Target
@@ -177,7 +178,7 @@ def _row(data: TestData, row: int, found: Update, held_out: bool) -> dict[str, o
         "parameters": found.mapping(),
         "sd": dict(zip(found.names, found.relative_sd.tolist(), strict=True)),
         "frequencies_hz": frequencies.tolist(),
-        "errors_percent": finite(100 * (frequencies / data.frequencies_hz[row] - 1)),
+        "errors_percent": plain(100 * (frequencies / data.frequencies_hz[row] - 1)),
         "held_out": held_out,
     }
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenics_joints.commands.update.words import decibel, in_words
+from fenics_joints.files import plain
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.gap import Gap, rms
 from fenics_joints.updating.result import Update
 
 __all__ = [
     "Compared", "Functions", "HeldMode", "ModeTable", "Predicted", "Sweep", "UpdateReport",
-    "finite",
 ]  # fmt: skip
 
 
@@ -59,8 +59,8 @@ class Compared:
         numbers = {f"{key}{unit}": getattr(self, key)[j] for key in ("test", "before", "after")}
         numbers["error_before_percent"] = 100 * self.error_before[j]
         numbers["error_after_percent"] = 100 * self.error_after[j]
-        row = {key: finite(v) for key, v in numbers.items()} | {"fitted": bool(self.fitted[j])}
-        return {f"{prefix}{key}": value for key, value in row.items()}
+        numbers["fitted"] = self.fitted[j]
+        return {f"{prefix}{key}": plain(value) for key, value in numbers.items()}
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Predicted:
         keys = ("test", "before", "predicted")
         row = {f"{key}{unit}": getattr(self, key) for key in keys}
         row |= {"error_percent": 100 * self.error, "standard_deviation_percent": 100 * self.sd}
-        return {f"{prefix}{key}": finite(v) for key, v in row.items()}
+        return {f"{prefix}{key}": plain(v) for key, v in row.items()}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -314,46 +314,45 @@ class UpdateReport:
         """The documented keys of ``update --json``."""
         u, found, sweep, modes = self.update, self.update.identifiability, self.sweep, self.modes
         before, after = self.conditions
-        return {
+        return plain({
             "title": self.title,
             "condition": None if self.condition is None else dict(
                 zip(("name", "value", "unit"), self.condition, strict=True)
             ),
             "method": u.method,
-            "data": list(self.kinds),
+            "data": self.kinds,
             "parameters": [
                 {
                     "name": p["name"], "value": p["value"], "unit": p["unit"],
-                    "standard_deviation": finite(p["sd"] * abs(p["value"])),
-                    "relative_standard_deviation": finite(p["sd"]), "start": p["start"],
+                    "standard_deviation": p["sd"] * abs(p["value"]),
+                    "relative_standard_deviation": p["sd"], "start": p["start"],
                     "determined": p["name"] not in found.undetermined,
                 }
                 for p in self.parameters
             ],
             "frequencies_hz": None if modes is None else {
-                "test": finite(modes.test), "before": finite(modes.before),
-                "after": finite(modes.after),
+                "test": modes.test, "before": modes.before, "after": modes.after,
             },
-            "errors_percent": None if modes is None else finite(100 * modes.error_after),
-            "errors_before_percent": None if modes is None else finite(100 * modes.error_before),
+            "errors_percent": None if modes is None else 100 * modes.error_after,
+            "errors_before_percent": None if modes is None else 100 * modes.error_before,
             "modes": None if modes is None else modes.to_json(),
             "functions_db": None if self.functions is None else self.functions.summary(),
             "held_modes": [h.to_json() for h in self.held],
-            "condition_numbers": {"before": finite(before), "after": finite(after)},
+            "condition_numbers": {"before": before, "after": after},
             "identifiability": {
-                "condition": finite(found.condition), "collinearity": finite(found.collinearity),
-                "undetermined": list(found.undetermined),
-                "weakest_direction": dict(zip(found.names, found.weakest.tolist(), strict=True)),
+                "condition": found.condition, "collinearity": found.collinearity,
+                "undetermined": found.undetermined,
+                "weakest_direction": dict(zip(found.names, found.weakest, strict=True)),
                 "in_words": in_words(found),
             },
             "iterations": u.evaluations,
             "fit": {
-                "chi2": finite(u.chi2), "degrees_of_freedom": u.degrees_of_freedom,
+                "chi2": u.chi2, "degrees_of_freedom": u.degrees_of_freedom,
                 "evaluations": u.evaluations, "message": u.message,
                 "regularisation": self.pull,
             },
             "history": [
-                {"values": dict(zip(u.names, i.values.tolist(), strict=True)), "moved": i.moved}
+                {"values": dict(zip(u.names, i.values, strict=True)), "moved": i.moved}
                 for i in u.history
             ],
             "torque_fits": [] if sweep is None else sweep.fits,
@@ -361,12 +360,5 @@ class UpdateReport:
             "curve_gap": None if sweep is None else sweep.gaps(),
             "published": self.published,
             "model": self.model,
-            "notes": list(self.notes),
-        }  # fmt: skip
-
-
-def finite(value):
-    """A number, or a list of an array's numbers, for JSON: None for what is not finite."""
-    if np.ndim(value):
-        return [finite(v) for v in value]
-    return float(value) if np.isfinite(value) else None
+            "notes": self.notes,
+        })  # fmt: skip

@@ -23,10 +23,10 @@ from fenics_joints.commands.update.result import (
     ModeTable,
     Predicted,
     UpdateReport,
-    finite,
 )
 from fenics_joints.commands.update.summary import show_update
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.files import plain
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.measurements.gap import Pairing, mac
 from fenics_joints.measurements.target import Target
@@ -44,7 +44,7 @@ from fenics_joints.updating.fit import update
 from fenics_joints.updating.result import Update
 from fenics_joints.updating.weighted import noise_tolerances, update_weighted
 
-__all__ = ["run_update", "update_case", "update_outcome"]
+__all__ = ["run_update", "update_case"]
 
 #: Modes beyond the rigid-body ones and those of the test.
 _SPARE = 4
@@ -65,15 +65,7 @@ def run_update(case: Case, comm: MPI.Intracomm, progress: Progress | None = None
     progress = progress or Progress(silent=True)
     if case.update is not None and case.update.cutoff is not None:
         return run_cutoff(case, comm, progress)
-    return update_outcome(update_case(case, comm, progress))
-
-
-def update_outcome(found: UpdateReport) -> Outcome[UpdateReport]:
-    """A result as the command line writes it."""
-    return Outcome(
-        found, found.to_json, lambda: update_page(found),
-        lambda console: show_update(console, found),
-    )  # fmt: skip
+    return Outcome.of(update_case(case, comm, progress), update_page, show_update)
 
 
 def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> UpdateReport:
@@ -352,9 +344,9 @@ class _Run:
         return {
             "source": published.source,
             "parameters": given,
-            "frequencies_hz": finite(theirs),
+            "frequencies_hz": plain(theirs),
             "model_hz": model.tolist(),
-            "errors_percent": finite(100 * (model / theirs - 1)),
+            "errors_percent": plain(100 * (model / theirs - 1)),
         }
 
     def _facts(self, error: ModelError, functions: Functions | None) -> dict:
