@@ -230,7 +230,7 @@ if comm.rank == 0 and len(sys.argv) > 1:
     left.set(xlabel="x, mm", yticks=-np.arange(5), yticklabels=[f"mode {i + 1}" for i in range(5)])
     places = np.arange(8)
     right.bar(places - 0.2, errors, 0.4, label="k1, k2 from modes 1 to 5")
-    right.bar(places + 0.2, 100 * (split.frequencies_hz / measured - 1), 0.4,
+    right.bar(places + 0.2, 100 * (split.prediction.frequencies_hz / measured - 1), 0.4,
               label="three zones, all modes")  # fmt: skip
     right.axvline(4.5, color="0.6", ls=":")
     right.set(xlabel="mode", ylabel="error, %", xticks=places, xticklabels=places + 1)

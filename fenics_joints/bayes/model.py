@@ -75,6 +75,13 @@ class Frequencies:
         except (InputError, np.linalg.LinAlgError):
             return np.full(self.n_modes, np.nan)
 
+    def log_slope(self, values: np.ndarray) -> np.ndarray:
+        """d ln f / d ln p at one point, (m, d), by central differences of the model."""
+        values, step = np.asarray(values, dtype=float), 1e-4
+        shifts = step * np.eye(len(values))
+        up, down = (self(values * np.exp(sign * shifts)) for sign in (1, -1))
+        return ((up - down) / (2 * step)).T
+
     @property
     def n_modes(self) -> int:
         """Number of the test's modes."""
