@@ -9,10 +9,8 @@ import numpy as np
 
 from fenics_joints.bayes.model import Frequencies, ReducedCheck
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.batch import LeanForward
+from fenics_joints.reduction import ArrayModel, Forward, LeanForward
 from fenics_joints.reduction.files import read_model, register, write_model
-from fenics_joints.reduction.forward import Forward
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["read_lean", "write_lean"]

@@ -15,10 +15,8 @@ from fenics_joints.beams.layout import Layout, lay_out
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.structure.components import Parameter, Spring
-from fenics_joints.structure.damping import Damping
+from fenics_joints.structure import Damping, Parameter, Sensors, Spring
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
-from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.rows import PlaceRows
 from fenics_joints.structure.values import by_name, number
 

@@ -10,15 +10,12 @@ from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.measurements.target import Target
 from fenics_joints.progress import Progress
+from fenics_joints.reduction import ArrayModel, Forward
 from fenics_joints.reduction.adaptive import Points
-from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.combined import CombinedModel, ModelError, error_limits
-from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.reduction.tested import SmallModels, tested_models
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure import Damping, Parameter, Sensors
 
 __all__ = ["ExactModes", "ExactTarget"]
 

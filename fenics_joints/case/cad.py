@@ -19,8 +19,7 @@ from fenics_joints.case.values import (
     named,
     quantity,
 )
-from fenics_joints.database.query import Surfaces, TorqueToForce, query
-from fenics_joints.database.store import seed_database
+from fenics_joints.database import Surfaces, TorqueToForce, query, seed_database
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh, read_step
 from fenics_joints.parallel import on_root

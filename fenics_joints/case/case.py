@@ -27,9 +27,7 @@ from fenics_joints.case.test import Test
 from fenics_joints.case.update import UpdateSection
 from fenics_joints.case.values import Section, named
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.curves import MeasuredCurves
-from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.frfs import MeasuredFRFs
+from fenics_joints.measurements import MeasuredCurves, MeasuredFRFs, TestData
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import parameter_unit, to_si
 

@@ -7,8 +7,7 @@ import json
 
 from fenics_joints import __version__
 from fenics_joints.case.case import Case
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Sensors, Structure
 
 __all__ = ["fingerprint"]
 

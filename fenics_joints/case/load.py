@@ -20,9 +20,7 @@ from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.messages import case_error, describe, did_you_mean, said
 from fenics_joints.case.test import FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, located
-from fenics_joints.measurements.curves import read_curves
-from fenics_joints.measurements.data import TestData, read_table, read_test_data
-from fenics_joints.measurements.files import read_frfs
+from fenics_joints.measurements import TestData, read_curves, read_frfs, read_table, read_test_data
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from fenics_joints.case.case import Case
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.model import Damped
+from fenics_joints.structure import Damped, Damping
 
 __all__ = ["model_damping"]
 

@@ -67,8 +67,8 @@ def query(
     """
 
     def run() -> None:
-        from fenics_joints.database.query import Surfaces, TorqueToForce
-        from fenics_joints.database.query import query as ask
+        from fenics_joints.database import Surfaces, TorqueToForce
+        from fenics_joints.database import query as ask
         from fenics_joints.database.tables import show_answer
 
         question = dict(
@@ -176,9 +176,8 @@ def sweep(
     with guarded(debug):
         from mpi4py import MPI
 
-        from fenics_joints.database.store import Store
-        from fenics_joints.database.sweep import grid
-        from fenics_joints.database.sweep import sweep as run_sweep
+        from fenics_joints.database import Store, grid
+        from fenics_joints.database import sweep as run_sweep
         from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
 

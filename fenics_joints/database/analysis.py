@@ -179,8 +179,7 @@ def solve_bolted_plates(
 
     from fenics_joints.meshes import bolted_plates_section
     from fenics_joints.preload import PreloadModel, solve_preload
-    from fenics_joints.structure.components import Support, part
-    from fenics_joints.structure.structure import Structure
+    from fenics_joints.structure import Structure, Support, part
 
     s = settings or BoltedPlates()
     if tagged is None:

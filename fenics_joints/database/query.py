@@ -19,8 +19,7 @@ from fenics_joints.database.kriging import Kriging
 from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import quantity
-from fenics_joints.preload.threads import Thread, thread
-from fenics_joints.preload.torque import motosh_force, nut_factor_force
+from fenics_joints.preload import Thread, motosh_force, nut_factor_force, thread
 
 __all__ = ["Answer", "Estimate", "Surfaces", "TorqueToForce", "query"]
 

@@ -29,8 +29,7 @@ from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.gap import Gap
+from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
 

@@ -16,8 +16,7 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic.fourier import Fourier
-from fenics_joints.interfaces.loading import static_state
-from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
+from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_state
 from fenics_joints.joint_laws.kernel import HarmonicStress
 
 __all__ = ["Balance", "Equations", "default_samples"]

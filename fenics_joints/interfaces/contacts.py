@@ -28,9 +28,8 @@ from fenics_joints.interfaces.model import InterfacePoints
 from fenics_joints.interfaces.reduced import ReducedInterfaceModel
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.modal.eigensolver import EigenSolver
-from fenics_joints.preload.conditions import OPEN, SLIP
+from fenics_joints.preload import OPEN, SLIP, LinearJoint
 from fenics_joints.preload.interface import Interface
-from fenics_joints.preload.linear_joint import LinearJoint
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure.loads import Places, place_loads

@@ -16,8 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.joint_laws.kernel import LawKernel
-from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.joint_laws import JointLaw, LawKernel
 
 __all__ = ["LawPoints", "Motion", "named", "named_points"]
 

@@ -16,8 +16,7 @@ from fenics_joints.parallel import on_root
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.files import read_model, register, write_model
 from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure import Parameter, Sensors
 
 __all__ = ["LayerTerm", "ReducedInterfaceModel", "read_interface_model"]
 

@@ -12,8 +12,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
-from fenics_joints.structure.model import Model
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure import Model, Sensors
 
 __all__ = ["SHIFT_SHARE", "Modes", "count_rigid", "dense_modes", "inverted_modes", "solve_modes"]
 

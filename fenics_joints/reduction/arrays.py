@@ -11,9 +11,7 @@ import numpy as np
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import SHIFT_SHARE, dense_modes
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure import Damping, Parameter, Sensors
 from fenics_joints.structure.rows import PlaceRows
 
 __all__ = ["ArrayModel"]

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import Pairing, pair_modes
-from fenics_joints.measurements.target import Target
+from fenics_joints.measurements import Pairing, Target, pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
@@ -18,9 +17,7 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.frf_basis import ResponseSampler, frf_error, response_loads
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.response.damping_ratios import damping_ratios
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Damping, Parameter, Structure
 
 __all__ = ["CombinedModel", "ModelError", "allowed", "error_limits", "paired"]
 

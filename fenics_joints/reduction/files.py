@@ -17,9 +17,7 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable, replaced
-from fenics_joints.joint_laws.iwan import Backbone
-from fenics_joints.joint_laws.kernel import LawKernel
-from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.structure.components import Parameter

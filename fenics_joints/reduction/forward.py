@@ -8,8 +8,7 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import VISIBLE, Pairing, pair_modes
-from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.modal.sensitivity import frequency_sensitivity
+from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["SPARE", "Forward", "line_of"]

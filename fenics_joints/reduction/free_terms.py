@@ -18,10 +18,9 @@ from fenics_joints.errors import InputError
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.projection import Projection
+from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
-from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.sparse import product, without_zeros
-from fenics_joints.structure.structure import Structure
 from fenics_joints.structure.values import number
 
 __all__ = ["FreeTerms"]

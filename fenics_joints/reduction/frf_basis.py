@@ -22,9 +22,7 @@ from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.response.modal_basis import check_lines, modal_pencil
 from fenics_joints.response.pencil import DampedPencil
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Damping, Sensors, Structure
 
 __all__ = ["CheckedFRFModel", "FRFError", "checked_frf_model", "frf_basis", "frf_error"]
 

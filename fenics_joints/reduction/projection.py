@@ -11,10 +11,8 @@ from fenics_joints.errors import InputError
 from fenics_joints.reduction.affine import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.forward import line_of
 from fenics_joints.reduction.snapshots import dense_columns, project
-from fenics_joints.structure.components import PointMass, Region, Spring
+from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
 
 __all__ = ["Projection"]
 

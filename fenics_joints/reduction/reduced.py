@@ -24,10 +24,8 @@ from fenics_joints.reduction.snapshots import (
     Snapshots,
     orthonormal,
 )
-from fenics_joints.structure.components import Region
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure import Region, Sensors, Structure
 from fenics_joints.structure.rows import PlaceRows
-from fenics_joints.structure.structure import Structure
 
 __all__ = ["ReducedStructure", "enrich", "reduce"]
 

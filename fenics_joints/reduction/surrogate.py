@@ -19,9 +19,8 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
 from fenics_joints.reduction.seen import SeenModes
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.sparse import vectors_like
-from fenics_joints.structure.structure import Structure
 
 __all__ = ["Surrogate"]
 

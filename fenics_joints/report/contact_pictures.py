@@ -21,9 +21,8 @@ from matplotlib.patches import Circle, Patch
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
-from fenics_joints.preload.conditions import OPEN, SLIP, STICK
+from fenics_joints.preload import OPEN, SLIP, STICK, ContactState
 from fenics_joints.preload.patch import contour_area, cut_corners, largest_radius, radii
-from fenics_joints.preload.result import ContactState
 from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, grid
 
 __all__ = ["pressure_map", "pressure_profile", "status_map"]

@@ -25,9 +25,7 @@ from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.response.modal_basis import ModalPencil, extended, modal_pencil, with_terms
 from fenics_joints.response.pencil import DampedPencil, check_damped
 from fenics_joints.response.reduced import reduced_pencil
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.model import Damped
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure import Damped, Damping, Sensors
 from fenics_joints.structure.sparse import product
 
 __all__ = ["ComplexModes", "solve_complex_modes"]

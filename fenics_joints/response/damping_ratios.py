@@ -9,8 +9,7 @@ from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.modal.modes import Modes
 from fenics_joints.response.complex_modes import solve_complex_modes
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.model import Damped
+from fenics_joints.structure import Damped, Damping
 
 __all__ = ["damping_ratios"]
 

@@ -24,9 +24,7 @@ from fenics_joints.response.modal_basis import ModalPencil, Response, check_line
 from fenics_joints.response.pencil import DampedPencil, Term, check_damped
 from fenics_joints.response.reduced import reduced_pencil
 from fenics_joints.response.units import KINDS, MOTION, checked_kind
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.model import Damped
-from fenics_joints.structure.points import Sensors
+from fenics_joints.structure import Damped, Damping, Sensors
 from fenics_joints.structure.sparse import product
 
 __all__ = ["FRF", "solve_frf"]

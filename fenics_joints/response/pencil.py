@@ -15,8 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.model import Damped
+from fenics_joints.structure import Damped, Damping
 from fenics_joints.structure.sparse import MatrixForm, product
 
 __all__ = ["DampedPencil", "Term", "check_damped", "imaginary", "linear"]

@@ -16,8 +16,7 @@ import numpy as np
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, count_rigid, inverted_modes
 from fenics_joints.response.modal_basis import ModalPencil
 from fenics_joints.response.pencil import DampedPencil
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.model import Damped
+from fenics_joints.structure import Damped, Damping
 
 __all__ = ["reduced_pencil"]
 

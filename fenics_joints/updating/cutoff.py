@@ -23,10 +23,8 @@ from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.interfaces.assembly import as_columns
-from fenics_joints.modal.eigensolver import EigenSolver
-from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.preload import PreloadResult
-from fenics_joints.preload.linear_joint import LinearJoint, cutoff_conditions, pair_conditions
+from fenics_joints.modal import EigenSolver, Modes, solve_modes
+from fenics_joints.preload import LinearJoint, PreloadResult, cutoff_conditions, pair_conditions
 from fenics_joints.structure.sparse import product, without_zeros
 
 __all__ = ["SPARE", "Anchor", "CutoffModel", "CutoffSweep", "assign", "elastic",

@@ -21,8 +21,7 @@ from scipy.linalg import block_diag
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.formatting import number
 from fenics_joints.measurements.target import Target
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.damping import Damping
+from fenics_joints.structure import Damping, Parameter
 from fenics_joints.updating.equations import condition_number
 from fenics_joints.updating.identification import Identification
 from fenics_joints.updating.least_squares import Problem

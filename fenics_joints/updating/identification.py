@@ -8,8 +8,7 @@ import numpy as np
 
 from fenics_joints.measurements.target import Target
 from fenics_joints.modal.sensitivity import identifiability
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.damping import Damping
+from fenics_joints.structure import Damping, Parameter
 from fenics_joints.updating.coordinates import Coordinates
 from fenics_joints.updating.prediction import Prediction, Predictor
 from fenics_joints.updating.residuals import Residuals, relative_errors

@@ -21,13 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import Pairing, pair_modes
-from fenics_joints.measurements.target import Target
-from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.modal.sensitivity import frequency_sensitivity
+from fenics_joints.measurements import Pairing, Target, pair_modes
+from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
+from fenics_joints.response import shape_gradients, solve_frf
 from fenics_joints.response.damping_ratios import damping_ratios
-from fenics_joints.response.frf import solve_frf
-from fenics_joints.response.shape_sensitivity import shape_gradients
 from fenics_joints.response.units import KINDS
 from fenics_joints.structure.damping import Damping
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.target import Target
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.damping import Damping
+from fenics_joints.structure import Damping, Parameter
 from fenics_joints.updating.equations import WeightedEquations, weighted_equations
 from fenics_joints.updating.identification import Identification
 from fenics_joints.updating.residuals import raw_rows, row_sd

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from fenics_joints.bayes import GaussianLikelihood, Specimens
 from fenics_joints.bayes.distributions import FAMILIES, checked_frequencies
-from fenics_joints.bayes.hierarchical import Specimens
-from fenics_joints.bayes.likelihood import GaussianLikelihood
 from fenics_joints.case.bayes import bayes_data, prior_numbers, specimens
 from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, said, unknown

@@ -9,9 +9,8 @@ from textwrap import shorten
 import numpy as np
 
 import fenics_joints
-from fenics_joints.bayes.chains import Chains
+from fenics_joints.bayes import Chains, Settings
 from fenics_joints.bayes.predictive import PredictiveCheck
-from fenics_joints.bayes.samplers import Settings
 from fenics_joints.commands.bayes.held import HeldModes
 from fenics_joints.commands.bayes.model import CaseModel
 from fenics_joints.files import plain

@@ -9,8 +9,7 @@ import numpy as np
 import fenics_joints
 from fenics_joints.case import Case
 from fenics_joints.preload import ContactState, PreloadResult
-from fenics_joints.updating.cutoff import CutoffSweep
-from fenics_joints.updating.cutoff_minimum import CutoffMinimum
+from fenics_joints.updating import CutoffMinimum, CutoffSweep
 
 __all__ = ["CutoffReport", "SchemeReport"]
 

@@ -21,8 +21,7 @@ from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.preload import STICK, PreloadModel, PreloadResult, PreloadSolver
 from fenics_joints.preload.linear_joint import LinearJoint, pair_conditions
 from fenics_joints.progress import Progress
-from fenics_joints.updating.cutoff import CutoffModel, sweep
-from fenics_joints.updating.cutoff_minimum import minimise
+from fenics_joints.updating import CutoffModel, minimise, sweep
 
 __all__ = ["crossing", "run_cutoff"]
 

@@ -26,11 +26,10 @@ from fenics_joints.diagnosis.where.localise import CellMap
 from fenics_joints.diagnosis.where.patches import PatchMap
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 from fenics_joints.formatting import condition_value
+from fenics_joints.report import cell_map, patch_map
 from fenics_joints.report.beam_pictures import beam_cells, beam_patches
 from fenics_joints.report.html import facts, heat_pair, render, svg
-from fenics_joints.report.mesh_pictures import cell_map
 from fenics_joints.report.panels import frequency_panels
-from fenics_joints.report.patch_pictures import patch_map
 
 __all__ = ["VERDICTS", "diagnosis_html"]
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from fenics_joints.commands.diagnose.words import joined, shortened
-from fenics_joints.diagnosis.effects.effect import Silent
+from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
 from fenics_joints.diagnosis.evidence.nested import Nested
 from fenics_joints.diagnosis.location import Location
-from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, least_sure
 from fenics_joints.diagnosis.where.zone_tests import Attribution
 from fenics_joints.formatting import probability, spaced

@@ -21,8 +21,7 @@ from fenics_joints.interfaces.full import full_layers
 from fenics_joints.interfaces.loading import loading_shapes
 from fenics_joints.joint_laws import CoulombStick, JointLaw
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.preload import ContactState, PreloadSolver
-from fenics_joints.preload.linear_joint import LinearJoint
+from fenics_joints.preload import ContactState, LinearJoint, PreloadSolver
 from fenics_joints.progress import Progress
 from fenics_joints.structure.structure import Structure
 

@@ -9,9 +9,7 @@ from fenics_joints.case import Case
 from fenics_joints.case.harmonic import identifiable
 from fenics_joints.commands.harmonic.model import HarmonicModel
 from fenics_joints.formatting import percent, quantity
-from fenics_joints.harmonic import Backbone, HarmonicResult
-from fenics_joints.harmonic.identify import IdentificationResult
-from fenics_joints.harmonic.predict import CurvePrediction
+from fenics_joints.harmonic import Backbone, CurvePrediction, HarmonicResult, IdentificationResult
 from fenics_joints.measurements.curves import UNITS, MeasuredCurves
 
 __all__ = ["HarmonicReport", "LevelFacts"]

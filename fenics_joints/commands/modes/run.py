@@ -11,8 +11,7 @@ from fenics_joints.commands.modes.summary import show_modes
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.preload import solve_preload
-from fenics_joints.preload.linear_joint import LinearJoint, status_conditions
+from fenics_joints.preload import LinearJoint, solve_preload, status_conditions
 from fenics_joints.progress import Progress
 
 __all__ = ["run_modes"]

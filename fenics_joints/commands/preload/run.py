@@ -14,9 +14,8 @@ from fenics_joints.commands.preload.page import preload_html
 from fenics_joints.commands.preload.result import PreloadReport
 from fenics_joints.commands.preload.summary import show_preload
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.preload import PreloadSolver
+from fenics_joints.preload import LinearJoint, PreloadSolver, status_conditions
 from fenics_joints.preload.fields import write
-from fenics_joints.preload.linear_joint import LinearJoint, status_conditions
 from fenics_joints.progress import Progress
 
 __all__ = ["run_preload"]

@@ -12,21 +12,15 @@ from fenics_joints.case.case import Case
 from fenics_joints.commands.update.data import positive
 from fenics_joints.commands.update.result import Sweep
 from fenics_joints.files import plain
-from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.gap import Gap
-from fenics_joints.measurements.target import Target
+from fenics_joints.measurements import Gap, Target, TestData
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.combined import ModelError, error_limits, sample_values
 from fenics_joints.reduction.tested import tested_models
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.structure import Structure
-from fenics_joints.updating.conditions import update_all
-from fenics_joints.updating.curves import Curves, fit_curves
-from fenics_joints.updating.prediction import Predictor
-from fenics_joints.updating.result import Update
+from fenics_joints.structure import Parameter, Structure
+from fenics_joints.updating import Curves, Predictor, Update, fit_curves, update_all
 
 __all__ = ["FollowedModel", "sweep_conditions"]
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.frfs import MeasuredFRFs
+from fenics_joints.measurements import FRFTarget, MeasuredFRFs, Target
 from fenics_joints.measurements.lines import choose_lines
-from fenics_joints.measurements.target import FRFTarget, Target
 
 __all__ = ["UpdateData", "positive", "update_data"]
 

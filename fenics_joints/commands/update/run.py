@@ -28,21 +28,17 @@ from fenics_joints.commands.update.summary import show_update
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import plain
 from fenics_joints.formatting import percent, quantity
-from fenics_joints.measurements.gap import Pairing, mac
-from fenics_joints.measurements.target import Target
+from fenics_joints.measurements import Pairing, Target, mac
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
 from fenics_joints.reduction.combined import CombinedModel, ModelError, paired
 from fenics_joints.reduction.tested import tested_models
 from fenics_joints.response.frf import solve_frf
-from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Damping, Sensors, Structure
+from fenics_joints.updating import Update, update, update_weighted
 from fenics_joints.updating.checks import bound_notes, too_far
-from fenics_joints.updating.fit import update
-from fenics_joints.updating.result import Update
-from fenics_joints.updating.weighted import noise_tolerances, update_weighted
+from fenics_joints.updating.weighted import noise_tolerances
 
 __all__ = ["run_update", "update_case"]
 

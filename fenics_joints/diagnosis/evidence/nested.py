@@ -26,14 +26,8 @@ from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction, joined, predict
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.reduction.batch import (
-    LeanForward,
-    arrays_of,
-    frequency_error,
-    lean_forward,
-    modes_at,
-)
-from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction import Forward, LeanForward
+from fenics_joints.reduction.batch import arrays_of, frequency_error, lean_forward, modes_at
 
 __all__ = ["Nested", "nested_evidence"]
 

@@ -32,9 +32,7 @@ from fenics_joints.diagnosis.plan.study import Measurement, Study
 from fenics_joints.formatting import condition_value, spaced
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.reduced import ReducedStructure
+from fenics_joints.reduction import ArrayModel, Forward, ReducedStructure
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["Candidates"]

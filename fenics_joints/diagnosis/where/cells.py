@@ -14,8 +14,7 @@ from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.diagnosis.where.two_fields import DenseFields, SparseFields, TwoFields
 from fenics_joints.diagnosis.zones.places import bolt_points
 from fenics_joints.modal.modes import Modes
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Sensors, Structure
 
 __all__ = ["BeamElements", "Cells", "MeshCells"]
 

@@ -14,8 +14,7 @@ from petsc4py import PETSc
 
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.structure import Structure
+from fenics_joints.structure import Sensors, Structure
 
 __all__ = ["DenseFields", "SparseFields", "TwoFields"]
 
