@@ -96,7 +96,7 @@ show(matrix_picture, planned)
 
 found = diagnose(case, comm, keep=keep)
 words = explain(found)
-answers = {point.question: point.answer for point in words.points}
+answers = words.points
 say(
     "",
     f"gap of the plates as one: {found.before.rms:.1%} (noise of the test {found.noise:.1%})",
