@@ -1,25 +1,10 @@
 """Masses in a row with a slider across every spring, as a dense model or shared over ranks."""
 
 import numpy as np
-import ufl
+from oscillators import Jenkins
 from petsc4py import PETSc
 
 from fenics_joints.interfaces import FullModel, InterfaceModel, InterfacePoints, SparsePoints
-from fenics_joints.joint_laws import JointLaw
-
-
-class Slider(JointLaw):
-    """A Jenkins element in one direction, written as a user would."""
-
-    def state_size(self, n_slip):
-        return n_slip
-
-    def element(self, normal, slip, state, p):
-        trial = p["k"] * (slip[0] - state[0])
-        slides = ufl.gt(abs(trial), p["s"])
-        traction = ufl.conditional(slides, p["s"] * ufl.sign(trial), trial)
-        new = ufl.conditional(slides, slip[0] - traction / p["k"], state[0])
-        return 0, ufl.as_vector([traction]), ufl.as_vector([new])
 
 
 def chain(comm=None, n=6):
@@ -28,7 +13,7 @@ def chain(comm=None, n=6):
     K[-1, -1] = 1
     M, C = np.diag(np.linspace(1, 2, n)), 0.01 * K
     rows = np.eye(n) - np.eye(n, k=-1)
-    law, weights = Slider(k=[0.6, 0.4], s=[0.02, 0.05]), np.linspace(1, 2, n)
+    law, weights = Jenkins(k=[0.6, 0.4], s=[0.02, 0.05]), np.linspace(1, 2, n)
     end = np.eye(n)[-1]
     if comm is None:
         joint = InterfacePoints("joint", law, rows[:, None, :], weights)

@@ -17,6 +17,8 @@ class Cubic(JointLaw):
 
 
 class Jenkins(JointLaw):
+    """In one direction, written as a user would."""
+
     def state_size(self, n_slip):
         return n_slip
 

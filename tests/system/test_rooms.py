@@ -39,9 +39,6 @@ HALL = {
     "progress", "units",
 }  # fmt: skip
 
-#: Arrows that go the wrong way: none, and none is to come.
-EXCEPTIONS: set[tuple[str, str]] = set()
-
 #: Folders that use the package as others do.
 OUTSIDE = ("tests", "demos", "benchmarks")
 
@@ -105,8 +102,7 @@ def test_imports_go_down_only():
         for target in targets
         if room(name) != room(target) and FLOOR[room(target)] >= FLOOR[room(name)]
     }
-    assert up - EXCEPTIONS == set(), "imports against the order of the rooms"
-    assert EXCEPTIONS - up == set(), "exceptions that are none any more: take them off the list"
+    assert up == set(), "imports against the order of the rooms"
 
 
 def test_imports_in_the_diagnosis_go_down_only():

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from mass_chain import Slider, chain
+from mass_chain import chain
 from mpi4py import MPI
+from oscillators import Jenkins
 from scipy.integrate import solve_ivp
 
 from fenics_joints.errors import ConvergenceError, InputError
@@ -66,7 +67,7 @@ def test_ring_down_of_a_slipping_joint_follows_the_nonlinear_mode():
 
 
 def test_slider_agrees_with_an_integrator_that_stops_at_every_change_of_stick_and_slip():
-    law = Slider(k=[1.0], s=[0.1])
+    law = Jenkins(k=[1.0], s=[0.1])
     step, n = 0.01, 4000
     push = lambda t: 0.15 * np.cos(1.3 * t)  # noqa: E731
     run = solve_transient(oscillator(law=law), step=step, n_steps=n, loads={"push": push})
