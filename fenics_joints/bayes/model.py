@@ -28,9 +28,7 @@ class Frequencies:
 
     Args:
         names: Names of the parameters.
-        forward: What maps values by name to (ln f, derivatives), as
-            `fenics_joints.reduction.forward.Forward` does. One that has `prepare`, as
-            `fenics_joints.reduction.batch.LeanForward`, is asked for many together.
+        forward: What maps values by name to (ln f, derivatives).
         fixed: Values of its other parameters.
         error: Bound of the relative error of its frequencies, as stated by who made it.
 
@@ -39,7 +37,7 @@ class Frequencies:
     """
 
     names: tuple[str, ...]
-    forward: Callable[[Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
+    forward: Forward
     fixed: Mapping[str, float]
     error: float = 0.0
     calls: int = 0
@@ -60,20 +58,10 @@ class Frequencies:
         """
         wanted = self.by_name(values)
         self.calls += len(wanted)
-        if isinstance(self.forward, LeanForward):
-            try:
-                return self.forward.prepare(wanted, slopes=False)
-            except (InputError, np.linalg.LinAlgError):
-                pass  # one of them is beyond a law's limit, such as a specimen's: one by one
-            finally:
-                self.forward.release()
-        return np.array([self._one(each) for each in wanted])
-
-    def _one(self, values) -> np.ndarray:
         try:
-            return self.forward(values)[0]
-        except (InputError, np.linalg.LinAlgError):
-            return np.full(self.n_modes, np.nan)
+            return self.forward.prepare(wanted, slopes=False)
+        finally:
+            self.forward.release()
 
     def log_slope(self, values: np.ndarray) -> np.ndarray:
         """d ln f / d ln p at one point, (m, d), by central differences of the model."""

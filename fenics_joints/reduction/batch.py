@@ -252,15 +252,14 @@ class LeanForward(Forward):
         return self._pick(values)
 
     def prepare(self, wanted: Sequence[Mapping[str, float]], slopes: bool) -> np.ndarray:
-        """ln f at all these values, solved together, shape (len(wanted), m).
+        """See `Forward`; solved together."""
+        try:
+            return self._together(wanted, slopes)
+        except (InputError, np.linalg.LinAlgError):
+            self.release()  # one of them is beyond a law's limit, such as a specimen's: one by one
+            return super().prepare(wanted, slopes)
 
-        A call finds them ready until `release`.
-
-        Args:
-            wanted: Parameter values.
-            slopes: Whether derivatives by the values are needed; they are nan otherwise. ln f is
-                nan where the model has too few modes that the test could see.
-        """
+    def _together(self, wanted, slopes: bool) -> np.ndarray:
         keys = [self._key(values) for values in wanted]
         unique = dict(zip(keys, wanted, strict=True))
         self._ready = {}
@@ -286,7 +285,7 @@ class LeanForward(Forward):
         return np.array([self._ready[key][0] for key in keys])
 
     def release(self) -> None:
-        """Forget what was prepared."""
+        """See `Forward`."""
         self._ready = {}
 
     def _searched(self, values, nothing) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -66,6 +66,26 @@ class Forward:
             self._cache[key] = (log_f, frequency_sensitivity(modes, pairing.index))
             self.calls += 1
         return self._cache[key]
+
+    def prepare(self, wanted: Sequence[Mapping[str, float]], slopes: bool) -> np.ndarray:
+        """ln f at all these values, shape (len(wanted), m); calls find them ready until `release`.
+
+        Args:
+            wanted: Parameter values.
+            slopes: Whether calls need derivatives by the values; they may be nan otherwise. ln f
+                is nan where the model has too few modes that the test could see, and beyond the
+                laws' limits.
+        """
+        return np.array([self._or_nan(values) for values in wanted])
+
+    def release(self) -> None:
+        """Forget what was prepared."""
+
+    def _or_nan(self, values) -> np.ndarray:
+        try:
+            return self(values)[0]
+        except (InputError, np.linalg.LinAlgError):
+            return np.full(self.n_test, np.nan)
 
     def solve(self, values):
         """Modes and their pairing; more modes where a soft joint puts others between the test's."""

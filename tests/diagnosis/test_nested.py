@@ -14,18 +14,20 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.nested import nested_evidence
+from fenics_joints.reduction import Forward
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 
 
-class Curved:
+class Curved(Forward):
     """ln f = 5 + A p + bend p0^2, for a banana; linear without the bend."""
 
     def __init__(self, matrix, bend=None):
         self.matrix = np.asarray(matrix, dtype=float)
         self.bend = np.zeros(len(self.matrix)) if bend is None else np.asarray(bend)
         names = [f"p{i}" for i in range(self.matrix.shape[1])]
-        self.model = SimpleNamespace(parameters=dict.fromkeys(names))
+        model = SimpleNamespace(parameters=dict.fromkeys(names))
+        super().__init__(model, None, n_test=len(self.matrix), n_modes=9)
         self.baseline = dict.fromkeys(names, 0.0)
 
     def __call__(self, values):

@@ -178,7 +178,8 @@ def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
         """The same frequencies, of a model that cannot be made leaner."""
 
         def __init__(self):
-            self.model = type("Model", (), {"parameters": model.parameters})
+            of = type("Model", (), {"parameters": model.parameters})
+            super().__init__(of, forward.sensors, forward.n_test, forward.n_modes)
 
         def __call__(self, values):
             return forward(values)

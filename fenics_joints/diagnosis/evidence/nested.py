@@ -276,8 +276,6 @@ class Marginal:
 
     def predictions(self, z: list[np.ndarray]) -> np.ndarray:
         """Predictions at several z, (len(z), N); a lean model solves for all of them at once."""
-        if not isinstance(self.forward, LeanForward):
-            return np.array([self._predicted(each) for each in z])
         h, evidence = self.hypothesis, self.evidence
         modes = range(len(h.modes) if h.amplitudes else 1)
         rows = range(len(evidence.conditions))
