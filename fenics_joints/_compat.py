@@ -10,12 +10,16 @@ import numpy as np
 import ufl
 from mpi4py import MPI
 
+from fenics_joints.machine import form_cache
+
 __all__ = [
     "coordinate_map",
     "create_mesh",
     "distribute_facet_tags",
     "geometry_dofmap",
 ]
+
+form_cache.install()
 
 
 def create_mesh(

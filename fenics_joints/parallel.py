@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from fenics_joints.errors import JointsError
+from fenics_joints.machine.signals import Stop, Terminated, stoppable
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -22,10 +21,6 @@ T, Task, Result = TypeVar("T"), TypeVar("Task"), TypeVar("Result")
 
 #: How long a failed rank waits for the others to fail too, in seconds.
 _PATIENCE = 2.0
-
-
-class _Terminated(BaseException):
-    """The process was asked to end (SIGTERM), as mpirun does to its ranks on Ctrl-C."""
 
 
 def on_root(comm: MPI.Intracomm, build: Callable[[], T]) -> T | None:
@@ -97,44 +92,42 @@ def spread(
 def guarded(debug: bool = False) -> Iterator[None]:
     """Turn what is raised inside into a message on standard error and an exit code.
 
-    Exit codes: 1 for an error, 130 for Ctrl-C, 143 for SIGTERM. Under MPI rank 0 speaks; a rank
-    that fails alone speaks itself and ends the others, which would wait for it for ever.
-    Collective.
+    Exit codes: 1 for an error, 130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP. Under MPI rank 0
+    speaks; a rank that fails alone speaks itself and ends the others, which would wait for it for
+    ever. Collective.
 
     Args:
         debug: Show the traceback as well.
     """
-    from mpi4py import MPI
+    with stoppable() as stop:
+        from mpi4py import MPI
 
-    # Its own channel: the failed rank may have left a message pending on the common one.
-    comm = MPI.COMM_WORLD.Dup()
-    started = time.time()
-    previous = signal.signal(signal.SIGTERM, _terminate)
-    try:
-        yield
-    except (KeyboardInterrupt, _Terminated) as stop:
-        _forget_half_compiled(started)
-        code = 130 if isinstance(stop, KeyboardInterrupt) else 143
-        _say("stopped; no file is left half-written" if comm.rank == 0 else None)
-        if comm.size > 1:
-            comm.Abort(code)
-        sys.exit(code)
-    except Exception as error:
-        _forget_half_compiled(started)
-        if debug:
-            traceback.print_exc(file=sys.__stderr__)
-        alone = not _all_arrive(comm)
-        _say(_message(error, comm.rank, alone) if comm.rank == 0 or alone else None)
-        if alone:
-            comm.Abort(1)
-        sys.exit(1)
-    finally:
-        signal.signal(signal.SIGTERM, previous)
-    comm.Free()
+        # Its own channel: the failed rank may have left a message pending on the common one.
+        comm = MPI.COMM_WORLD.Dup()
+        try:
+            yield
+        except (KeyboardInterrupt, Terminated):
+            _end(comm, stop)
+        except Exception as error:
+            if stop.number is not None:  # its exception was lost in a callback
+                _end(comm, stop)
+            stop.leaving = True
+            if debug:
+                traceback.print_exc(file=sys.__stderr__)
+            alone = not _all_arrive(comm)
+            _say(_message(error, comm.rank, alone) if comm.rank == 0 or alone else None)
+            if alone:
+                comm.Abort(1)
+            sys.exit(1)
+        comm.Free()
 
 
-def _terminate(number, frame) -> None:
-    raise _Terminated
+def _end(comm, stop: Stop) -> NoReturn:
+    stop.leaving = True
+    _say("stopped; no file is left half-written" if comm.rank == 0 else None)
+    if comm.size > 1:
+        comm.Abort(stop.exit_code)
+    sys.exit(stop.exit_code)
 
 
 def _message(error: Exception, rank: int, alone: bool) -> str:
@@ -164,21 +157,3 @@ def _all_arrive(comm) -> bool:
             return True
         time.sleep(0.01)
     return False
-
-
-def _forget_half_compiled(since: float) -> None:
-    """Remove sources in the form compiler's cache whose compilation was cut short.
-
-    The next run would wait for them and then fail, until someone removed them by hand.
-    """
-    jit = sys.modules.get("dolfinx.jit")
-    if jit is None:
-        return
-    cache = Path(jit.get_options().get("cache_dir", ""))
-    for source in cache.glob("libffcx_*.c"):
-        try:
-            done = source.with_suffix(".c.cached").exists()
-            if not done and source.stat().st_mtime >= since - 1.0:
-                source.unlink()
-        except OSError:
-            continue  # another process finished or removed it

@@ -35,6 +35,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_collection_finish() -> None:
     """Collections need not look at what was imported, again after every test: 0.13 s each."""
+    if "dolfinx" in sys.modules:  # for tests that compile forms on meshes of their own
+        from fenics_joints.machine import form_cache
+
+        form_cache.install()
     gc.collect()
     gc.freeze()
 

@@ -69,6 +69,9 @@ from fenics_joints.joint_laws.quasi_static import (
     QuasiStaticHistory,
     solve_quasi_static,
 )
+from fenics_joints.machine import form_cache
+
+form_cache.install()
 
 __all__ = [
     "Backbone",

@@ -1,0 +1,1 @@
+"""The machine: where compiled forms are kept, and signals."""

@@ -1,0 +1,153 @@
+"""Compiled forms: each in a folder of its own, which is whole or not there.
+
+DOLFINx keeps all forms in one folder, where a source without its library means that somebody
+compiles it. If that somebody was killed, every later run waits for it and fails, until the source
+is removed by hand; and to remove it while somebody does compile it breaks theirs. Here a form is
+compiled in a folder that nobody else knows, which takes its name when it is whole: a rename does
+that on local and on network file systems. Locks only spare two processes the same work; a file
+system without them costs time and nothing else.
+"""
+
+from __future__ import annotations
+
+import atexit
+import fcntl
+import functools
+import logging
+import os
+import shutil
+import sysconfig
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import dolfinx.jit
+import ffcx
+import ffcx.naming
+
+__all__ = ["install"]
+
+#: Name of the folder beside DOLFINx's own files, which users' settings of DOLFINx move.
+_FOLDER = "fenics_joints"
+#: Folders that nobody finished are removed at this age, s: no form takes a day to compile.
+_ABANDONED = 86400.0
+#: What a library that is not whole raises when it is loaded, and DOLFINx when files are missing.
+_DAMAGED = (ImportError, OSError, TimeoutError)
+
+#: Where this process has forms that it could not put into the cache.
+_own: dict[str, Path] = {}
+
+
+def install() -> None:
+    """Let DOLFINx take compiled forms from here, in this process; again does nothing."""
+    decorated = dolfinx.jit.ffcx_jit
+    if getattr(decorated, "whole_folders", False):
+        return
+    compiled = decorated.__wrapped__
+
+    @functools.wraps(compiled)
+    def cached(ufl_object, form_compiler_options=None, jit_options=None):
+        options = dolfinx.jit.get_options(jit_options)
+        key = _key(ufl_object, form_compiler_options, options)
+
+        def at(folder: Path):
+            return compiled(ufl_object, form_compiler_options, {**options, "cache_dir": folder})
+
+        return _found(key, Path(options["cache_dir"]) / _FOLDER, at)
+
+    dolfinx.jit.ffcx_jit = dolfinx.jit.mpi_jit_decorator(cached)
+    dolfinx.jit.ffcx_jit.whole_folders = True
+
+
+def _key(ufl_object, form_compiler_options, options: dict) -> str:
+    """Tells all apart that are compiled to different libraries, as FFCx does."""
+    tag = str(sorted(ffcx.get_options(form_compiler_options).items()))
+    tag += str(sorted((k, v) for k, v in options.items() if k not in ("cache_dir", "timeout")))
+    tag += str([sysconfig.get_config_var(name) for name in ("CFLAGS", "SOABI")])
+    return ffcx.naming.compute_signature([ufl_object], tag)
+
+
+def _found(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
+    """A form from its folder, which is made where it is not there or its files are damaged."""
+    folder = _own.get(key, cache / key)
+    if folder.is_dir():
+        try:
+            return at(folder)
+        except _DAMAGED:
+            shutil.rmtree(folder, ignore_errors=True)
+    try:
+        return _made(key, cache, at)
+    except Exception as error:
+        # No place, no right to write, no space, or a compiler that says so in its own words.
+        return _made_for_us(key, cache, at, error)
+
+
+def _made(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
+    cache.mkdir(parents=True, exist_ok=True)
+    folder = cache / key
+    with _locked(cache / f"{key}.lock"):
+        if folder.is_dir():  # made while we waited
+            return at(folder)
+        _sweep(cache)
+        scratch = Path(tempfile.mkdtemp(prefix=".", dir=cache))
+        try:
+            result = at(scratch)
+            _settle(scratch)
+            with suppress(OSError):  # another was first, where there are no locks
+                scratch.rename(folder)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+    return result
+
+
+def _made_for_us(key: str, cache: Path, at: Callable[[Path], tuple], reason: Exception) -> tuple:
+    """In a folder for this process alone, with a warning; what was wrong if that fails too."""
+    folder = Path(tempfile.mkdtemp(prefix="fenics_joints_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    try:
+        result = at(folder)
+    except Exception:
+        raise reason from None  # the form's fault
+    if not _own:
+        line = str(reason).strip().splitlines()[-1:] or [type(reason).__name__]
+        # Not as a Python warning: setuptools, which compiles, sends these to a log without readers.
+        logging.getLogger(__name__).warning(
+            "%s: compiled forms cannot be kept there (%s); every run compiles them anew. Set "
+            "XDG_CACHE_HOME to a folder that can be written to", cache, line[0],
+        )  # fmt: skip
+    _own[key] = folder
+    return result
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Alone with this name, where the file system has locks; freed if the process dies."""
+    with path.open("w") as file:
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                path.unlink()
+
+
+def _settle(folder: Path) -> None:
+    """Bring files to the disk before their folder's name, and leave out what is not needed."""
+    for path in folder.iterdir():
+        if path.suffix == ".o":
+            path.unlink()
+            continue
+        with path.open("rb") as file:
+            os.fsync(file.fileno())
+
+
+def _sweep(cache: Path) -> None:
+    """Remove folders of processes that were killed."""
+    now = time.time()
+    for path in cache.glob(".*"):
+        with suppress(OSError):
+            if now - path.stat().st_mtime > _ABANDONED:
+                shutil.rmtree(path)
