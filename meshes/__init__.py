@@ -14,6 +14,12 @@ from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.contact import ContactMatch, check_contact
 from fenics_joints.meshes.dumbbell import Dumbbell, dumbbell
 from fenics_joints.meshes.engraving_machine import EngravingMachine, engraving_machine
+from fenics_joints.meshes.half_lap_beam import (
+    HalfLapBeam,
+    HalfLapBeamSection,
+    half_lap_beam,
+    half_lap_beam_section,
+)
 from fenics_joints.meshes.lap_beam import LapBeam, LapBeamSection, lap_beam, lap_beam_section
 from fenics_joints.meshes.lap_plates import LapPlates, lap_plates
 from fenics_joints.meshes.msh import read_msh
@@ -23,10 +29,11 @@ from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [
-    "CBeams", "ContactMatch", "Dumbbell", "EngravingMachine", "LapBeam", "LapBeamSection",
-    "LapPlates", "MeshQuality", "Ring", "RoundPlates", "RoundPlatesSection", "StepAssembly",
-    "TaggedMesh", "bolted_plates", "bolted_plates_section", "box", "c_beams", "check_contact",
-    "check_mesh", "dumbbell", "engraving_machine", "extent", "graded_lines", "grid_lines",
-    "lap_beam", "lap_beam_section", "lap_plates", "layer_thickness", "measure_ring", "read_msh",
-    "read_step", "separate", "stacked_blocks",
+    "CBeams", "ContactMatch", "Dumbbell", "EngravingMachine", "HalfLapBeam", "HalfLapBeamSection",
+    "LapBeam", "LapBeamSection", "LapPlates", "MeshQuality", "Ring", "RoundPlates",
+    "RoundPlatesSection", "StepAssembly", "TaggedMesh", "bolted_plates", "bolted_plates_section",
+    "box", "c_beams", "check_contact", "check_mesh", "dumbbell", "engraving_machine", "extent",
+    "graded_lines", "grid_lines", "half_lap_beam", "half_lap_beam_section", "lap_beam",
+    "lap_beam_section", "lap_plates", "layer_thickness", "measure_ring", "read_msh", "read_step",
+    "separate", "stacked_blocks",
 ]  # fmt: skip

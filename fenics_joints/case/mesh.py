@@ -28,6 +28,7 @@ from fenics_joints.meshes import (
     CBeams,
     Dumbbell,
     EngravingMachine,
+    HalfLapBeam,
     LapBeam,
     LapPlates,
     TaggedMesh,
@@ -198,7 +199,8 @@ class FileMesh(MeshFile):
 
 #: Classes of the builders, by name.
 BUILDERS = named_by("builder", (
-    *map(section_of, (LapPlates, CBeams, LapBeam, Dumbbell, EngravingMachine)), OffsetBeamsMesh,
+    *map(section_of, (LapPlates, CBeams, LapBeam, HalfLapBeam, Dumbbell, EngravingMachine)),
+    OffsetBeamsMesh,
 ))  # fmt: skip
 
 

@@ -1,0 +1,287 @@
+"""Two beams, each cut to half its height where they overlap, bolted in a row; or their section."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, made_by
+from fenics_joints.meshes.extrude import Extrusion
+from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
+from fenics_joints.meshes.plane import Plan, flat_lists, grid_lines, o_grid, tensor_grid
+from fenics_joints.meshes.skin import add_faces, exterior_facets
+from fenics_joints.meshes.tagged import MeshLists
+
+__all__ = ["HalfLapBeam", "HalfLapBeamSection", "half_lap_beam", "half_lap_beam_section"]
+
+_TOLERANCE = 1e-9  # of a vertex on a plane, relative to the length
+_ZONE = 1.25  # side of an O-grid's square over the washer's diameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class _HalfLap(Builder):
+    """What the beam and its section have in common; see `HalfLapBeam`."""
+
+    length: Size = 0.72
+    thickness: Size = 12.7e-3
+    lap: Size = 0.12
+    gap: Size = 0.2e-3
+    bolts: Count = 3
+    washer: Gap = 0.015
+    layer: Gap = 0.0
+    bonded: bool = False
+    n_length: Count = 12
+    n_lap: Count = 12
+    n_thickness: Count = 1
+
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+        expected = f"less than length = {self.length:g} m"
+        self.require(self.lap < self.length, "lap", self.lap, expected)
+        room = 0.5 * (self.length - self.lap)
+        self.require(self.gap < room, "gap", self.gap, f"less than {room:g} m, what is beside lap")
+        expected = f"less than thickness = {self.thickness:g} m"
+        self.require(self.layer < self.thickness, "layer", self.layer, expected)
+        room, where = min(self.rooms())
+        expected = f"0 m, or at most {room:g} m, {where}"
+        self.require(self.washer <= room * (1 + 1e-9), "washer", self.washer, expected)
+
+    def rooms(self) -> Iterator[tuple[float, str]]:
+        """What limits a washer, m, and why."""
+        yield self.lap / (self.bolts + 1), f"the pitch of {self.bolts} bolts on the lap"
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the parts and of the faces."""
+        faces = ["end_1", "end_2"]
+        if self.washer > 0:
+            numbers = range(1, self.bolts + 1)
+            faces += [f"washer_{i}_{side}" for i in numbers for side in ("lower", "upper")]
+        return lapped_groups(self.layer, self.bonded, [], faces)
+
+    @property
+    def start(self) -> float:
+        """Where the lap begins along x; it ends at ``length - start``."""
+        return 0.5 * (self.length - self.lap)
+
+    @property
+    def places(self) -> np.ndarray:
+        """Where the bolts are along x, shape (n,)."""
+        return self.start + self.lap * np.arange(1, self.bolts + 1) / (self.bolts + 1)
+
+    def grid(self) -> MeshLists:
+        """Cells alone; beams that touch share vertices."""
+        raise NotImplementedError
+
+    def lists(self) -> MeshLists:
+        """The whole mesh."""
+        lists = self.with_faces(lapped(self.grid(), self.layer, self.bonded))
+        bolts = np.zeros((self.bolts, 3))
+        bolts[:, 0] = self.places
+        return replace(lists, points={"bolts": bolts})
+
+    def x_lines(self, side: float, size: float) -> np.ndarray:
+        """Lines along the beam; ``side`` is that of the squares around the bolts."""
+        start, half = self.start, side / 2
+        free = np.linspace(0.0, start - self.gap, self.n_length + 1)
+        around = np.concatenate([self.places - half, self.places + half])
+        lap = grid_lines([start, self.length - start, *around], size)
+        return np.concatenate([free, lap, self.length - free[::-1]])
+
+    def pieces(self, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Levels of beam 1, the layer and beam 2, and tags per layer of cells and place x.
+
+        Only over the lap do the levels of the three meet, so none has cells as thin as the layer.
+        """
+        half, n, start = self.layer / 2, self.n_thickness, self.start
+        end, outer = self.length - start, self.thickness / 2
+        tongue, rest = (np.linspace(*ends, n + 1) for ends in ((-outer, -half), (-half, outer)))
+        lower = np.concatenate([tongue, rest[1:]])
+        thick = np.where(x < start - self.gap, CELL_NAMES["beam_1"], 0)
+        tongue = np.where(x < end, CELL_NAMES["beam_1"], 0)
+        yield lower + 0.0, np.array([tongue] * n + [thick] * n)
+        if half > 0:
+            yield np.array([-half, half]), np.array(
+                [np.where((x > start) & (x < end), CELL_NAMES["joint"], 0)]
+            )
+        thick = np.where(x > end + self.gap, CELL_NAMES["beam_2"], 0)
+        tongue = np.where(x > start, CELL_NAMES["beam_2"], 0)
+        yield -lower[::-1] + 0.0, np.array([thick] * n + [tongue] * n)
+
+    def with_faces(self, lists: MeshLists) -> MeshLists:
+        """Ends, washers and walls of holes."""
+        facets, _ = exterior_facets(lists)
+        x, tolerance = lists.x[facets], _TOLERANCE * self.length
+        height, outer = x.shape[2] - 1, self.thickness / 2
+
+        def on(axis: int, place: float) -> np.ndarray:
+            return np.all(np.abs(x[:, :, axis] - place) < tolerance, axis=1)
+
+        faces = {"end_1": on(0, 0.0), "end_2": on(0, self.length)}
+        for number, place in enumerate(self.places if self.washer > 0 else (), start=1):
+            under = self.under(x[:, :, :height] - [place, 0.0][:height], tolerance)
+            faces[f"washer_{number}_lower"] = under & on(height, -outer)
+            faces[f"washer_{number}_upper"] = under & on(height, outer)
+        faces |= self.walls(x, tolerance)
+        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
+
+    def under(self, off: np.ndarray, tolerance: float) -> np.ndarray:
+        """Which facets, from a bolt's axis, (n, corners, height), its washer covers if flat."""
+        return np.all(np.abs(off) < self.washer / 2 + tolerance, axis=(1, 2))
+
+    def walls(self, x: np.ndarray, tolerance: float) -> dict[str, np.ndarray]:
+        """Masks of further faces."""
+        return {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfLapBeam(_HalfLap):
+    """A straight beam of two halves, each cut to half its height over the lap in its middle.
+
+    The defaults are about the Brake-Reuss beam as it was tested by Chen et al. (Mechanical Systems
+    and Signal Processing 166, 2022, 108401): demos/half_lap_beam has it.
+
+    The beam spans x from 0 to ``length``, y from ``-width / 2`` to ``width / 2`` and z from
+    ``-thickness / 2`` to ``thickness / 2``. Beam 1 begins at x = 0; over the lap it is the lower
+    half, and beam 2 the upper one. The steps at both ends of the lap stay clear of the other beam
+    by ``gap``. Bolts divide the lap into equal lengths, ``lap / (bolts + 1)`` from each to the
+    next. Without ``hole`` they are there as the squares of side ``washer`` that they press; with
+    it, round holes go through in O-grids, and the washers are rings. A hole is a polygon whose
+    corners lie on the circle.
+
+    Parts: ``beam_1``, ``beam_2``. Faces: ``end_1`` (x = 0), ``end_2``; ``washer_1_lower``,
+    ``washer_1_upper``, ``washer_2_lower``, ... (under the washers of each bolt, lower on beam 1);
+    ``holes`` if there are any; and ``interface_lower``, ``interface_upper``, where the beams touch:
+    they share no vertex. With ``bonded=True`` they share their vertices over the lap, the one face
+    ``interface``. With a ``layer`` above 0 a layer of that thickness, one element thick, lies in
+    the middle of the lap and shares vertices with the beams, of which it takes half each: the beam
+    is as high as without. Then there is a part ``joint``, and the faces ``joint_lower``,
+    ``joint_upper`` lie between it and the beams.
+
+    Points: ``bolts``, on their axes at z = 0.
+
+    Attributes:
+        length: Length of the whole beam, in metres.
+        width: Width of the beam, in metres.
+        thickness: Height of the beam, in metres.
+        lap: Length of the overlap, in metres.
+        gap: Clearance at both ends of the lap, in metres.
+        bolts: Number of the bolts.
+        washer: Side of the squares that the bolts press, or with holes the washers' outer diameter,
+            in metres; 0 for none.
+        hole: Diameter of the bolts' holes, in metres; 0 for none.
+        layer: Thickness of the joint layer, in metres; 0 for none.
+        bonded: Whether the beams share vertices; a ``layer`` always does.
+        n_length: Elements along each beam outside the lap.
+        n_lap: Elements along the lap, or a few more: lines pass through the edges of the squares.
+        n_width: Elements across the beam, or a few more.
+        n_thickness: Elements through each half of the height.
+        cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
+
+    Raises:
+        MeshError: A dimension or count is impossible; the message names the argument, its value
+            and what was expected.
+    """
+
+    function: ClassVar[str] = "half_lap_beam"
+
+    width: Size = 0.0254
+    hole: Gap = 0.0
+    n_width: Count = 4
+    cell: Solid = "hexahedron"
+
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+        super().check()
+        if self.hole > 0:
+            expected = f"0 m, or less than washer = {self.washer:g} m"
+            self.require(self.hole < self.washer, "hole", self.hole, expected)
+
+    def rooms(self) -> Iterator[tuple[float, str]]:
+        """What limits a washer, m, and why."""
+        share, why = 1.0, ""
+        if self.hole > 0:
+            share, why = 1 / _ZONE, f", over {_ZONE:g} for the mesh around holes"
+        for room, words in (*super().rooms(), (self.width, "the width")):
+            yield share * room, words + why
+
+    def groups(self) -> tuple[list[str], list[str]]:
+        """Names of the parts and of the faces."""
+        cells, faces = super().groups()
+        return cells, faces + (["holes"] if self.hole > 0 else [])
+
+    def grid(self) -> MeshLists:
+        """Cells alone; beams that touch share vertices."""
+        plan = self.plan()
+        lists = []
+        for levels, rows in self.pieces(plan.middle[:, 0]):
+            column = Extrusion(plan.points, plan.quads, levels, rows, self.cell)
+            lists.append(MeshLists(self.cell, *column.lists(), CELL_NAMES, {}))
+        return _joined(lists)
+
+    def plan(self) -> Plan:
+        """The plane of x and y."""
+        side = _ZONE * self.washer if self.hole > 0 else self.washer
+        sizes = [self.lap / self.n_lap, self.width / self.n_width]
+        sizes = [min(size, side / 4) for size in sizes] if self.hole > 0 else sizes
+        edge = self.width / 2
+        y = grid_lines([-edge, -side / 2, side / 2, edge], sizes[1])
+        plan = Plan(self.x_lines(side, sizes[0]), y)
+        for place in self.places if self.hole > 0 else ():
+            radii = self.hole / 2, self.washer / 2
+            plan.fill(o_grid, np.array([place, 0.0]), side, radii, min(sizes))
+        return plan
+
+    def under(self, off: np.ndarray, tolerance: float) -> np.ndarray:
+        """Which facets, from a bolt's axis, (n, corners, height), its washer covers if flat."""
+        if self.hole == 0:
+            return super().under(off, tolerance)
+        return np.all(np.linalg.norm(off, axis=2) < self.washer / 2 + tolerance, axis=1)
+
+    def walls(self, x: np.ndarray, tolerance: float) -> dict[str, np.ndarray]:
+        """Walls of the holes."""
+        if self.hole == 0:
+            return {}
+        radius = np.hypot(x[:, None, :, 0] - self.places[:, None], x[:, None, :, 1])
+        wall = np.all(np.abs(radius - self.hole / 2) < tolerance, axis=2)
+        return {"holes": wall.any(axis=1)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfLapBeamSection(_HalfLap):
+    """The section of `HalfLapBeam` along the beam: the plane of x and its z, which is y here.
+
+    A model on it has a width of 1 m. Parts, faces and points have the same names, and the arguments
+    are the same but for the ``width``, ``hole``, ``n_width`` and the ``cell``:
+    ``"quadrilateral"``, or ``"triangle"`` for two of those in each.
+    """
+
+    function: ClassVar[str] = "half_lap_beam_section"
+
+    cell: Literal["quadrilateral", "triangle"] = "quadrilateral"
+
+    def grid(self) -> MeshLists:
+        """Cells alone; beams that touch share vertices."""
+        x = self.x_lines(self.washer, self.lap / self.n_lap)
+        lists = []
+        for levels, rows in self.pieces(0.5 * (x[:-1] + x[1:])):
+            # Cells come with the height running fastest.
+            points, quads = tensor_grid(x, levels)
+            lists.append(flat_lists(points, quads, rows.T.ravel(), self.cell, CELL_NAMES))
+        return _joined(lists)
+
+
+def _joined(lists: list[MeshLists]) -> MeshLists:
+    """Meshes as one, in which vertices at the same place, to the last bit, are one."""
+    first = np.cumsum([0, *(len(piece.x) for piece in lists)])
+    x, number = np.unique(np.vstack([piece.x for piece in lists]), axis=0, return_inverse=True)
+    number = number.ravel()
+    cells = [piece.cells + start for piece, start in zip(lists, first[:-1], strict=True)]
+    values = np.concatenate([piece.cell_values for piece in lists])
+    return replace(lists[0], x=x, cells=number[np.vstack(cells)], cell_values=values)
+
+
+half_lap_beam = made_by(HalfLapBeam)
+half_lap_beam_section = made_by(HalfLapBeamSection)

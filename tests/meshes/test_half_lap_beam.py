@@ -1,0 +1,165 @@
+"""The half-lap beam: its meshes by their measures, and its limits against whole beams."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+import ufl
+from matching_faces import assert_pair, faces, parts
+from mpi4py import MPI
+from scipy.optimize import brentq
+
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes import check_mesh, half_lap_beam, half_lap_beam_section
+from fenics_joints.modal import solve_modes
+from fenics_joints.structure import Structure, joint, part
+
+COMM = MPI.COMM_WORLD
+L, W, H, LAP, GAP, WASHER, HOLE = 0.6, 0.03, 0.012, 0.16, 1e-3, 0.016, 0.008
+SMALL = {
+    "length": L, "thickness": H, "lap": LAP, "gap": GAP, "washer": WASHER, "n_length": 3,
+    "n_lap": 6,
+}  # fmt: skip
+SOLID = SMALL | {"width": W, "n_width": 2}
+LAYERS = [(0.0, False), (0.0, True), (2e-4, False)]
+
+
+def polygon(diameter, n=16):
+    """Area of a regular polygon whose corners lie on a circle."""
+    return n / 8 * diameter**2 * np.sin(2 * np.pi / n)
+
+
+def assert_measures(tagged, n, width, washer, hole, layer, bonded):
+    """By hand: a face inside of a body has no exterior."""
+    lap = LAP * width - n * hole
+    tongue = lap * (H - layer) / 2 + GAP * width * (H - layer) / 2
+    beam = ((L - LAP) / 2 - GAP) * width * H + tongue
+    expected = {"beam_1": beam, "beam_2": beam} | ({"joint": lap * layer} if layer else {})
+    assert parts(tagged) == pytest.approx(expected)
+    found = faces(tagged)
+    assert [found["end_1"], found["end_2"]] == pytest.approx([width * H] * 2)
+    numbers = range(1, n + 1)
+    sides = [f"washer_{i}_{side}" for i in numbers for side in ("lower", "upper")]
+    assert [found[side] for side in sides] == pytest.approx([washer - hole] * len(sides))
+    inside = ("joint_lower", "joint_upper") if layer else ("interface",)
+    if layer or bonded:
+        assert [found[name] for name in inside] == pytest.approx([0.0] * len(inside), abs=1e-15)
+    else:
+        names = "interface_lower", "interface_upper"
+        assert [found[name] for name in names] == pytest.approx([lap] * 2)
+        assert_pair(tagged, "interface_lower", "interface_upper", ("beam_1", "beam_2"))
+    height = tagged.mesh.geometry.dim - 1
+    middles = faces(tagged, lambda mesh: ufl.SpatialCoordinate(mesh)[0])
+    heights = faces(tagged, lambda mesh: ufl.SpatialCoordinate(mesh)[height])
+    area = washer - hole
+    assert heights["washer_1_lower"] == pytest.approx(-area * H / 2)
+    assert heights[f"washer_{n}_upper"] == pytest.approx(area * H / 2)
+    assert middles[f"washer_{n}_upper"] / area == pytest.approx(tagged.points["bolts"][n - 1, 0])
+    assert tagged.points["bolts"][:, 0] == pytest.approx(0.22 + 0.16 * np.array(numbers) / (n + 1))
+    assert check_mesh(tagged).bodies == (1 if layer or bonded else 2)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize(("n", "hole"), [(1, 0.0), (4, 0.0), (3, HOLE)])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize(("layer", "bonded"), LAYERS)
+def test_measures(layer, bonded, cell, n, hole):
+    tagged = half_lap_beam(
+        COMM, layer=layer, bonded=bonded, cell=cell, bolts=n, hole=hole, **SOLID
+    )  # fmt: skip
+    washer = polygon(WASHER) if hole else WASHER**2
+    assert_measures(tagged, n, W, washer, polygon(hole), layer, bonded)
+    if hole:
+        wall = n * 16 * hole * np.sin(np.pi / 16) * H
+        # That of a layer is on the outside too.
+        assert faces(tagged)["holes"] == pytest.approx(wall)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+@pytest.mark.parametrize(("layer", "bonded"), LAYERS)
+def test_measures_of_the_section(layer, bonded, cell):
+    tagged = half_lap_beam_section(COMM, layer=layer, bonded=bonded, cell=cell, bolts=3, **SMALL)
+    assert_measures(tagged, 3, 1.0, WASHER, 0.0, layer, bonded)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"lap": 0.8}, "lap is 0.8, expected less than length = 0.72 m"),
+        ({"gap": 0.4}, "gap is 0.4, expected less than 0.3 m"),
+        ({"gap": 0.0}, "gap is 0.0, expected a length above 0 m"),
+        ({"layer": 0.02}, "layer is 0.02, expected less than thickness = 0.0127 m"),
+        ({"bolts": 9}, "washer is 0.015, expected 0 m, or at most 0.012 m, the pitch of 9 bolts"),
+        ({"bolts": 0}, "bolts is 0, expected a whole number of at least 1"),
+        ({"washer": 0.026}, "washer is 0.026, expected 0 m, or at most 0.0254 m, the width"),
+        ({"washer": 0.022, "hole": 0.01}, "at most 0.02032 m, the width, over 1.25"),
+        ({"hole": 0.02}, "hole is 0.02, expected 0 m, or less than washer = 0.015 m"),
+    ],
+)
+def test_impossible_arguments_are_refused(arguments, message):
+    with pytest.raises(MeshError, match=re.escape(message)):
+        half_lap_beam(MPI.COMM_SELF, **arguments)
+
+
+# -- bending of beams by hand ----------------------------------------------------------------------
+
+E, RHO, THIN = 194e9, 7730.0, 3e-3
+FUNCTIONS = (
+    lambda n, x: [np.cos(x), -np.sin(x), -np.cos(x), np.sin(x)][n],
+    lambda n, x: [np.sin(x), np.cos(x), -np.sin(x), -np.cos(x)][n],
+    lambda n, x: [np.cosh(x), np.sinh(x)][n % 2],
+    lambda n, x: [np.sinh(x), np.cosh(x)][n % 2],
+)
+
+
+def stepped_beam(share: float) -> float:
+    """First bending frequency, Hz, of a free beam of Euler's, softer over the lap in its middle.
+
+    Of its right half: w' = w''' = 0 in the middle, w'' = w''' = 0 at the end, and at the end of the
+    lap deflection, slope, moment and force are the same on both sides.
+
+    Args:
+        share: Bending stiffness in the lap over that of the beam.
+    """
+    inertia = THIN**3 / 12
+    cos, sin, cosh, sinh = FUNCTIONS
+    middle = cos, cosh
+    end = (lambda n, x: cos(n, x) + cosh(n, x)), (lambda n, x: sin(n, x) + sinh(n, x))
+
+    def determinant(hertz: float) -> float:
+        line = RHO * THIN * (2 * np.pi * hertz) ** 2 / E
+        inside, outside = ((line / i) ** 0.25 for i in (share * inertia, inertia))
+        rows = np.empty((4, 4))
+        for n in range(4):
+            stiff = share if n > 1 else 1.0
+            rows[n, :2] = [stiff * inside**n * f(n, inside * LAP / 2) for f in middle]
+            rows[n, 2:] = [-((-outside) ** n) * f(n, outside * (L - LAP) / 2) for f in end]
+        return np.linalg.det(rows / np.linalg.norm(rows, axis=1)[:, None])
+
+    whole = 3.5608 / L**2 * np.sqrt(E * inertia / (RHO * THIN))
+    return brentq(determinant, 0.3 * whole, 1.05 * whole)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("bonded", [True, False])
+def test_bends_as_a_whole_beam_or_one_of_half_heights(bonded):
+    """A layer that does not shear leaves two beams of half the height, a quarter as stiff."""
+    layer = 0.0 if bonded else 1e-5
+    tagged = half_lap_beam_section(
+        COMM, length=L, thickness=THIN, lap=LAP, gap=1e-5, washer=0.0, n_lap=24, layer=layer,
+        bonded=bonded,
+    )  # fmt: skip
+    regions = [part("beams", ("beam_1", "beam_2"), E=E, nu=0.0, rho=RHO, normal=(0.0, 1.0))]
+    if not bonded:
+        regions.append(joint("lap", "joint", E=1e9, G=1e-2, normal=(0.0, 1.0)))
+    # The beams slide along each other besides.
+    modes = solve_modes(Structure(tagged, regions), n_modes=5 - bonded)
+    # What is left is the foot of each step, and shear.
+    share = 1.0 if bonded else 0.25
+    assert modes.frequencies_hz[-1] == pytest.approx(stepped_beam(share), rel=1.5e-2)
