@@ -280,7 +280,7 @@ def _prepare(comm, path: Path, json: Path | None, report: Path | None) -> Case:
 def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
     """Write and show; then fail, where the outcome says that it is none."""
     from fenics_joints.errors import ConvergenceError
-    from fenics_joints.files import write_text
+    from fenics_joints.files import shown_path, write_text
     from fenics_joints.parallel import on_root
 
     def write() -> None:
@@ -290,7 +290,7 @@ def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
             write_text(path, text)
         outcome.summary(Console())
         for path, _ in contents:
-            typer.echo(f"wrote {path}")
+            typer.echo(f"wrote {shown_path(path)}")
 
     on_root(comm, write)
     if outcome.failure is not None:

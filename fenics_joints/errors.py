@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from fenics_joints.formatting import printable
+
 __all__ = ["ConvergenceError", "InputError", "JointsError", "MeshError", "located"]
 
 
 class JointsError(Exception):
     """Base of every exception that the suite raises on purpose."""
+
+    def __str__(self) -> str:
+        # Messages quote what users and files say, and go to terminals.
+        return printable(super().__str__())
 
 
 class InputError(JointsError, ValueError):

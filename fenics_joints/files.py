@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,8 +12,101 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError
+from fenics_joints.formatting import control_character, printable
 
-__all__ = ["check_writable", "json_text", "plain", "write_arrays", "write_text"]
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = [
+    "check_writable", "is_file", "json_text", "plain", "read_text", "read_toml", "shown_path",
+    "write_arrays", "write_text",
+]  # fmt: skip
+
+#: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
+_DEEPEST, _LARGEST = 50, 2**63
+#: Characters of the longest path that a message shows whole, and bytes of the longest name of a
+#: file: file systems take 255, and a file has a sibling with a longer name until it is whole.
+_LONGEST_SHOWN, _LONGEST_NAME = 300, 230
+
+
+def shown_path(path: str | Path) -> str:
+    """A path for a message: long ones not whole, and nothing in it that a terminal obeys."""
+    text = str(path)
+    return printable(text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}...")
+
+
+def is_file(path: str | Path) -> bool:
+    """Whether there is such a file, also of names that no file can have."""
+    return os.path.isfile(path)  # a Path raises for some of those
+
+
+def read_text(path: str | Path, expected: str) -> str:
+    """Text of a file in UTF-8; a mark that editors put at its begin is left out.
+
+    Args:
+        path: The file.
+        expected: What it should hold, for messages.
+
+    Raises:
+        InputError: If there is no such file, or it cannot be read as text.
+    """
+    name = shown_path(path)
+    if not is_file(path):
+        raise InputError(f"{name}: no such file, expected {expected}")
+    try:
+        content = Path(path).read_bytes()
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            raise InputError(f"{name}: is text in UTF-16, expected it in UTF-8") from error
+        raise InputError(f"{name}: cannot be read ({error}), expected text in UTF-8") from error
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read ({error.strerror})") from error
+
+
+def read_toml(path: str | Path, expected: str) -> dict:
+    """Content of a TOML file, not deeper than a reader can follow, its whole numbers of 64 bits.
+
+    Raises:
+        InputError: As `read_text`; if it is no such TOML.
+    """
+    text = read_text(path, expected)
+    try:
+        content = tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{path}: {_TOO_DEEP}") from None
+    except ValueError as error:  # a TOMLDecodeError, or Python's for a number of 4,300 digits
+        reason = _TOO_LARGE if "integer string conversion" in str(error) else f"({error})"
+        raise InputError(f"{path}: cannot be read as TOML: {reason}") from error
+    _check_toml(path, content)
+    return content
+
+
+_TOO_DEEP = f"tables or arrays are nested more than {_DEEPEST} deep, expected fewer"
+_TOO_LARGE = "a whole number has more than the 64 bits that TOML allows"
+
+
+def _check_toml(path: str | Path, content: dict) -> None:
+    level: list[dict | list] = [content]
+    for _ in range(_DEEPEST):
+        below = []
+        for item in level:
+            values = [*item, *item.values()] if isinstance(item, dict) else item
+            for value in values:
+                if isinstance(value, dict | list):
+                    below.append(value)
+                elif isinstance(value, str) and control_character(value):
+                    raise InputError(
+                        f"{path}: the text {value[:40]!r} has the control character "
+                        f"{control_character(value)}; expected text that can be printed"
+                    )
+                elif isinstance(value, int) and not -_LARGEST <= value < _LARGEST:
+                    raise InputError(f"{path}: cannot be read as TOML: {_TOO_LARGE}")
+        level = below
+    if level:
+        raise InputError(f"{path}: {_TOO_DEEP}")
 
 
 def check_writable(path: str | Path, what: str) -> Path:
@@ -27,9 +121,16 @@ def check_writable(path: str | Path, what: str) -> Path:
     """
     path = Path(path)
     folder = path.parent
-    if not folder.is_dir():
-        raise InputError(f"{what} {path}: no folder {folder}; expected one that exists")
-    if path.is_dir():
+    if len(os.fsencode(path.name)) > _LONGEST_NAME:
+        raise InputError(
+            f"{what} {path.name[:40]}...: a name of {len(path.name)} characters; expected at most "
+            f"{_LONGEST_NAME}"
+        )
+    if not os.path.isdir(folder):
+        raise InputError(
+            f"{what} {shown_path(path)}: no folder {shown_path(folder)}; expected one that exists"
+        )
+    if os.path.isdir(path):
         raise InputError(f"{what} {path}: is a folder; expected the name of a file")
     if not os.access(path if _is_stream(path) else folder, os.W_OK):
         raise InputError(f"{what} {path}: {folder} cannot be written to; expected one that can")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 __all__ = [
-    "MISSING", "condition_value", "extents", "hertz", "interval", "number", "p_value",
-    "percent", "prefixed", "probability", "quantity", "spaced", "spread",
+    "MISSING", "condition_value", "control_character", "extents", "hertz", "interval", "number",
+    "p_value", "percent", "prefixed", "printable", "probability", "quantity", "spaced", "spread",
 ]  # fmt: skip
 
 #: Shown where there is no number.
@@ -17,6 +18,20 @@ _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"
 #: Units whose first symbol takes a prefix; others are written as they are.
 _PREFIXED = ("Pa", "N/m", "m", "g", "Hz", "N", "s", "W", "J")
 _PLAIN = {"kg/m3": "kg/m³", "kg/m^3": "kg/m³", "N m": "N·m", "Nm": "N·m", "N*m": "N·m"}
+#: What a terminal obeys instead of showing it, and what turns the order of letters round; not line
+#: breaks and tabs.
+_CONTROL = re.compile("\r(?!\n)|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def control_character(text: str) -> str:
+    """The first control character of a text, as ``U+001B``; empty if there is none."""
+    found = _CONTROL.search(text)
+    return f"U+{ord(found[0]):04X}" if found else ""
+
+
+def printable(text: str) -> str:
+    """A text whose control characters are shown as their codes, such as ``\\x1b``."""
+    return _CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def _missing(value) -> bool:

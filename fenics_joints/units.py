@@ -35,7 +35,19 @@ _PARAMETERS = {
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 #: Angles are no dimension, so that rad/s and rpm would pass for Hz and be wrong by 2 pi or 60.
 _ANGLES = re.compile(r"rad|rev|rpm|turn|cycle|deg|°")
-_PRODUCT = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "2", "³": "3", "−": "-"})
+_PRODUCT = str.maketrans("·⋅×−⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "***-0123456789-")
+#: Characters of a unit and of a quantity, and how deep a unit's brackets may be nested. Nothing but
+#: this grammar reaches pint, which computes 9**9**9 if it is asked to.
+_LONGEST, _LONGEST_QUANTITY, _NESTED = 100, 200, 4
+#: A power: of one digit, a decimal or a fraction; of nothing that is a power itself.
+_POWER = re.compile(
+    r"(?<![\s\d*^/(+-])\s*(?:\*\*|\^)\s*"
+    r"(?:[+-]?\d(?:\.\d{1,3})?|\(\s*[+-]?\d(?:\.\d{1,3}|\s*/\s*[1-9])?\s*\))"
+    r"(?![\d.]|\s*(?:\*\*|\^))"
+)
+_OPERAND = r"(?:[^\W\d]{1,32}|1(?:\.0)?(?![\w.]))"
+_TERMS = re.compile(rf"\s*{_OPERAND}(?:\s*[*/]\s*{_OPERAND}|\s+{_OPERAND})*\s*")
+_BRACKETS = re.compile(rf"\({_TERMS.pattern}\)")
 
 
 def parameter_unit(name: str) -> str:
@@ -56,15 +68,20 @@ def to_si(value: float | str, unit: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError(_expected(unit))
     if isinstance(value, str):
-        match = _NUMBER.fullmatch(value)
+        match = _NUMBER.fullmatch(value) if len(value) <= _LONGEST_QUANTITY else None
         if not match or (unit and not match[2]):
             raise InputError(_expected(unit))
         value = float(match[1]) * factor_to_si(match[2], unit)
+    try:
+        value = float(value)
+    except OverflowError:  # a whole number beyond the largest float
+        value = math.inf
     if not math.isfinite(value):
         raise InputError("expected a finite number")
-    return float(value)
+    return value
 
 
+@lru_cache(maxsize=1024)
 def factor_to_si(text: str, unit: str) -> float:
     """How many of the SI ``unit`` one of the unit ``text`` is.
 
@@ -81,7 +98,8 @@ def factor_to_si(text: str, unit: str) -> float:
     try:
         return float(registry.Quantity(1.0, _parsed(text)).to(_parsed(unit)).magnitude)
     except Exception as error:  # pint, its tokenizer and Python's raise many kinds
-        known = f"{_expected(unit)} (the unit {text!r} measures something else or is unknown)"
+        shown = text if len(text) <= 40 else f"{text[:37]}..."
+        known = f"{_expected(unit)} (the unit {shown!r} measures something else or is unknown)"
         raise InputError(known) from error
 
 
@@ -89,7 +107,20 @@ def _parsed(text: str):
     text = text.translate(_PRODUCT)
     # Pint's Nm is a count of yarn; here it can only be a torque.
     text = re.sub(r"(?<![A-Za-z])(k|m|M)?Nm(?![A-Za-z])", r"\1N*m", text)
-    return _registry().parse_units(re.sub(r"(?<=[A-Za-z])\^?(-?\d)", r"**\1", text))
+    text = re.sub(r"(?<=[A-Za-z])\^?(-?\d)", r"**\1", text)
+    if not _is_unit(text):
+        raise InputError("expected names of units, multiplied, divided, with powers of one digit")
+    return _registry().parse_units(text)
+
+
+def _is_unit(text: str) -> bool:
+    """Whether a text is a product of units, whose evaluation is quick whatever they are."""
+    if len(text) > _LONGEST:
+        return False
+    text = _POWER.sub("", text)
+    for _ in range(_NESTED):
+        text = _BRACKETS.sub(" x ", text)
+    return bool(_TERMS.fullmatch(text))
 
 
 @lru_cache(maxsize=1)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import MeshError
+from fenics_joints.files import is_file
 
 __all__ = [
     "Contact",
@@ -100,7 +101,7 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
         MeshError: The file is missing, is no STEP file, or has less than two solids; or a name
             fits no solid, or two.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise MeshError(f"{path}: no such file, expected a STEP file")
     with path.open("rb") as file:
         if b"ISO-10303-21" not in file.read(4096):

@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import MeshError, located
+from fenics_joints.files import is_file
 from fenics_joints.meshes.arguments import is_positive, requirement
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.gmsh_model import gmsh_model
@@ -120,7 +121,7 @@ def _names(groups, values: np.ndarray) -> dict[str, int]:
 
 def _check_header(path: Path) -> None:
     # gmsh guesses the format and would run another file as its script.
-    if not path.is_file():
+    if not is_file(path):
         raise MeshError(f"{path}: no such file, expected a gmsh .msh file")
     with path.open("rb") as file:
         start = file.read(4096)

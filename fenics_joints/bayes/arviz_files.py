@@ -139,7 +139,7 @@ def read_chains(path: Path) -> tuple[dict, dict, dict]:
         for group in there:
             with xarray.open_dataset(path, group=group, engine="h5netcdf") as data:
                 found.append({str(k): np.array(v.values) for k, v in data.data_vars.items()})
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError) as error:
         raise InputError(
             f"{path}: is not a file of chains that can go on ({error}); expected one that "
             "--keep wrote, or a new name"

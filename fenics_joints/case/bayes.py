@@ -9,7 +9,7 @@ from fenics_joints.bayes.priors import density
 from fenics_joints.case.case import Case
 from fenics_joints.case.messages import said
 from fenics_joints.errors import InputError, located
-from fenics_joints.measurements.data import TestData, read_table
+from fenics_joints.measurements import TestData, read_table
 from fenics_joints.units import parameter_unit, to_si
 
 __all__ = ["bayes_data", "prior_numbers", "specimens"]

@@ -27,6 +27,7 @@ from fenics_joints.case.test import Test
 from fenics_joints.case.update import UpdateSection
 from fenics_joints.case.values import Section, named
 from fenics_joints.errors import InputError
+from fenics_joints.formatting import printable
 from fenics_joints.measurements import MeasuredCurves, MeasuredFRFs, TestData
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import parameter_unit, to_si
@@ -99,7 +100,7 @@ class Case(Section):
     @property
     def name(self) -> str:
         """The title, or else the name of the folder."""
-        return self.title or self._path.parent.name
+        return self.title or printable(self._path.parent.name)
 
     @property
     def folder(self) -> Path:

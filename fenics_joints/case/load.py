@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,12 +20,8 @@ from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.messages import case_error, describe, did_you_mean, said
 from fenics_joints.case.test import FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, located
+from fenics_joints.files import is_file, read_toml
 from fenics_joints.measurements import TestData, read_curves, read_frfs, read_table, read_test_data
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 __all__ = ["load_case"]
 
@@ -40,14 +36,9 @@ def load_case(path: str | Path) -> Case:
         InputError: Names the file and, for each error, the key, the value and what was expected.
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):
         path = path / "case.toml"
-    if not path.is_file():
-        raise InputError(f"{path}: no such file, expected a case file or a folder with case.toml")
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as TOML ({error})") from error
+    raw = read_toml(path, "a case file or a folder with case.toml")
     try:
         case = Case.model_validate(raw)
     except ValidationError as error:
@@ -159,7 +150,7 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
     for name in ("frequencies", "damping", "shapes"):
         file = getattr(source, name, None)
         files[name] = None if file is None else case.folder / file
-        if file is not None and not files[name].is_file():
+        if file is not None and not is_file(files[name]):
             expected = f"no such file, expected CSV or TOML at {files[name]}"
             raise InputError(said(f"{key}.{name}", file, expected))
     # Modes that are not named are all columns of the test; the validation must have the same.
@@ -201,11 +192,12 @@ def _read_shapes(file: Path | None, modes) -> np.ndarray | None:
     if file is None:
         return None
     table = read_table(file)
-    missing = [mode for mode in modes if mode not in table.names]
+    known = set(table.names)
+    missing = [mode for mode in modes if mode not in known]
     if missing:
         hint = did_you_mean(missing[0], list(table.names))
         raise InputError(f"shapes: {file}: no column for the mode {missing[0]!r}{hint}")
-    return table.values[:, [table.names.index(mode) for mode in modes]]
+    return np.column_stack([table.column(mode) for mode in modes])
 
 
 def _per_mode(name: str, values: list[float], n: int) -> list[float] | float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -24,6 +23,7 @@ from fenics_joints.case.values import (
     listed,
     quantity,
 )
+from fenics_joints.measurements.tables import column_head
 
 __all__ = ["FRFSection", "PlannedTest", "Test", "ValidationTest"]
 
@@ -96,10 +96,6 @@ class ValidationTest(Section):
     damping: str | None = None
 
 
-#: The head of a column, such as ``torque [N·m]``: a name and a unit.
-_COLUMN = r"\s*([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*"
-
-
 class FRFSection(Section):
     """``[test.frfs]``: measured frequency response functions, or ``frfs`` with a list of files.
 
@@ -159,7 +155,7 @@ class PlannedTest(Section):
 
     @model_validator(mode="after")
     def _clear(self) -> PlannedTest:
-        if self.condition is not None and not re.fullmatch(_COLUMN, self.condition):
+        if self.condition is not None and not column_head(self.condition)[0]:
             raise ValueError(f"condition = {self.condition!r}: expected 'NAME [UNIT]'")
         if self.condition is None and len(self.conditions) > 1:
             raise ValueError("expected condition too, such as 'torque [N·m]'")
@@ -181,8 +177,7 @@ class PlannedTest(Section):
         """Name and unit of the condition."""
         if self.condition is None:
             return "row", ""
-        name, unit = re.fullmatch(_COLUMN, self.condition).groups()
-        return name, (unit or "").strip()
+        return column_head(self.condition)
 
 
 class Test(Section):

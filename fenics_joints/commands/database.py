@@ -358,11 +358,11 @@ def _settings(pairs: list[str]) -> dict[str, object]:
 
 
 def _write_json(path: Path | None, content: dict) -> None:
-    from fenics_joints.files import json_text, write_text
+    from fenics_joints.files import json_text, shown_path, write_text
 
     if path is not None:
         write_text(path, json_text(content))
-        typer.echo(f"wrote {path}")
+        typer.echo(f"wrote {shown_path(path)}")
 
 
 def _show_sweep(result, db: Path) -> None:

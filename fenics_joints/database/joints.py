@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from fenics_joints.errors import InputError
+from fenics_joints.formatting import control_character
 
 __all__ = ["CONDITIONS", "NUMBERS", "TEXTS", "UNITS", "Joint", "settings_text"]
 
@@ -77,6 +78,9 @@ class Joint:
             value = getattr(self, name)
             if value is not None and (not isinstance(value, str) or not value.strip()):
                 raise InputError(f"{name} = {value!r}: expected text, or nothing")
+            if value is not None and control_character(value):
+                expected = f"expected text without the control character {control_character(value)}"
+                raise InputError(f"{name} = {value[:40]!r}: {expected}")
         if self.settings is not None:
             try:
                 json.loads(self.settings)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from fenics_joints.database.joints import NUMBERS, TEXTS, UNITS, Joint
 from fenics_joints.errors import InputError, located
-from fenics_joints.files import write_text
+from fenics_joints.files import is_file, write_text
 
 __all__ = ["Store", "seed_database"]
 
@@ -52,7 +52,7 @@ class Store:
     def __init__(self, path: str | Path, *, create: bool = False, readonly: bool = False):
         self.path, self.readonly = str(path), readonly
         memory = self.path == ":memory:"
-        if not memory and not create and not Path(path).is_file():
+        if not memory and not create and not is_file(path):
             raise InputError(f"{path}: no such file, expected a database of joint parameters")
         uri = (
             self.path if memory else f"{Path(path).absolute().as_uri()}?mode={_mode(path, create)}"

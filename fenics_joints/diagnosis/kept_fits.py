@@ -75,7 +75,7 @@ def _lines(path: Path):
         try:
             item = json.loads(line)
             label, z = str(item["label"]), np.array(item["z"], dtype=float)
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             continue
         if z.ndim == 1 and np.all(np.isfinite(z)):
             yield label, z

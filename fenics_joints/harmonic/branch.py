@@ -84,7 +84,7 @@ def load_branch(path: str | Path, name: str = "") -> Branch | None:
         with np.load(path, allow_pickle=False) as stored:
             found = str(stored["name"])
             branch = Branch(**{field.name: stored[field.name][()] for field in fields(Branch)})
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, KeyError, ValueError, EOFError, MemoryError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: not a branch written by this package ({error}).") from error
     if found != name:
         raise InputError(

@@ -1,11 +1,12 @@
 """What a vibration test measured: tables, functions, identified modes, and their gap to a model."""
 
 from fenics_joints.measurements.curves import MeasuredCurves, read_curves
-from fenics_joints.measurements.data import TestData, read_table, read_test_data
+from fenics_joints.measurements.data import TestData, read_test_data
 from fenics_joints.measurements.files import read_frfs
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.gap import Gap, Pairing, mac, pair_modes
 from fenics_joints.measurements.identification import IdentifiedModes, identify_modes
+from fenics_joints.measurements.tables import read_table
 from fenics_joints.measurements.target import FRFTarget, Target
 
 __all__ = [

@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError, located
-from fenics_joints.measurements.data import Table, read_table
 from fenics_joints.measurements.records import (
     CoherenceRecord,
     Contents,
@@ -29,6 +28,7 @@ from fenics_joints.measurements.records import (
     Said,
     node_label,
 )
+from fenics_joints.measurements.tables import Table, read_table
 from fenics_joints.response.units import a_kind, frf_unit, length_factor
 
 __all__ = ["read_csv"]
@@ -93,7 +93,7 @@ def _values(table: Table, where: str, columns: dict[str, str], said: Said):
         return re_factor * re_ + 1j * im_factor * im, kind
     if have == {"abs", "phase"}:
         kind, factor = _unit(table, columns["abs"], said)
-        unit = table.units[table.names.index(columns["phase"])]
+        unit = table.unit(columns["phase"])
         if unit not in ("deg", "°", "rad"):
             raise InputError(f"{where} phase: unit {unit!r}, expected [deg] or [rad]")
         phase = table.column(columns["phase"])
@@ -110,7 +110,7 @@ def _values(table: Table, where: str, columns: dict[str, str], said: Said):
 
 
 def _unit(table: Table, column: str, said: Said) -> tuple[str, float]:
-    text = said.units or table.units[table.names.index(column)]
+    text = said.units or table.unit(column)
     if not text:
         raise InputError(
             f"{table.path}: column {column!r}: the unit is not known; expected it in brackets in "
@@ -131,7 +131,7 @@ def _nodes(table: Table, said: Said) -> Contents:
     columns = []
     for axis in ("x", "y", "z"):
         values = table.column(axis)
-        unit = table.units[table.names.index(axis)] or said.length_unit
+        unit = table.unit(axis) or said.length_unit
         if not unit:
             raise InputError(
                 f"{table.path}: column {axis!r}: the unit is not known; expected a head such as "

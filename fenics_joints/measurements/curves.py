@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.data import read_table
+from fenics_joints.measurements.tables import read_table
 
 __all__ = ["UNITS", "MeasuredCurves", "read_curves", "si_columns"]
 

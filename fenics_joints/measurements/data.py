@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-import csv
-import difflib
 import math
 import re
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError, located
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.tables import LISTED, Table, read_table
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import factor_to_si
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
-__all__ = ["Table", "TestData", "read_table", "read_test_data"]
+__all__ = ["TestData", "read_test_data"]
 
 #: Units of a level of excitation or response, and words of a condition that is a preload whatever
 #: its unit. Pint's g is a gram.
 _LEVELS, _GRAVITY = ("N", "m", "m/s", "m/s2"), ("g", "gn", "g_n")
 _PRELOADS = re.compile(r"torque|preload|tension|clamp", re.IGNORECASE)
 _DAMPING_NOISE = 0.1
-_HEAD = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\])?\s*")
-_COMMA = re.compile(r"^([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)$")
-#: How many wrong cells a message names.
-_NAMED = 6
+#: More columns of frequencies and conditions than any test has: such a table is of something else.
+_MODES, _CONDITIONS = 1000, 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,138 +206,6 @@ def _measures(unit: str, kind: str) -> bool:
     return True
 
 
-@dataclass(frozen=True)
-class Table:
-    """Columns of numbers from a file.
-
-    Attributes:
-        path: The file.
-        names: Names of the columns, without their units.
-        units: Units in brackets in the columns' heads; empty where there is none.
-        values: Shape (n_rows, n_columns); nan where a cell is empty.
-    """
-
-    path: Path
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: np.ndarray
-
-    def __repr__(self) -> str:
-        return f"Table({self.path.name}: {len(self.values)} rows of {len(self.names)} columns)"
-
-    def column(self, name: str, unit: str | None = None) -> np.ndarray:
-        """A column, in SI ``unit``, or as written when that is None.
-
-        Raises:
-            InputError: If there is no such column, or its unit measures something else.
-        """
-        if name not in self.names:
-            near = difflib.get_close_matches(name, self.names, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(
-                f"{self.path}: has no column {name!r}{hint} Expected one of: "
-                f"{', '.join(self.names)}"
-            )
-        i = self.names.index(name)
-        if unit is None:
-            return self.values[:, i]
-        with located(f"{self.path}: head of column {name!r}"):
-            if unit and not self.units[i]:
-                raise InputError(f"expected its unit in brackets, such as '{name} [{unit}]'")
-            return self.values[:, i] * factor_to_si(self.units[i], unit)
-
-
-def read_table(path: str | Path) -> Table:
-    """Read columns of numbers from CSV, or from TOML with an array for each column.
-
-    A column's head is its name and its unit in brackets, such as ``torque [N·m]``. An empty CSV
-    cell, or ``nan`` in TOML, is a value that was not measured. Lines that begin with # are skipped.
-    Between the cells of CSV stand commas, or semicolons or tabs and then perhaps decimal commas.
-
-    Raises:
-        InputError: Names the file, the row (the line, for CSV), the column and what was expected.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file, expected measured data in CSV or TOML")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}), expected text in UTF-8") from error
-    heads, rows = _toml_rows(path, text) if path.suffix == ".toml" else _csv_rows(path, text)
-    split = [_HEAD.fullmatch(head).groups() for head in heads]
-    names = tuple(name for name, _ in split)
-    bad = [name for name in names if not name or names.count(name) > 1]
-    if bad:
-        raise InputError(f"{path}: column name {bad[0]!r}, expected a name for each, used once")
-    values = _numbers(path, heads, rows)
-    return Table(path, names, tuple((unit or "").strip() for _, unit in split), values)
-
-
-def _csv_rows(path: Path, text: str):
-    """Heads, and (line number, cells) of each row."""
-    lines = text.splitlines()
-    kept = [(i, s) for i, s in enumerate(lines, 1) if s.strip() and not s.lstrip().startswith("#")]
-    if len(kept) < 2:
-        raise InputError(f"{path}: has {len(kept)} rows, expected a head and rows of numbers")
-    comma = next((sign for sign in ",;\t" if sign in kept[0][1]), ",")
-    cells = [
-        [cell.strip() for cell in next(csv.reader([line], delimiter=comma, skipinitialspace=True))]
-        for _, line in kept
-    ]
-    heads = cells[0]
-    for (line, _), row in zip(kept[1:], cells[1:], strict=True):
-        if len(row) != len(heads):
-            raise InputError(
-                f"{path}: row {line} has {len(row)} cells, expected {len(heads)} as in the head"
-            )
-    rows = cells[1:] if comma == "," else _with_points(cells[1:])
-    return heads, [(line, row) for (line, _), row in zip(kept[1:], rows, strict=True)]
-
-
-def _with_points(rows: list[list[str]]) -> list[list[str]]:
-    """Cells of a table without decimal points, with decimal commas made into such points."""
-    if any("." in cell for row in rows for cell in row):
-        return rows
-    return [[_COMMA.sub(r"\1.\2", cell) for cell in row] for row in rows]
-
-
-def _toml_rows(path: Path, text: str):
-    try:
-        columns = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not TOML ({error})") from error
-    for head, column in columns.items():
-        if not isinstance(column, list) or not column:
-            raise InputError(f"{path}: {head!r} = {column!r}, expected an array of numbers")
-    lengths = {head: len(column) for head, column in columns.items()}
-    if len(set(lengths.values())) != 1:
-        raise InputError(f"{path}: the arrays have lengths {lengths}, expected one and the same")
-    return list(columns), list(enumerate(zip(*columns.values(), strict=True), 1))
-
-
-def _numbers(path: Path, heads, rows) -> np.ndarray:
-    values, errors = np.full((len(rows), len(heads)), np.nan), []
-    for i, (row, cells) in enumerate(rows):
-        for j, cell in enumerate(cells):
-            if cell == "":
-                continue
-            try:
-                values[i, j] = float(cell)
-                good = not math.isinf(values[i, j]) and not isinstance(cell, bool)
-            except (TypeError, ValueError):
-                good = False
-            if not good:
-                errors.append(f"row {row}, column {heads[j]!r} = {cell!r}")
-    if errors:
-        more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
-        raise InputError(
-            f"{path}: {'; '.join(errors[:_NAMED])}{more}: expected a number, or nothing where none "
-            "was measured"
-        )
-    return values
-
-
 def read_test_data(
     frequencies: str | Path,
     *,
@@ -375,12 +234,13 @@ def read_test_data(
     conditions, unit = _conditions(table, condition)
     measured = [name for name in table.names if name != condition]
     modes = list(measured if modes is None else modes)
-    f = np.column_stack([table.column(name, "Hz") for name in modes])
-    left = [name for name in measured if name not in modes]
+    _check_size(table, modes, condition)
+    f = np.column_stack([_frequencies(table, name, condition) for name in modes])
+    left = [name for name in measured if name not in set(modes)]
     if left:
         raise InputError(
-            f"{table.path}: has columns {', '.join(map(repr, left))}, which are no modes; "
-            f"expected {len(modes)} columns of frequencies: {', '.join(modes)}"
+            f"{table.path}: has columns {', '.join(map(repr, left[:LISTED]))}, which are no "
+            f"modes; expected {len(modes)} columns of frequencies: {', '.join(modes[:LISTED])}"
         )
     _check_values(table, modes, f > 0, "a frequency above 0 Hz")
     ratios = None if damping is None else _damping(damping, condition, unit, conditions, modes)
@@ -391,11 +251,38 @@ def read_test_data(
     )  # fmt: skip
 
 
+def _check_size(table: Table, modes: Sequence[str], condition: str | None) -> None:
+    if not modes:
+        raise InputError(
+            f"{table.path}: has no column but that of the condition, {condition!r}; expected one "
+            "of frequencies for each mode, such as 'mode 1 [Hz]'"
+        )
+    for n, most, what in (
+        (len(modes), _MODES, "columns of frequencies"),
+        (len(table.values), _CONDITIONS, "rows"),
+    ):
+        if n > most:
+            raise InputError(f"{table.path}: has {n} {what}, expected at most {most} of a test")
+
+
+def _frequencies(table: Table, name: str, condition: str | None) -> np.ndarray:
+    try:
+        return table.column(name, "Hz")
+    except InputError as error:
+        if condition is not None or name not in table.names or not table.unit(name):
+            raise
+        raise InputError(
+            f"{table.path}: column {name[:40]!r} is in {table.unit(name)[:40]!r}, which is no frequency; "
+            f"expected condition = {name[:40]!r} in [test] if it is what the test was repeated at, else "
+            "columns of frequencies alone"
+        ) from error
+
+
 def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
     if name is None:
         return np.arange(1.0, len(table.values) + 1), ""
     conditions = table.column(name)
-    unit = table.units[table.names.index(name)]
+    unit = table.unit(name)
     if np.isnan(conditions).any():
         row = int(np.argmax(np.isnan(conditions))) + 1
         raise InputError(f"{table.path}: {name} of data row {row} is empty, expected a number")
@@ -425,8 +312,10 @@ def _damping(path, condition, unit, conditions, modes) -> np.ndarray:
             f"{table.path}: {condition} is in {own_unit!r}, expected {unit!r} as in the frequencies"
         )
     present = [name for name in table.names if name != condition]
+    _check_size(table, present, condition)
+    columns = {name: i for i, name in enumerate(modes)}
     for name in present:
-        if name not in modes:
+        if name not in columns:
             raise InputError(
                 f"{table.path}: column {name!r} is no mode, expected {', '.join(modes)}"
             )
@@ -439,7 +328,7 @@ def _damping(path, condition, unit, conditions, modes) -> np.ndarray:
                 f"of {', '.join(f'{v:g}' for v in conditions)}"
             )
     for name in present:
-        ratios[rows, modes.index(name)] = table.column(name, "")
+        ratios[rows, columns[name]] = table.column(name, "")
     read = np.column_stack([table.column(name, "") for name in present])
     _check_values(table, present, (read >= 0) & (read < 1), "a damping ratio from 0 to below 1")
     return ratios

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fenics_joints.errors import InputError
+from fenics_joints.files import is_file, shown_path
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.records import Contents, Said, merge
 
@@ -52,8 +53,8 @@ def read_frfs(
     said = Said(kind, units, length_unit, keys or {})
     contents, seen = Contents(), set()
     for path in paths:
-        if not path.is_file():
-            raise InputError(f"{path}: no such file, expected measured functions")
+        if not is_file(path):
+            raise InputError(f"{shown_path(path)}: no such file, expected measured functions")
         if path.resolve() in seen:
             raise InputError(f"{path}: is named twice, expected each file once")
         seen.add(path.resolve())

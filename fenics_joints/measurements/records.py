@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -25,6 +26,8 @@ __all__ = [
 
 #: Share of a driving point's mobility below which its real part is not looked at.
 _REACTIVE = 0.15
+#: Most values of a matrix of functions, 4.8 GB: 500 responses, 6 references, 100,000 lines.
+_VALUES = 300_000_000
 #: How many nodes a message names.
 _NAMED = 12
 
@@ -193,11 +196,20 @@ def merge(
                 f"{record.where}: response {places.names[response]}, reference "
                 f"{places.names[reference]} was already in {before.where}; expected each once"
             )
-    rows, columns = (sorted({key[side] for key in cells}, key=places.order) for side in (0, 1))
+    rows, columns = (
+        {key: i for i, key in enumerate(sorted({key[side] for key in cells}, key=places.order))}
+        for side in (0, 1)
+    )
     shape = (len(grid), len(rows), len(columns))
+    if math.prod(shape) > _VALUES:
+        raise InputError(
+            f"{', '.join(sources) or 'files'}: {len(columns)} references, {len(rows)} responses "
+            f"and {len(grid)} lines are a matrix of {math.prod(shape):.2g} values, expected at "
+            f"most {_VALUES:.2g}; read fewer files at once, or only those of some references"
+        )
     values, coherence = np.full(shape, np.nan, dtype=complex), np.full(shape, np.nan)
     for (row, column), (record, sign) in cells.items():
-        values[:, rows.index(row), columns.index(column)] = sign * record.values
+        values[:, rows[row], columns[column]] = sign * record.values
     for gamma in contents.coherences:
         _put_coherence(coherence, gamma, first, places, rows, columns)
     data = MeasuredFRFs(
@@ -207,7 +219,7 @@ def merge(
         None if np.isnan(coherence).all() else coherence, tuple(sources), tuple(contents.notes),
     )  # fmt: skip
     where = {key: record.where for key, (record, _) in cells.items()}
-    doubts = _check_power(data, where, rows, columns)
+    doubts = _check_power(data, where, list(rows), list(columns))
     return replace(data, notes=(*data.notes, *doubts)) if doubts else data
 
 
@@ -265,8 +277,8 @@ def _put_coherence(coherence, gamma: CoherenceRecord, first, places, rows, colum
             + ("" if column is None else f", reference {places.names[column]}")
             + " has no frequency response function; expected one"
         )
-    where = slice(None) if column is None else columns.index(column)
-    coherence[:, rows.index(row), where] = gamma.values[:, None] if column is None else gamma.values
+    where = slice(None) if column is None else columns[column]
+    coherence[:, rows[row], where] = gamma.values[:, None] if column is None else gamma.values
 
 
 class _Places:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import check_writable, replaced
+from fenics_joints.files import check_writable, is_file, replaced
 from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
@@ -98,7 +98,7 @@ def read_model(path: str | Path, what: str, kind: type):
     import h5py
 
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{path}: there is no such file; expected a reduced model in HDF5.")
     try:
         with h5py.File(path, "r") as file:
@@ -114,7 +114,9 @@ def read_model(path: str | Path, what: str, kind: type):
             model = _decode(file, "model")
     except InputError as error:
         raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
-    except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
+    except (
+        OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError,
+    ) as error:  # fmt: skip  # a link in a circle is a RecursionError
         raise InputError(f"{path}: is damaged, or no HDF5 file ({error})") from error
     if not isinstance(model, kind):
         raise InputError(f"{path}: holds {type(model).__name__}; expected a reduced model.")

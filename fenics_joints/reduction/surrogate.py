@@ -152,7 +152,7 @@ class Surrogate(SeenModes):
         try:
             with np.load(file) as kept:
                 basis = kept["basis"]
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        except (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile):
             return None
         if basis.ndim != 2 or basis.shape[1] != self.nominal.shape(0).getLocalSize():
             return None

@@ -10,6 +10,7 @@ from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, said
 from fenics_joints.case.sections import Joint, Part
 from fenics_joints.errors import MeshError
+from fenics_joints.files import is_file
 
 __all__ = ["check_mesh", "check_names", "matching", "unknown_groups"]
 
@@ -42,7 +43,7 @@ def check_mesh(case: Case) -> list[str]:
     if isinstance(case.mesh, MeshFile):
         file = case.folder / case.mesh.file
         missing = said("mesh.file", case.mesh.file, f"no such file, expected a mesh at {file}")
-        return [] if file.is_file() else [missing]
+        return [] if is_file(file) else [missing]
     try:
         groups = case.mesh.groups()
     except MeshError as error:

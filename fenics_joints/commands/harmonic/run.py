@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -124,7 +125,7 @@ def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[Identif
 
 
 def _folder(folder: Path) -> Path:
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise InputError(f"--branches {folder}: no such folder; expected one that exists")
     return folder
 

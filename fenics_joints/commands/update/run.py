@@ -147,7 +147,7 @@ class _Run:
             )  # fmt: skip
             facts |= {**self.model.facts(), "not_converged": lost}
         return UpdateReport(
-            title=self.case.title or self.case.path.parent.name,
+            title=self.case.name,
             condition=self.data.condition,
             kinds=self.data.kinds,
             parameters=self._table(found),
