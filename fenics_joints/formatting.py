@@ -20,7 +20,9 @@ _PREFIXED = ("Pa", "N/m", "m", "g", "Hz", "N", "s", "W", "J")
 _PLAIN = {"kg/m3": "kg/m³", "kg/m^3": "kg/m³", "N m": "N·m", "Nm": "N·m", "N*m": "N·m"}
 #: What a terminal obeys instead of showing it, and what turns the order of letters round; not line
 #: breaks and tabs.
-_CONTROL = re.compile("\r(?!\n)|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+_CONTROL = re.compile(
+    "\r(?!\n)|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 
 
 def control_character(text: str) -> str:

@@ -271,10 +271,11 @@ def _frequencies(table: Table, name: str, condition: str | None) -> np.ndarray:
     except InputError as error:
         if condition is not None or name not in table.names or not table.unit(name):
             raise
+        shown, unit = name[:40], table.unit(name)[:40]
         raise InputError(
-            f"{table.path}: column {name[:40]!r} is in {table.unit(name)[:40]!r}, which is no frequency; "
-            f"expected condition = {name[:40]!r} in [test] if it is what the test was repeated at, else "
-            "columns of frequencies alone"
+            f"{table.path}: column {shown!r} is in {unit!r}, which is no frequency; expected "
+            f"condition = {shown!r} in [test] if it is what the test was repeated at, else columns "
+            "of frequencies alone"
         ) from error
 
 
