@@ -125,7 +125,7 @@ class ReducedStructure(ArrayModel):
         Raises:
             InputError: If one is outside the mesh; ``what`` is its name in the message.
         """
-        self.full.rows(sensors.points, what)
+        self.full.rows(sensors.points, what, sensors.names)
         return self.observe(np.eye(self.n_dofs), sensors).T
 
     def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:

@@ -6,7 +6,7 @@ the parameters, and one assembly gives the derivative with respect to all of the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -402,12 +402,17 @@ class Assembly:
         travel = number(mass.travel, values)
         return tuple(np.asarray(mass.point) + travel * np.asarray(mass.direction))
 
-    def rows(self, points, what: str = "point") -> PointRows:
-        """Rows that evaluate the displacement at points; cached. Collective."""
+    def rows(self, points, what: str = "point", names: Sequence[str] = ()) -> PointRows:
+        """Rows that evaluate the displacement at points; cached. Collective.
+
+        Those of a test, whose ``what`` is given, are moved onto the mesh if they are near it.
+        """
         points = np.atleast_2d(np.asarray(points, dtype=float))[:, : self.mesh.geometry.dim]
-        key = points.tobytes()
+        key, snap = points.tobytes(), what != "point"
         if key not in self._rows:
-            self._rows[key] = locate(self.V, self.element, points, what)
+            self._rows[key] = locate(
+                self.V, self.element, points, what, names=names, snap=snap
+            )
         return self._rows[key]
 
     def _add_point(self, A: PETSc.Mat, point, block: np.ndarray) -> None:

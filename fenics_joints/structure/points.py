@@ -6,7 +6,8 @@ basis-function values times DOFs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import basix.ufl
 import numpy as np
@@ -17,6 +18,7 @@ from petsc4py import PETSc
 
 from fenics_joints._compat import coordinate_map, geometry_dofmap
 from fenics_joints.errors import InputError
+from fenics_joints.structure.nearest import all_min, far_points, nearest, too_close_together
 
 __all__ = ["PointRows", "Sensors", "locate", "observe"]
 
@@ -28,6 +30,7 @@ class Sensors:
     Args:
         points: Positions, m, shape (n, gdim) or (gdim,).
         directions: Directions of any length, shape (n, gdim), or (gdim,) for all.
+        names: What they are called in the test, n of them; or none.
 
     Raises:
         InputError: If a direction is zero.
@@ -35,12 +38,14 @@ class Sensors:
     Attributes:
         points: Positions, m, shape (n, gdim).
         directions: Unit directions, shape (n, gdim).
+        names: Names, n of them, or none.
     """
 
     points: np.ndarray
     directions: np.ndarray
+    names: tuple[str, ...]
 
-    def __init__(self, points: ArrayLike, directions: ArrayLike):
+    def __init__(self, points: ArrayLike, directions: ArrayLike, names: Sequence[str] = ()):
         points = np.atleast_2d(np.asarray(points, dtype=float))
         directions = np.broadcast_to(np.asarray(directions, dtype=float), points.shape)
         norms = np.linalg.norm(directions, axis=1, keepdims=True)
@@ -48,6 +53,7 @@ class Sensors:
             raise InputError("sensors.direction: expected non-zero vectors.")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "directions", directions / norms)
+        object.__setattr__(self, "names", tuple(names))
 
     def __len__(self) -> int:
         return len(self.points)
@@ -68,12 +74,15 @@ class PointRows:
         nodes: Local blocks (nodes) of the space, shape (m, n_basis).
         values: Basis functions there, shape (m, n_basis).
         gradients: Their gradients, 1/m, shape (m, n_basis, gdim).
+        moved: How far each of the asked points was moved onto the mesh, m, shape (n,), equal on
+            all ranks; or None.
     """
 
     index: np.ndarray
     nodes: np.ndarray
     values: np.ndarray
     gradients: np.ndarray
+    moved: np.ndarray | None = None
 
 
 def _owned_candidates(msh, points: np.ndarray) -> np.ndarray:
@@ -93,7 +102,10 @@ def _owned_candidates(msh, points: np.ndarray) -> np.ndarray:
     return found
 
 
-def locate(V: fem.FunctionSpace, element, points, what: str = "point") -> PointRows:
+def locate(
+    V: fem.FunctionSpace, element, points, what: str = "point", *, names: Sequence[str] = (),
+    snap: bool = False,
+) -> PointRows:
     """Rows that evaluate ``V`` at points. Collective.
 
     Args:
@@ -101,38 +113,38 @@ def locate(V: fem.FunctionSpace, element, points, what: str = "point") -> PointR
         element: The scalar element of a block, from ``basix.ufl.element``.
         points: Positions, m, shape (n, gdim).
         what: What stands there, for the message.
+        names: What the points are called, for the message; n of them, or none.
+        snap: Whether points beside the mesh are moved onto it if they are within 1 mm, or half of
+            the nearest cell's shortest edge; those of a test, which are measured by hand.
 
     Returns:
         The rows of the points that this rank owns.
 
     Raises:
-        InputError: If a point is outside the mesh; on every rank.
-    """
+        InputError: If points are outside the mesh, all of them in one message; on every rank.
+    """  # fmt: skip
     msh = V.mesh
     gdim = msh.geometry.dim
     points = np.atleast_2d(np.asarray(points, dtype=float))
     padded = np.zeros((len(points), 3))
     padded[:, :gdim] = points
+    if snap:
+        too_close_together(msh, padded, what)
     candidate = _owned_candidates(msh, padded)
     rank = np.where(candidate >= 0, msh.comm.rank, msh.comm.size)
-    owner = _all_min(msh.comm, rank)
-    if np.any(owner == msh.comm.size):
-        lost = points[int(np.argmax(owner == msh.comm.size))]
-        x = msh.geometry.x[:, :gdim]
-        low = _all_min(msh.comm, x.min(axis=0))
-        high = -_all_min(msh.comm, -x.max(axis=0))
-        raise InputError(
-            f"{what} at {lost.tolist()} m is outside the mesh: expected a point of the structure, "
-            f"which lies within {low.tolist()} and {high.tolist()}."
-        )
+    owner, moved = all_min(msh.comm, rank), np.zeros(len(points))
+    lost = np.flatnonzero(owner == msh.comm.size)
+    if len(lost):
+        found = nearest(msh, padded[lost])
+        if not (snap and found.is_near.all()):
+            far = found if snap else replace(found, reach=np.zeros(len(lost)))
+            called = [names[i] if len(names) else "" for i in lost]
+            raise far_points(msh, padded[lost], far, what, called, padded)
+        padded[lost], moved[lost] = found.points, found.distance
+        owner[lost], candidate[lost] = found.owner, found.cells
     index = np.flatnonzero(owner == msh.comm.rank)
-    return _tabulate(V, element, points[index], candidate[index], index)
-
-
-def _all_min(comm, array: np.ndarray) -> np.ndarray:
-    result = np.ascontiguousarray(array).copy()
-    comm.Allreduce(MPI.IN_PLACE, result, op=MPI.MIN)
-    return result
+    rows = _tabulate(V, element, padded[index, :gdim], candidate[index], index)
+    return replace(rows, moved=moved)
 
 
 def _tabulate(V, element, points, cells, index) -> PointRows:

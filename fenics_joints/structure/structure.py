@@ -220,7 +220,7 @@ class Structure(Assembly):
         Raises:
             InputError: If one is outside the mesh; ``what`` is its name in the message.
         """
-        rows = self.rows(sensors.points, what)
+        rows = self.rows(sensors.points, what, sensors.names)
         return self.unit_loads(rows, sensors.directions[:, : self.gdim])
 
     def unit_loads(self, rows: PointRows, directions: np.ndarray) -> np.ndarray:
@@ -247,7 +247,7 @@ class Structure(Assembly):
 
     def observe(self, shapes, sensors: Sensors) -> np.ndarray:
         """Displacement shapes at sensors, shape (n_sensors, n_shapes), equal on all ranks."""
-        rows = self.rows(sensors.points, "sensor")
+        rows = self.rows(sensors.points, "sensor", sensors.names)
         return observe(rows, sensors.directions[:, : self.gdim], list(shapes), self.V)
 
     def observe_slopes(self, shapes, sensors: Sensors, directions: ArrayLike) -> np.ndarray:
@@ -269,7 +269,7 @@ class Structure(Assembly):
         """
         gdim = self.gdim
         towards = Sensors(sensors.points[:, :gdim], np.atleast_2d(directions)[:, :gdim]).directions
-        rows = self.rows(sensors.points, "sensor")
+        rows = self.rows(sensors.points, "sensor", sensors.names)
         turned = replace(rows, values=np.einsum("pnj,pj->pn", rows.gradients, towards[rows.index]))
         return observe(turned, sensors.directions[:, :gdim], list(shapes), self.V)
 
