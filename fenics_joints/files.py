@@ -21,7 +21,7 @@ else:
 
 __all__ = [
     "check_writable", "is_file", "json_text", "plain", "read_text", "read_toml", "shown_path",
-    "write_arrays", "write_text",
+    "write_arrays", "write_text", "writable_folder",
 ]  # fmt: skip
 
 #: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
@@ -134,6 +134,26 @@ def check_writable(path: str | Path, what: str) -> Path:
         raise InputError(f"{what} {path}: is a folder; expected the name of a file")
     if not os.access(path if _is_stream(path) else folder, os.W_OK):
         raise InputError(f"{what} {path}: {folder} cannot be written to; expected one that can")
+    return path
+
+
+def writable_folder(path: str | Path, what: str) -> Path:
+    """A folder to keep things in, made if it is not there. Raise before the work starts.
+
+    Args:
+        path: The folder.
+        what: Name of the option, for the message.
+
+    Raises:
+        InputError: If it cannot be made or written to.
+    """
+    path, named = Path(path), f"{what} {shown_path(path)}"
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{named}: cannot be made ({error.strerror})") from error
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise InputError(f"{named}: cannot be written to; expected a folder that can")
     return path
 
 

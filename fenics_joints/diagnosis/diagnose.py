@@ -29,6 +29,7 @@ from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.files import writable_folder
 from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
@@ -76,24 +77,13 @@ def diagnose(
         model = prepare(case, comm, progress, extra=extra, data=data)
         if not model.evidence.used.any():
             raise InputError(f"{case.path}: test.frequencies: all entries are missing.")
-        folder = None if keep is None else _folder(keep, comm)
+        folder = None if keep is None else Path(keep)
+        if folder is not None:
+            on_root(comm, lambda: writable_folder(folder, "--keep"))
         model.reduce(progress, folder)
         kept = KeptFits(folder, model.evidence, model.baseline, comm.rank == 0)
         run = _Run(case, model, progress, Search(model, progress, kept), started)
         return run.answer()
-
-
-def _folder(keep: Path, comm: MPI.Intracomm) -> Path:
-    """The folder, made by rank 0."""
-
-    def make() -> None:
-        try:
-            Path(keep).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"--keep {keep}: cannot be made ({error})") from error
-
-    on_root(comm, make)
-    return Path(keep)
 
 
 class _Run:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -18,13 +17,14 @@ from fenics_joints.commands.harmonic.page import harmonic_html
 from fenics_joints.commands.harmonic.result import HarmonicReport, LevelFacts
 from fenics_joints.commands.harmonic.summary import show_harmonic
 from fenics_joints.commands.outcome import Outcome
-from fenics_joints.errors import InputError
+from fenics_joints.files import writable_folder
 from fenics_joints.harmonic import HarmonicResult, solve_backbone, solve_harmonic
 from fenics_joints.harmonic.identify import IdentificationResult, identify
 from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.loops import read_loops
 from fenics_joints.harmonic.predict import predict
 from fenics_joints.measurements.curves import MeasuredCurves
+from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
 __all__ = ["run_harmonic"]
@@ -49,10 +49,12 @@ def run_harmonic(
     Raises:
         JointsError: If the case, the mesh or a solution fails.
     """
+    if branches is not None:
+        on_root(comm, lambda: writable_folder(branches, "--branches"))
     built = harmonic_model(case, comm, progress)
     if branches is not None:
         band = case.harmonic.band
-        built = replace(built, model=kept_model(built.model, _folder(branches), band, comm))
+        built = replace(built, model=kept_model(built.model, branches, band, comm))
     # The matrices are small: threads only get in each other's way.
     with threadpool_limits(1):
         found = _solved(case, built, comm, progress, branches)
@@ -122,12 +124,6 @@ def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[Identif
             )
         )  # fmt: skip
     return tuple(found)
-
-
-def _folder(folder: Path) -> Path:
-    if not os.path.isdir(folder):
-        raise InputError(f"--branches {folder}: no such folder; expected one that exists")
-    return folder
 
 
 def _kept(folder: Path | None, name: str) -> dict:

@@ -1,0 +1,84 @@
+"""A small lap beam with a nonlinear joint, or with contact, as a case for ``harmonic``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+__all__ = ["CONTACT", "LAYER", "write"]
+
+LAYER = """
+title = "Small lap beam"
+[mesh]
+builder = "lap_beam"
+layer = "0.06 mm"
+n_length = 4
+n_lap = 4
+n_width = 2
+[parts.beams]
+cells = ["beam_1", "beam_2"]
+E = "207 GPa"
+nu = 0.3
+rho = "7800 kg/m3"
+[joints.lap]
+cells = ["joint"]
+E = "5 MPa"
+G = "1.7 MPa"
+[supports.clamp]
+facets = "clamp"
+[nonlinear.lap]
+law = "richard_abbott"
+stress = "equivalent"
+thickness = "6 mm"
+E_p = "100 kPa"
+S_y = "500 kPa"
+n = 2.5
+[harmonic]
+force = { point = ["100 mm", "0 mm", "-6 mm"], direction = [0, 0, 1] }
+sensor = { point = ["410 mm", "0 mm", "6 mm"], direction = [0, 0, 1] }
+levels = ["0.01 N", "10 N"]
+band = ["25 Hz", "31 Hz"]
+damping = "1 %"
+harmonics = 3
+samples = 64
+measured = "frf.csv"
+"""
+CURVES = "level [N],frequency [Hz],amplitude [m/s2]\n10,27,40\n10,27.8,90\n10,29,50\n"
+
+CONTACT = (
+    LAYER.replace('layer = "0.06 mm"\n', "").split("[joints.lap]")[0]
+    + """
+[contacts.lap]
+lower = "interface_lower"
+upper = "interface_upper"
+friction = 0.3
+[bolts.bolt]
+kind = "washers"
+lower = "washer_lower"
+upper = "washer_upper"
+force = "120 N"
+[supports.clamp]
+facets = "clamp"
+[nonlinear.lap]
+law = "coulomb"
+normal_stiffness = "100 GPa/m"
+tangential_stiffness = "30 GPa/m"
+friction = 0.02
+[harmonic]
+"""
+    + LAYER.split("[harmonic]\n")[1]
+    + "interface_modes = 30\n"
+)
+
+
+def write(folder: Path, text: str = LAYER, *edits: tuple[str, str]) -> Path:
+    """Put a case there, on rank 0 alone."""
+    if MPI.COMM_WORLD.rank == 0:
+        for old, new in edits:
+            assert text.count(old) == 1, f"{old!r} is {text.count(old)} times in the case"
+            text = text.replace(old, new)
+        (folder / "case.toml").write_text(text, encoding="utf-8")
+        (folder / "frf.csv").write_text(CURVES, encoding="utf-8")
+    MPI.COMM_WORLD.barrier()
+    return folder

@@ -1,0 +1,135 @@
+"""Commands that are killed at random moments: nothing finished is lost, the answer is the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own"),
+]
+
+DEMOS = Path(__file__).parents[2] / "demos"
+KILLS = int(os.environ.get("KILLS", 20))
+#: Keys of what differs between any two runs: times, counts of what was found ready, folders.
+RUNTIME = {"seconds", "evaluations", "full_solutions", "calls", "computed", "kept", "path",
+           "iterations", "history", "profile", "points", "branch"}  # fmt: skip
+
+
+def diagnosis(folder: Path, write_case) -> list[str]:
+    write_case(folder, ("max_effects = 2", "max_effects = 1\nnested = 1\npatches = 0"))
+    return ["diagnose", str(folder), "--keep", str(folder / "kept")]
+
+
+def posterior(folder: Path, _) -> list[str]:
+    shutil.copytree(DEMOS / "bolted_beams", folder, dirs_exist_ok=True)
+    return ["update", "--bayes", str(folder), "--keep", str(folder / "chains.nc")]
+
+
+def branches(folder: Path, _) -> list[str]:
+    from harmonic_case import write
+
+    write(folder)
+    return ["harmonic", str(folder), "--branches", str(folder / "branches")]
+
+
+def rows(folder: Path, _) -> list[str]:
+    command = "database sweep --bolt M12 --force 20kN,30kN --thickness 10mm,14mm --db"
+    return [*command.split(), str(folder / "own.db")]
+
+
+def run(command: list[str], ranks: int, seconds: float | None = None) -> bool:
+    """Whether it ended by itself within this time; else it, and all it started, is killed."""
+    mark = f"{time.monotonic_ns()}"
+    launcher = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
+    process = subprocess.Popen(
+        [*launcher, sys.executable, "-m", "fenics_joints", *command],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1", "KILLED_BY": mark},
+    )  # fmt: skip
+    try:
+        out, _ = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        for pid in [p for p in Path("/proc").iterdir() if p.name.isdigit()]:
+            try:
+                if f"KILLED_BY={mark}".encode() in (pid / "environ").read_bytes():
+                    os.kill(int(pid.name), signal.SIGKILL)
+            except (OSError, ProcessLookupError):
+                continue
+        process.communicate()
+        return False
+    assert process.returncode == 0, out
+    return True
+
+
+def answers(value, where=()):
+    """Numbers and words of a result, without what differs from run to run."""
+    if isinstance(value, dict):
+        for key, each in value.items():
+            if key not in RUNTIME:
+                yield from answers(each, (*where, key))
+    elif isinstance(value, list):
+        for i, each in enumerate(value):
+            yield from answers(each, (*where, i))
+    else:
+        yield where, value
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("made", [diagnosis, branches, posterior, rows])
+def test_killed_runs_go_on_to_the_same_answer(tmp_path, write_case, made, ranks):
+    told = []
+    for name in ("undisturbed", "killed"):
+        folder = tmp_path / name
+        folder.mkdir()
+        command = made(folder, write_case)
+        if made is not rows:
+            command += ["--json", str(tmp_path / f"{name}.json")]
+        told.append(command)
+    run(told[0], ranks)  # forms are compiled from now on
+    for path in tmp_path.glob("undisturbed/*"):
+        if path.name in ("kept", "branches"):
+            shutil.rmtree(path)
+        elif path.suffix in (".nc", ".db"):
+            path.unlink()
+    begun = time.monotonic()
+    run(told[0], ranks)
+    length = time.monotonic() - begun
+    draw, ended = random.Random(7), 0
+    for _ in range(KILLS):
+        ended += run(told[1], ranks, draw.uniform(0.15, 1.0) * length)
+    assert ended < KILLS
+    run(told[1], ranks)
+    if made is rows:
+        shown = [
+            subprocess.run(
+                [sys.executable, "-m", "fenics_joints", "database", "show", "--db", t[-1], "--csv",
+                 str(tmp_path / f"{i}.csv")], capture_output=True, check=True,
+            ) and (tmp_path / f"{i}.csv").read_text().splitlines() for i, t in enumerate(told)
+        ]  # fmt: skip
+        assert sorted(line.split(",")[:7] for line in shown[0]) == sorted(
+            line.split(",")[:7] for line in shown[1]
+        )
+        return
+    first, second = (
+        dict(answers(json.loads((tmp_path / f"{name}.json").read_text())))
+        for name in ("undisturbed", "killed")
+    )
+    assert first.keys() == second.keys()
+    for key, value in first.items():
+        if isinstance(value, float) and value is not None:
+            assert second[key] == pytest.approx(value, rel=1e-3, abs=1e-6), key
+    left = [p for p in (tmp_path / "killed").rglob("*") if ".part" in p.name]
+    assert np.size(left) <= KILLS, left
