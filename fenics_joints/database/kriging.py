@@ -176,11 +176,12 @@ class Kriging:
             lambda process, scales: process.predict(_scaled(z, samples, scales), return_std=True)
         )
         sd = np.sqrt(variance)
-        value = np.exp(mean)
-        return Interpolation(
-            value, value * np.sqrt(np.expm1(variance)),
-            np.exp(mean - 1.96 * sd), np.exp(mean + 1.96 * sd), inside,
-        )  # fmt: skip
+        with np.errstate(over="ignore"):  # far outside the data: as uncertain as infinity
+            value = np.exp(mean)
+            return Interpolation(
+                value, value * np.sqrt(np.expm1(variance)),
+                np.exp(mean - 1.96 * sd), np.exp(mean + 1.96 * sd), inside,
+            )  # fmt: skip
 
     def leave_one_out(self) -> LeaveOneOut:
         """Predict every sample point from the others, hyperparameters and weights kept."""
