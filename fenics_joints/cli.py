@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fenics_joints import __version__
+from fenics_joints.commands.arguments import named_path
 from fenics_joints.commands.database import app as database_app
 
 if TYPE_CHECKING:
@@ -30,13 +31,22 @@ app = typer.Typer(
 app.add_typer(database_app, name="database")
 
 CaseArgument = Annotated[
-    Path, typer.Argument(metavar="CASE", help="A folder with a case.toml, or the file.")
+    Path,
+    typer.Argument(
+        metavar="CASE", parser=named_path, help="A folder with a case.toml, or the file."
+    ),
 ]
 JsonOption = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the results as JSON.")
+    Path | None,
+    typer.Option("--json", metavar="FILE", parser=named_path, help="Write the results as JSON."),
 ]
 ReportOption = Annotated[
-    Path | None, typer.Option("--report", metavar="FILE", help="Write a page of HTML.")
+    Path | None,
+    typer.Option("--report", metavar="FILE", parser=named_path, help="Write a page of HTML."),
+]
+LargeOption = Annotated[
+    bool,
+    typer.Option("--large", help="Go on where the model seems too large for the memory there is."),
 ]
 DebugOption = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 
@@ -60,6 +70,7 @@ def modes(
     ] = False,
     json: JsonOption = None,
     report: ReportOption = None,
+    large: LargeOption = False,
     debug: DebugOption = False,
 ) -> None:
     """Natural frequencies and modes of the nominal model.
@@ -71,7 +82,7 @@ def modes(
 
     method = "iterative" if iterative else "direct"
     options = {"n_modes": n, "state": contacts, "method": method}
-    _command("run_modes", options, case, json, report, debug)
+    _command("run_modes", options, case, {"--json": json, "--report": report}, large, debug)
 
 
 @app.command()
@@ -79,9 +90,13 @@ def preload(
     case: CaseArgument,
     json: JsonOption = None,
     report: ReportOption = None,
+    large: LargeOption = False,
     vtx: Annotated[
         Path | None,
-        typer.Option("--vtx", metavar="FILE", help="Write fields for ParaView: .bp, or .xdmf."),
+        typer.Option(
+            "--vtx", metavar="FILE", parser=named_path,
+            help="Write fields for ParaView: .bp, or .xdmf.",
+        ),
     ] = None,
     debug: DebugOption = False,
 ) -> None:
@@ -92,7 +107,10 @@ def preload(
     preloaded).
     """
 
-    _command("run_preload", {"fields": vtx}, case, json, report, debug)
+    outputs = {"--json": json, "--report": report}
+    if vtx is not None and vtx.suffix != ".bp":  # that is a folder
+        outputs |= {"--vtx": vtx, "--vtx (its .h5)": vtx.with_suffix(".h5")}
+    _command("run_preload", {"fields": vtx}, case, outputs, large, debug)
 
 
 @app.command()
@@ -105,12 +123,13 @@ def update(
     keep: Annotated[
         Path | None,
         typer.Option(
-            "--keep", metavar="FILE.nc",
+            "--keep", metavar="FILE.nc", parser=named_path,
             help="With --bayes: keep the chains there (NetCDF), and go on from what is there.",
         ),
     ] = None,
     json: JsonOption = None,
     report: ReportOption = None,
+    large: LargeOption = False,
     debug: DebugOption = False,
 ) -> None:
     """Fit the parameters, or the cut-off pressure, that the case names to what was measured.
@@ -138,7 +157,10 @@ def update(
     if keep is not None and not bayes:
         raise typer.BadParameter("there are no chains without --bayes", param_hint="--keep")
     name, options = ("run_bayes", {"keep": keep}) if bayes else ("run_update", {})
-    _command(name, options, case, json, report, debug)
+    outputs = {"--json": json, "--report": report, "--keep": keep}
+    if keep is not None:
+        outputs["--keep (its model)"] = keep.with_suffix(".model.h5")
+    _command(name, options, case, outputs, large, debug)
 
 
 @app.command()
@@ -151,12 +173,13 @@ def diagnose(
     keep: Annotated[
         Path | None,
         typer.Option(
-            "--keep", metavar="FOLDER",
+            "--keep", metavar="FOLDER", parser=named_path,
             help="Keep the reduced model and finished fits there, and go on from what is there.",
         ),
     ] = None,
     json: JsonOption = None,
     report: ReportOption = None,
+    large: LargeOption = False,
     debug: DebugOption = False,
 ) -> None:
     """Where the model is wrong, which effect causes it, and how far the gap shrinks.
@@ -171,7 +194,8 @@ def diagnose(
     left), additions (measurement, apart, seen, mean_gain, largest_gain, pair), the best first.
     """
     name = "run_plan" if plan else "run_diagnose"
-    _command(name, {"keep": keep}, case, json, report, debug)
+    outputs = {"--json": json, "--report": report}
+    _command(name, {"keep": keep}, case, outputs, large, debug)
 
 
 @app.command()
@@ -179,10 +203,11 @@ def harmonic(
     case: CaseArgument,
     json: JsonOption = None,
     report: ReportOption = None,
+    large: LargeOption = False,
     branches: Annotated[
         Path | None,
         typer.Option(
-            "--branches", metavar="FOLDER",
+            "--branches", metavar="FOLDER", parser=named_path,
             help="Keep every branch there as it grows, and go on from what is there.",
         ),
     ] = None,
@@ -193,7 +218,8 @@ def harmonic(
     JSON: levels (level_n, peak_hz, peak, damping_ratio, joint_energy_j, branch), backbone
     (frequency_hz and damping_ratio over amplitude), interface_points, frequencies_at_rest_hz.
     """
-    _command("run_harmonic", {"branches": branches}, case, json, report, debug)
+    outputs = {"--json": json, "--report": report}
+    _command("run_harmonic", {"branches": branches}, case, outputs, large, debug)
 
 
 def _version(wanted: bool) -> None:
@@ -224,7 +250,7 @@ def main() -> None:
 
 
 def _command(
-    name: str, options: dict, path: Path, json: Path | None, report: Path | None, debug: bool
+    name: str, options: dict, path: Path, outputs: dict[str, Path | None], large: bool, debug: bool
 ) -> None:
     """Read the case, run, write the files, show the summary; exit with the right code.
 
@@ -232,8 +258,8 @@ def _command(
         name: Of the function in `fenics_joints.commands`.
         options: Its keyword arguments.
         path: The case.
-        json: File of the results, or None.
-        report: File of the page, or None.
+        outputs: Files of what it makes, by the option that names them, or None.
+        large: Whether a model goes on that seems too large for the machine.
         debug: Whether errors keep Python's traceback.
     """
     from fenics_joints.parallel import guarded
@@ -246,7 +272,9 @@ def _command(
         from fenics_joints.progress import Progress
 
         comm = MPI.COMM_WORLD
-        case = _prepare(comm, path, json, report)
+        case = _prepare(comm, path, outputs)
+        _check_size(comm, case, name, options, large)
+        json, report = outputs["--json"], outputs["--report"]
         with Progress(silent=comm.rank != 0) as progress:
             outcome = getattr(commands, name)(case, comm, progress, **options)
             contents = []
@@ -258,23 +286,37 @@ def _command(
         _finish(comm, outcome, contents)
 
 
-def _prepare(comm, path: Path, json: Path | None, report: Path | None) -> Case:
+def _prepare(comm, path: Path, outputs: dict[str, Path | None]) -> Case:
     """Check the outputs and read the case, on rank 0 for all."""
     from fenics_joints.case import load_case
-    from fenics_joints.errors import InputError
-    from fenics_joints.files import check_writable
+    from fenics_joints.files import check_outputs
     from fenics_joints.parallel import on_root
 
     def read() -> Case:
-        if json is not None:
-            check_writable(json, "--json")
-        if report is not None:
-            check_writable(report, "--report")
-        if json is not None and report is not None and json.resolve() == report.resolve():
-            raise InputError(f"--report {report}: is --json's file too; expected another")
-        return load_case(path)
+        check_outputs(outputs)  # before data are read, which may take a while
+        case = load_case(path)
+        check_outputs(outputs, case.files())
+        return case
 
     return comm.bcast(on_root(comm, read))
+
+
+def _check_size(comm, case: Case, name: str, options: dict, large: bool) -> None:
+    """Refuse a model that the machine has no memory for."""
+    from mpi4py import MPI
+
+    from fenics_joints.case import check_size
+    from fenics_joints.parallel import on_root
+
+    local = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    hosts = comm.allreduce(int(local.rank == 0))
+    local.Free()
+    meshed = case.diagnosed() if name in ("run_diagnose", "run_plan") else case
+    method = options.get("method", "direct")
+    on_root(
+        comm,
+        lambda: check_size(meshed, method=method, ranks=comm.size, hosts=hosts, large=large),
+    )
 
 
 def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,8 +20,8 @@ else:
     import tomli as tomllib
 
 __all__ = [
-    "check_writable", "is_file", "json_text", "plain", "read_text", "read_toml", "shown_path",
-    "write_arrays", "write_text", "writable_folder",
+    "check_outputs", "check_writable", "is_file", "json_text", "plain", "read_text", "read_toml",
+    "shown_path", "writable_folder", "write_arrays", "write_text",
 ]  # fmt: skip
 
 #: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
@@ -155,6 +155,37 @@ def writable_folder(path: str | Path, what: str) -> Path:
     if not os.access(path, os.W_OK | os.X_OK):
         raise InputError(f"{named}: cannot be written to; expected a folder that can")
     return path
+
+
+def check_outputs(outputs: Mapping[str, Path | None], inputs: Iterable[str | Path] = ()) -> None:
+    """Raise before the work starts if a file of results would take the place of another file.
+
+    Args:
+        outputs: The files to be by the option that names them; None for none.
+        inputs: Files that the work reads.
+
+    Raises:
+        InputError: If one could not be written, is an input, by whatever name or link, or is
+            named by two options.
+    """
+    taken: dict[str, str] = {}
+    read = [file for file in inputs if os.path.exists(file)]
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        check_writable(path, option)
+        if _is_stream(path):
+            continue
+        there = os.path.exists(path)
+        for file in read:
+            if there and os.path.samefile(path, file):
+                raise InputError(
+                    f"{option} {shown_path(path)}: is read as {shown_path(file)}, and would be "
+                    "overwritten; expected another name"
+                )
+        other = taken.setdefault(os.path.realpath(path), option)
+        if other != option:
+            raise InputError(f"{option} {path}: is {other}'s file too; expected another")
 
 
 @contextmanager

@@ -79,9 +79,11 @@ Gap = Annotated[
 Place = Annotated[float, Demand(math.isfinite, "a coordinate in metres", "m")]
 Count = Annotated[int, Demand(is_count, "a whole number of at least 1")]
 Solid = Literal["hexahedron", "tetrahedron"]
-#: Points in the plan.
+#: Points in the plan; the builders compare each with each.
+_MOST_PLACES = 1000
 Places = Annotated[
     Sequence[tuple[Place, Place]],
+    Demand(lambda v: len(v) <= _MOST_PLACES, f"at most {_MOST_PLACES} bolts"),
     Demand(lambda v: all(np.shape(b) == (2,) for b in v), "a pair (x, y) in metres for each bolt"),
 ]
 
@@ -124,6 +126,13 @@ class Builder(Arguments):
 
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the parts and of the faces."""
+        raise NotImplementedError
+
+    def bricks(self) -> list[tuple[float, float, float]]:
+        """About how many cells the mesh has along three axes of the blocks that it is made of.
+
+        Hexahedra, or as many times six tetrahedra; known before anything is built.
+        """
         raise NotImplementedError
 
     def lists(self) -> MeshLists:

@@ -20,7 +20,7 @@ from fenics_joints.meshes.arguments import (
 )
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
-from fenics_joints.meshes.plane import Plan, graded_lines, grid_lines, o_grid
+from fenics_joints.meshes.plane import Plan, count_intervals, graded_lines, grid_lines, o_grid
 from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists
 
@@ -140,6 +140,18 @@ class CBeams(Builder):
         lists = MeshLists(self.cell, *column.lists(), CELL_NAMES, {}, {"bolts": bolts})
         return self.with_faces(lapped(lists, self.layer, self.bonded))
 
+    def bricks(self) -> list[tuple[float, float, float]]:
+        """About how many cells the beams have along x, y and z, and around each hole."""
+        outer, raised = self.n_thickness
+        pad = self.pad_length / self.element_size
+        largest = max(self.middle_size, self.element_size)
+        growing = math.log(largest / self.element_size) / _GROWTH
+        n_x = 2 * pad + (self.length - 2 * self.pad_length) / largest + 2 * growing
+        n_y = count_intervals(self.y_edges(), self.element_size)
+        radial = (self.zone - self.hole_diameter) / 2 / self.radial_size
+        hole = radial, 4 * self.zone / self.element_size, 2 * (outer + raised)
+        return [(n_x, n_y, 2 * outer), (2 * pad, n_y, 2 * raised), hole, hole]
+
     def x_lines(self) -> np.ndarray:
         """Lines of the plan along the beams; symmetric."""
         half = self.zone / 2
@@ -159,9 +171,11 @@ class CBeams(Builder):
         between = graded_lines(np.array(places) + self.pad_length, sizes)
         return np.concatenate([pad[:-1], between, (self.length - pad)[-2::-1]])
 
+    def y_edges(self) -> list[float]:
+        return [-self.width / 2, -self.zone / 2, self.zone / 2, self.width / 2]
+
     def y_lines(self) -> np.ndarray:
-        edges = [-self.width / 2, -self.zone / 2, self.zone / 2, self.width / 2]
-        return grid_lines(edges, self.element_size)
+        return grid_lines(self.y_edges(), self.element_size)
 
     def levels(self) -> np.ndarray:
         outer, raised = self.n_thickness

@@ -18,7 +18,7 @@ from fenics_joints.meshes.arguments import (
     made_by,
 )
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import Plan, grid_lines, ring_in_square
+from fenics_joints.meshes.plane import Plan, count_intervals, grid_lines, ring_in_square
 from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = ["Dumbbell", "dumbbell"]
@@ -163,7 +163,25 @@ class Dumbbell(Builder):
     @property
     def n_zone(self) -> int:
         """Cells along each side of a ring's square: an even number."""
-        return 2 * int(np.ceil(self.side / min(self.element_size, self.side / 4) / 2 * (1 - 1e-9)))
+        n = self.side / min(self.element_size, self.side / 4) / 2
+        return 2 * int(np.ceil(min(n, 1e9) * (1 - 1e-9)))
+
+    def bricks(self) -> list[tuple[float, float, float]]:
+        """About how many cells heads, necks and layer have along x, y and z."""
+        size, rings = self.element_size, len(self.centres)
+        n_zone = self.side / min(size, self.side / 4) if rings else 0.0
+        counts = []
+        for axis in (0, 1):
+            outer, inner = self.head[axis] / 2, self.neck[axis] / 2
+            whole = count_intervals([-outer, -inner, inner, outer], size)
+            neck = count_intervals([-inner, inner], size)
+            # Rings' squares side by side are in one another's lines.
+            more = n_zone * len(np.unique(np.round(self.centres[:, axis], 9)))
+            counts.append((max(whole, more), max(neck, more)))
+        (head_x, neck_x), (head_y, neck_y) = counts
+        heads, necks = (2 * count_intervals([0.0, s[2]], size) for s in (self.head, self.neck))
+        layer = (n_zone * rings, n_zone, self.n_layer) if rings else (neck_x, neck_y, self.n_layer)
+        return [(head_x, head_y, heads), (neck_x, neck_y, necks), layer]
 
     def half_levels(self) -> np.ndarray:
         """Distances of a body's levels from the joint."""

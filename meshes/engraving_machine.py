@@ -22,7 +22,7 @@ from fenics_joints.meshes.arguments import (
     made_by,
 )
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import Plan, grid_lines, ring_in_square
+from fenics_joints.meshes.plane import Plan, count_intervals, grid_lines, ring_in_square
 from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = ["EngravingMachine", "engraving_machine"]
@@ -42,8 +42,16 @@ Three = Annotated[
 ]
 
 
+#: Rows of bolts, and ribs: each is a box, and each box a line of the grid for all others.
+_MOST_ROWS = 100
+
+
+Ribs = Annotated[Count, Demand(lambda n: n <= _MOST_ROWS, f"at most {_MOST_ROWS} ribs")]
+
+
 def _is_grid(places) -> bool:
-    return len(np.atleast_1d(places)) == 2 and all(is_count(n) and n >= 3 for n in places)
+    fits = len(np.atleast_1d(places)) == 2
+    return fits and all(is_count(n) and 3 <= n <= _MOST_ROWS for n in places)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +64,10 @@ class _Frame(Builder):
     wall: Size = 0.033
     flange: Size = 0.025
     gusset: Size = 0.16
-    ribs: Count = 3
+    ribs: Ribs = 3
     bolts: Annotated[
         tuple[Count, Count],
-        Demand(_is_grid, "two whole numbers of at least 3, places along x and y"),
+        Demand(_is_grid, f"two whole numbers from 3 to {_MOST_ROWS}, places along x and y"),
     ] = (5, 5)
     layer: Size = 0.72e-3
     r_wai: Size = 0.0514
@@ -234,7 +242,8 @@ class EngravingMachine(_Frame):
     def n_zone(self) -> int:
         """Cells along each side of a pocket: an even number."""
         zone = self.side
-        return 2 * int(np.ceil(zone / min(self.element_size, zone / 2) / 2 * (1 - 1e-9)))
+        n = zone / min(self.element_size, zone / 2) / 2
+        return 2 * int(np.ceil(min(n, 1e9) * (1 - 1e-9)))
 
     def corners(self) -> tuple[float, float]:
         """Radii at the corners of the regular polygons with the circles' areas."""
@@ -277,11 +286,32 @@ class EngravingMachine(_Frame):
 
     def lines(self, axis: int) -> np.ndarray:
         """Lines of the plan along x or y: all walls', and those of the pockets evenly spaced."""
-        boxes = np.array(self.bed_boxes() + self.column_boxes())
         step = np.linspace(-0.5, 0.5, self.n_zone + 1) * self.side
         own = self.centres()[:, axis, None] + step
-        walls = boxes[:, 2 * axis : 2 * axis + 2]
-        return grid_lines([*walls.ravel(), *own.ravel()], self.element_size)
+        return grid_lines([*self.walls(axis), *own.ravel()], self.element_size)
+
+    def walls(self, axis: int) -> np.ndarray:
+        """Where walls begin and end along an axis."""
+        boxes = np.array(self.bed_boxes() + self.column_boxes())
+        return boxes[:, 2 * axis : 2 * axis + 2].ravel()
+
+    def bricks(self) -> list[tuple[float, float, float]]:
+        """About how many cells each wall has along x, y and z, with the lines of the others."""
+        step = np.array([-0.5, 0.5]) * self.side
+        centres = self.centres()
+        edges = [
+            np.append(self.walls(0), centres[:, 0, None] + step),
+            np.append(self.walls(1), centres[:, 1, None] + step),
+            [-self.bed[2], -self.flange, 0.0, *self.levels()],
+        ]
+        size = min(self.element_size, self.side / 2)
+        sizes = size, size, self.element_size
+        found = []
+        for box in self.bed_boxes() + self.column_boxes():
+            spans = box[0:2], box[2:4], box[4:6]
+            found.append(tuple(map(count_intervals, edges, sizes, spans)))
+        n_zone = self.side / size
+        return [*found, (n_zone * len(centres), n_zone, self.n_layer)]
 
 
 def _inside(lines: np.ndarray, span) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, is_positive, made_by
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
-from fenics_joints.meshes.plane import flat_lists, grid_lines, tensor_grid
+from fenics_joints.meshes.plane import count_intervals, flat_lists, grid_lines, tensor_grid
 from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists
 
@@ -82,11 +82,19 @@ class _Lap(Builder):
     def x_lines(self) -> np.ndarray:
         start = self.length - self.lap
         free = np.linspace(0.0, start, self.n_length + 1)
-        half = self.washer / 2
-        edges = [start, self.bolt - half, self.bolt + half, self.length]
-        lap = grid_lines(edges, self.lap / self.n_lap)
+        lap = grid_lines(self.lap_edges(), self.lap / self.n_lap)
         root = [-self.root] if self.root > 0 else []
         return np.concatenate([root, free[:-1], lap, self.length + free[1:]])
+
+    def lap_edges(self) -> list[float]:
+        half = self.washer / 2
+        return [self.length - self.lap, self.bolt - half, self.bolt + half, self.length]
+
+    def plane_bricks(self) -> list[tuple[float, float]]:
+        """About how many cells the two beams and the layer have along x and z."""
+        lap = count_intervals(self.lap_edges(), self.lap / self.n_lap)
+        beams = [(self.n_length + lap, self.n_thickness)] * 2
+        return [*beams, (lap, 1)] if self.layer > 0 else beams
 
     def levels(self) -> np.ndarray:
         up = np.linspace(0.0, self.thickness, self.n_thickness + 1) + self.layer / 2
@@ -188,9 +196,17 @@ class LapBeam(_Lap):
         column = Extrusion(points, quads, self.levels(), values, self.cell)
         return MeshLists(self.cell, *column.lists(), CELL_NAMES, {})
 
-    def y_lines(self) -> np.ndarray:
+    def bricks(self) -> list[tuple[float, float, float]]:
+        """About how many cells the two beams and the layer have along x, y and z."""
+        n_y = count_intervals(self.y_edges(), self.width / self.n_width)
+        return [(n_x, n_y, n_z) for n_x, n_z in self.plane_bricks()]
+
+    def y_edges(self) -> list[float]:
         half, edge = self.washer / 2, self.width / 2
-        return grid_lines([-edge, -half, half, edge], self.width / self.n_width)
+        return [-edge, -half, half, edge]
+
+    def y_lines(self) -> np.ndarray:
+        return grid_lines(self.y_edges(), self.width / self.n_width)
 
 
 @dataclass(frozen=True, kw_only=True)

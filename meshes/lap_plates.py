@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_joints.meshes.arguments import Builder, Count, Gap, Places, Size, Solid, made_by
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import Plan, grid_lines, o_grid
+from fenics_joints.meshes.plane import Plan, count_intervals, grid_lines, o_grid
 from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = ["LapPlates", "lap_plates"]
@@ -168,10 +168,24 @@ class LapPlates(Builder):
         return MeshLists(self.cell, *column.lists(), CELL_NAMES, FACET_NAMES, {"bolts": centres})
 
     def lines(self, size_x: float, size_y: float) -> tuple[np.ndarray, np.ndarray]:
+        x, y = self.edges()
+        return grid_lines(x, size_x), grid_lines(y, size_y)
+
+    def edges(self) -> tuple[list[float], list[float]]:
+        """Places along x and y that are lines of the grid."""
         half = self.zone / 2
         around = np.concatenate([self.centres - half, self.centres + half])
         x = [0.0, self.length - self.lap, self.length, 2 * self.length - self.lap, *around[:, 0]]
-        return grid_lines(x, size_x), grid_lines([0.0, self.width, *around[:, 1]], size_y)
+        return x, [0.0, self.width, *around[:, 1]]
+
+    def bricks(self) -> list[tuple[float, float, float]]:
+        """About how many cells the two plates and the layer have along x, y and z."""
+        (x, y), (size_x, size_y) = self.edges(), self.sizes()
+        spans = [(0.0, self.length), (self.length - self.lap, 2 * self.length - self.lap)]
+        n_y = count_intervals(y, size_y)
+        plates = [(count_intervals(x, size_x, span), n_y, self.n_thickness) for span in spans]
+        lap = count_intervals(x, size_x, (self.length - self.lap, self.length))
+        return [*plates, (lap, n_y, 1)] if self.layer > 0 else plates
 
     def levels(self) -> np.ndarray:
         plate = np.linspace(0.0, self.thickness, self.n_thickness + 1)

@@ -11,8 +11,8 @@ from fenics_joints.meshes.arguments import requirement
 from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = [
-    "Plan", "cut_quads", "disc_grid", "flat_lists", "graded_lines", "grid_cells", "grid_lines",
-    "o_grid", "ring_in_square", "tensor_grid",
+    "Plan", "count_intervals", "cut_quads", "disc_grid", "flat_lists", "graded_lines",
+    "grid_cells", "grid_lines", "o_grid", "ring_in_square", "tensor_grid",
 ]  # fmt: skip
 
 # Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
@@ -32,15 +32,38 @@ def grid_lines(edges: Iterable[float], size: float) -> np.ndarray:
     Returns:
         Ascending positions, shape (n_lines,).
     """
+    edges, counts = _cut(edges, size)
+    parts = [
+        np.linspace(a, b, int(n), endpoint=False)
+        for a, b, n in zip(edges[:-1], edges[1:], counts, strict=True)
+    ]
+    return np.concatenate([*parts, edges[-1:]])
+
+
+def count_intervals(
+    edges: Iterable[float], size: float, span: tuple[float, float] | None = None
+) -> float:
+    """How many intervals `grid_lines` would make, at no cost; infinite if no number can hold it.
+
+    Args:
+        edges: Positions that must be lines, in any order, in metres.
+        size: Longest distance between two lines, in metres.
+        span: Count only those between these two of the edges; None for all.
+    """
+    edges, counts = _cut(edges, size)
+    middle = (edges[1:] + edges[:-1]) / 2
+    inside = slice(None) if span is None else (middle > span[0]) & (middle < span[1])
+    return float(counts[inside].sum())
+
+
+def _cut(edges: Iterable[float], size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ascending edges, and the number of equal parts between each and the next."""
     edges = np.sort(np.fromiter(edges, dtype=float))
     span = edges[-1] - edges[0]
     # Edges that differ by round-off are one line.
     edges = edges[np.concatenate([[True], np.diff(edges) > 1e-9 * span])]
-    parts = [
-        np.linspace(a, b, math.ceil((b - a) / size * (1 - 1e-9)), endpoint=False)
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
-    ]
-    return np.concatenate([*parts, edges[-1:]])
+    with np.errstate(over="ignore"):
+        return edges, np.ceil(np.diff(edges) / size * (1 - 1e-9))
 
 
 def graded_lines(edges: Sequence[float], sizes: Sequence[float]) -> np.ndarray:

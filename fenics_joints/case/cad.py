@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from fenics_joints.case.preload import known_thread
 from fenics_joints.case.values import (
     Count,
+    File,
     Length,
     Positive,
     Section,
@@ -60,7 +61,7 @@ _Points = Annotated[list[_Space], BeforeValidator(_points), Field(min_length=1)]
 class MeshFile(Section):
     """``[mesh]`` with a file."""
 
-    file: str
+    file: File
     degree: Literal[1, 2] = 2
 
     def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +25,7 @@ from fenics_joints.case.sections import (
 )
 from fenics_joints.case.test import Test
 from fenics_joints.case.update import UpdateSection
-from fenics_joints.case.values import Section, named
+from fenics_joints.case.values import FileName, Section, named
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import printable
 from fenics_joints.measurements import MeasuredCurves, MeasuredFRFs, TestData
@@ -106,6 +106,10 @@ class Case(Section):
     def folder(self) -> Path:
         """The folder that the files named in the case stand in."""
         return self._path.parent
+
+    def files(self) -> list[Path]:
+        """All files that the case is read from, itself the first."""
+        return [self._path, *(self.folder / name for name in _file_names(self))]
 
     def diagnosed(self) -> Case:
         """The case with the mesh that a diagnosis takes; of such a case, itself."""
@@ -264,6 +268,18 @@ class Case(Section):
             if section.tolerance is not None:
                 found[f"{name}.{key}"] = section.tolerance
         return found
+
+
+def _file_names(value: object) -> Iterator[FileName]:
+    """Names of files anywhere in a section."""
+    if isinstance(value, FileName):
+        yield value
+    elif isinstance(value, Section):
+        for inside in vars(value).values():
+            yield from _file_names(inside)
+    elif isinstance(value, dict | list | tuple):
+        for inside in value.values() if isinstance(value, dict) else value:
+            yield from _file_names(inside)
 
 
 def _si(given: Mapping[str, float | str]) -> dict[str, float]:

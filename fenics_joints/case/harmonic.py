@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from fenics_joints.case.values import (
     Count,
     Direction,
+    File,
     Modulus,
     Point,
     Positive,
@@ -171,7 +172,7 @@ class IdentifySection(Section):
     start: dict[str, float | str] = {}
     method: Literal["direct", "gradient", "both"] = "both"
     points: Annotated[int, Field(ge=3, strict=True)] = 9
-    loops: str | None = None
+    loops: File | None = None
     noise: Share = 0.01
 
     def values(self, nonlinear: Mapping[str, NonlinearSection]) -> dict[str, float]:
@@ -201,7 +202,7 @@ class HarmonicSection(Section):
     band: ascending(Frequency)
     damping: Annotated[list[Share], BeforeValidator(listed), Field(min_length=1)]
     response: Literal["displacement", "velocity", "acceleration"] = "acceleration"
-    measured: str | None = None
+    measured: File | None = None
     backbone: bool = True
     harmonics: Annotated[int, Field(ge=1, le=51, strict=True)] = 5
     samples: Annotated[int, Field(ge=8, strict=True)] = 128

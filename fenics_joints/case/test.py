@@ -11,6 +11,8 @@ from fenics_joints.case.values import (
     AXES,
     Count,
     Direction,
+    File,
+    Files,
     Length,
     Names,
     Point,
@@ -92,8 +94,8 @@ Sees = either(_sensors_kind, (LineOfSensors, ListOfSensors))
 class ValidationTest(Section):
     """``[test.validation]``: data that is never fitted."""
 
-    frequencies: str
-    damping: str | None = None
+    frequencies: File
+    damping: File | None = None
 
 
 class FRFSection(Section):
@@ -116,7 +118,7 @@ class FRFSection(Section):
         order: Count = 30
         max_damping: Positive = 0.1
 
-    files: Names
+    files: Files
     kind: Literal["receptance", "mobility", "accelerance"] | None = None
     units: str | None = None
     length_unit: str | None = None
@@ -192,9 +194,9 @@ class Test(Section):
 
     __test__ = False
 
-    frequencies: str | None = None
-    damping: str | None = None
-    shapes: str | None = None
+    frequencies: File | None = None
+    damping: File | None = None
+    shapes: File | None = None
     condition: str | None = None
     modes: Names | None = None
     resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from fenics_joints.case.values import (
+    File,
     Names,
     Positive,
     Section,
@@ -122,7 +123,7 @@ class Bayes(Section):
     """
 
     likelihood: Literal["gaussian", "fitted", "hierarchical"] | None = None
-    specimens: str | None = None
+    specimens: File | None = None
     distributions: Names | None = None
     sampler: Literal["metropolis", "prior_metropolis", "emcee"] = "metropolis"
     samples: Annotated[int, Field(ge=10, strict=True)] | None = None

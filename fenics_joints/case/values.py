@@ -21,7 +21,8 @@ from pydantic import (
 from fenics_joints.units import to_si
 
 __all__ = [
-    "AXES", "Count", "Damper", "Density", "Direction", "Gap", "Inertia", "Length", "Mass",
+    "AXES", "Count", "Damper", "Density", "Direction", "File", "FileName",
+    "Files", "Gap", "Inertia", "Length", "Mass",
     "Modulus", "Names", "Point", "Poisson", "Positive", "Section", "Share", "Size", "Spacing",
     "Stiffness", "Turning", "ascending", "chosen", "either", "listed",
     "named", "named_by", "optional", "quantity",
@@ -48,6 +49,16 @@ def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above:
 def listed(value: Any) -> Any:
     """A list, also of a single value."""
     return value if isinstance(value, list) else [value]
+
+
+class FileName(str):
+    """The name of a file that a case reads, relative to its folder."""
+
+
+def _file_name(value: str) -> FileName:
+    if not value.strip():
+        raise ValueError("expected the name of a file")
+    return FileName(value)
 
 
 def _padded(vector: list[float]) -> tuple[float, ...]:
@@ -88,7 +99,9 @@ Direction = Annotated[
     AfterValidator(_padded),
 ]
 Names = Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
-Count = Annotated[int, Field(ge=1, strict=True)]
+Count = Annotated[int, Field(ge=1, le=10**9, strict=True)]
+File = Annotated[str, AfterValidator(_file_name)]
+Files = Annotated[list[File], BeforeValidator(listed), Field(min_length=1)]
 
 
 def ascending(kind):

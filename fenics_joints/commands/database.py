@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from fenics_joints.commands.arguments import named_path
+
 __all__ = ["app"]
 
 app = typer.Typer(
@@ -19,15 +21,21 @@ app = typer.Typer(
 )
 
 _SHIPPED = "The database; by default the published tables that come with the package."
-DatabaseOption = Annotated[Path | None, typer.Option("--db", metavar="FILE", help=_SHIPPED)]
+DatabaseOption = Annotated[
+    Path | None, typer.Option("--db", metavar="FILE", parser=named_path, help=_SHIPPED)
+]
 OwnDatabaseOption = Annotated[
-    Path, typer.Option("--db", metavar="FILE", help="The database; made if it is not there.")
+    Path,
+    typer.Option(
+        "--db", metavar="FILE", parser=named_path, help="The database; made if it is not there."
+    ),
 ]
 ModelOption = Annotated[
     str | None, typer.Option("--model", help="Whose rows, if there are those of several models.")
 ]
 JsonOption = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
+    Path | None,
+    typer.Option("--json", metavar="FILE", parser=named_path, help="Write the result as JSON."),
 ]
 AuthorOption = Annotated[
     str | None, typer.Option("--author", help="Who computed it; by default the user.")
@@ -85,14 +93,17 @@ def query(
         show_answer(answer)
         _write_json(json, answer.json())
 
-    _on_one_rank(run, debug, json)
+    _on_one_rank(run, debug, {"--json": json}, db)
 
 
 @app.command()
 def add(
     db: OwnDatabaseOption,
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Rows as 'show --csv' writes them.")
+        Path | None,
+        typer.Option(
+            "--csv", metavar="FILE", parser=named_path, help="Rows as 'show --csv' writes them."
+        ),
     ] = None,
     bolt: Annotated[str | None, typer.Option("--bolt", help="Thread of a single row.")] = None,
     force: Annotated[str | None, typer.Option(help="Such as '50 kN'.")] = None,
@@ -204,7 +215,8 @@ def show(
     db: DatabaseOption = None,
     model: ModelOption = None,
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write all rows as CSV.")
+        Path | None,
+        typer.Option("--csv", metavar="FILE", parser=named_path, help="Write all rows as CSV."),
     ] = None,
     leave_one_out: Annotated[
         bool, typer.Option("--leave-one-out", help="Predict each row from all others.")
@@ -236,7 +248,7 @@ def show(
                 typer.echo(f"wrote {csv}")
         _write_json(json, content)
 
-    _on_one_rank(run, debug, json, csv)
+    _on_one_rank(run, debug, {"--json": json, "--csv": csv}, db)
 
 
 @app.command()
@@ -267,20 +279,20 @@ def web(
 # -- helpers ---------------------------------------------------------------------------------------
 
 
-def _on_one_rank(run, debug: bool, *outputs: Path | None) -> None:
-    """Run on rank 0; exit with the right code on all."""
+def _on_one_rank(
+    run, debug: bool, outputs: dict[str, Path | None] | None = None, *inputs: Path | None
+) -> None:
+    """Run on rank 0, where no output is an input; exit with the right code on all."""
     from fenics_joints.parallel import guarded
 
     with guarded(debug):
         from mpi4py import MPI
 
-        from fenics_joints.files import check_writable
+        from fenics_joints.files import check_outputs
         from fenics_joints.parallel import on_root
 
         def checked() -> None:
-            for path in outputs:
-                if path is not None:
-                    check_writable(path, "output")
+            check_outputs(outputs or {}, [path for path in inputs if path is not None])
             run()
 
         on_root(MPI.COMM_WORLD, checked)

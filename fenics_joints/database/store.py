@@ -14,10 +14,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from fenics_joints.database.joints import NUMBERS, TEXTS, UNITS, Joint
 from fenics_joints.errors import InputError, located
-from fenics_joints.files import is_file, write_text
+from fenics_joints.files import check_writable, is_file, write_text
 
 __all__ = ["Store", "seed_database"]
 
@@ -52,6 +53,8 @@ class Store:
     def __init__(self, path: str | Path, *, create: bool = False, readonly: bool = False):
         self.path, self.readonly = str(path), readonly
         memory = self.path == ":memory:"
+        if create and not readonly and not memory and not os.path.lexists(path):
+            _make(Path(path))
         if not memory and not create and not is_file(path):
             raise InputError(f"{path}: no such file, expected a database of joint parameters")
         uri = (
@@ -237,6 +240,24 @@ def seed_database() -> Store:
     text = resources.files(__package__).joinpath("seed000.csv").read_text(encoding="utf-8")
     store.add(_from_csv("seed000.csv", text))
     return store
+
+
+def _make(path: Path) -> None:
+    """An empty database, whole or not at all; one that another process makes meanwhile stays.
+
+    SQLite itself would leave a file of no bytes where the disk is full.
+    """
+    check_writable(path, "database")
+    with TemporaryDirectory(prefix=f".{path.name[:100]}.", dir=path.parent) as folder:
+        whole = Path(folder) / "database"
+        whole.touch()  # so that this is not called again
+        Store(whole, create=True).close()
+        try:
+            os.link(whole, path)
+        except FileExistsError:
+            pass
+        except OSError:  # a file system without links: SQLite makes it in place
+            return
 
 
 def _mode(path: str | Path, create: bool) -> str:

@@ -130,3 +130,32 @@ def test_several_writers_at_once_lose_nothing(tmp_path):
         writer.join()
     with Store(tmp_path / "a.db") as store:
         assert len({(j.force, j.thickness) for j in store.joints()}) == 40
+
+
+@serial
+def test_no_empty_file_is_left_where_the_disk_is_full(tmp_path):
+    """As of a disk that is full: no file may grow beyond 1 kB."""
+    code = (
+        "import resource, signal, sys\n"
+        "from fenics_joints.database import Store\n"
+        "from fenics_joints.errors import InputError\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))\n"
+        "try:\n    Store(sys.argv[1], create=True)\n"
+        "except InputError as error:\n    print('refused:', error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "new.db")], capture_output=True, text=True
+    )
+    assert "refused:" in done.stdout, done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@serial
+def test_a_new_database_takes_no_other_place(tmp_path):
+    """One that another process made meanwhile stays, with its rows."""
+    with Store(tmp_path / "one.db", create=True) as first:
+        first.add([Joint(diameter=0.012, radius=0.04)])
+        with Store(tmp_path / "one.db", create=True) as second:
+            assert len(second.joints()) == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["one.db"]

@@ -17,9 +17,11 @@ from mpi4py import MPI
 
 import fenics_joints
 from fenics_joints import __version__, commands, files
-from fenics_joints.case import build_structure, load_case
+from fenics_joints.case import build_structure, load_case, size
 from fenics_joints.cli import main
 from fenics_joints.commands.modes import run as mode_list
+from fenics_joints.database import Store
+from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Sensors
@@ -91,6 +93,16 @@ def test_modes(shared_tmp_path, write_case, run, capfd):
         (["modes", "{}", "--json", "{}/none/a.json"], 1, ["--json", "no folder"]),
         (["modes", "{}", "--report", "{}"], 1, ["--report", "is a folder"]),
         (["modes", "{}", "--json", "{}/a", "--report", "{}/a"], 1, ["--json's file too"]),
+        (["modes", "{}", "--json", "{}/case.toml"], 1, ["--json", "case.toml", "overwritten"]),
+        (["modes", "{}", "--report", "{}/frequencies.csv"], 1, ["--report", "overwritten"]),
+        (["diagnose", "{}", "--json", "{}/frequencies_28Nm.csv"], 1, ["--json", "overwritten"]),
+        (["update", "{}", "--report", "{}/./damping.csv"], 1, ["damping.csv", "overwritten"]),
+        (["preload", "{}", "--vtx", "{}/a.xdmf", "--json", "{}/a.h5"], 1, ["--json's file too"]),
+        (["update", "{}", "--bayes", "--keep", "{}/a", "--json", "{}/a"], 1, ["file too"]),
+        (["modes", "{}", "--json", ""], 2, ["--json", "is empty"]),
+        (["modes", ""], 2, ["CASE", "is empty"]),
+        (["modes", "a" * 5000], 1, ["no such file"]),
+        (["modes", "{}", "--json", "{}/" + "a" * 5000], 1, ["--json", "a name of 5000"]),
         (["modes", "{}", "-n", "0"], 2, ["-n"]),
         (["modes"], 2, ["CASE"]),
         (["mods", "{}"], 2, ["mods"]),
@@ -110,6 +122,68 @@ def test_exit_codes(tmp_path, write_case, run, capfd, monkeypatch, arguments, co
     for fragment in said:
         assert fragment in streams.err + streams.out
     assert sorted(tmp_path.iterdir()) == before
+
+
+@serial
+def test_no_input_is_overwritten_by_another_name(tmp_path, write_case, run, capfd):
+    """By a link of either kind; a file that is there and is no input may be replaced."""
+    write_case(tmp_path)
+    (tmp_path / "soft.json").symlink_to("case.toml")
+    (tmp_path / "hard.json").hardlink_to(tmp_path / "frequencies.csv")
+    before = (tmp_path / "case.toml").read_bytes(), (tmp_path / "frequencies.csv").read_bytes()
+    for name in ("soft.json", "hard.json"):
+        assert run("modes", tmp_path, "--json", tmp_path / name) == 1
+        assert "overwritten" in capfd.readouterr().err
+    assert before == (
+        (tmp_path / "case.toml").read_bytes(), (tmp_path / "frequencies.csv").read_bytes()
+    )  # fmt: skip
+    (tmp_path / "old.json").write_text("old")
+    check = files.check_outputs
+    check({"--json": tmp_path / "old.json", "--report": None}, load_case(tmp_path).files())
+    # A database is an input of what is said of it.
+    Store(tmp_path / "own.db", create=True).close()
+    for option in ("--csv", "--json"):
+        own = tmp_path / "own.db"
+        assert run("database", "show", "--db", own, option, own) == 1
+        assert "overwritten" in capfd.readouterr().err and own.stat().st_size > 0
+
+
+@serial
+def test_too_large_a_model(tmp_path, write_case, run, capfd, monkeypatch):
+    """Refused before anything is built; ``--large`` goes on, on all commands that solve."""
+
+    def built(*_, **__):
+        raise InputError("the work began")
+
+    monkeypatch.setattr(mode_list, "build_structure", built)
+    monkeypatch.setattr(size, "available_bytes", lambda: 1e6)
+    write_case(tmp_path)
+    for command in ("modes", "preload", "update", "diagnose", "harmonic"):
+        assert run(command, tmp_path) == 1
+        assert "--large" in capfd.readouterr().err
+        run(command, "--help")
+        assert "--large" in capfd.readouterr().out
+    assert run("modes", tmp_path, "--large") == 1
+    assert "the work began" in capfd.readouterr().err
+
+
+@serial
+def test_a_title_reaches_terminal_and_page_as_text(tmp_path, write_case, run, capfd):
+    """Escape codes could clear the screen, or write into the terminal's own input."""
+    write_case(tmp_path, ('"Lap plates"', r'"\u001b[2JLap plates"'))
+    assert run("modes", tmp_path) == 1
+    said = capfd.readouterr()
+    assert "U+001B" in said.err and "\x1b" not in said.err + said.out
+    # A folder may be named so too, and without a title the case is.
+    folder = tmp_path / "\x1b[31mred\x07"
+    folder.mkdir()
+    write_case(folder, ('title = "Lap plates"', ""))
+    page = tmp_path / "page.html"
+    assert run("modes", folder, "--report", page) == 0
+    said = capfd.readouterr()
+    assert "\x1b" not in said.out + said.err.replace("\x1b[2K", "") + page.read_text()
+    assert run("modes", folder / "none") == 1
+    assert "\x1b" not in capfd.readouterr().err
 
 
 @serial

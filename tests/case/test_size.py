@@ -1,0 +1,135 @@
+"""What a case will cost is known before anything is built."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx import fem
+from mpi4py import MPI
+
+from fenics_joints.case import build_mesh, check_size, estimate, load_case, size
+from fenics_joints.case.machine import available_bytes
+from fenics_joints.errors import InputError
+from fenics_joints.meshes.plane import count_intervals, grid_lines
+
+DEMOS = Path(__file__).parents[2] / "demos"
+BODY = '[parts.body]\ncells = "{}"\nE = "70 GPa"\nnu = 0.3\nrho = 2700\n'
+
+
+def dofs(case) -> int:
+    """The degrees of freedom that the case's mesh has, from the space on it."""
+    tagged = build_mesh(case, MPI.COMM_SELF)
+    gdim = tagged.mesh.geometry.dim
+    V = fem.functionspace(tagged.mesh, ("Lagrange", case.mesh.degree, (gdim,)))
+    return V.dofmap.index_map.size_global * gdim
+
+
+@pytest.mark.parametrize(
+    ("demo", "mesh"),
+    [
+        ("lap_plates", {"n_thickness": 3}),
+        ("lap_plates", {"degree": 1, "cell": "tetrahedron", "element_size": 4e-3}),
+        ("c_beam", {"element_size": 3e-3, "radial_size": 2e-3}),
+        ("lap_beam/virtual.toml", {"n_length": 30}),
+        ("dumbbell", {}),
+        ("engraving_machine", {"element_size": 0.1}),
+    ],
+)
+def test_degrees_of_freedom(demo, mesh):
+    """Within a third of those of the mesh when it is there."""
+    case = load_case(DEMOS / demo)
+    case = case.model_copy(update={"mesh": case.mesh.model_copy(update=mesh)})
+    assert estimate(case).dofs == pytest.approx(dofs(case), rel=0.33)
+
+
+def test_files_are_counted_by_their_heads(tmp_path):
+    gmsh = pytest.importorskip("gmsh")
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.model.occ.addBox(0, 0, 0, 0.1, 0.1, 0.1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [1], 1, "body")
+        gmsh.option.setNumber("General.Verbosity", 1)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.012)
+        gmsh.model.mesh.generate(3)
+        for version, binary in ((4.1, 0), (4.1, 1), (2.2, 0), (2.2, 1)):
+            gmsh.option.setNumber("Mesh.MshFileVersion", version)
+            gmsh.option.setNumber("Mesh.Binary", binary)
+            gmsh.write(str(tmp_path / f"{version}_{binary}.msh"))
+    finally:
+        gmsh.finalize()
+    found = []
+    for file in sorted(tmp_path.glob("*.msh")):
+        (tmp_path / "case.toml").write_text(f'[mesh]\nfile = "{file.name}"\n' + BODY.format("body"))
+        case = load_case(tmp_path)
+        found.append(estimate(case).dofs)
+    assert len(set(found)) == 1 and found[0] == pytest.approx(dofs(case), rel=0.33)
+
+
+def test_step_files_by_the_size_of_elements():
+    """Half the size, eight times as many; at 15 mm the count is that of the mesh to a factor."""
+    case = load_case(DEMOS / "cad_bracket")
+    counts = [
+        estimate(case.model_copy(update={"mesh": case.mesh.model_copy(update={"size": h})})).dofs
+        for h in (2e-3, 1e-3, 1e-12)
+    ]
+    assert counts[1] / counts[0] == pytest.approx(8, rel=0.1) and counts[2] > 1e20
+
+
+def test_intervals_are_those_of_the_grid():
+    edges, rng = [0.0, 0.3, 0.3 + 1e-13, 1.0], np.random.default_rng(1)
+    for step in rng.uniform(1e-3, 0.5, 20):
+        assert count_intervals(edges, step) == len(grid_lines(edges, step)) - 1
+    assert count_intervals(edges, 0.05, (0.3, 1.0)) == 14
+    assert count_intervals(edges, 5e-324) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('element_size = "20 mm"\nn_thickness = 1', "n_length = 1000000000\nn_thickness = 1"),
+        ("n_thickness = 1", "n_thickness = 3000"),
+        ('element_size = "20 mm"', 'element_size = "1e-300 m"'),
+    ],
+)
+def test_too_large_a_model_is_refused_at_once(tmp_path, write_case, monkeypatch, old, new):
+    """10^9 elements took 5 GB and more; 4.9 million degrees of freedom were solved unwarned."""
+    monkeypatch.setattr(size, "available_bytes", lambda: 16 * 2.0**30)
+    start = time.perf_counter()
+    case = load_case(write_case(tmp_path, (old, new)))
+    with pytest.raises(InputError, match=r"about .* of memory .* 16 GiB .*--large"):
+        check_size(case)
+    assert time.perf_counter() - start < 5.0
+    assert check_size(case, large=True).bytes > 16 * 2**30
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ({}, 8e9),
+        ({"self/cgroup": "0::/job/step\n", "memory.max": "max", "job/memory.max": "max",
+          "job/step/memory.max": "3000000000", "job/step/memory.current": "1500000000",
+          "job/step/memory.stat": "anon 5\ninactive_file 500000000\n"}, 2e9),
+        ({"self/cgroup": "0::/../../other\n", "memory.max": "4000000000",
+          "memory.current": "1000000000"}, 3e9),
+        ({"self/cgroup": "3:cpu,memory:/slurm\n", "memory/slurm/memory.limit_in_bytes": "5000",
+          "memory/slurm/memory.usage_in_bytes": "6000"}, 0.0),
+    ],
+)  # fmt: skip
+def test_memory_is_the_least_of_all_limits(tmp_path, files, expected):
+    """Containers and batch systems give less than the machine has."""
+    proc, groups = tmp_path / "proc", tmp_path / "sys/fs/cgroup"
+    proc.mkdir()
+    (proc / "meminfo").write_text("MemTotal: 16000000 kB\nMemAvailable:    7812500 kB\n")
+    for name, text in files.items():
+        file = proc / name if name.startswith("self") else groups / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    assert available_bytes(tmp_path) == expected
+    assert 0 < available_bytes() < 1e15
