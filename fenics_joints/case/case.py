@@ -28,7 +28,7 @@ from fenics_joints.case.update import UpdateSection
 from fenics_joints.case.values import FileName, Section, named
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import printable
-from fenics_joints.measurements import MeasuredCurves, MeasuredFRFs, TestData
+from fenics_joints.measurements import MeasuredCurves, MeasuredFRFs, MeasuredShapes, TestData
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import parameter_unit, to_si
 
@@ -91,6 +91,7 @@ class Case(Section):
     _validation: TestData | None = PrivateAttr(None)
     _curves: MeasuredCurves | None = PrivateAttr(None)
     _frfs: MeasuredFRFs | None = PrivateAttr(None)
+    _shapes: MeasuredShapes | None = PrivateAttr(None)
 
     @property
     def path(self) -> Path:
@@ -165,10 +166,21 @@ class Case(Section):
         """Measured frequency response functions, in their band, or None."""
         return self._frfs
 
+    def shapes(self) -> MeasuredShapes | None:
+        """The modes of universal files with their sensors, or None."""
+        return self._shapes
+
+    def test_notes(self) -> tuple[str, ...]:
+        """What was left out or is doubtful in the files of the test, in sentences."""
+        files = (self._shapes, self._frfs)
+        return tuple(note for data in files if data is not None for note in data.notes)
+
     def sensors(self) -> Sensors | None:
         """Where and how the test saw the structure, or None if the case does not say."""
         if self.test is None or self.test.sees is None:
             # Modes that were identified are seen by what measured the functions.
+            if self._shapes is not None:
+                return self._shapes.sensors
             seen = self.test is not None and self.test.frequencies is None
             if seen and self._measured is not None:
                 return self._measured.sensors
@@ -202,7 +214,7 @@ class Case(Section):
             return tuple(dict.fromkeys(self.update.data))
         functions = self._frfs is not None and self.is_damped
         wanted = self.update is not None and self.damping_names() & set(self.update.parameters)
-        derived = functions and self.test.frequencies is None
+        derived = functions and not self.test.has_modes
         there = {
             "frequencies": self._measured is not None,
             "shapes": self._measured is not None and self._measured.shapes is not None,

@@ -18,6 +18,7 @@ from fenics_joints.case.checks.names import check_mesh, check_names
 from fenics_joints.case.checks.update import check_update
 from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.messages import case_error, describe, did_you_mean, said
+from fenics_joints.case.shapes import modes_of, read_universal, shapes_of
 from fenics_joints.case.test import FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import is_file, read_toml
@@ -73,8 +74,10 @@ def _read_tests(case: Case) -> list[str]:
     try:
         if test.planned is not None:
             case._planned = _plan_test(case, test)
-        if test.frequencies is None:
+        if not test.has_modes:
             return []
+        if test.has_universal_shapes:
+            case._shapes = read_universal(case.folder, test.shapes)
         case._measured = _read_test(case, "test", test)
         if test.validation is not None:
             case._validation = _read_test(case, "test.validation", test.validation)
@@ -145,25 +148,38 @@ def _read_curves(case: Case) -> list[str]:
 
 
 def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
-    test = case.test
+    test, shapes = case.test, case._shapes
     files = {}
-    for name in ("frequencies", "damping", "shapes"):
+    for name in ("frequencies", "damping"):
         file = getattr(source, name, None)
-        files[name] = None if file is None else case.folder / file
-        if file is not None and not is_file(files[name]):
-            expected = f"no such file, expected CSV or TOML at {files[name]}"
-            raise InputError(said(f"{key}.{name}", file, expected))
+        files[name] = None if file is None else _existing(case, f"{key}.{name}", file)
     # Modes that are not named are all columns of the test; the validation must have the same.
     modes = test.modes or (case._measured.mode_names if case._measured else None)
+    if files["frequencies"] is None:
+        with located(f"{key}.shapes"):
+            data = modes_of(shapes, modes, test)
+        return replace(data, **_noise(test, len(data.mode_names)))
     with located(key):
         data = read_test_data(
             files["frequencies"], condition=test.condition, modes=modes, damping=files["damping"]
         )
-        return replace(
-            data, **_noise(test, len(data.mode_names)), sensors=case.sensors(),
-            shapes=_read_shapes(files["shapes"], data.mode_names),
-            shapes_at=test.shapes_at if files["shapes"] is not None else None,
-        )  # fmt: skip
+        data = replace(data, **_noise(test, len(data.mode_names)), sensors=case.sensors())
+        if source is not test or test.shapes is None:
+            return data
+        data = replace(data, shapes_at=test.shapes_at)
+        if shapes is not None:
+            found = shapes_of(shapes, data)
+        else:
+            file = _existing(case, f"{key}.shapes", test.shapes.files[0])
+            found = _read_shapes(file, data.mode_names)
+        return replace(data, shapes=found)
+
+
+def _existing(case: Case, key: str, file: str) -> Path:
+    path = case.folder / file
+    if not is_file(path):
+        raise InputError(said(key, file, f"no such file, expected CSV or TOML at {path}"))
+    return path
 
 
 def _noise(test: Test, n: int) -> dict[str, object]:
@@ -187,10 +203,8 @@ def _plan_test(case: Case, test: Test) -> TestData:
     )  # fmt: skip
 
 
-def _read_shapes(file: Path | None, modes) -> np.ndarray | None:
+def _read_shapes(file: Path, modes) -> np.ndarray:
     """Measured shapes: a row for each sensor, in their order, and a column for each mode."""
-    if file is None:
-        return None
     table = read_table(file)
     known = set(table.names)
     missing = [mode for mode in modes if mode not in known]

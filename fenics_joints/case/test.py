@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -25,9 +26,10 @@ from fenics_joints.case.values import (
     listed,
     quantity,
 )
+from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import column_head
 
-__all__ = ["FRFSection", "PlannedTest", "Test", "ValidationTest"]
+__all__ = ["FRFSection", "PlannedTest", "ShapesSection", "Test", "ValidationTest"]
 
 
 class LineOfSensors(Section):
@@ -138,8 +140,32 @@ class FRFSection(Section):
         return self
 
 
-def _frf_files(value: Any) -> Any:
+def _in_files(value: Any) -> Any:
     return {"files": value} if isinstance(value, list | str) else value
+
+
+class ShapesSection(Section):
+    """``[test.shapes]``, or ``shapes`` with a file or a list of them.
+
+    A table has a row for each sensor of ``[test.sees]``. Universal files (UFF) have their own
+    sensors, and frequencies and damping too; ``length_unit`` is that of their nodes' coordinates,
+    where no file says it.
+    """
+
+    files: Files
+    length_unit: str | None = None
+
+    @property
+    def is_universal(self) -> bool:
+        """Whether the shapes stand in universal files."""
+        return any(Path(file).suffix.lower() in UFF_SUFFIXES for file in self.files)
+
+    @model_validator(mode="after")
+    def _one_table(self) -> ShapesSection:
+        if not self.is_universal and (len(self.files) > 1 or self.length_unit is not None):
+            ends = f"expected one table, or universal files ({', '.join(UFF_SUFFIXES)})"
+            raise ValueError(f"files = {self.files}: {ends}")
+        return self
 
 
 class PlannedTest(Section):
@@ -189,14 +215,15 @@ class Test(Section):
     ratios (10 % unless given),
     ``shape_noise`` that of a component of a shape, relative to the shape's root mean square, and
     ``shapes_at`` the condition at which shapes were measured, the last one by default. A test that
-    has not been made yet has a section ``planned`` in place of ``frequencies``.
+    has not been made yet has a section ``planned`` in place of ``frequencies``. ``shapes`` from a
+    universal file bring frequencies, damping and sensors with them.
     """
 
     __test__ = False
 
     frequencies: File | None = None
     damping: File | None = None
-    shapes: File | None = None
+    shapes: Annotated[ShapesSection, BeforeValidator(_in_files)] | None = None
     condition: str | None = None
     modes: Names | None = None
     resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]
@@ -204,24 +231,37 @@ class Test(Section):
     damping_noise: quantity("", 0, above=True) | None = None
     shape_noise: quantity("", 0, above=True) = 0.05
     shapes_at: float | None = None
-    frfs: Annotated[FRFSection, BeforeValidator(_frf_files)] | None = None
+    frfs: Annotated[FRFSection, BeforeValidator(_in_files)] | None = None
     sees: Sees | None = None
     validation: ValidationTest | None = None
     planned: PlannedTest | None = None
 
+    @property
+    def has_universal_shapes(self) -> bool:
+        """Whether shapes, and the sensors with them, stand in universal files."""
+        return self.shapes is not None and self.shapes.is_universal
+
+    @property
+    def has_modes(self) -> bool:
+        """Whether files say the modes, so that none are identified from functions."""
+        return self.frequencies is not None or self.has_universal_shapes
+
     @model_validator(mode="after")
     def _measured_or_planned(self) -> Test:
-        if self.frequencies is None and self.planned is None and self.frfs is None:
-            raise ValueError("expected frequencies, frfs, or a section [test.planned]")
-        if (
-            self.frequencies is not None
-            and self.frfs is not None
-            and self.frfs.identify is not None
-        ):
-            raise ValueError("frfs.identify: expected it only without frequencies")
+        if not self.has_modes and self.planned is None and self.frfs is None:
+            raise ValueError(
+                "expected frequencies, shapes in a universal file, frfs, or a section "
+                "[test.planned]"
+            )
+        if self.has_modes and self.frfs is not None and self.frfs.identify is not None:
+            raise ValueError("frfs.identify: expected it only without frequencies and shapes")
         for key in ("damping", "shapes", "validation"):
-            if self.frequencies is None and getattr(self, key) is not None:
+            needs = key != "shapes" or not self.has_modes
+            if self.frequencies is None and needs and getattr(self, key) is not None:
                 raise ValueError(f"{key}: expected frequencies too")
+        if self.has_universal_shapes and self.sees is not None:
+            raise ValueError("sees: expected it only without shapes in a universal file, whose "
+                             "nodes are the sensors")  # fmt: skip
         if self.planned is not None and self.planned.shapes and self.sees is None:
             raise ValueError("planned.shapes: expected a section [test.sees] too")
         return self

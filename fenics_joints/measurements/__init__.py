@@ -6,11 +6,12 @@ from fenics_joints.measurements.files import read_frfs
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.gap import Gap, Pairing, mac, pair_modes
 from fenics_joints.measurements.identification import IdentifiedModes, identify_modes
+from fenics_joints.measurements.measured_shapes import MeasuredShapes, made_real, read_shapes
 from fenics_joints.measurements.tables import read_table
 from fenics_joints.measurements.target import FRFTarget, Target
 
 __all__ = [
-    "FRFTarget", "Gap", "IdentifiedModes", "MeasuredCurves", "MeasuredFRFs", "Pairing", "Target",
-    "TestData", "identify_modes", "mac", "pair_modes", "read_curves", "read_frfs", "read_table",
-    "read_test_data",
+    "FRFTarget", "Gap", "IdentifiedModes", "MeasuredCurves", "MeasuredFRFs", "MeasuredShapes",
+    "Pairing", "Target", "TestData", "identify_modes", "mac", "made_real", "pair_modes",
+    "read_curves", "read_frfs", "read_shapes", "read_table", "read_test_data",
 ]  # fmt: skip

@@ -10,10 +10,10 @@ from fenics_joints.files import is_file, shown_path
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.records import Contents, Said, merge
 
-__all__ = ["read_frfs"]
+__all__ = ["UFF_SUFFIXES", "read_frfs"]
 
-#: How names of files of each format end.
-_UFF = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")
+#: How names of universal files end.
+UFF_SUFFIXES = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")
 
 
 def read_frfs(
@@ -66,7 +66,7 @@ def read_frfs(
 
 def _reader(path: Path):
     ending = path.suffix.lower()
-    if ending in _UFF:
+    if ending in UFF_SUFFIXES:
         from fenics_joints.measurements.uff import read_uff
 
         return read_uff
@@ -79,5 +79,6 @@ def _reader(path: Path):
 
         return read_csv
     raise InputError(
-        f"{path}: the ending {ending!r} is not known; expected one of {', '.join(_UFF)}, .mat, .csv"
+        f"{path}: the ending {ending!r} is not known; expected one of {', '.join(UFF_SUFFIXES)}, "
+        ".mat, .csv"
     )

@@ -41,7 +41,7 @@ def _is_unread(case: Case) -> bool:
     test = case.test
     if test is None:
         return False
-    return (test.frequencies is not None and case.measured is None) or (
+    return (test.has_modes and case.measured is None) or (
         test.frfs is not None and case.frfs() is None
     )
 
@@ -116,7 +116,10 @@ def _check_data(case: Case) -> list[str]:
     update, measured, errors = case.update, case.measured, []
     lacking = {
         "frequencies": (measured is None, "test.frequencies, or [test.frfs.identify]"),
-        "shapes": (measured is None or measured.shapes is None, "test.shapes and [test.sees]"),
+        "shapes": (
+            measured is None or measured.shapes is None,
+            "test.shapes, with [test.sees] if they are in a table",
+        ),
         "damping": (
             not case.has_ratios(),
             "test.damping, with ratios at the condition of the update",
