@@ -1,13 +1,31 @@
-"""The exceptions of the suite: what is wrong, and what was expected."""
+"""The exceptions of the suite: what is wrong, and what was expected; and checks that raise them.
+
+A check takes the name that its message shall have and the value, and returns the value as the plain
+type that it is. Texts, None, truth values, NaN and infinities are no numbers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from numbers import Integral, Real
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from fenics_joints.formatting import printable
 
-__all__ = ["ConvergenceError", "InputError", "JointsError", "MeshError", "located"]
+__all__ = [
+    "ConvergenceError", "InputError", "JointsError", "MeshError", "capable",
+    "direction", "flag", "items", "located", "mapping", "member", "real", "reals", "shown", "text",
+    "wanted", "whole",
+]  # fmt: skip
+
+#: No quantity of mechanics in SI units is larger; the products of two that are overflow.
+MOST = 1e100
+#: No count is larger: it would not fit the index of an array.
+MOST_OF = 2**31 - 1
 
 
 class JointsError(Exception):
@@ -50,3 +68,213 @@ def located(where: object) -> Iterator[None]:
         yield
     except InputError as error:
         raise type(error)(f"{where}: {error}") from error
+
+
+def shown(value: object) -> str:
+    """A value as a message shows it: on one line, and short."""
+    line = " ".join(repr(value).split())
+    return line if len(line) <= 80 else f"{line[:77]}..."
+
+
+def wanted(key: str, value: object, expected: str) -> InputError:
+    """The error that ``key = value`` is not what was expected."""
+    return InputError(f"{key} = {shown(value)}: expected {expected}.")
+
+
+def real(
+    key: str,
+    value: object,
+    unit: str = "",
+    *,
+    least: float = -math.inf,
+    most: float = math.inf,
+    above: float = -math.inf,
+) -> float:
+    """A finite number, no truth value, of a size that mechanics has.
+
+    Args:
+        key: Its name.
+        value: What was given; an array of no dimension is a number.
+        unit: For the message.
+        least: Lower bound, inclusive.
+        most: Upper bound, inclusive.
+        above: Lower bound, exclusive.
+
+    Raises:
+        InputError: If it is no such number.
+    """
+    given = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
+    size = ""
+    if isinstance(given, Real) and not isinstance(given, bool):
+        try:
+            number = float(given)
+        except OverflowError:
+            number = math.inf
+        if abs(number) <= MOST and least <= number <= most and number > above:
+            return number
+        size = f", not beyond {MOST:g}" if MOST < abs(number) else ""
+    raise wanted(key, value, _range(unit, least, most, above) + size)
+
+
+def _range(unit: str, least: float, most: float, above: float, many: bool = False) -> str:
+    """What numbers should be, in words."""
+    words = []
+    if math.isfinite(above):
+        words = [f"above {above:g}"]
+    elif math.isfinite(least):
+        words = [f"of at least {least:g}"]
+    if math.isfinite(most):
+        words.append(f"at most {most:g}" if words else f"of at most {most:g}")
+    number = "numbers" if many else "a number"
+    if not words:
+        return f"{number.replace('number', 'finite number')}{unit and ' in '}{unit}"
+    return f"{number} {' and '.join(words)} {unit}".rstrip()
+
+
+def whole(key: str, value: object, least: int = 1, most: int = MOST_OF) -> int:
+    """A whole number, no truth value.
+
+    Raises:
+        InputError: If it is none, or out of its range.
+    """
+    if isinstance(value, Integral) and not isinstance(value, bool):
+        number = int(value)
+        if least <= number <= most:
+            return number
+    top = f" and at most {most}" if most < MOST_OF else ""
+    raise wanted(key, value, f"a whole number of at least {least}{top}")
+
+
+def reals(
+    key: str,
+    value: ArrayLike,
+    shape: tuple[int | None, ...] | None = None,
+    unit: str = "",
+    **bounds: float,
+) -> np.ndarray:
+    """Finite numbers as an array of floats.
+
+    Args:
+        key: Their name.
+        value: What was given.
+        shape: The shape that they must have, None for any length along an axis; None for any.
+        unit: For the message.
+        **bounds: ``least``, ``most`` and ``above``, as of `real`, of each.
+
+    Raises:
+        InputError: If one is no such number, or their shape is another.
+    """
+    low, high = bounds.get("least", -math.inf), bounds.get("most", math.inf)
+    above = bounds.get("above", -math.inf)
+    error = wanted(key, value, _range(unit, low, high, above, many=True))
+    try:
+        array = np.asarray(value)
+        numeric = array.dtype.kind in "iuf" or (array.size == 0 and array.dtype.kind == "O")
+        array = array.astype(float) if numeric else array
+    except (TypeError, ValueError, OverflowError):
+        raise error from None
+    if not numeric:
+        raise error
+    if shape is not None and not _fits(array.shape, shape):
+        sizes = ", ".join("n" if n is None else str(n) for n in shape)
+        raise InputError(f"{key} has shape {array.shape}: expected ({sizes}).")
+    if not np.all((np.abs(array) <= MOST) & (array >= low) & (array <= high) & (array > above)):
+        raise error
+    return array
+
+
+def _fits(found: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:
+    return len(found) == len(shape) and all(
+        n is None or n == m for n, m in zip(shape, found, strict=True)
+    )
+
+
+def direction(key: str, value: ArrayLike, sizes: Iterable[int] = (2, 3)) -> tuple[float, ...]:
+    """A unit vector along a given one, which may have any length but zero.
+
+    Raises:
+        InputError: If it is none, or has another number of components.
+    """
+    sizes = tuple(sizes)
+    expected = f"a vector of {' or '.join(map(str, sizes))} finite numbers, not all of them zero"
+    try:
+        vector = reals(key, value)
+    except InputError:
+        raise wanted(key, value, expected) from None
+    length = float(np.linalg.norm(vector)) if vector.size else 0.0
+    if vector.ndim != 1 or len(vector) not in sizes or not length > 0:
+        raise wanted(key, value, expected)
+    # A unit vector stays what it is, to the last bit.
+    return tuple((vector if abs(length - 1) < 1e-14 else vector / length).tolist())
+
+
+def text(key: str, value: object) -> str:
+    """A text that is not empty.
+
+    Raises:
+        InputError: If it is none.
+    """
+    if not isinstance(value, str) or not value.strip():
+        raise wanted(key, value, "a text that is not empty")
+    return value
+
+
+def capable(key: str, value: object, calls: Iterable[str], what: str) -> None:
+    """Refuse an object that lacks one of the calls.
+
+    Raises:
+        InputError: If it does; says ``what`` was expected.
+    """
+    if isinstance(value, type) or not all(hasattr(value, call) for call in calls):
+        raise wanted(key, value, what)
+
+
+def flag(key: str, value: object) -> bool:
+    """A truth value.
+
+    Raises:
+        InputError: If it is none, such as the text ``"no"``, which counts as true.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise wanted(key, value, "True or False")
+    return bool(value)
+
+
+def member(key: str, value: object, known: Iterable[str]) -> str:
+    """One of the known words.
+
+    Raises:
+        InputError: If it is none of them.
+    """
+    known = tuple(known)
+    if not isinstance(value, str) or value not in known:
+        raise wanted(key, value, f"one of: {', '.join(known)}")
+    return value
+
+
+def items(key: str, value: object, kinds: type | tuple[type, ...], what: str) -> tuple:
+    """All of a sequence, each of some kind.
+
+    Raises:
+        InputError: If it is no sequence, or one of it is something else.
+    """
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+        raise wanted(key, value, f"a sequence of {what}")
+    found = tuple(value)
+    for i, each in enumerate(found):
+        if not isinstance(each, kinds):
+            raise wanted(f"{key}[{i}]", each, f"one of: {what}")
+    return found
+
+
+def mapping(key: str, value: object, what: str) -> dict[str, object]:
+    """Values by name; None is none of them.
+
+    Raises:
+        InputError: If it is no mapping from texts; says ``what`` was expected.
+    """
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
+        raise wanted(key, value, what)
+    return dict(value)

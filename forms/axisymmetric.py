@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import ufl
 
+from fenics_joints.forms.checks import check
 from fenics_joints.forms.elasticity import isotropic_stress, lame_parameters, mass
 from fenics_joints.forms.kinematics import strain, stretched_gradient
 
@@ -27,6 +28,7 @@ __all__ = [
 
 def circumference(radius):
     """Weight 2 pi r, m, of an integral over the half section."""
+    check("radius", radius, "m", least=0)
     return 2 * ufl.pi * radius
 
 
@@ -73,4 +75,5 @@ def axisymmetric_elasticity(u, v, E, nu, dx=ufl.dx, *, radius, normal=None, stre
 
 def axisymmetric_mass(u, v, rho, dx=ufl.dx, *, radius, stretch=None):
     """Consistent mass form for density ``rho``, kg/m3; other arguments as for the stiffness."""
+    check("rho", rho, "kg/m3", least=0)
     return mass(u, v, circumference(radius) * rho, dx, stretch=stretch)

@@ -10,6 +10,8 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
+from fenics_joints.forms.checks import check
+
 __all__ = [
     "bilinear",
     "bilinear_slope",
@@ -34,12 +36,16 @@ def richard_abbott(strain, E_e, E_p, S_y, n):
         S_y: Yield stress, Pa.
         n: Sharpness of the knee, > 0. For derivatives at rest by UFL it has to be above 1.
     """
+    _check_knee(E_e, E_p, S_y)
+    check("n", n, above=0)
     x = _size((E_e - E_p) * strain / S_y)
     return (E_p + (E_e - E_p) * (1 + x**n) ** (-1 / n)) * strain
 
 
 def richard_abbott_slope(strain, E_e, E_p, S_y, n):
     """Slope, Pa, of `richard_abbott`, whose arguments it takes."""
+    _check_knee(E_e, E_p, S_y)
+    check("n", n, above=0)
     x = _size((E_e - E_p) * strain / S_y)
     return E_p + (E_e - E_p) * (1 + x**n) ** (-1 / n - 1)
 
@@ -51,6 +57,10 @@ def segalman_limits(F_S, K_T, chi, beta):
         (phi_max, R): the slip, m, at which all of the joint slides; R phi^chi below it is the
         density of its sliders (Segalman, J. Appl. Mech. 72, 2005).
     """
+    for name, size in (("F_S", F_S), ("K_T", K_T)):
+        check(name, size, above=0)
+    check("chi", chi, above=-1, most=0)
+    check("beta", beta, least=0)
     share = beta + (chi + 1) / (chi + 2)
     phi_max = F_S * (1 + beta) / (K_T * share)
     return phi_max, F_S * (chi + 1) / (phi_max ** (chi + 2) * share)
@@ -82,6 +92,7 @@ def segalman_slope(slip, F_S, K_T, chi, beta):
 
 def bilinear(strain, E_e, E_p, S_y):
     """Stress, Pa, of slope E_e up to the yield stress S_y, and E_p, Pa, beyond."""
+    _check_knee(E_e, E_p, S_y)
     yielded = S_y / E_e
     return _where(
         _size(strain), yielded, E_e * strain, E_p * strain + _sign(strain) * (E_e - E_p) * yielded
@@ -90,7 +101,14 @@ def bilinear(strain, E_e, E_p, S_y):
 
 def bilinear_slope(strain, E_e, E_p, S_y):
     """Slope, Pa, of `bilinear`; E_e at the knee itself."""
+    _check_knee(E_e, E_p, S_y)
     return _where(_size(strain), S_y / E_e, E_e, E_p)
+
+
+def _check_knee(E_e, E_p, S_y) -> None:
+    check("E_e", E_e, "Pa", above=0)
+    check("E_p", E_p, "Pa")
+    check("S_y", S_y, "Pa", above=0)
 
 
 def _is_ufl(*values) -> bool:

@@ -16,11 +16,9 @@ the consistent one of each law: symmetric but in sliding, where the friction fol
 
 from __future__ import annotations
 
-from numbers import Real
-
 import ufl
 
-from fenics_joints.errors import InputError
+from fenics_joints.forms.checks import check
 
 __all__ = [
     "augmented_pressure",
@@ -40,6 +38,7 @@ def contact_gap(jump, normal, initial_gap=0.0):
         normal: Unit normal from the lower to the upper side, shape (gdim,).
         initial_gap: Gap without displacement, m; negative is an interference fit.
     """
+    check("initial_gap", initial_gap, "m")
     return initial_gap + ufl.dot(jump, normal)
 
 
@@ -50,7 +49,7 @@ def contact_slip(jump, normal):
 
 def penalty_pressure(gap, stiffness):
     """Pressure, Pa, of a one-sided spring of ``stiffness`` (Pa/m): stiffness * max(0, -gap)."""
-    _at_least_zero("stiffness", stiffness, "Pa/m")
+    check("stiffness", stiffness, "Pa/m", least=0)
     return stiffness * ufl.max_value(0.0, -gap)
 
 
@@ -66,7 +65,7 @@ def augmented_pressure(multiplier, gap, stiffness):
         gap: Gap, m.
         stiffness: Stiffness per area of the augmentation, Pa/m.
     """
-    _at_least_zero("stiffness", stiffness, "Pa/m")
+    check("stiffness", stiffness, "Pa/m", least=0)
     return ufl.max_value(0.0, multiplier - stiffness * gap)
 
 
@@ -87,8 +86,8 @@ def coulomb_traction(slip, pressure, friction, stiffness):
         friction: Coefficient of friction, >= 0.
         stiffness: Tangential stiffness per area while sticking, Pa/m.
     """
-    _at_least_zero("stiffness", stiffness, "Pa/m")
-    _at_least_zero("friction", friction, "1")
+    check("stiffness", stiffness, "Pa/m", least=0)
+    check("friction", friction, least=0)
     limit = friction * pressure
     square = ufl.dot(slip, slip)
     # The root has no derivative at zero slip, which can only be chosen there without pressure.
@@ -114,8 +113,3 @@ def contact_interface(jump_v, normal, pressure, traction, dS):
     if traction is not None:
         residual += ufl.dot(traction, jump_v)
     return residual * dS
-
-
-def _at_least_zero(key: str, value, unit: str) -> None:
-    if isinstance(value, Real) and not value >= 0:
-        raise InputError(f"{key} = {value}: expected a number >= 0 ({unit}).")

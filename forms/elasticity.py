@@ -17,6 +17,7 @@ from numbers import Real
 import ufl
 
 from fenics_joints.errors import InputError
+from fenics_joints.forms.checks import check
 from fenics_joints.forms.kinematics import strain, stretched_gradient
 
 __all__ = [
@@ -33,8 +34,10 @@ def lame_parameters(E, nu):
     """Lamé parameters (lambda, mu), Pa, from Young's modulus ``E`` (Pa) and Poisson's ratio.
 
     Raises:
-        InputError: ``nu`` is a number outside -1 < nu < 0.5.
+        InputError: ``E`` is a number that is not above 0, or ``nu`` one outside -1 < nu < 0.5.
     """
+    check("E", E, "Pa", above=0)
+    check("nu", nu)
     if isinstance(nu, Real) and not -1 < nu < 0.5:
         raise InputError(f"nu = {nu}: an isotropic solid needs -1 < nu < 0.5")
     return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
@@ -49,6 +52,8 @@ def lame_from_moduli(E, G):
     Raises:
         InputError: ``E`` and ``G`` are numbers outside that range.
     """
+    check("E", E, "Pa", above=0)
+    check("G", G, "Pa", above=0)
     if isinstance(E, Real) and isinstance(G, Real) and not 0 < E < 3 * G:
         raise InputError(f"E = {E} Pa with G = {G} Pa: an isotropic solid needs 0 < E < 3 G")
     return G * (E - 2 * G) / (3 * G - E), G
@@ -56,6 +61,8 @@ def lame_from_moduli(E, G):
 
 def isotropic_stress(eps, lmbda, mu):
     """Cauchy stress, Pa, of the strain tensor ``eps``; plane strain when that is 2 x 2."""
+    check("lmbda", lmbda, "Pa")
+    check("mu", mu, "Pa", least=0)
     return lmbda * ufl.tr(eps) * ufl.Identity(eps.ufl_shape[0]) + 2 * mu * eps
 
 
@@ -84,6 +91,10 @@ def elasticity(u, v, E, nu, dx=ufl.dx, *, normal=None, stretch=None, across=None
 
 def mass(u, v, rho, dx=ufl.dx, *, stretch=None, width=None):
     """Consistent mass form for density ``rho``, kg/m3, and stretches as of `elasticity`."""
+    check("rho", rho, "kg/m3", least=0)
+    for name, ratio in (("stretch", stretch), ("width", width)):
+        if ratio is not None:
+            check(name, ratio, above=0)
     factor = rho if stretch is None else rho * stretch
     factor = factor if width is None else factor * width
     return factor * ufl.inner(u, v) * dx
@@ -95,4 +106,6 @@ def attached_mass(u, v, m, area, ds):
     The form for a sensor or a bolt head on a patch of facets. A mass at a point that need not be
     a node is no UFL form: see `fenics_joints.structure.PointMass`.
     """
+    check("m", m, "kg", least=0)
+    check("area", area, "m2", above=0)
     return (m / area) * ufl.inner(u, v) * ds

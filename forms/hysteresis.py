@@ -14,6 +14,9 @@ from __future__ import annotations
 
 import ufl
 
+from fenics_joints.errors import whole
+from fenics_joints.forms.checks import check
+
 __all__ = [
     "bouc_wen",
     "coulomb_matrix",
@@ -68,6 +71,8 @@ def slider(slip, position, stiffness, strength):
     Returns:
         (traction, new position); the position of a sticking slider is returned as it is.
     """
+    check("stiffness", stiffness, above=0)
+    check("strength", strength, "Pa", least=0)
     slip, position = _parts(slip), _parts(position)
     stretch = [x - z for x, z in zip(slip, position, strict=True)]
     length = _length(stretch)
@@ -81,6 +86,7 @@ def slider(slip, position, stiffness, strength):
 
 def slider_energy(slip, position, stiffness):
     """Energy, J/m3 or J/m2, in the spring of a slider that stands at ``position``."""
+    check("stiffness", stiffness, least=0)
     return 0.5 * stiffness * ufl.dot(slip - position, slip - position)
 
 
@@ -89,6 +95,7 @@ def slider_dissipation(slip, old, new, stiffness):
 
     The present traction times the way: exact for constant strength.
     """
+    check("stiffness", stiffness, least=0)
     return ufl.dot(stiffness * (slip - new), new - old)
 
 
@@ -126,6 +133,8 @@ def coulomb_stick(opening, slip, position, k_n, k_s, mu, pressure=0.0):
     Returns:
         (normal stress, Pa, tension positive: minus the pressure; traction; new position).
     """
+    _check_friction(k_n, k_s, mu)
+    check("pressure", pressure, "Pa")
     present = ufl.max_value(pressure - k_n * opening, 0.0)
     traction, position = slider(slip, position, k_s, mu * present)
     return -present, traction, position
@@ -148,6 +157,8 @@ def dilatant_coulomb(opening, slip, position, opened, k_n, k_s, mu, pressure=0.0
     Returns:
         (normal stress, traction, new position, new ``opened``).
     """
+    _check_friction(k_n, k_s, mu)
+    check("pressure", pressure, "Pa")
     sigma = k_n * (opening - opened) - pressure
     slip, position = _parts(slip), _parts(position)
     stretch = [x - z for x, z in zip(slip, position, strict=True)]
@@ -186,6 +197,7 @@ def coulomb_matrix(traction, k_n, k_s, mu):
     Returns:
         UFL matrix, (2, 2) or (3, 3).
     """
+    _check_friction(k_n, k_s, mu)
     beta = traction / ufl.sqrt(ufl.dot(traction, traction))
     size = traction.ufl_shape[0]
     H = k_n * mu**2 + k_s
@@ -194,6 +206,12 @@ def coulomb_matrix(traction, k_n, k_s, mu):
         row = [-k_s * k_s * beta[i] * beta[j] / H + (k_s if i == j else 0.0) for j in range(size)]
         rows.append([rows[0][i + 1], *row])
     return ufl.as_matrix(rows)
+
+
+def _check_friction(k_n, k_s, mu) -> None:
+    check("k_n", k_n, above=0)
+    check("k_s", k_s, above=0)
+    check("mu", mu, least=0)
 
 
 def _decay(c):
@@ -224,6 +242,10 @@ def bouc_wen(slip, last, z, beta, gamma, n, *, substeps=1):
     Returns:
         The new z; on a backbone it tends to (beta + gamma)^(-1/n).
     """
+    check("beta", beta)
+    check("gamma", gamma)
+    check("n", n, least=1)
+    substeps = whole("substeps", substeps)
     dx = [(x - x0) / substeps for x, x0 in zip(_parts(slip), _parts(last), strict=True)]
     z = _parts(z)
     for _ in range(substeps):
@@ -259,6 +281,7 @@ def valanis(slip, last, z, rate):
     Returns:
         The new z; on a backbone it is (1 - exp(-rate x)) / rate.
     """
+    check("rate", rate, least=0)
     dx = [x - x0 for x, x0 in zip(_parts(slip), _parts(last), strict=True)]
     decay, mean = _decay(rate * _length(dx))
     return ufl.as_vector([decay * a + mean * b for a, b in zip(_parts(z), dx, strict=True)])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ufl
 
+from fenics_joints.forms.checks import check
+
 __all__ = ["spring_interface", "spring_traction"]
 
 
@@ -15,7 +17,12 @@ def spring_traction(jump, normal, k_n, k_t):
         normal: Unit normal, shape (gdim,); its sign does not matter.
         k_n: Normal stiffness per area, Pa/m.
         k_t: Tangential stiffness per area, Pa/m.
+
+    Raises:
+        InputError: A stiffness is a number that is negative or not finite.
     """
+    check("k_n", k_n, "Pa/m", least=0)
+    check("k_t", k_t, "Pa/m", least=0)
     normal_jump = ufl.dot(jump, normal) * normal
     return k_n * normal_jump + k_t * (jump - normal_jump)
 

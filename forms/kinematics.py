@@ -11,6 +11,7 @@ from __future__ import annotations
 import ufl
 
 from fenics_joints.errors import InputError
+from fenics_joints.forms.checks import check
 
 __all__ = ["layer_strain", "strain", "stretched_gradient"]
 
@@ -29,7 +30,7 @@ def stretched_gradient(u, normal=None, stretch=None, across=None, width=None):
         UFL expression of shape (gdim, gdim), row i the gradient of component i.
 
     Raises:
-        InputError: A stretch without its direction.
+        InputError: A stretch without its direction, or one that is not above 0.
     """
     gradient = ufl.grad(u)
     if stretch is not None and normal is None:
@@ -38,8 +39,10 @@ def stretched_gradient(u, normal=None, stretch=None, across=None, width=None):
         raise InputError("width is given without across: it needs the direction of the width")
     stretched = gradient
     if stretch is not None:
+        check("stretch", stretch, above=0)
         stretched += (1 / stretch - 1) * ufl.outer(gradient * normal, normal)
     if width is not None:
+        check("width", width, above=0)
         stretched += (1 / width - 1) * ufl.outer(gradient * across, across)
     return stretched
 

@@ -7,6 +7,7 @@ from numbers import Real
 import ufl
 
 from fenics_joints.errors import InputError
+from fenics_joints.forms.checks import check
 
 __all__ = ["contact_radius", "graded_modulus", "peak_pressure", "pressure_cone", "radius"]
 
@@ -21,6 +22,9 @@ def radius(x, centre, normal):
 
 def contact_radius(head_radius, thickness, cone_angle):
     """Largest radius r_m, m, that the bolt presses (eq. 21): r_b + h tan(alpha), alpha in rad."""
+    check("head_radius", head_radius, "m", above=0)
+    check("thickness", thickness, "m", least=0)
+    check("cone_angle", cone_angle, "rad", least=0, most=1.57)
     return head_radius + thickness * ufl.tan(cone_angle)
 
 
@@ -40,6 +44,9 @@ def peak_pressure(force, r_hole, r_contact, *, open_hole=False):
     Raises:
         InputError: The radii are numbers and the hole is not the smaller one.
     """
+    check("force", force, "N", least=0)
+    check("r_hole", r_hole, "m", least=0)
+    check("r_contact", r_contact, "m", above=0)
     if isinstance(r_hole, Real) and isinstance(r_contact, Real) and not 0 <= r_hole < r_contact:
         raise InputError(
             f"r_contact = {r_contact} m with r_hole = {r_hole} m: expected 0 <= r_hole < r_contact"
@@ -75,6 +82,11 @@ def graded_modulus(pressure, alpha, beta, thickness, floor=0.0):
         thickness: Thickness h of the layer, m.
         floor: Modulus, Pa, that remains without pressure; 0 leaves the layer open there.
     """
+    check("pressure", pressure, "Pa", least=0)
+    check("alpha", alpha, "(Pa/m)/Pa^beta", least=0)
+    check("beta", beta, above=0)
+    check("thickness", thickness, "m", above=0)
+    check("floor", floor, "Pa", least=0)
     # P**beta has no derivative at P = 0: the conditional keeps that point out.
     safe = ufl.conditional(ufl.gt(pressure, 0.0), pressure, 1.0)
     stiffness = ufl.conditional(ufl.gt(pressure, 0.0), alpha * safe**beta, 0.0)

@@ -30,6 +30,7 @@ from __future__ import annotations
 
 import ufl
 
+from fenics_joints.forms.checks import check
 from fenics_joints.forms.elasticity import isotropic_stress, lame_from_moduli
 from fenics_joints.forms.kinematics import layer_strain, strain, stretched_gradient
 
@@ -44,7 +45,12 @@ def uncoupled_layer_stress(eps_n, gamma_t, E_n, G_t):
         gamma_t: Engineering shear strain in the tangent plane, shape (gdim,).
         E_n: Normal modulus, Pa.
         G_t: Tangential modulus, Pa.
+
+    Raises:
+        InputError: A modulus is a number that is negative or not finite.
     """
+    check("E_n", E_n, "Pa", least=0)
+    check("G_t", G_t, "Pa", least=0)
     return E_n * eps_n, G_t * gamma_t
 
 

@@ -31,6 +31,7 @@ from numbers import Real
 import ufl
 
 from fenics_joints.errors import InputError
+from fenics_joints.forms.checks import check
 from fenics_joints.forms.elasticity import elasticity, mass
 from fenics_joints.forms.pressure import pressure_cone
 
@@ -52,8 +53,7 @@ def _stretch(thickness, meshed):
     if thickness is None or meshed is None:
         raise InputError("thickness and meshed: expected both, in metres, or neither")
     for name, value in (("thickness", thickness), ("meshed", meshed)):
-        if isinstance(value, Real) and not value > 0:
-            raise InputError(f"{name} = {value} m: expected a thickness above 0 m")
+        check(name, value, "m", above=0)
     return thickness / meshed
 
 
@@ -94,6 +94,8 @@ def transition_mass(u, v, rho, dx=ufl.dx, *, thickness=None, meshed=None):
 
 def average_density(rho_1, rho_2):
     """Density of the layer, kg/m3, as the mean of the two bodies' (seed 000, section 2, end)."""
+    check("rho_1", rho_1, "kg/m3", least=0)
+    check("rho_2", rho_2, "kg/m3", least=0)
     return 0.5 * (rho_1 + rho_2)
 
 
@@ -108,6 +110,7 @@ def layer_position(x, middle, normal, meshed):
         normal: Unit normal of the layer, shape (gdim,).
         meshed: Thickness h0 of the layer in the mesh, m.
     """
+    check("meshed", meshed, "m", above=0)
     return 2 * ufl.dot(x - middle, normal) / meshed
 
 
@@ -125,8 +128,11 @@ def ring_pressure(r, force, r_nei, r_wai, limit=1e6):
         limit: Pressure P_lim at the outer radius, Pa.
 
     Raises:
-        InputError: All are numbers, and the force is less than the limit on all of the ring.
+        InputError: A number is out of range; or all are numbers, and the force is less than the
+            limit on all of the ring.
     """
+    _check_ring(force, r_nei, r_wai)
+    check("limit", limit, "Pa", least=0)
     area = ufl.pi * (r_wai**2 - r_nei**2)
     rest = force - limit * area
     if isinstance(rest, Real) and rest < 0:
@@ -137,6 +143,14 @@ def ring_pressure(r, force, r_nei, r_wai, limit=1e6):
     inside = ufl.And(ufl.ge(r, r_nei), ufl.le(r, r_wai))
     cone = pressure_cone(r, rest, r_nei, r_wai, open_hole=True)
     return ufl.conditional(inside, limit + cone, 0.0)
+
+
+def _check_ring(force, r_nei, r_wai) -> None:
+    check("force", force, "N", least=0)
+    check("r_nei", r_nei, "m", least=0)
+    check("r_wai", r_wai, "m", above=0)
+    if isinstance(r_nei, Real) and isinstance(r_wai, Real) and not r_nei < r_wai:
+        raise InputError(f"r_wai = {r_wai} m with r_nei = {r_nei} m: expected r_nei < r_wai")
 
 
 def transition_modulus(position, E, E_lower, E_upper, *, through=2, load=1, along=1):
@@ -156,8 +170,12 @@ def transition_modulus(position, E, E_lower, E_upper, *, through=2, load=1, alon
             mean of E over the ring is ``E``.
 
     Raises:
-        InputError: ``through`` is a number that is not above 0.
+        InputError: A modulus, ``through`` or ``load`` is a number that is not above 0.
     """
+    for name, modulus in (("E", E), ("E_lower", E_lower), ("E_upper", E_upper)):
+        check(name, modulus, "Pa", above=0)
+    check("load", load, above=0)
+    check("along", along)
     middle = E * load**along if _counts(load, along) else E
     w = _blend(position, through)
     body = ufl.conditional(ufl.lt(position, 0), E_lower, E_upper)
@@ -169,6 +187,8 @@ def transition_poisson(position, mu, mu_lower, mu_upper, *, through=2):
 
     Arguments as in `transition_modulus`.
     """
+    for name, ratio in (("mu", mu), ("mu_lower", mu_lower), ("mu_upper", mu_upper)):
+        check(name, ratio, above=-1)
     w = _blend(position, through)
     return (1 - w) * mu + w * ufl.conditional(ufl.lt(position, 0), mu_lower, mu_upper)
 
@@ -180,7 +200,6 @@ def _counts(load, along) -> bool:
 
 def _blend(position, through):
     """Share of the body, |zeta|^m: 0 at the middle, 1 at the faces."""
-    if isinstance(through, Real) and not through > 0:
-        raise InputError(f"through = {through}: expected an exponent above 0")
+    check("through", through, above=0)
     # The square root keeps the derivative finite at the middle.
     return (position**2 + 1e-24) ** (0.5 * through)

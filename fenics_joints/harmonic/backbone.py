@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real, reals
 from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow
-from fenics_joints.harmonic.corrector import Settings
+from fenics_joints.harmonic.corrector import Settings, check_settings
 from fenics_joints.harmonic.frf import fingerprint, telling
 from fenics_joints.harmonic.result import Periodic, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel, inverted_modes
@@ -97,6 +97,12 @@ def solve_backbone(
         InputError: For an unknown name, a value out of range, or a sensor that does not move.
         ConvergenceError: If the branch cannot be followed.
     """
+    low, high = reals("amplitudes", amplitudes, (2,), "m", above=0).tolist()
+    if not low < high:
+        raise InputError(f"amplitudes = ({low}, {high}): expected 0 < low < high, m.")
+    if near is not None:
+        real("near", near, "Hz", above=0)
+    settings = check_settings(settings)
     balance = Balance(model, **equations)
     sensor = check_sensor(model, sensor)
     row = model.row("sensors", sensor)
@@ -107,9 +113,6 @@ def solve_backbone(
     else:
         problem = PhaseResonance(balance, row, model.row("forces", force), *mode)
         words = "phase resonance", sensor, force, *amplitudes, near
-    low, high = (float(a) for a in amplitudes)
-    if not 0 < low < high < np.inf:
-        raise InputError(f"amplitudes = ({low}, {high}): expected 0 < low < high, m.")
     step = f"{problem.method} of the mode near {problem.omega / (2 * np.pi):.4g} Hz"
     branch = follow(
         problem, np.append(problem.start(), np.log10(low)), (np.log10(low), np.log10(high)),

@@ -14,9 +14,10 @@ from typing import TypedDict
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, reals, whole
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_state
+from fenics_joints.interfaces.model import check_interfaces
 from fenics_joints.joint_laws.kernel import HarmonicStress
 
 __all__ = ["Balance", "Equations", "default_samples"]
@@ -89,12 +90,12 @@ class Balance:
         cycles: int = 2,
         comm: MPI.Comm | None = None,
     ):
-        if cycles < 1:
-            raise InputError(f"cycles = {cycles}: expected at least 1.")
-        samples = default_samples(model, harmonics) if samples is None else int(samples)
-        self.model, self.fourier, self.cycles = model, Fourier(int(harmonics), samples), cycles
+        check_interfaces(model)
+        harmonics, cycles = whole("harmonics", harmonics), whole("cycles", cycles)
+        samples = default_samples(model, harmonics) if samples is None else samples
+        self.model, self.fourier, self.cycles = model, Fourier(harmonics, samples), cycles
         self.comm = MPI.COMM_SELF if comm is None else comm
-        self.static = np.zeros(model.n_dofs) if static is None else np.asarray(static, dtype=float)
+        self.static = np.zeros(model.n_dofs) if static is None else reals("static", static)
         if self.static.shape != (model.n_dofs,):
             raise InputError(
                 f"static has shape {self.static.shape}: expected ({model.n_dofs},), one load per "

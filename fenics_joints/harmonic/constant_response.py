@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, member, real
 from fenics_joints.harmonic.balance import Balance, Equations
-from fenics_joints.harmonic.corrector import Settings
+from fenics_joints.harmonic.corrector import Settings, check_settings
 from fenics_joints.harmonic.fourier import KINDS
 from fenics_joints.harmonic.frf import (
     ForcedResponse,
@@ -68,15 +68,13 @@ def solve_constant_response(
         InputError: For an unknown name, or a value out of range.
         ConvergenceError: If the branch cannot be followed.
     """
-    if kind not in KINDS:
-        raise InputError(f"kind = {kind!r}: expected one of: {', '.join(KINDS)}.")
-    if not (np.isfinite(amplitude) and amplitude > 0):
-        raise InputError(f"amplitude = {amplitude}: expected a positive {kind}.")
+    member("kind", kind, KINDS)
+    amplitude = real("amplitude", amplitude, f"(of {kind})", above=0)
     band = check_band(band, direction)
     sensor = check_sensor(model, sensor)
     rows = model.row("forces", force), model.row("sensors", sensor)
     balance = Balance(model, **equations)
-    settings, width = settings or Settings(), 2 * np.pi * (band[1] - band[0])
+    settings, width = check_settings(settings), 2 * np.pi * (band[1] - band[0])
     problem = ConstantResponse(balance, *rows, amplitude, KINDS[kind], width)
     branch = follow_band(
         problem, lambda omega: problem.start(omega, settings), band, direction,

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, flag, real, wanted, whole
 
 __all__ = ["NotFound", "Point", "Problem", "Settings", "correct"]
 
@@ -60,16 +60,29 @@ class Settings:
     save_every: int = 10
 
     def __post_init__(self):
+        for key in ("min_step", "step", "max_step"):
+            real(key, getattr(self, key), above=0)
         if not 0 < self.min_step <= self.step <= self.max_step:
             raise InputError(
                 f"min_step, step, max_step = {self.min_step}, {self.step}, {self.max_step}: "
                 "expected 0 < min_step <= step <= max_step."
             )
         for key in ("max_points", "max_iterations", "wanted_jacobians", "save_every"):
-            if getattr(self, key) < 1:
-                raise InputError(f"{key} = {getattr(self, key)}: expected at least 1.")
-        if not 0 < self.tolerance < 1:
+            whole(key, getattr(self, key))
+        flag("keep", self.keep)
+        if not real("tolerance", self.tolerance, above=0) < 1:
             raise InputError(f"tolerance = {self.tolerance}: expected between 0 and 1.")
+
+
+def check_settings(settings: Settings | None) -> Settings:
+    """The settings, the usual ones without any.
+
+    Raises:
+        InputError: If they are something else.
+    """
+    if settings is not None and not isinstance(settings, Settings):
+        raise wanted("settings", settings, "Settings, or None")
+    return settings or Settings()
 
 
 @dataclass(frozen=True)

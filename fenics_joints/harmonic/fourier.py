@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, whole
 
 __all__ = ["KINDS", "MEASURES", "Fourier", "amplitude", "amplitude_gradient"]
 
@@ -38,9 +38,8 @@ class Fourier:
     samples: int
 
     def __post_init__(self):
-        if self.harmonics < 1:
-            raise InputError(f"harmonics = {self.harmonics}: expected at least 1.")
-        if self.samples < 2 * self.harmonics + 2:
+        whole("harmonics", self.harmonics)
+        if whole("samples", self.samples) < 2 * self.harmonics + 2:
             raise InputError(
                 f"samples = {self.samples}: expected at least {2 * self.harmonics + 2} for "
                 f"{self.harmonics} harmonics."

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, member, real, reals
 from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow, locate
-from fenics_joints.harmonic.corrector import Settings, correct
+from fenics_joints.harmonic.corrector import Settings, check_settings, correct
 from fenics_joints.harmonic.fourier import amplitude_gradient
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel
@@ -76,15 +76,18 @@ def solve_harmonic(
         ConvergenceError: If the branch cannot be followed; its points so far are the error's
             ``branch``.
     """
-    if not (np.isfinite(amplitude) and amplitude > 0):
-        raise InputError(f"amplitude = {amplitude}: expected a positive force, N.")
+    amplitude = real("amplitude", amplitude, "N", above=0)
+    if at is not None:
+        at = reals("at", at, (None,), "Hz", above=0)
+        if not len(at):
+            raise InputError("at = []: expected positive frequencies, Hz.")
     if (band is None) == (at is None):
         raise InputError("expected either band = (low, high), Hz, or at = [frequencies], Hz.")
     sensor = check_sensor(model, sensor)
     row = model.row("forces", force)
     amplitude_gradient(np.zeros(3), measure)  # raises for an unknown one
     balance = Balance(model, **equations)
-    settings = settings or Settings()
+    settings = check_settings(settings)
     load = balance.load(amplitude * row)
     tell = telling(progress, f"response to {amplitude:g} N at {force}")
     if at is not None:
@@ -115,11 +118,10 @@ def responses(balance: Balance, z, iterations, jacobians, amplitude, **named) ->
 
 def check_band(band, direction: str) -> tuple[float, float]:
     """A band of frequencies, Hz, and which way it is gone through, or an `InputError`."""
-    low, high = (float(f) for f in band)
-    if not 0 < low < high < np.inf:
+    low, high = reals("band", band, (2,), "Hz", above=0).tolist()
+    if not low < high:
         raise InputError(f"band = ({low}, {high}): expected 0 < low < high, Hz.")
-    if direction not in ("up", "down"):
-        raise InputError(f"direction = {direction!r}: expected up or down.")
+    member("direction", direction, ("up", "down"))
     return low, high
 
 
@@ -281,9 +283,6 @@ def _at_frequencies(balance, load, at, settings, initial, tell):
         (points, coefficients and omega, (N, n K + 1); Newton steps; Jacobians that each took).
     """
     frequencies = np.asarray(at, dtype=float)
-    usable = (frequencies > 0) & np.isfinite(frequencies)
-    if frequencies.ndim != 1 or not len(frequencies) or not np.all(usable):
-        raise InputError(f"at = {at}: expected positive frequencies, Hz.")
     starts = _starts(balance, initial, frequencies)
     omegas = 2 * np.pi * frequencies
     order = np.argsort(omegas)

@@ -15,7 +15,7 @@ from fenics_joints.files import write_text
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import amplitude, differentiated
 from fenics_joints.harmonic.sensitivity import ResponseGradient, response_gradient
-from fenics_joints.interfaces.model import InterfaceModel
+from fenics_joints.interfaces.model import InterfaceModel, check_interfaces
 
 __all__ = ["HarmonicResult", "Loops", "Peak", "Periodic", "check_sensor"]
 
@@ -286,6 +286,7 @@ def check_sensor(model: InterfaceModel, sensor: str | None) -> str:
     Raises:
         InputError: If there is none, or it is unknown.
     """
+    check_interfaces(model)
     if sensor is None:
         if not model.sensors:
             raise InputError("sensors: the model has none; expected at least one.")

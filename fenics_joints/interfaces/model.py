@@ -13,11 +13,23 @@ import numpy as np
 import scipy.linalg
 from petsc4py import PETSc
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, capable, flag, reals, text, wanted
 from fenics_joints.interfaces.motion import LawPoints, Motion, named, named_points
 from fenics_joints.joint_laws.law import JointLaw
 
-__all__ = ["DenseMotion", "InterfaceModel", "InterfacePoints", "inverted_modes"]
+__all__ = [
+    "DenseMotion", "InterfaceModel", "InterfacePoints", "check_interfaces", "inverted_modes",
+]  # fmt: skip
+
+
+def check_interfaces(model: object) -> None:
+    """Refuse what is no `InterfaceModel`.
+
+    Raises:
+        InputError: If it is none.
+    """
+    calls = ("M", "K", "C", "row", "interfaces", "n_dofs")
+    capable("model", model, calls, "an InterfaceModel, such as reduce_layers makes")
 
 
 @dataclass(frozen=True, repr=False)
@@ -25,7 +37,11 @@ class InterfacePoints(LawPoints):
     """`LawPoints` with dense rows, (P, d, n)."""
 
     def __post_init__(self):
-        shape = np.shape(self.rows)
+        text("interface.name", self.name)
+        if not isinstance(self.law, JointLaw):
+            raise wanted(f"{self.name}.law", self.law, "a joint law")
+        flag(f"{self.name}.normal", self.normal)
+        shape = reals(f"{self.name}.rows", self.rows).shape
         if len(shape) != 3 or shape[1] not in ((2, 3) if self.normal else (1, 2)):
             raise InputError(
                 f"{self.name}.rows has shape {shape}: expected (points, components, n_dofs) with "
@@ -35,6 +51,7 @@ class InterfacePoints(LawPoints):
             raise InputError(
                 f"{self.name}.weights has shape {np.shape(self.weights)}: expected ({shape[0]},)."
             )
+        reals(f"{self.name}.weights", self.weights, shape[:1], least=0)
         if self.law.coupled and not self.normal:
             raise InputError(
                 f"{self.name}: the law {self.law.label} needs the normal strain; expected rows "
@@ -74,16 +91,13 @@ class InterfaceModel:
     sensors: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self):
-        n = len(self.M)
+        n = len(reals("M", self.M, (None, None)))
         square = {"M": self.M, "K": self.K} | ({} if self.C is None else {"C": self.C})
         for key, array in square.items():
-            if np.shape(array) != (n, n):
-                raise InputError(f"{key} has shape {np.shape(array)}: expected {(n, n)}.")
+            reals(key, array, (n, n))
         for what in ("forces", "sensors"):
             for key, array in getattr(self, what).items():
-                if np.shape(array) != (n,):
-                    shape = np.shape(array)
-                    raise InputError(f"{what}[{key!r}] has shape {shape}: expected {(n,)}.")
+                reals(f"{what}[{key!r}]", array, (n,))
         for points in self.interfaces:
             if points.rows.shape[2] != n:
                 raise InputError(

@@ -133,7 +133,7 @@ def named(rows: Mapping[str, Any], kind: str, name: str):
     Raises:
         InputError: If there is none of that name.
     """
-    if name not in rows:
+    if not isinstance(name, str) or name not in rows:
         raise InputError(f"{kind}: no {name!r}; expected one of: {', '.join(rows) or 'none'}.")
     return rows[name]
 

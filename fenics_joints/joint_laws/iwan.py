@@ -15,13 +15,14 @@ over the points of an interface, whose amplitudes differ.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real, reals, wanted, whole
 from fenics_joints.forms.backbones import (
     bilinear,
     bilinear_slope,
@@ -115,8 +116,10 @@ class Backbone(ABC):
         return type(self)(**{**known, **values})
 
 
-def _check(backbone: object, expected: str, holds: bool) -> None:
-    if not holds:
+def _check(backbone: object, expected: str, holds: Callable[[], bool]) -> None:
+    for f in fields(backbone):
+        real(f"{type(backbone).__name__}.{f.name}", getattr(backbone, f.name))
+    if not holds():
         raise InputError(f"{backbone}: expected {expected}.")
 
 
@@ -137,8 +140,10 @@ class RichardAbbott(Backbone):
     n: float
 
     def __post_init__(self):
-        holds = 0 <= self.E_p < self.E_e < np.inf and 0 < self.S_y < np.inf and 0 < self.n < np.inf
-        _check(self, "0 <= E_p < E_e, S_y > 0 and n > 0", holds)
+        _check(
+            self, "0 <= E_p < E_e, S_y > 0 and n > 0",
+            lambda: 0 <= self.E_p < self.E_e and self.S_y > 0 and self.n > 0,
+        )  # fmt: skip
 
     def value(self, strain):
         strain = np.asarray(strain, dtype=float)
@@ -178,8 +183,10 @@ class Segalman(Backbone):
     beta: float
 
     def __post_init__(self):
-        holds = self.F_S > 0 and self.K_T > 0 and -1 < self.chi <= 0 and 0 <= self.beta < np.inf
-        _check(self, "F_S > 0, K_T > 0, -1 < chi <= 0 and beta >= 0", holds)
+        _check(
+            self, "F_S > 0, K_T > 0, -1 < chi <= 0 and beta >= 0",
+            lambda: self.F_S > 0 and self.K_T > 0 and -1 < self.chi <= 0 and self.beta >= 0,
+        )  # fmt: skip
 
     @property
     def _values(self):
@@ -234,8 +241,10 @@ class Bilinear(Backbone):
     E_p: float = 0.0
 
     def __post_init__(self):
-        holds = 0 <= self.E_p < self.E_e < np.inf and 0 < self.S_y < np.inf
-        _check(self, "0 <= E_p < E_e and S_y > 0", holds)
+        _check(
+            self, "0 <= E_p < E_e and S_y > 0",
+            lambda: 0 <= self.E_p < self.E_e and self.S_y > 0,
+        )  # fmt: skip
 
     def value(self, strain):
         return bilinear(np.asarray(strain, dtype=float), self.E_e, self.E_p, self.S_y)
@@ -281,9 +290,11 @@ def slider_edges(
     Raises:
         InputError: For no slider, or amplitudes that are not 0 < least < largest.
     """
-    if not isinstance(n, int | np.integer) or n < 1:
-        raise InputError(f"n_sliders = {n}: expected a whole number >= 1.")
-    low, high = amplitudes or (0.1 * backbone.reference, 2 * backbone.reference)
+    check_backbone(backbone)
+    n = whole("n_sliders", n)
+    low, high = 0.1 * backbone.reference, 2 * backbone.reference
+    if amplitudes is not None:
+        low, high = reals("amplitudes", amplitudes, (2,), above=0).tolist()
     high = min(high, backbone.limit)
     if not 0 < low < high < np.inf:
         raise InputError(
@@ -303,6 +314,16 @@ def slider_edges(
     inner = np.exp(inner)
     inner[-1] = high  # exactly, where it is the limit
     return np.concatenate([[0.0], inner])
+
+
+def check_backbone(backbone: object) -> None:
+    """Refuse what is no `Backbone`.
+
+    Raises:
+        InputError: If it is none.
+    """
+    if not isinstance(backbone, Backbone):
+        raise wanted("backbone", backbone, "a Backbone, such as RichardAbbott")
 
 
 def iwan_sliders(
@@ -327,7 +348,14 @@ def iwan_sliders(
     Raises:
         InputError: If the curve is not concave, and as `slider_edges`.
     """
-    edges = slider_edges(backbone, n, amplitudes) if edges is None else np.asarray(edges, float)
+    check_backbone(backbone)
+    n = whole("n_sliders", n)
+    if edges is None:
+        edges = slider_edges(backbone, n, amplitudes)
+    else:
+        edges = reals("edges", edges, (None,), least=0)
+        if len(edges) < 2 or edges[0] != 0 or not np.all(np.diff(edges) > 0):
+            raise wanted("edges", edges, "two numbers or more that rise from 0")
     counts = [1] * max(len(edges) - 1, 0)
     if n >= 3:
         counts = [2 + (n % 2 == 0)] + [2] * (len(edges) - 2)
@@ -336,8 +364,8 @@ def iwan_sliders(
     strength = np.concatenate([k * phi for k, phi in parts]) if parts else np.empty(0)
     last = float(backbone.slope(edges[-1])) - backbone.final_slope
     rest = backbone.strength - strength.sum()
-    whole = float(backbone.slope(0.0)) - backbone.final_slope
-    if last > 1e-12 * whole:
+    all_of_it = float(backbone.slope(0.0)) - backbone.final_slope
+    if last > 1e-12 * all_of_it:
         stiffness, strength = np.append(stiffness, last), np.append(strength, rest)
     if np.any(stiffness <= 0) or np.any(strength <= 0):
         raise InputError(f"{backbone} is not concave: expected a slope that falls with strain.")

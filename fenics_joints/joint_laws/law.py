@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, reals
 
 __all__ = ["JointLaw", "check_names"]
 
@@ -59,9 +59,7 @@ class JointLaw(ABC):
     def __init__(self, **parameters: ArrayLike):
         self.parameters: dict[str, np.ndarray] = {}
         for key, value in parameters.items():
-            array = np.asarray(value, dtype=float)
-            if not np.all(np.isfinite(array)):
-                raise InputError(f"{self.label}.{key} = {value}: expected finite numbers.")
+            array = reals(f"{self.label}.{key}", value)
             if array.ndim > 2:
                 expected = "a number, or shape (elements,) or (points, elements)"
                 raise InputError(f"{self.label}.{key} has shape {array.shape}: expected {expected}")

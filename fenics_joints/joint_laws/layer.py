@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import ufl
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import real
 from fenics_joints.joint_laws.iwan import Backbone
 from fenics_joints.joint_laws.library import Iwan
 
@@ -49,12 +48,11 @@ class IwanLayer(Iwan):
         amplitudes: tuple[float, float] | None = None,
         thickness: float = 1.0,
     ):
-        self.G = G
+        self.G = real(f"{self.name}.G", G, "Pa", above=0)
         super().__init__(backbone, n_sliders, amplitudes=amplitudes, thickness=thickness)
 
     def _more(self) -> dict[str, float]:
-        if not 0 < self.G < np.inf:
-            raise InputError(f"{self.name}.G = {self.G}: expected a number > 0 (Pa).")
+        real(f"{self.name}.G", self.G, "Pa", above=0)
         return {"ratio": self.G / float(self.backbone.slope(0.0))}
 
     def state_size(self, n_slip: int) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 import ufl
 from numpy.typing import ArrayLike
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real, whole
 from fenics_joints.forms.hysteresis import (
     bouc_wen,
     coulomb_stick,
@@ -18,7 +18,7 @@ from fenics_joints.forms.hysteresis import (
     slider_energy,
     valanis,
 )
-from fenics_joints.joint_laws.iwan import Backbone, iwan_sliders, slider_edges
+from fenics_joints.joint_laws.iwan import Backbone, check_backbone, iwan_sliders, slider_edges
 from fenics_joints.joint_laws.law import JointLaw
 
 __all__ = ["BoucWen", "CoulombStick", "CubicSpring", "DilatantCoulomb", "Iwan", "Valanis"]
@@ -74,8 +74,8 @@ class Iwan(JointLaw):
         amplitudes: tuple[float, float] | None = None,
         thickness: float = 1.0,
     ):
-        if not 0 < thickness < np.inf:
-            raise InputError(f"{self.name}.thickness = {thickness}: expected a number > 0 (m).")
+        check_backbone(backbone)
+        real(f"{self.name}.thickness", thickness, "m", above=0)
         self.n_sliders, self.thickness = n_sliders, thickness
         self.edges = slider_edges(backbone, n_sliders, amplitudes) / backbone.reference
         self._make(backbone)
@@ -255,9 +255,7 @@ class BoucWen(JointLaw):
         substeps: int = 1,
     ):
         super().__init__(stiffness=stiffness, ratio=ratio, beta=beta, gamma=gamma, n=n)
-        if not isinstance(substeps, int) or substeps < 1:
-            raise InputError(f"bouc_wen.substeps = {substeps}: expected a whole number >= 1.")
-        self.substeps = substeps
+        self.substeps = whole("bouc_wen.substeps", substeps)
 
     def check(self) -> None:
         _positive(self, "stiffness", "beta")

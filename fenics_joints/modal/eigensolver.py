@@ -24,7 +24,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from slepc4py import SLEPc
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, real, whole
 from fenics_joints.modal.lanczos import Operator, lanczos
 from fenics_joints.modal.options import petsc_defaults, reason_of
 from fenics_joints.structure.sparse import dense_block, product, vectors_like
@@ -104,17 +104,17 @@ class EigenSolver:
         petsc_options: Mapping[str, object] | None = None,
         prefix: str = "fenics_joints_eigen_",
     ):
-        if n < 1:
-            raise InputError(f"n is {n}: expected at least one mode")
-        if not shift <= 0.0:
+        n = whole("n", n)
+        if not real("shift", shift, "(rad/s)^2") <= 0.0:
             raise InputError(
                 f"shift is {shift}: expected zero or less, since only a shift below every "
                 "eigenvalue gives the lowest modes (and below zero for a free body)"
             )
-        if not 0.0 < tol < 1e-2:
-            raise InputError(f"tol is {tol}: expected a number between 0 and 0.01")
-        if block is not None and block < 1:
-            raise InputError(f"block is {block}: expected at least one column")
+        real("tol", tol, above=0, most=1e-2)
+        for key, count in (("block", block), ("max_basis", max_basis)):
+            if count is not None:
+                whole(key, count)
+        whole("max_restarts", max_restarts, 0)
         self.n, self.shift, self.tol = int(n), float(shift), float(tol)
         self.block, self.max_basis, self.max_restarts = block, max_basis, max_restarts
         self.petsc_options, self.prefix = dict(petsc_options or {}), prefix

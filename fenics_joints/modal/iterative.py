@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, real, whole
 from fenics_joints.modal.eigensolver import EigenResult
 from fenics_joints.modal.multigrid import Multigrid, rigid_motions, to_upper_half
 from fenics_joints.structure.sparse import product, vectors_like, without_zeros
@@ -59,16 +59,12 @@ class IterativeEigenSolver:
         petsc_options: Mapping[str, object] | None = None,
         prefix: str = "fenics_joints_iterative_",
     ):
-        if n < 1:
-            raise InputError(f"n is {n}: expected at least one mode")
-        if not shift < 0.0:
+        n = whole("n", n)
+        if not real("shift", shift, "(rad/s)^2") < 0.0:
             raise InputError(f"shift is {shift}: expected a number below zero")
-        if not 0.0 < tol < 1e-2:
-            raise InputError(f"tol is {tol}: expected a number between 0 and 0.01")
-        if guard < 0:
-            raise InputError(f"guard is {guard}: expected zero or more columns")
-        if max_iterations < 1:
-            raise InputError(f"max_iterations is {max_iterations}: expected at least one")
+        real("tol", tol, above=0, most=1e-2)
+        whole("guard", guard, 0)
+        whole("max_iterations", max_iterations)
         self.n, self.shift, self.tol = int(n), float(shift), float(tol)
         self.guard, self.max_iterations = int(guard), int(max_iterations)
         self.petsc_options, self.prefix = dict(petsc_options or {}), prefix

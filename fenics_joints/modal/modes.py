@@ -9,12 +9,15 @@ import numpy as np
 import scipy.linalg
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, capable, member, real, whole
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
 from fenics_joints.structure import Model, Sensors
 
-__all__ = ["SHIFT_SHARE", "Modes", "count_rigid", "dense_modes", "inverted_modes", "solve_modes"]
+__all__ = [
+    "SHIFT_SHARE", "Modes", "check_model", "count_rigid", "dense_modes", "inverted_modes",
+    "solve_modes",
+]  # fmt: skip
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
 #: for a safe factorisation of a free body, near enough for fast convergence.
@@ -121,10 +124,14 @@ def solve_modes(
             of something that is no `Structure`.
         ConvergenceError: If fewer modes converged than asked for.
     """
-    if n_modes < 1:
-        raise InputError(f"n_modes = {n_modes}: expected at least 1.")
-    if method not in ("direct", "iterative"):
-        raise InputError(f"method = {method!r}: expected 'direct' or 'iterative'.")
+    check_model(model)
+    n_modes = whole("n_modes", n_modes)
+    member("method", method, ("direct", "iterative"))
+    if shift_hz is not None:
+        real("shift_hz", shift_hz, "Hz", least=0)
+    if tolerance is not None:
+        real("tolerance", tolerance, above=0)
+    model.values(given)
     given = dict(given or {})
     settings = {"tol": tolerance} if tolerance is not None else {}
     settings["petsc_options"] = petsc_options
@@ -138,6 +145,16 @@ def solve_modes(
     result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
     K.destroy(), M.destroy()
     return _modes(model, given, solver, result)
+
+
+def check_model(model: object) -> None:
+    """Refuse what has no K(p) and M(p).
+
+    Raises:
+        InputError: If it is none.
+    """
+    calls = ("stiffness", "mass", "values", "is_dense")
+    capable("model", model, calls, "a structure, a reduced model or beams")
 
 
 def _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings) -> Modes:

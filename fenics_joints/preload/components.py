@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, direction, flag, real, reals, text, wanted, whole
 
 __all__ = ["BeamBolt", "Contact", "PretensionSection", "Traction", "WasherForce"]
 
@@ -43,16 +43,14 @@ class Contact:
     tolerance: float | None = None
 
     def __post_init__(self):
-        if not self.friction >= 0:
-            raise InputError(
-                f"{self.name}.friction = {self.friction}: expected Coulomb's coefficient, >= 0."
-            )
-        if not callable(self.gap) and not np.isfinite(self.gap):
-            raise InputError(f"{self.name}.gap = {self.gap}: expected a finite length, m.")
-        if self.lower == self.upper:
-            raise InputError(
-                f"{self.name}: lower and upper are both {self.lower!r}; expected two faces."
-            )
+        _check_faces(self, "contact")
+        flag(f"{self.name}.bonded", self.bonded)
+        if not isinstance(self.friction, float) or self.friction != np.inf:
+            real(f"{self.name}.friction", self.friction, least=0)
+        if not callable(self.gap):
+            real(f"{self.name}.gap", self.gap, "m")
+        if self.tolerance is not None:
+            real(f"{self.name}.tolerance", self.tolerance, "m", above=0)
 
 
 @dataclass(frozen=True)
@@ -63,6 +61,23 @@ class _Bolt:
     lower: str
     upper: str
     force: float
+
+    def __post_init__(self):
+        _check_faces(self, "bolt")
+        real(f"{self.name}.force", self.force, "N", least=0)
+        axis = getattr(self, "axis", None)
+        if axis is not None:
+            direction(f"{self.name}.axis", axis)
+
+
+def _check_faces(pair: Contact | _Bolt, what: str) -> None:
+    text(f"{what}.name", pair.name)
+    text(f"{pair.name}.lower", pair.lower)
+    text(f"{pair.name}.upper", pair.upper)
+    if pair.lower == pair.upper:
+        raise InputError(
+            f"{pair.name}: lower and upper are both {pair.lower!r}; expected two faces."
+        )
 
 
 @dataclass(frozen=True)
@@ -126,6 +141,17 @@ class BeamBolt(_Bolt):
     head_mass: float = 0.0
     n_elements: int = 25
 
+    def __post_init__(self):
+        super().__post_init__()
+        name = self.name
+        real(f"{name}.diameter", self.diameter, "m", above=0)
+        real(f"{name}.E", self.E, "Pa", above=0)
+        if not -1 < real(f"{name}.nu", self.nu) < 0.5:
+            raise wanted(f"{name}.nu", self.nu, "-1 < nu < 0.5")
+        real(f"{name}.rho", self.rho, "kg/m3", least=0)
+        real(f"{name}.head_mass", self.head_mass, "kg", least=0)
+        whole(f"{name}.n_elements", self.n_elements)
+
 
 @dataclass(frozen=True)
 class Traction:
@@ -143,3 +169,11 @@ class Traction:
     facets: str
     force: tuple[float, ...]
     profile: Callable[[np.ndarray], np.ndarray] | None = None
+
+    def __post_init__(self):
+        text("load.name", self.name)
+        text(f"{self.name}.facets", self.facets)
+        if len(reals(f"{self.name}.force", self.force, (None,), "N")) not in (2, 3):
+            raise wanted(f"{self.name}.force", self.force, "2 or 3 components, N")
+        if self.profile is not None and not callable(self.profile):
+            raise wanted(f"{self.name}.profile", self.profile, "a function of positions")

@@ -11,7 +11,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, items, mapping, real, wanted
 from fenics_joints.preload.beam import beam_matrices, condense, end_dofs
 from fenics_joints.preload.bodies import at_blocks
 from fenics_joints.preload.components import (
@@ -28,6 +28,7 @@ from fenics_joints.structure.structure import Structure
 __all__ = ["PreloadModel"]
 
 Bolt = WasherForce | PretensionSection | BeamBolt
+_BOLTS = (WasherForce, PretensionSection, BeamBolt)
 
 #: Stiffness of supports of vertices that follow others, relative to the mean of K's diagonal.
 _STIFF = 1e6
@@ -43,7 +44,7 @@ class PreloadModel:
         loads: Further loads.
 
     Raises:
-        InputError: For a name given twice or a value out of range.
+        InputError: For a name or a bolt's face given twice, or a value out of range.
         MeshError: If faces do not exist or do not match.
 
     Attributes:
@@ -61,11 +62,16 @@ class PreloadModel:
         bolts: Iterable[Bolt] = (),
         loads: Iterable[Traction] = (),
     ):
-        contacts, self.bolts, self.loads = list(contacts), list(bolts), list(loads)
+        if not isinstance(structure, Structure):
+            raise wanted("structure", structure, "a Structure")
+        contacts = list(items("contacts", contacts, Contact, "Contact"))
+        self.bolts = list(items("bolts", bolts, _BOLTS, "WasherForce, PretensionSection, BeamBolt"))
+        self.loads = list(items("loads", loads, Traction, "Traction"))
         self.structure, self.comm = structure, structure.comm
         self.V, self.tagged = structure.V, structure.tagged
         self.axisymmetric = structure.axisymmetric
         self._check_names([c.name for c in (*contacts, *self.bolts, *self.loads)])
+        self._check_washers()
         self._faces: dict[str, object] = {}
         self.contacts = [c for c in contacts if not c.bonded]
         self.interfaces = [self._pair(c) for c in self.contacts]
@@ -76,7 +82,8 @@ class PreloadModel:
         sections = [self._section(b) for b in self.cuts]
         self.jumps = Jumps(self.V, self.interfaces, bonded, sections, spiders)
         self.supported, self._following = self._supports()
-        self.forces = {b.name: float(b.force) for b in self.bolts} | {s.name: 1.0 for s in loads}
+        self.forces = {b.name: float(b.force) for b in self.bolts}
+        self.forces |= dict.fromkeys((s.name for s in self.loads), 1.0)
         self._units = self._unit_loads()
 
     @staticmethod
@@ -86,6 +93,19 @@ class PreloadModel:
                 raise InputError(
                     f"{name} is the name of two contacts, bolts or loads; expected one."
                 )
+
+    def _check_washers(self) -> None:
+        """Two bolts on one face would each be spread over all of it."""
+        taken: dict[str, str] = {}
+        for bolt in self.bolts:
+            for key in ("lower", "upper"):
+                face = getattr(bolt, key)
+                if face in taken:
+                    raise InputError(
+                        f"{bolt.name}.{key} = {face!r}: the bolt {taken[face]} has this face "
+                        "already; expected one for each end of a bolt."
+                    )
+                taken[face] = bolt.name
 
     # -- set-up ------------------------------------------------------------------------------
 
@@ -242,17 +262,17 @@ class PreloadModel:
         """All bolts' forces, N, and factors of the loads; nominal with ``given`` put in.
 
         Raises:
-            InputError: If ``given`` names none of them or is not finite.
+            InputError: If ``given`` names none of them, or is not finite or a bolt's negative.
         """
         values = dict(self.forces)
-        for name, value in (given or {}).items():
+        bolts = {b.name for b in self.bolts}
+        for name, value in mapping("forces", given, "forces by name").items():
             if name not in values:
                 raise InputError(
                     f"{name!r} is neither a bolt nor a load; expected one of: {', '.join(values)}."
                 )
-            if not np.isfinite(value):
-                raise InputError(f"{name} = {value}: expected a finite force.")
-            values[name] = float(value)
+            bounds = {"least": 0.0} if name in bolts else {}
+            values[name] = real(name, value, "N" if bounds else "", **bounds)
         return values
 
     def load(self, forces: Mapping[str, float] | None = None) -> PETSc.Vec:

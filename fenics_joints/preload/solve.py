@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, member, real, wanted
 from fenics_joints.modal.options import last_line, petsc_defaults, reason_of
 from fenics_joints.preload.equations import Equations
 from fenics_joints.preload.model import PreloadModel
@@ -76,14 +76,15 @@ class PreloadSolver(PreloadSystem):
         petsc_options: Mapping[str, object] | None = None,
         prefix: str = "preload_",
     ):
-        self.method, self.penalty = method or "semismooth", penalty
+        self.method, self.penalty = "semismooth" if method is None else method, penalty
         self._check(model)
         super().__init__(model, given, penalty, petsc_options, prefix)
         self.solver: PETSc.SNES | None = None
 
     def _check(self, model: PreloadModel) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"method = {self.method!r}: expected one of {', '.join(METHODS)}.")
+        if not isinstance(model, PreloadModel):
+            raise wanted("model", model, "a PreloadModel")
+        member("method", self.method, METHODS)
         rough = [c.name for c in model.contacts if c.friction > 0]
         if self.method == "vi" and rough:
             raise InputError(
@@ -91,10 +92,15 @@ class PreloadSolver(PreloadSystem):
             )
         if (self.method == "penalty") != (self.penalty is not None):
             raise InputError("penalty: expected a stiffness, Pa/m, exactly with method='penalty'.")
-        if self.penalty is not None and not (np.isfinite(self.penalty) and self.penalty > 0):
-            raise InputError(f"penalty = {self.penalty}: expected a stiffness > 0, Pa/m.")
+        if self.penalty is not None:
+            real("penalty", self.penalty, "Pa/m", above=0)
         if not model.contacts:
             raise InputError("the model has no contact that can open; expected at least one.")
+        if not (model.bolts or model.loads or any(np.any(i.gap < 0) for i in model.interfaces)):
+            raise InputError(
+                "nothing presses the parts together: expected a bolt, a load, or a contact with a "
+                "negative gap (an interference fit)."
+            )
 
     def solve(
         self,
@@ -118,6 +124,8 @@ class PreloadSolver(PreloadSystem):
             ConvergenceError: If SNES does not converge; says what to try.
             InputError: If the loads drive a free body.
         """
+        if initial is not None and not isinstance(initial, PreloadResult):
+            raise wanted("initial", initial, "a PreloadResult, or None")
         load = self.model.load(forces)
         balance = self.hold.balance(load, lambda: self.model.mass(self.given))
         pairs = self.pairs

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from petsc4py import PETSc
 
+from fenics_joints.errors import mapping
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.preload.conditions import Pairs, Penalty
 from fenics_joints.preload.hold import Hold, find_hold
@@ -52,7 +53,8 @@ class PreloadSystem:
         petsc_options: Mapping[str, object] | None,
         prefix: str,
     ):
-        self.model, self.given = model, dict(given or {})
+        self.model = model
+        self.given = mapping("given", given, "values by the names of parameters")
         self.petsc_options, self.prefix = dict(petsc_options or {}), prefix
         self.K = model.stiffness(self.given)
         self.hold: Hold = find_hold(model, self.K)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real
 from fenics_joints.preload.threads import Thread, thread
 
 __all__ = [
@@ -157,8 +157,4 @@ def _head_radius(t: Thread, head_radius: float | None) -> float:
 
 
 def _checked(name: str, value: float, unit: str, *, above: bool = False) -> float:
-    wrong = isinstance(value, bool) or not isinstance(value, int | float)
-    if wrong or not math.isfinite(value) or value < 0 or (above and value == 0):
-        bound = "above 0" if above else "of at least 0"
-        raise InputError(f"{name} = {value!r}: expected a number {bound} {unit}".rstrip())
-    return float(value)
+    return real(name, value, unit, **({"above": 0.0} if above else {"least": 0.0}))

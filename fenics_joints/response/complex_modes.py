@@ -19,11 +19,11 @@ import scipy.linalg
 from petsc4py import PETSc
 from slepc4py import SLEPc
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, flag, member, real, whole
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, solve_modes
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.response.modal_basis import ModalPencil, extended, modal_pencil, with_terms
-from fenics_joints.response.pencil import DampedPencil, check_damped
+from fenics_joints.response.pencil import DampedPencil, check_damped, check_damping
 from fenics_joints.response.reduced import reduced_pencil
 from fenics_joints.structure import Damped, Damping, Sensors
 from fenics_joints.structure.sparse import product
@@ -142,9 +142,12 @@ def solve_complex_modes(
         InputError: If a value is out of range or unknown.
         ConvergenceError: If modes were not found.
     """
-    if method not in ("projection", "state-space"):
-        raise InputError(f"method = {method!r}: expected projection or state-space.")
+    member("method", method, ("projection", "state-space"))
     check_damped(structure)
+    damping = check_damping(damping)
+    n_modes = whole("n_modes", n_modes)
+    flag("gradients", gradients)
+    real("tolerance", tolerance, above=0)
     if structure.is_dense:
         return _reduced(structure, given, damping, n_modes, gradients)
     pencil = DampedPencil(structure, given, damping)

@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, flag, member, wanted, whole
 from fenics_joints.modal.modes import Modes
 from fenics_joints.response.direct import DynamicStiffness
 from fenics_joints.response.modal_basis import ModalPencil, Response, check_lines, modal_pencil
-from fenics_joints.response.pencil import DampedPencil, Term, check_damped
+from fenics_joints.response.pencil import DampedPencil, Term, check_damped, check_damping
 from fenics_joints.response.reduced import reduced_pencil
 from fenics_joints.response.units import KINDS, MOTION, checked_kind
 from fenics_joints.structure import Damped, Damping, Sensors
@@ -146,10 +146,16 @@ def solve_frf(
     """
     lines = check_lines(frequencies_hz)
     power = KINDS[checked_kind(kind)]
-    if method not in ("direct", "modal"):
-        raise InputError(f"method = {method!r}: expected direct or modal.")
-    damping = damping or Damping()
+    member("method", method, ("direct", "modal"))
+    damping = check_damping(damping)
     check_damped(model)
+    for key, places in (("excitation", excitation), ("sensors", sensors)):
+        if not isinstance(places, Sensors) or not len(places):
+            raise wanted(key, places, "Sensors, at least one")
+    flag("gradients", gradients)
+    whole("check", check, 0)
+    if n_modes is not None:
+        whole("n_modes", n_modes)
     if not model.is_dense and method == "direct" and damping.is_modal:
         raise InputError('damping.modal: expected method = "modal", or damping without ratios.')
     if model.is_dense:

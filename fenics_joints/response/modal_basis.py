@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, reals
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.response.pencil import DampedPencil, Term, linear
 from fenics_joints.structure.damping import Damping
@@ -264,8 +264,8 @@ class ModalPencil:
 
 def check_lines(frequencies_hz) -> np.ndarray:
     """Frequencies, Hz, as an array, or an `InputError`."""
-    lines = np.atleast_1d(np.asarray(frequencies_hz, dtype=float))
-    if lines.ndim != 1 or not len(lines) or not np.all((lines > 0) & np.isfinite(lines)):
+    lines = np.atleast_1d(reals("frequencies_hz", frequencies_hz, None, "Hz", above=0))
+    if lines.ndim != 1 or not len(lines):
         raise InputError("frequencies_hz: expected at least one, all above 0 and finite, in Hz.")
     return lines
 

@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, wanted
 from fenics_joints.structure import Damped, Damping
 from fenics_joints.structure.sparse import MatrixForm, product
 
@@ -139,11 +139,22 @@ def check_damped(model: object) -> None:
     Raises:
         InputError: If it is none.
     """
-    if not isinstance(model, Damped):
+    if isinstance(model, type) or not isinstance(model, Damped):
         raise InputError(
             f"model: expected a Structure, ReducedStructure or ArrayModel, not a "
             f"{type(model).__name__}."
         )
+
+
+def check_damping(damping: Damping | None) -> Damping:
+    """The damping, none without one.
+
+    Raises:
+        InputError: If it is something else.
+    """
+    if damping is not None and not isinstance(damping, Damping):
+        raise wanted("damping", damping, "a Damping, or None")
+    return damping or Damping()
 
 
 def _stiffness(numbers: Damping, name: str | None, s: complex) -> complex:

@@ -64,7 +64,7 @@ def length_factor(text: str) -> float:
 
 def checked_kind(kind: str, what: str = "kind") -> str:
     """The kind if it is one; raises InputError if not."""
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise InputError(f"{what} = {kind!r}: expected one of {', '.join(map(repr, KINDS))}")
     return kind
 

@@ -17,7 +17,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
-from fenics_joints.errors import InputError, MeshError
+from fenics_joints.errors import InputError, MeshError, items, real, wanted, whole
 from fenics_joints.forms import circumference
 from fenics_joints.meshes.tagged import TaggedMesh, limits
 from fenics_joints.structure.components import (
@@ -84,13 +84,16 @@ class Assembly:
         quadrature_degree: int | None = None,
         axisymmetric: bool = False,
     ):
+        if not isinstance(tagged, TaggedMesh):
+            raise wanted("tagged", tagged, "a TaggedMesh, as the builders of meshes give it")
         self.tagged = tagged
         self.mesh = tagged.mesh
         self.comm = tagged.mesh.comm
-        self.parameters = by_name(parameters)
-        self.regions, self.masses = tuple(regions), tuple(masses)
-        supports = tuple(supports)
-        self.springs = tuple(springs)
+        self.parameters = by_name(items("parameters", parameters, Parameter, "Parameter"))
+        self.regions = items("regions", regions, Region, "part, joint, transition")
+        self.masses = items("masses", masses, PointMass, "PointMass")
+        self.springs = items("springs", springs, Spring, "Spring")
+        supports = items("supports", supports, (Support, ElasticSupport), "Support, ElasticSupport")
         self._made_of = {
             "regions": self.regions, "masses": self.masses, "springs": self.springs,
             "supports": supports, "axisymmetric": axisymmetric,
@@ -101,9 +104,11 @@ class Assembly:
         self.axisymmetric, self.weight = axisymmetric, 1.0
         if axisymmetric:
             self._make_axisymmetric()
-        exact = 2 * degree + axisymmetric
-        self.quadrature_degree = exact if quadrature_degree is None else quadrature_degree
-        self.degree = degree
+        self.degree = degree = whole("degree", degree, 1, 2)
+        exact = 2 * degree + bool(axisymmetric)
+        self.quadrature_degree = exact if quadrature_degree is None else whole(
+            "quadrature_degree", quadrature_degree, 0, 30
+        )
         self._make_spaces(degree)
         self.field = PropertyField(self.mesh, self._region_cells(), self.parameters)
         self.bcs = self._dirichlet()
@@ -189,8 +194,6 @@ class Assembly:
         return found
 
     def _make_spaces(self, degree: int) -> None:
-        if degree not in (1, 2):
-            raise InputError(f"degree = {degree}: expected 1 or 2.")
         cell = self.mesh.topology.cell_name()
         family = "S" if degree == 2 and cell in _SERENDIPITY_CELLS else "Lagrange"
         self.element = basix.ufl.element(family, cell, degree)
@@ -359,7 +362,8 @@ class Assembly:
         form = self.compiled("K", lambda: self.stiffness_form(*self.arguments))
         K = self.assembled(form, out, 1.0)
         for spring in self.springs:
-            k = spring.share * number(spring.stiffness, values)
+            k = real(f"{spring.name}.stiffness", number(spring.stiffness, values), "N/m", least=0)
+            k *= spring.share
             self._add_point(K, spring.point, k * np.outer(spring.direction, spring.direction))
         self._add_supports(K, values)
         K.assemble()
@@ -371,7 +375,7 @@ class Assembly:
         form = self.compiled("M", lambda: self.inertia_form(*self.arguments))
         M = self.assembled(form, out)
         for mass in self.masses:
-            m = mass.share * number(mass.mass, values)
+            m = real(f"{mass.name}.mass", number(mass.mass, values), "kg", least=0) * mass.share
             if m:
                 self._add_point(M, self.place(mass, values), m * np.eye(3))
         M.assemble()

@@ -12,8 +12,26 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fenics_joints.errors import InputError
-from fenics_joints.structure.laws import LAYER_LAWS, SOLID, TRANSITION, WIDE_SOLID, Law
+from fenics_joints.errors import (
+    InputError,
+    direction,
+    flag,
+    items,
+    member,
+    real,
+    reals,
+    text,
+    wanted,
+    whole,
+)
+from fenics_joints.structure.laws import (
+    ELASTIC_SUPPORT,
+    LAYER_LAWS,
+    SOLID,
+    TRANSITION,
+    WIDE_SOLID,
+    Law,
+)
 
 __all__ = [
     "ElasticSupport",
@@ -52,8 +70,15 @@ class Parameter:
     log: bool = True
 
     def __post_init__(self):
-        if not np.isfinite(self.value):
-            raise InputError(f"parameter {self.name} = {self.value}: expected a finite number.")
+        text("parameter.name", self.name)
+        real(f"parameter {self.name}", self.value)
+        if not isinstance(self.unit, str):
+            raise wanted(f"parameter {self.name}.unit", self.unit, "a text")
+        flag(f"parameter {self.name}.log", self.log)
+        for key in ("lower", "upper"):
+            bound = getattr(self, key)
+            if not isinstance(bound, float | np.floating) or not np.isinf(bound):
+                real(f"parameter {self.name}.{key}", bound)
         if not self.lower <= self.value <= self.upper:
             raise InputError(
                 f"parameter {self.name} = {self.value:g} {self.unit}: expected a value within its "
@@ -87,16 +112,35 @@ class Region:
     normal: tuple[float, ...] = (0.0, 0.0, 1.0)
     across: tuple[float, ...] | None = None
 
+    def __post_init__(self):
+        text("region.name", self.name)
+        if not self.cells or not all(_cell_names(self.name, self.cells)):
+            raise wanted(f"{self.name}.cells", self.cells, "names of cell groups")
+        for key in self.law.properties:
+            if key not in self.properties:
+                raise InputError(
+                    f"{self.name}.{key} is missing: expected {', '.join(self.law.properties)}."
+                )
+            if not callable(self.properties[key]):
+                _value(f"{self.name}.{key}", self.properties[key])
+        if not any(isinstance(v, str) or callable(v) for v in self.properties.values()):
+            self.law.check(self.name, self.properties)
+
     @property
     def is_joint(self) -> bool:
         return self.law.name == TRANSITION.name or self.law.name in LAYER_LAWS
 
 
-def _unit(normal, name) -> tuple[float, ...]:
-    length = float(np.linalg.norm(normal))
-    if not np.isfinite(length) or length == 0:
-        raise InputError(f"{name}.normal = {list(normal)}: expected a non-zero vector.")
-    return tuple(float(c) / length for c in normal)
+def _value(key: str, value: object, unit: str = "", **bounds: float) -> None:
+    """Refuse what is neither the name of a parameter nor a number within its bounds."""
+    if isinstance(value, str):
+        text(key, value)
+    else:
+        real(key, value, unit, **bounds)
+
+
+def _cell_names(name: str, cells: object) -> tuple[str, ...]:
+    return (cells,) if isinstance(cells, str) else items(f"{name}.cells", cells, str, "cell groups")
 
 
 def part(
@@ -130,17 +174,18 @@ def part(
     Raises:
         InputError: If a width is given along the normal.
     """
-    cells = (cells,) if isinstance(cells, str) else tuple(cells)
+    cells = _cell_names(name, cells)
     properties = {"E": E, "nu": nu, "rho": rho, "stretch": stretch}
-    if isinstance(width, int | float) and width == 1:
-        return Region(name, cells, SOLID, properties, _unit(normal, name))
-    normal = _unit(normal, name)
+    normal = direction(f"{name}.normal", normal)
+    if isinstance(width, int | float) and not isinstance(width, bool) and width == 1:
+        direction(f"{name}.across", across)
+        return Region(name, cells, SOLID, properties, normal)
     across = _at_right_angles(across, normal, name)
     return Region(name, cells, WIDE_SOLID, properties | {"width": width}, normal, across)
 
 
 def _at_right_angles(across, normal, name) -> tuple[float, ...]:
-    n, a = (np.asarray(_unit(v, name), dtype=float) for v in (normal, across))
+    n, a = np.asarray(normal), np.asarray(direction(f"{name}.across", across))
     if n.shape == a.shape:
         rest = a - (a @ n) * n
         length = float(np.linalg.norm(rest))
@@ -178,11 +223,10 @@ def joint(
     Raises:
         InputError: If the law's name is unknown.
     """
-    if law not in LAYER_LAWS:
-        raise InputError(f"{name}.law = {law!r}: expected one of {', '.join(LAYER_LAWS)}.")
-    cells = (cells,) if isinstance(cells, str) else tuple(cells)
+    member(f"{name}.law", law, LAYER_LAWS)
+    cells = _cell_names(name, cells)
     properties = {"E": E, "G": G, "rho": rho, "stretch": stretch}
-    return Region(name, cells, LAYER_LAWS[law], properties, _unit(normal, name))
+    return Region(name, cells, LAYER_LAWS[law], properties, direction(f"{name}.normal", normal))
 
 
 def transition(
@@ -218,11 +262,10 @@ def transition(
     Raises:
         InputError: If ``meshed`` is not a thickness.
     """
-    if isinstance(meshed, str) or callable(meshed) or not 0 < meshed < np.inf:
-        raise InputError(f"{name}.meshed = {meshed!r}: expected the mesh's thickness, a number > 0")
-    cells = (cells,) if isinstance(cells, str) else tuple(cells)
-    properties = {"E": E, "nu": nu, "rho": rho, "h": h, "meshed": float(meshed)}
-    return Region(name, cells, TRANSITION, properties, _unit(normal, name))
+    meshed = real(f"{name}.meshed", meshed, "m, the mesh's thickness", above=0)
+    cells = _cell_names(name, cells)
+    properties = {"E": E, "nu": nu, "rho": rho, "h": h, "meshed": meshed}
+    return Region(name, cells, TRANSITION, properties, direction(f"{name}.normal", normal))
 
 
 @dataclass(frozen=True)
@@ -233,9 +276,13 @@ class PointMass:
         name: Name in reports.
         mass: Mass, kg, or a parameter's name.
         point: Position, m, shape (3,).
-        direction: With ``travel``: unit direction in which the mass may move.
+        direction: With ``travel``: direction of any length in which the mass may move; kept as a
+            unit vector.
         travel: Distance from ``point`` along ``direction``, m, or a parameter's name.
         share: Share of ``mass`` that is at this point, when several points have one parameter.
+
+    Raises:
+        InputError: If a number is not finite, the mass negative or the direction zero.
     """
 
     name: str
@@ -244,6 +291,12 @@ class PointMass:
     direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
     travel: Value = 0.0
     share: float = 1.0
+
+    def __post_init__(self):
+        text("mass.name", self.name)
+        _value(f"{self.name}.mass", self.mass, "kg", least=0)
+        _value(f"{self.name}.travel", self.travel, "m")
+        _stand(self)
 
 
 @dataclass(frozen=True)
@@ -254,8 +307,11 @@ class Spring:
         name: Name in reports.
         stiffness: Stiffness, N/m, or a parameter's name.
         point: Position, m, shape (3,).
-        direction: Unit direction in which the spring acts.
+        direction: Direction of any length in which the spring acts; kept as a unit vector.
         share: Share of ``stiffness`` that is at this point, when several have one parameter.
+
+    Raises:
+        InputError: If a number is not finite, the stiffness negative or the direction zero.
     """
 
     name: str
@@ -263,6 +319,22 @@ class Spring:
     point: tuple[float, float, float]
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
     share: float = 1.0
+
+    def __post_init__(self):
+        text("spring.name", self.name)
+        _value(f"{self.name}.stiffness", self.stiffness, "N/m", least=0)
+        _stand(self)
+
+
+def _stand(component: PointMass | Spring) -> None:
+    """Check where a component stands, and make its direction a unit vector."""
+    name = component.name
+    point = reals(f"{name}.point", component.point, (None,), "m")
+    if len(point) not in (2, 3):
+        raise wanted(f"{name}.point", component.point, "2 or 3 coordinates, m")
+    way = direction(f"{name}.direction", component.direction, (len(point),))
+    real(f"{name}.share", component.share, least=0)
+    object.__setattr__(component, "direction", way)
 
 
 @dataclass(frozen=True)
@@ -276,6 +348,12 @@ class Support:
 
     facets: str
     directions: tuple[int, ...] = field(default=(0, 1, 2))
+
+    def __post_init__(self):
+        text("support.facets", self.facets)
+        key = f"{self.facets}.directions"
+        for i, way in enumerate(items(key, self.directions, object, "0, 1, 2")):
+            whole(f"{key}[{i}]", way, 0, 2)
 
 
 @dataclass(frozen=True)
@@ -293,6 +371,14 @@ class ElasticSupport:
     facets: str
     k_n: Value
     k_t: Value
+
+    def __post_init__(self):
+        text("elastic support.name", self.name)
+        text(f"{self.name}.facets", self.facets)
+        for key, value in self.properties.items():
+            _value(f"{self.name}.{key}", value, "Pa/m")
+        given = {k: v for k, v in self.properties.items() if not isinstance(v, str)}
+        ELASTIC_SUPPORT.check(self.name, given)
 
     @property
     def properties(self) -> Mapping[str, Value]:

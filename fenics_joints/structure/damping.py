@@ -18,10 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from numbers import Real
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, items, real, text, wanted
 from fenics_joints.structure.values import number
 
 __all__ = ["Damping"]
@@ -49,6 +50,24 @@ class Damping:
     viscous: Mapping[str, Value] = field(default_factory=dict)
     hysteretic: Mapping[str, Value] = field(default_factory=dict)
 
+    def __post_init__(self):
+        for key in ("viscous", "hysteretic"):
+            if not isinstance(getattr(self, key), Mapping):
+                raise wanted(f"damping.{key}", getattr(self, key), "numbers by names of layers")
+        items("damping.rayleigh", self.rayleigh, object, "numbers")
+        if not isinstance(self.modal, str | Real):
+            items("damping.modal", self.modal, object, "numbers")
+        if len(tuple(self.rayleigh)) != 2 or not self.ratios:
+            raise InputError(
+                f"damping.rayleigh = {self.rayleigh}, modal = {self.modal}: expected two numbers, "
+                "alpha and beta, and at least one damping ratio."
+            )
+        for where, value in self._entries():
+            if isinstance(value, str):
+                text(f"damping.{where}", value)
+            else:
+                real(f"damping.{where}", value, least=0)
+
     @property
     def layers(self) -> tuple[str, ...]:
         """Names of regions and supports with damping of their own."""
@@ -62,7 +81,7 @@ class Damping:
     @property
     def ratios(self) -> tuple[Value, ...]:
         """`modal` as a sequence."""
-        single = isinstance(self.modal, str | float | int)
+        single = isinstance(self.modal, str | Real)
         return (self.modal,) if single else tuple(self.modal)
 
     def check(
@@ -86,11 +105,6 @@ class Damping:
                         f"damping.{key} names {name!r}: expected a part, joint or elastic support, "
                         f"one of: {', '.join(names)}."
                     )
-        if len(self.rayleigh) != 2 or not self.ratios:
-            raise InputError(
-                f"damping.rayleigh = {self.rayleigh}, modal = {self.modal}: expected two numbers, "
-                "alpha and beta, and at least one damping ratio."
-            )
         for where, value in self._entries():
             if isinstance(value, str) and value not in parameters:
                 raise InputError(
@@ -104,7 +118,7 @@ class Damping:
         Raises:
             InputError: If one is negative or not finite.
         """
-        found = replace(
+        return replace(
             self,
             modal=tuple(number(m, values) for m in self.ratios),
             rayleigh=tuple(number(r, values) for r in self.rayleigh),
@@ -112,17 +126,13 @@ class Damping:
             viscous={k: number(v, values) for k, v in self.viscous.items()},
             hysteretic={k: number(v, values) for k, v in self.hysteretic.items()},
         )
-        for where, value in found._entries():
-            if not 0 <= value < np.inf:
-                raise InputError(f"damping.{where} = {value}: expected a number >= 0.")
-        return found
 
     def _entries(self):
         for f in fields(self):
             value = self.ratios if f.name == "modal" else getattr(self, f.name)
-            if isinstance(value, Mapping):
+            if f.name in ("viscous", "hysteretic"):
                 yield from ((f"{f.name}.{name}", v) for name, v in value.items())
-            elif isinstance(value, tuple):
+            elif f.name != "structural":
                 yield from ((f"{f.name}[{i}]", v) for i, v in enumerate(value))
             else:
                 yield f.name, value

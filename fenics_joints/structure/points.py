@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from fenics_joints._compat import coordinate_map, geometry_dofmap
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, reals
 from fenics_joints.structure.nearest import all_min, far_points, nearest, too_close_together
 
 __all__ = ["PointRows", "Sensors", "locate", "observe"]
@@ -33,7 +33,7 @@ class Sensors:
         names: What they are called in the test, n of them; or none.
 
     Raises:
-        InputError: If a direction is zero.
+        InputError: If a number is not finite, a direction zero, or their shapes do not fit.
 
     Attributes:
         points: Positions, m, shape (n, gdim).
@@ -46,8 +46,16 @@ class Sensors:
     names: tuple[str, ...]
 
     def __init__(self, points: ArrayLike, directions: ArrayLike, names: Sequence[str] = ()):
-        points = np.atleast_2d(np.asarray(points, dtype=float))
-        directions = np.broadcast_to(np.asarray(directions, dtype=float), points.shape)
+        points = np.atleast_2d(reals("sensors.points", points, unit="m"))
+        if points.ndim != 2 or (points.size and points.shape[1] not in (2, 3)):
+            raise InputError(f"sensors.points has shape {points.shape}: expected (n, 2) or (n, 3).")
+        directions = reals("sensors.directions", directions)
+        if directions.shape not in (points.shape, (1, *points.shape[1:]), points.shape[1:]):
+            raise InputError(
+                f"sensors.directions has shape {directions.shape}: expected one for each of the "
+                f"points, {points.shape}, or one for all, {points.shape[1:]}."
+            )
+        directions = np.broadcast_to(directions, points.shape)
         norms = np.linalg.norm(directions, axis=1, keepdims=True)
         if np.any(norms == 0):
             raise InputError("sensors.direction: expected non-zero vectors.")

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, mapping, real
 from fenics_joints.structure.components import Parameter
 
 __all__ = ["by_name", "number", "parameter_values", "slopes"]
@@ -37,14 +37,12 @@ def parameter_values(
         InputError: If ``given`` names an unknown parameter or has a value that is not finite.
     """
     values = {name: p.value for name, p in parameters.items()}
-    for name, value in (given or {}).items():
+    for name, value in mapping("given", given, "values by the names of parameters").items():
         if name not in values:
             raise InputError(
                 f"parameter {name!r} does not exist; expected one of: {', '.join(values)}."
             )
-        if not np.isfinite(value):
-            raise InputError(f"parameter {name} = {value}: expected a finite number.")
-        values[name] = float(value)
+        values[name] = real(f"parameter {name}", value)
     return values
 
 

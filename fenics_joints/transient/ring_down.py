@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, reals
 
 __all__ = ["RingDown", "ring_down"]
 
@@ -41,6 +41,10 @@ def ring_down(times, signal) -> RingDown:
     Raises:
         InputError: If there are fewer than three maxima.
     """
+    times = reals("times", times, (None,), "s")
+    signal = reals("signal", signal, times.shape)
+    if len(times) < 2 or not np.all(np.diff(times) > 0):
+        raise InputError("times: expected two or more instants, ascending.")
     spline = CubicSpline(times, signal)
     turning = spline.derivative().roots(extrapolate=False)
     tops = turning[spline(turning, 2) < 0]

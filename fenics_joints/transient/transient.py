@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, capable, real, reals, wanted, whole
 from fenics_joints.interfaces.motion import Motion
 from fenics_joints.modal.options import last_line, petsc_defaults, reason_of
 from fenics_joints.transient.ring_down import RingDown, ring_down
@@ -147,10 +147,15 @@ def solve_transient(
             fit.
         ConvergenceError: If a step does not converge, with PETSc's reason.
     """
-    if not step > 0:
-        raise InputError(f"step = {step}: expected a time step > 0, in seconds.")
-    if n_steps < 1:
-        raise InputError(f"n_steps = {n_steps}: expected at least 1.")
+    capable("model", model, ("motion", "sensors"), "an InterfaceModel or a FullModel")
+    real("step", step, "s", above=0)
+    n_steps = whole("n_steps", n_steps)
+    real("start", start, "s")
+    for name, signal in (loads or {}).items():
+        if not callable(signal):
+            raise wanted(f"loads[{name!r}]", signal, "a force, N, as a function of time, s")
+    if isinstance(sensors, str):
+        raise wanted("sensors", sensors, "a list of names")
     run = _Integration(model.motion(), loads or {}, petsc_options)
     record = _Record(run.motion, list(model.sensors if sensors is None else sensors))
     return run.solve(record, initial, start, step, n_steps, progress)
@@ -279,6 +284,12 @@ def steady_harmonics(times, signal, frequency: float, harmonics: int = 1) -> np.
     Returns:
         Mean, then cosine and sine of each harmonic, (2 H + 1,).
     """
+    times = reals("times", times, (None,), "s")
+    signal = reals("signal", signal, times.shape)
+    real("frequency", frequency, "Hz", above=0)
+    whole("harmonics", harmonics)
+    if not len(times):
+        raise wanted("times", times, "at least one period")
     inside = times > times[-1] - (1 + 1e-9) / frequency
     t, y = times[inside], np.asarray(signal)[inside]
     columns = [np.ones_like(t)]
@@ -329,6 +340,10 @@ def stepped_sine(
     Raises:
         ConvergenceError: If a response does not become steady.
     """
+    real("amplitude", amplitude, "N", above=0)
+    frequencies = reals("frequencies", frequencies, (None,), "Hz", above=0).tolist()
+    whole("steps_per_period", steps_per_period)
+    real("tolerance", tolerance, above=0)
     found, periods = [], []
     for frequency in frequencies:
         last, now, count = None, None, 0

@@ -224,7 +224,7 @@ def test_bad_input_is_named():
     """Negative coefficients are refused with the key, the value and the range."""
     point = Point()
     zero = point.constant(np.zeros(3))
-    with pytest.raises(InputError, match=r"friction = -0\.1.*>= 0"):
+    with pytest.raises(InputError, match=r"friction = -0\.1.*at least 0"):
         forms.coulomb_traction(zero, 1.0, -0.1, 1.0)
     with pytest.raises(InputError, match=r"stiffness = -1.*Pa/m"):
         forms.penalty_pressure(zero[0], -1.0)

@@ -203,7 +203,7 @@ def test_pressure_along_the_radius():
     ("make", "said"),
     [
         (lambda: forms.transition_mass(1, 1, 1, thickness=1.0), "expected both"),
-        (lambda: forms.transition_mass(1, 1, 1, thickness=-1.0, meshed=1.0), "-1.0 m"),
+        (lambda: forms.transition_mass(1, 1, 1, thickness=-1.0, meshed=1.0), "thickness = -1.0"),
         (lambda: forms.transition_modulus(0.5, 1, 2, 2, through=0), "through = 0"),
         (lambda: forms.ring_pressure(0.01, 10.0, 0.005, 0.02), "force = 10 N"),
     ],

@@ -175,7 +175,7 @@ def test_bad_input_is_named():
     K, M = springs(10, seed=8)
     A, B = to_petsc(K), to_petsc(M)
     for arguments, message in (
-        ({"n": 0}, "n is 0"),
+        ({"n": 0}, "n = 0"),
         ({"n": 31}, "30 rows only"),
         ({"n": 2, "shift": 10.0}, "shift is 10.0: expected zero or less"),
         ({"n": 2, "tol": 0.0}, "tol is 0.0"),
