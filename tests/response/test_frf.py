@@ -283,11 +283,10 @@ def test_bad_input_is_named():
     for changes, message in (
         ({"frequencies_hz": [0.0]}, "above 0"),
         ({"kind": "dynamic"}, "accelerance"),
-        ({"method": "both"}, "direct or modal"),
+        ({"method": "both"}, "one of: direct, modal"),
         ({"damping": Damping(modal=0.01)}, 'method = "modal"'),
         ({"damping": Damping(viscous={"bolt": 1e-5})}, "bolt"),
         ({"damping": Damping(structural="loss")}, "loss"),
-        ({"damping": Damping(structural=-0.1)}, "structural"),
         ({"sensors": corners(1.0)}, "outside the mesh"),
         ({"modes": solve_modes(model, {"rho": 3e3}, n_modes=2), "method": "modal"}, "same values"),
     ):

@@ -107,7 +107,7 @@ def test_joint_damping_is_that_of_the_matrix_and_has_derivatives(tmp_path):
         ({"sensors": Sensors([[0.5, 0]], [0.0, 1.0])}, "expected .x, y, z."),
         ({"damping": Damping(viscous={"lap.d": 1.0})}, "'lap.d'.*lap.c"),
         ({"damping": Damping(hysteretic={"lap.c": 0.1})}, "hysteretic names 'lap.c'"),
-        ({"given": {"c": -1.0}}, r"lap\.c = -1\.0: expected a number >= 0"),
+        ({"given": {"c": -1.0}}, r"lap\.c = -1\.0: expected a number of at least 0"),
     ],
 )
 def test_bad_input_is_said(change, words):
