@@ -178,8 +178,8 @@ def test_bad_input_is_named():
         ({"n": 0}, "n = 0"),
         ({"n": 31}, "30 rows only"),
         ({"n": 2, "shift": 10.0}, "shift is 10.0: expected zero or less"),
-        ({"n": 2, "tol": 0.0}, "tol is 0.0"),
-        ({"n": 2, "block": 0}, "block is 0"),
+        ({"n": 2, "tol": 0.0}, "tol = 0.0"),
+        ({"n": 2, "block": 0}, "block = 0"),
     ):
         with pytest.raises(InputError, match=message):
             solve_pencil(A, B, **arguments)
