@@ -28,24 +28,26 @@ RUNTIME = {"seconds", "evaluations", "full_solutions", "calls", "computed", "kep
            "iterations", "history", "profile", "points", "branch"}  # fmt: skip
 
 
-def diagnosis(folder: Path, write_case) -> list[str]:
-    write_case(folder, ("max_effects = 2", "max_effects = 1\nnested = 1\npatches = 0"))
+def diagnosis(folder: Path) -> list[str]:
+    shutil.copytree(DEMOS / "bolted_beams", folder, dirs_exist_ok=True)
+    with (folder / "case.toml").open("a", encoding="utf-8") as file:
+        file.write("max_effects = 1\nnested = 0\n")
     return ["diagnose", str(folder), "--keep", str(folder / "kept")]
 
 
-def posterior(folder: Path, _) -> list[str]:
+def posterior(folder: Path) -> list[str]:
     shutil.copytree(DEMOS / "bolted_beams", folder, dirs_exist_ok=True)
     return ["update", "--bayes", str(folder), "--keep", str(folder / "chains.nc")]
 
 
-def branches(folder: Path, _) -> list[str]:
+def branches(folder: Path) -> list[str]:
     from harmonic_case import write
 
     write(folder)
     return ["harmonic", str(folder), "--branches", str(folder / "branches")]
 
 
-def rows(folder: Path, _) -> list[str]:
+def rows(folder: Path) -> list[str]:
     command = "database sweep --bolt M12 --force 20kN,30kN --thickness 10mm,14mm --db"
     return [*command.split(), str(folder / "own.db")]
 
@@ -89,12 +91,12 @@ def answers(value, where=()):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("made", [diagnosis, branches, posterior, rows])
-def test_killed_runs_go_on_to_the_same_answer(tmp_path, write_case, made, ranks):
+def test_killed_runs_go_on_to_the_same_answer(tmp_path, made, ranks):
     told = []
     for name in ("undisturbed", "killed"):
         folder = tmp_path / name
         folder.mkdir()
-        command = made(folder, write_case)
+        command = made(folder)
         if made is not rows:
             command += ["--json", str(tmp_path / f"{name}.json")]
         told.append(command)
@@ -130,6 +132,7 @@ def test_killed_runs_go_on_to_the_same_answer(tmp_path, write_case, made, ranks)
     assert first.keys() == second.keys()
     for key, value in first.items():
         if isinstance(value, float) and value is not None:
-            assert second[key] == pytest.approx(value, rel=1e-3, abs=1e-6), key
+            # Fits that start from others end within the optimiser's tolerance.
+            assert second[key] == pytest.approx(value, rel=1e-2, abs=1e-3), key
     left = [p for p in (tmp_path / "killed").rglob("*") if ".part" in p.name]
     assert np.size(left) <= KILLS, left
