@@ -60,7 +60,8 @@ class Equations(TypedDict, total=False):
 class Balance:
     """Harmonic balance of an `InterfaceModel`.
 
-    Unknowns are the coefficients X of shape (n, K), or flat in that order.
+    Unknowns are the coefficients X of shape (n, K), or flat in that order. Of a free structure the
+    mean of its rigid motion, which nothing determines, is none.
 
     Args:
         model: The model.
@@ -73,7 +74,8 @@ class Balance:
             and make the same calls. None for this rank alone.
 
     Raises:
-        InputError: For a load or samples that do not fit.
+        InputError: For a load or samples that do not fit, or a static load that would push a free
+            structure away.
         ConvergenceError: If there is no equilibrium under the static load.
 
     Attributes:
@@ -104,6 +106,7 @@ class Balance:
         self.rest, self._states = np.zeros(self.shape), {}
         if np.any(self.static):
             self.rest[:, 0], self._states = static_state(model, self.static)
+        self._held = _held(model)
         self._shares = [_share(p, self._states.get(p.name), self.comm) for p in model.interfaces]
         self._whole = self._shares if self.comm.size == 1 else None
         G = self.fourier.derivative
@@ -136,7 +139,10 @@ class Balance:
     def linear(self, X: np.ndarray, omega: float) -> np.ndarray:
         """Inertia, damping and linear stiffness, N, (n, K)."""
         m = self.model
-        return m.K @ X + omega * (m.C @ X @ self._G.T) + omega**2 * (m.M @ X @ self._G2.T)
+        F = m.K @ X + omega * (m.C @ X @ self._G.T) + omega**2 * (m.M @ X @ self._G2.T)
+        if self._held is not None:
+            F[:, 0] += self._held @ X[:, 0]
+        return F
 
     def by_omega(self, X: np.ndarray, omega: float) -> np.ndarray:
         """Derivative of the residual by omega, (n, K)."""
@@ -148,6 +154,10 @@ class Balance:
         if self._krons is None:
             m, one = self.model, np.eye(self.fourier.size)
             self._krons = np.kron(m.K, one), np.kron(m.C, self._G), np.kron(m.M, self._G2)
+            if self._held is not None:
+                mean = np.zeros_like(one)
+                mean[0, 0] = 1.0
+                self._krons[0][:] += np.kron(self._held, mean)
         K, C, M = self._krons
         return K + omega * C + omega**2 * M
 
@@ -207,6 +217,19 @@ class Balance:
         self.comm.Reduce(part, total if self.comm.rank == 0 else None, root=0)
         self.comm.Bcast(total, root=0)
         return total
+
+
+def _held(model: InterfaceModel) -> np.ndarray | None:
+    """Stiffness, N/m, (n, n), that holds the mean place and turn of a free model; None for others.
+
+    They are open otherwise. Held at none they bear nothing, as the loads of a periodic motion, and
+    a static one that has an equilibrium, do no work on them in the mean.
+    """
+    free = model.free_motions()
+    if not len(free):
+        return None
+    scale = np.trace(model.stiffness_at_rest()) / np.trace(model.M)
+    return scale * free.inertia @ free.inertia.T
 
 
 def _share(points: InterfacePoints, state: np.ndarray | None, comm: MPI.Comm) -> _Share:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from petsc4py import PETSc
@@ -11,9 +11,12 @@ from fenics_joints.errors import InputError
 from fenics_joints.interfaces.assembly import as_vectors
 from fenics_joints.interfaces.layer_points import LayerPoints, layer_points
 from fenics_joints.interfaces.layers import layer_numbers, normal_modulus
+from fenics_joints.interfaces.rigid import FreeMotions, unresisted
 from fenics_joints.interfaces.sparse import FullModel, SparsePoints, point_blocks
 from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.modal.multigrid import rigid_motions
 from fenics_joints.structure.loads import Places, place_loads
+from fenics_joints.structure.sparse import absolute, product
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["full_layers"]
@@ -60,7 +63,8 @@ def full_layers(
             place_loads(structure, "sensors", sensors),
         )
     ]
-    return FullModel(M, K, tuple(interfaces), None, *placed)
+    free = _free_motions(structure, K, M, interfaces)
+    return FullModel(M, K, tuple(interfaces), None, *placed, free)
 
 
 def _shear_stiffness(structure: Structure, number: int, q: Mapping[str, float]) -> PETSc.Mat:
@@ -85,6 +89,30 @@ def _take_normal(K: PETSc.Mat, points: SparsePoints, modulus: float) -> None:
     K.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     K.axpy(-1.0, taken, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     taken.destroy(), block.destroy()
+
+
+def _free_motions(structure: Structure, K, M, interfaces: Sequence[SparsePoints]) -> FreeMotions:
+    """Motions of the whole that cost no energy and strain no interface. Collective."""
+    comm, rigid = structure.comm, rigid_motions(structure)
+
+    def dots(left, right) -> np.ndarray:
+        return comm.allreduce(left.T @ right)
+
+    def positive(A: PETSc.Mat) -> np.ndarray:
+        magnitudes = absolute(A)
+        found = product(magnitudes, np.abs(rigid))
+        magnitudes.destroy()
+        return found
+
+    terms = [(dots(rigid, product(K, rigid)), dots(np.abs(rigid), positive(K)).diagonal())]
+    for points in interfaces:
+        root = np.sqrt(np.repeat(points.weights, points.n_components))[:, None]
+        strain, most = (root * f for f in (product(points.rows, rigid), positive(points.rows)))
+        terms.append((dots(strain, strain), dots(most, most).diagonal()))
+    free = unresisted(rigid, terms, comm)
+    inertia = product(M, free)
+    factor = np.linalg.inv(np.linalg.cholesky(dots(free, inertia))).T
+    return FreeMotions(free @ factor, inertia @ factor, comm)
 
 
 def _points(name: str, law: JointLaw, found: LayerPoints, stretch: float) -> SparsePoints:

@@ -13,6 +13,7 @@ from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.interfaces.motion import Motion
 from fenics_joints.interfaces.sparse import FullModel
 from fenics_joints.modal.options import petsc_defaults, reason_of
+from fenics_joints.structure.sparse import absolute
 
 __all__ = ["condense", "loading_shapes", "static_state"]
 
@@ -21,14 +22,25 @@ _PREFIX = "fenics_joints_loading_"
 _COLLAPSED = 3.0
 #: How often the step to a load that is too large is halved.
 _HALVINGS = 4
+#: A load of which this share at most pushes a free structure as a whole is balanced.
+_BALANCED = 1e-6
 #: Directions with less than this share of the largest energy are dependent.
 _DEPENDENT = 1e-10
 _DEFAULTS = {"snes_type": "newtonls", "snes_max_it": 40, "ksp_type": "preonly", "pc_type": "lu"}
 _SHAPES = {"snes_rtol": 1e-8, "snes_linesearch_type": "cp"}
+#: Line searches that are tried where another fails: round-off can mislead one that looks at the
+#: residual, and whole steps can go too far.
+_SEARCHES = "basic", "bt"
+#: Residual over the load beyond which there is no hope; PETSc's own default.
+_DIVERGED = 1e4
 
 
 class _Statics:
     """Equilibrium of a motion under one load after another, by PETSc's SNES.
+
+    What of a load would accelerate a free structure is taken off it, and its mean place and turn
+    are none. A residual is small if it is below ``snes_rtol`` times the load, or below what
+    round-off alone makes of the terms that it is the sum of.
 
     Args:
         motion: The motion.
@@ -44,32 +56,93 @@ class _Statics:
     def __init__(self, motion: Motion, options: Mapping[str, object]):
         self.motion, self.states = motion, motion.rest()
         self.u, self.load, self._still = motion.vector(), motion.vector(), motion.vector()
-        self._matrix = motion.matrix()
+        self._matrix, self._terms = motion.matrix(), motion.vector()
+        self._magnitudes = _magnitudes(motion, self.u, self.states)
+        self._free = motion.free()
+        start, end = self.u.getOwnershipRange()
+        self._pins = self._free.pins(start)
+        self._own = self._pins[(self._pins >= start) & (self._pins < end)] - start
+        self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.solver = PETSc.SNES().create(comm=motion.comm)
         self.solver.setOptionsPrefix(_PREFIX)
         self.solver.setFunction(self._residual, motion.vector())
         self.solver.setJacobian(self._jacobian, self._matrix)
-        with petsc_defaults(_PREFIX, {**_DEFAULTS, **motion.options, **options}):
+        self.solver.setConvergenceTest(self._test)
+        with petsc_defaults(_PREFIX, {**_DEFAULTS, **motion.options, **options}) as found:
             self.solver.setFromOptions()
+            self._search = found.getString("snes_linesearch_type", "bt")
 
     def _residual(self, snes, x: PETSc.Vec, f: PETSc.Vec) -> None:
         self.motion.residual(x, self._still, self._still, self.load, self.states, f)
+        f.array[self._own] = 0.0
 
     def _jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         self.motion.jacobian(x, self.states, 0.0, 0.0, P)
+        if len(self._pins):
+            P.zeroRowsColumns(self._pins)
 
-    def solve(self) -> bool:
-        """Move u to equilibrium with the load; whether that was found. Collective."""
-        self.solver.solve(None, self.u)
-        return self.solver.getConvergedReason() >= 0
+    def _test(self, snes, iteration: int, norms: tuple[float, float, float]):
+        reason, size = PETSc.SNES.ConvergedReason, norms[2]
+        if not np.isfinite(size):
+            return reason.DIVERGED_FNORM_NAN
+        (rtol, atol), load = snes.getTolerances()[:2], self.load.norm()
+        if size <= max(atol, rtol * load, self.round_off(snes.getSolution())):
+            return reason.CONVERGED_FNORM_RELATIVE
+        return reason.DIVERGED_DTOL if size > _DIVERGED * load else reason.CONVERGED_ITERATING
+
+    def round_off(self, u: PETSc.Vec) -> float:
+        """Norm, N, that a residual at u may have by round-off alone. Collective.
+
+        Of a sum of n terms the error is about sqrt(n) unit round-offs of the sum of magnitudes
+        (Higham and Mary, SIAM J. Sci. Comput. 41, 2019).
+        """
+        moved = u.copy()
+        moved.abs()
+        self._magnitudes.mult(moved, self._terms)
+        moved.destroy()
+        entries = self._magnitudes.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+        n = entries / self._magnitudes.getSize()[0]
+        return 0.5 * float(np.finfo(float).eps) * float(np.sqrt(n)) * self._terms.norm()
+
+    def solve(self) -> float | None:
+        """Move u to equilibrium with the load. Collective.
+
+        Returns:
+            Share of the load that a free structure's inertia bears; None if no equilibrium was
+            found.
+        """
+        taken, before, found = self._free.balance(self.load), self.u.copy(), False
+        for search in dict.fromkeys((self._search, *_SEARCHES)):
+            before.copy(self.u)
+            with petsc_defaults(_PREFIX, {}, {"snes_linesearch_type": search}):
+                self.solver.setFromOptions()
+            self.solver.solve(None, self.u)
+            if found := self.solver.getConvergedReason() >= 0:
+                break
+        before.destroy()
+        self._free.take_off(self.u)
+        return taken if found else None
 
     def keep(self) -> None:
         """Take u as what the joints remember. Collective."""
         self.states = [new for _, _, new, _ in self.motion.step(self.u, self.states)]
 
     def destroy(self) -> None:
-        """Free solver and matrix. Collective."""
-        self.solver.destroy(), self._matrix.destroy()
+        """Free solver and matrices. Collective."""
+        self.solver.destroy(), self._matrix.destroy(), self._magnitudes.destroy()
+
+
+def _magnitudes(motion: Motion, rest: PETSc.Vec, states) -> PETSc.Mat:
+    """Magnitudes of the stiffness at rest, entry by entry."""
+    A = motion.matrix()
+    motion.jacobian(rest, states, 0.0, 0.0, A)
+    if A.getType() not in ("seqdense", "mpidense"):
+        found = absolute(A)
+        A.destroy()
+        return found
+    A.getDenseArray()[:] = np.abs(A.getDenseArray())
+    A.assemble()
+    return A
 
 
 def static_state(
@@ -86,14 +159,14 @@ def static_state(
         model: The model.
         load: Static load, N, (n,).
         steps: Load steps; friction remembers the path.
-        tolerance: Residual relative to the load.
+        tolerance: Residual relative to the load; round-off may leave more.
         max_iterations: Newton iterations per step.
 
     Returns:
         (displacements (n,), states of each interface (P, E, m) by its name).
 
     Raises:
-        InputError: If the load has the wrong size.
+        InputError: If the load has the wrong size, or pushes a free structure as a whole.
         ConvergenceError: If a step does not converge.
     """
     load = np.asarray(load, dtype=float)
@@ -103,10 +176,14 @@ def static_state(
     for i in range(1, steps + 1):
         statics.load.array[:] = load * i / steps
         scale = max(statics.load.norm(), np.finfo(float).tiny)
-        statics.solver.setTolerances(
-            rtol=0.0, stol=0.0, atol=tolerance * scale, max_it=max_iterations
-        )
-        if not statics.solve():
+        statics.solver.setTolerances(rtol=tolerance, max_it=max_iterations)
+        taken = statics.solve()
+        if taken is not None and taken > _BALANCED:
+            raise InputError(
+                f"static: {100 * taken:.2g} % of the load would accelerate the structure, which is "
+                "free; expected a load in balance with itself, or supports."
+            )
+        if taken is None:
             left = statics.solver.getFunctionNorm() / scale
             raise ConvergenceError(
                 f"static load: no equilibrium after {statics.solver.getIterationNumber()} Newton "
@@ -132,7 +209,7 @@ def loading_shapes(
     Put into a reduced basis they show it the slip that unloading and reloading have too: by
     Masing's rule that is the same shape at half the amplitude. They end where the joint's strength
     does: near a load that no static response carries, or that meets three times the compliance
-    at rest.
+    at rest. Of a free structure's load its inertia bears what would accelerate it as a whole.
 
     Args:
         model: The model.
@@ -156,7 +233,7 @@ def loading_shapes(
     while pending:
         whole.copy(statics.load)
         statics.load.scale(pending[0])
-        failed = not statics.solve()
+        failed = statics.solve() is None
         if failed and not found:
             raise ConvergenceError(
                 f"the static response to {pending[0]:g} times the load was not found; expected a "

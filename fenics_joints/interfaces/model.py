@@ -11,10 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError, capable, flag, reals, text, wanted
 from fenics_joints.interfaces.motion import LawPoints, Motion, named, named_points
+from fenics_joints.interfaces.rigid import FreeMotions, no_motions, strainless
 from fenics_joints.joint_laws.law import JointLaw
 
 __all__ = [
@@ -30,6 +32,11 @@ def check_interfaces(model: object) -> None:
     """
     calls = ("M", "K", "C", "row", "interfaces", "n_dofs")
     capable("model", model, calls, "an InterfaceModel, such as reduce_layers makes")
+
+#: Eigenvalues below this share of trace(K) / trace(M) are rigid-body motion.
+_RIGID = 1e-8
+#: Directions with this share of the mass per stiffness of the heaviest have none.
+_MASSLESS = 1e-12
 
 
 @dataclass(frozen=True, repr=False)
@@ -162,6 +169,26 @@ class InterfaceModel:
         """`inverted_modes` of small vibrations."""
         return inverted_modes(self.stiffness_at_rest(), self.M)
 
+    def free_motions(self) -> FreeMotions:
+        """Rigid motions that neither K nor an interface resists."""
+        if not np.trace(self.stiffness_at_rest()) > 0:
+            return no_motions(self.n_dofs, MPI.COMM_SELF)
+        s, inverse, X = self.modes_at_rest()
+        heavy = inverse > _MASSLESS * inverse[0]
+        inverse, X = inverse[heavy], X[:, heavy] / np.sqrt(inverse[heavy])
+        rigid = X[:, 1 / inverse - s < self._rigid_below()]
+        if rigid.shape[1]:
+            strains = [np.sqrt(p.weights)[:, None, None] * p.rows for p in self.interfaces]
+            none = np.zeros((0, self.n_dofs))
+            rows = np.concatenate([none, *(r.reshape(-1, self.n_dofs) for r in strains)])
+            largest = np.linalg.norm(rows @ X, axis=0).max(initial=0.0)
+            rigid = strainless(rigid, rows @ rigid, largest)
+        return FreeMotions(rigid, self.M @ rigid, MPI.COMM_SELF)
+
+    def _rigid_below(self) -> float:
+        """Eigenvalue, (rad/s)^2, below which a mode at rest is a rigid motion."""
+        return _RIGID * float(np.trace(self.stiffness_at_rest()) / np.trace(self.M))
+
     def row(self, kind: str, name: str) -> np.ndarray:
         """A place of force or a sensor by its name.
 
@@ -217,6 +244,10 @@ class DenseMotion(Motion):
         """A matrix for `jacobian`."""
         n = self.model.n_dofs
         return PETSc.Mat().createDense((n, n), comm=self.comm)
+
+    def free(self) -> FreeMotions:
+        """Rigid motions that nothing resists."""
+        return self.model.free_motions()
 
     def place(self, kind: str, name: str) -> PETSc.Vec:
         """The row of a force or a sensor."""

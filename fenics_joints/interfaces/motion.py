@@ -16,6 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
+from fenics_joints.interfaces.rigid import FreeMotions
 from fenics_joints.joint_laws import JointLaw, LawKernel
 
 __all__ = ["LawPoints", "Motion", "named", "named_points"]
@@ -97,6 +98,10 @@ class Motion(ABC):
     @abstractmethod
     def matrix(self) -> PETSc.Mat:
         """A matrix for `jacobian`, with room for the interfaces' tangents."""
+
+    @abstractmethod
+    def free(self) -> FreeMotions:
+        """Rigid motions that nothing resists. Collective."""
 
     @abstractmethod
     def place(self, kind: str, name: str) -> PETSc.Vec:

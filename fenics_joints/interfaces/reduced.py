@@ -12,6 +12,7 @@ import fenics_joints.beams.laws  # noqa: F401, files may hold them
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.modal.modes import SHIFT_SHARE, rigid_below
 from fenics_joints.parallel import on_root
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.files import read_model, register, write_model
@@ -103,6 +104,10 @@ class ReducedInterfaceModel(InterfaceModel):
         layer = self.layers[points.name]
         s = self.pencil.regions[layer.region].values(values)["stretch"]
         return replace(points, rows=layer.rows(s), weights=layer.volumes * s)
+
+    def _rigid_below(self) -> float:
+        """As the structure's modes have it."""
+        return rigid_below(SHIFT_SHARE * self.scale_hz) if self.scale_hz else super()._rigid_below()
 
     def with_laws(self, **laws: JointLaw) -> ReducedInterfaceModel:
         """See `InterfaceModel.with_laws`; a coupled law cannot take an uncoupled one's place.

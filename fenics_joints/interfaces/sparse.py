@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.interfaces.motion import LawPoints, Motion, named, named_points
+from fenics_joints.interfaces.rigid import FreeMotions, no_motions
 from fenics_joints.modal.options import reason_of
 
 __all__ = ["FullModel", "SparseMotion", "SparsePoints", "point_blocks"]
@@ -40,6 +41,7 @@ class FullModel:
         C: Viscous damping, N s/m; None for none.
         forces: Load per unit force at the places of forces, by name.
         sensors: Rows of displacement at sensors, by name, as vectors.
+        free: Rigid motions that nothing resists; None for none.
     """
 
     M: PETSc.Mat
@@ -48,6 +50,7 @@ class FullModel:
     C: PETSc.Mat | None = None
     forces: Mapping[str, PETSc.Vec] = field(default_factory=dict)
     sensors: Mapping[str, PETSc.Vec] = field(default_factory=dict)
+    free: FreeMotions | None = None
 
     def __repr__(self) -> str:
         n = self.M.getSize()[0]
@@ -93,6 +96,11 @@ class SparseMotion(Motion):
     @staticmethod
     def _add(A: PETSc.Mat, factor: float, B: PETSc.Mat) -> None:
         A.axpy(factor, B, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+
+    def free(self) -> FreeMotions:
+        """Rigid motions that nothing resists."""
+        n_local = self.model.M.getLocalSize()[0]
+        return self.model.free or no_motions(n_local, self.comm.tompi4py())
 
     def place(self, kind: str, name: str) -> PETSc.Vec:
         """The row of a force or a sensor."""

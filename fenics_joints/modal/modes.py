@@ -16,7 +16,7 @@ from fenics_joints.structure import Model, Sensors
 
 __all__ = [
     "SHIFT_SHARE", "Modes", "check_model", "count_rigid", "dense_modes", "inverted_modes",
-    "solve_modes",
+    "rigid_below", "solve_modes",
 ]  # fmt: skip
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
@@ -234,4 +234,9 @@ def inverted_modes(
 
 def count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
     """Number of rigid-body modes among eigenvalues that were found with that shift."""
-    return int(np.sum(np.abs(eigenvalues) < (2 * np.pi * _RIGID_SHARE * shift_hz) ** 2))
+    return int(np.sum(np.abs(eigenvalues) < rigid_below(shift_hz)))
+
+
+def rigid_below(shift_hz: float) -> float:
+    """Eigenvalue, (rad/s)^2, below which a mode that was found with that shift is a rigid one."""
+    return (2 * np.pi * _RIGID_SHARE * shift_hz) ** 2

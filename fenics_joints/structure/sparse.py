@@ -7,7 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 from petsc4py import PETSc
 
-__all__ = ["MatrixForm", "RowForm", "dense_block", "product", "vectors_like", "without_zeros"]
+__all__ = [
+    "MatrixForm", "RowForm", "absolute", "dense_block", "product", "vectors_like", "without_zeros",
+]  # fmt: skip
 
 #: Parts of a matrix whose rows are copied one after the other.
 _CHUNKS = 8
@@ -52,6 +54,12 @@ def product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
     image.destroy()
     dense.destroy()
     return out
+
+
+def absolute(A: PETSc.Mat) -> PETSc.Mat:
+    """A new matrix of the magnitudes of A's entries. Collective."""
+    rows, columns, values = A.getValuesCSR()
+    return PETSc.Mat().createAIJ(A.getSizes(), csr=(rows, columns, np.abs(values)), comm=A.comm)
 
 
 def dense_block(A: PETSc.Mat, columns: int) -> PETSc.Mat:

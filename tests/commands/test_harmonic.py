@@ -14,16 +14,65 @@ from harmonic_case import CONTACT, LAYER, write
 from mpi4py import MPI
 from typer.testing import CliRunner
 
-from fenics_joints.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import app
 from fenics_joints.commands.harmonic.model import harmonic_model
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
+from fenics_joints.structure import Sensors
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 QUIET, SELF = Progress(silent=True), MPI.COMM_SELF
+
+FREE = """
+title = "Small free beam"
+[mesh]
+builder = "half_lap_beam"
+layer = "0.1 mm"
+n_length = 3
+n_lap = 4
+n_width = 1
+washer = "0 mm"
+[parts.beams]
+cells = ["beam_1", "beam_2"]
+E = "194 GPa"
+nu = 0.3
+rho = "7733 kg/m3"
+[joints.lap]
+cells = ["joint"]
+E = "2 MPa"
+G = "10 MPa"
+[nonlinear.lap]
+law = "segalman"
+F_S = "20 kPa"
+chi = -0.5
+beta = 1
+[harmonic]
+force = { point = ["85 mm", "0 mm", "6.35 mm"], direction = [0, 0, 1] }
+sensor = { point = ["700 mm", "0 mm", "6.35 mm"], direction = [0, 0, 1] }
+levels = ["0.0001 N", "2 N"]
+band = ["78 Hz", "84 Hz"]
+damping = "0.2 %"
+harmonics = 3
+samples = 64
+interface_modes = 0
+"""
+BONDED = (
+    ('E = "2 MPa"\nG = "10 MPa"', 'E = "194 GPa"\nG = "75 GPa"'),
+    ('band = ["78 Hz", "84 Hz"]', 'band = ["115 Hz", "125 Hz"]'),
+    ('F_S = "20 kPa"', 'F_S = "20 GPa"'),
+)
+HUNG = (
+    "[harmonic]",
+    """[springs.cords]
+points = [["100 mm", "0 mm", "6.35 mm"], ["620 mm", "0 mm", "6.35 mm"]]
+direction = [0, 0, 1]
+stiffness = "300 N/m"
+[harmonic]""",
+)
+
 
 @pytest.mark.smoke
 @pytest.mark.parallel
@@ -82,6 +131,30 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
         assert peaks == pytest.approx([f.amplitude for f in alone.facts], rel=1e-5)
     page = (shared_tmp_path / "first.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 4 and "10.0 N" in page
+
+
+@serial
+@pytest.mark.parametrize("changes", [(), BONDED, (HUNG,)], ids=["free", "bonded", "hung"])
+def test_a_free_beam_resonates_as_its_linear_modes_say_and_slips(tmp_path, changes):
+    """Its rigid motions take part in the response, and determine nothing of the joint."""
+    case = load_case(write(tmp_path, FREE, *changes))
+    report = run_harmonic(case, SELF, QUIET).result
+    small, large = report.facts
+    modes = solve_modes(build_structure(case, SELF), n_modes=8)
+    assert modes.n_rigid == (6 if HUNG not in changes else 4)
+    (i,) = np.flatnonzero(np.abs(modes.frequencies_hz / small.frequency_hz - 1) < 1e-3)
+    places = Sensors([case.harmonic.force.point, case.harmonic.sensor.point], [0, 0, 1])
+    force, sensor = modes.at(places)[:, i]
+    receptance = abs(force * sensor) / (2 * 0.002 * modes.eigenvalues[i])
+    assert small.displacement / small.level == pytest.approx(receptance, rel=1e-2)
+    assert small.damping_ratio == pytest.approx(0.002, rel=2e-2)
+    slips = changes != BONDED
+    assert (large.damping_ratio > 1.05 * small.damping_ratio) == slips
+    assert (large.frequency_hz < small.frequency_hz * (1 - 1e-4)) == slips
+    # Free, what the force puts in per cycle moves the mean nowhere.
+    mean = report.responses[-1].coefficients[:, :, 0]
+    free = report.built.model.free_motions()
+    assert np.abs(mean @ free.inertia).max() < 1e-9
 
 
 @serial
