@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-from fenics_joints.case import Case
+from fenics_joints.case import Case, test_notes
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import classes, detectable
 from fenics_joints.diagnosis.evidence.inference import Fit
@@ -185,6 +185,7 @@ class _Run:
             model={
                 **self.model.surrogate.facts(),
                 "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),
+                "notes": list(test_notes(self.case, self.model.full)),
                 "seconds": time.perf_counter() - self.started,
             },
         )

@@ -33,8 +33,10 @@ def run_diagnose(
         JointsError: If the case, the mesh or a solution fails.
     """
     found, data = diagnose(case, comm, progress, keep=keep), case.measurements()
+    notes = [("of the test's data", note) for note in found.model.get("notes", ())]
+    assumed = [*assumptions(case, data), *notes]
     return Outcome(
         found, lambda: {**found.to_json(), "in_words": explain(found).to_json()},
-        lambda: diagnosis_html(found, log_sd=data.log_sd(), assumed=assumptions(case, data)),
+        lambda: diagnosis_html(found, log_sd=data.log_sd(), assumed=assumed),
         lambda console: show_diagnosis(console, found),
     )  # fmt: skip

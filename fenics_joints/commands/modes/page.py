@@ -25,7 +25,7 @@ def modes_html(result: ModeList, shapes: Mapping[int, Markup] = MappingProxyType
         dofs=result.modes.model.n_dofs, shapes=shapes,
         sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
         size=extents(result.size_m) if len(result.size_m) else "",
-        rings=[ring_row(ring) for ring in result.rings],
+        rings=[ring_row(ring) for ring in result.rings], notes=result.notes,
     )  # fmt: skip
 
 

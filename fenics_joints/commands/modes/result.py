@@ -28,6 +28,7 @@ class ModeList:
             `Modes.visibility`; None if the case does not say what the test saw.
         size_m: Extents along the axes, m, shape (gdim,); empty if not measured.
         rings: The bolts' rings ``ring_1``, ... of the mesh, those that are flat layers.
+        notes: What is to be said of the test's data, see `fenics_joints.case.test_notes`.
     """
 
     case: Case
@@ -35,6 +36,7 @@ class ModeList:
     visibility: np.ndarray | None
     size_m: np.ndarray = field(default_factory=lambda: np.empty(0))
     rings: tuple[Ring, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         highest = f"to {self.frequencies_hz[-1]:.5g} Hz" if len(self.modes) else "none"
@@ -61,7 +63,8 @@ class ModeList:
         ``frequencies_hz``, ascending, 0 for rigid-body modes; ``rigid_body_modes``, their number;
         ``visible``, whether the test could see each mode, or null if the case does not say;
         ``size_m``, extents of the mesh; ``rings``, for each bolt's ring its name, centre_m,
-        thickness_m, r_nei_m, r_wai_m, and parts, those below and above.
+        thickness_m, r_nei_m, r_wai_m, and parts, those below and above; ``notes``, sentences on the
+        test's data.
         """
         visible = self.visible
         return {
@@ -80,6 +83,7 @@ class ModeList:
                 }
                 for ring in self.rings
             ],
+            "notes": list(self.notes),
         }  # fmt: skip
 
     def kinds(self) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from fenics_joints.case import Case, build_preload, build_structure
+from fenics_joints.case import Case, build_preload, build_structure, test_notes
 from fenics_joints.commands.modes.page import modes_page
 from fenics_joints.commands.modes.result import ModeList
 from fenics_joints.commands.modes.summary import show_modes
@@ -52,7 +52,8 @@ def run_modes(
     modes = solve_modes(model, n_modes=n_modes, method=method)
     sensors = case.sensors()
     visibility = None if sensors is None else modes.visibility(sensors)
-    found = ModeList(case, modes, visibility, model.size_m, model.rings())
+    notes = test_notes(case, model)
+    found = ModeList(case, modes, visibility, model.size_m, model.rings(), notes)
     return Outcome.of(found, modes_page, show_modes)
 
 

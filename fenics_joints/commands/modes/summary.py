@@ -7,7 +7,7 @@ from rich.text import Text
 
 from fenics_joints.commands.modes.result import ModeList, ring_row
 from fenics_joints.formatting import extents, hertz
-from fenics_joints.report.terminal import new_table, say
+from fenics_joints.report.terminal import new_table, say, tell
 
 __all__ = ["show_modes"]
 
@@ -34,4 +34,6 @@ def show_modes(console: Console, result: ModeList) -> None:
         if len(result.rings) > _RINGS:
             say(console, f"and {len(result.rings) - _RINGS} more", "dim")
     size = f", {extents(result.size_m)}" if len(result.size_m) else ""
+    for note in result.notes:
+        tell(console, f"test: {note}", "yellow")
     say(console, f"{result.modes.model.n_dofs} degrees of freedom{size}")

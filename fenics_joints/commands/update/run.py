@@ -10,7 +10,7 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.case import Case, build_structure, model_damping
+from fenics_joints.case import Case, build_structure, model_damping, test_notes
 from fenics_joints.commands.cutoff.run import run_cutoff
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
@@ -90,7 +90,7 @@ class _Run:
         self.damping = model_damping(case, self.full) if damped else Damping()
         self.parameters = [self.full.parameters[n] for n in self.section.parameters]
         self.start = {**case.nominal(damping=damped), **case.start()}
-        self.notes: list[str] = []
+        self.notes: list[str] = list(test_notes(case, self.full))
         self.n_modes: int | None = None
         self.model = self._model()
 
