@@ -18,8 +18,8 @@ from fenics_joints.formatting import printable
 
 __all__ = [
     "ConvergenceError", "InputError", "JointsError", "MeshError", "capable",
-    "direction", "flag", "items", "located", "mapping", "member", "real", "reals", "shown", "text",
-    "wanted", "whole",
+    "direction", "flag", "items", "located", "mapping", "measured", "member", "real", "reals",
+    "shown", "text", "wanted", "whole",
 ]  # fmt: skip
 
 #: No quantity of mechanics in SI units is larger; the products of two that are overflow.
@@ -181,6 +181,26 @@ def reals(
     if not np.all((np.abs(array) <= MOST) & (array >= low) & (array <= high) & (array > above)):
         raise error
     return array
+
+
+def measured(key: str, value: ArrayLike, kinds: str = "iuf") -> np.ndarray:
+    """Numbers as an array, nan where one is missing.
+
+    Args:
+        key: Their name.
+        value: What was given.
+        kinds: Kinds of numbers, as NumPy's ``dtype.kind``; with ``c`` complex ones too.
+
+    Raises:
+        InputError: If one is no number.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        array = np.array("")
+    if array.dtype.kind not in kinds and array.size:
+        raise wanted(key, value, "numbers, nan where one is missing")
+    return array if array.dtype.kind == "c" else array.astype(float)
 
 
 def _fits(found: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, items, measured
 from fenics_joints.measurements.tables import LISTED, Table, read_table
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import factor_to_si
@@ -66,21 +66,22 @@ class TestData:
     shapes_at: float | None = None
 
     def __post_init__(self):
-        conditions = np.atleast_1d(np.asarray(self.conditions, dtype=float))
-        shape = (len(conditions), len(self.mode_names))
-        arrays = {"conditions": conditions, "mode_names": tuple(self.mode_names)}
+        conditions = np.atleast_1d(measured("conditions", self.conditions))
+        names = items("mode_names", self.mode_names, str, "names of modes")
+        shape = (len(conditions), len(names))
+        arrays = {"conditions": conditions, "mode_names": names}
         for key in ("frequencies_hz", "damping"):
             value = getattr(self, key)
             if value is None:
                 continue
-            arrays[key] = np.atleast_2d(np.asarray(value, dtype=float))
+            arrays[key] = np.atleast_2d(measured(key, value))
             if arrays[key].shape != shape:
                 raise InputError(
                     f"{key} has shape {arrays[key].shape}: expected {shape}, one row for each "
                     "condition and one column for each mode."
                 )
         for key in ("resolution_hz", "noise"):
-            value = np.asarray(getattr(self, key), dtype=float)
+            value = measured(key, getattr(self, key))
             if value.ndim and value.shape != shape[1:]:
                 raise InputError(
                     f"{key} has {value.size} values: expected one for all modes or {shape[1]}, "
@@ -98,7 +99,7 @@ class TestData:
         return f"TestData({len(self.mode_names)} modes at {where}{shapes})"
 
     def _checked_shapes(self) -> np.ndarray:
-        shapes = np.atleast_2d(np.asarray(self.shapes, dtype=float))
+        shapes = np.atleast_2d(measured("shapes", self.shapes))
         if self.sensors is None:
             raise InputError("shapes: expected sensors too, to say where they were measured.")
         expected = (len(self.sensors), len(self.mode_names))

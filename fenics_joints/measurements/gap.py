@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, measured
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
@@ -28,7 +28,16 @@ def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
     Returns:
         Values from 0 to 1, shape (n_a, n_b); 0 for a shape that the sensors do not see at all.
+
+    Raises:
+        InputError: If these are no numbers, or not of the same sensors.
     """
+    a, b = measured("a", a, "iufc"), measured("b", b, "iufc")
+    if a.ndim != 2 or b.ndim != 2 or len(a) != len(b):
+        raise InputError(
+            f"shapes a and b have shapes {a.shape} and {b.shape}: expected a column for each "
+            "shape, and as many rows, one for each sensor"
+        )
     there = np.isfinite(a)
     a = np.where(there, a, 0.0)
     cross = np.abs(np.conj(a).T @ b) ** 2

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, measured
 from fenics_joints.response.units import checked_kind
 from fenics_joints.structure.points import Sensors
 
@@ -76,7 +76,7 @@ class FRFTarget:
 
     def _relative(self, values: np.ndarray) -> np.ndarray:
         key = "relative_sd" if self.absolute_sd is None else "absolute_sd"
-        sd = np.asarray(getattr(self, key), dtype=float)
+        sd = measured(key, getattr(self, key))
         try:
             sd = np.broadcast_to(sd, values.shape).copy()
         except ValueError as error:
@@ -172,7 +172,7 @@ class Target:
         m = self._count()
         for key, sd in (("frequencies_hz", "log_sd"), ("damping_ratios", "damping_log_sd")):
             value = getattr(self, key)
-            value = np.full(m, np.nan) if value is None else np.asarray(value, dtype=float)
+            value = np.full(m, np.nan) if value is None else measured(key, value)
             if value.shape != (m,) or np.any(value <= 0) or np.isinf(value).any():
                 raise InputError(f"{key}: expected {m} numbers above 0, nan where missing")
             object.__setattr__(self, key, value)
@@ -183,14 +183,13 @@ class Target:
             raise InputError("expected data: frequencies, shapes with shape_sd, damping or FRFs")
 
     def _count(self) -> int:
-        sizes = [
-            np.shape(a)[-1] for a in (self.frequencies_hz, self.damping_ratios, self.shapes)
-            if a is not None and np.ndim(a)
-        ]  # fmt: skip
+        given = (self.frequencies_hz, self.damping_ratios, self.shapes)
+        arrays = [measured("data", a, "iufc") for a in given if a is not None]
+        sizes = [a.shape[-1] for a in arrays if a.ndim]
         return sizes[0] if sizes else 0
 
     def _deviations(self, key: str, m: int) -> np.ndarray:
-        sd = np.asarray(getattr(self, key), dtype=float)
+        sd = measured(key, getattr(self, key))
         if sd.shape not in ((), (m,)) or not np.all((sd > 0) & np.isfinite(sd)):
             raise InputError(f"{key}: expected one number above 0, or {m}")
         return np.broadcast_to(sd, m).copy()
@@ -209,7 +208,7 @@ class Target:
                 f"shapes: expected {expected[0]} x {expected[1]} numbers, in no column all zero"
             )
         object.__setattr__(self, "shapes", shapes)
-        sd = np.asarray(np.nan if self.shape_sd is None else self.shape_sd, dtype=float)
+        sd = measured("shape_sd", np.nan if self.shape_sd is None else self.shape_sd)
         if sd.shape not in ((), (m,)) or np.any(sd <= 0) or np.isinf(sd).any():
             raise InputError(f"shape_sd: expected one number above 0, {m} of them, or None")
         object.__setattr__(self, "shape_sd", np.broadcast_to(sd, m).copy())

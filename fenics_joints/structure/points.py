@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from fenics_joints._compat import coordinate_map, geometry_dofmap
-from fenics_joints.errors import InputError, reals
+from fenics_joints.errors import InputError, items, reals
 from fenics_joints.structure.nearest import all_min, far_points, nearest, too_close_together
 
 __all__ = ["PointRows", "Sensors", "locate", "observe"]
@@ -61,7 +61,7 @@ class Sensors:
             raise InputError("sensors.direction: expected non-zero vectors.")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "directions", directions / norms)
-        object.__setattr__(self, "names", tuple(names))
+        object.__setattr__(self, "names", items("sensors.names", names, str, "names"))
 
     def __len__(self) -> int:
         return len(self.points)

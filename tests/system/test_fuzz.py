@@ -1,0 +1,257 @@
+"""Odd input everywhere: it is refused in clear words, or accepted and right; nothing else.
+
+Small here; ``-m slow`` tries fifty times as much. At its end it prints what came of it.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pint
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+from odd import COUNTS, mutated, odd_text, odd_value, tried
+from uff_files import mode_55, nodes_2411, units_164
+
+from fenics_joints import joint_laws, measurements, preload, structure
+from fenics_joints.case import load_case
+from fenics_joints.errors import InputError
+from fenics_joints.measurements import read_curves, read_shapes, read_table, read_test_data
+from fenics_joints.units import to_si
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
+
+ROOT = Path(__file__).parents[2]
+DEMOS = ROOT / "demos"
+SIZES = [pytest.param(1, id="small"), pytest.param(50, id="large", marks=pytest.mark.slow)]
+SOURCES = {
+    "lap plates": (ROOT / "tests" / "lap_case.toml", DEMOS / "lap_plates"),
+    "dumbbell": (DEMOS / "dumbbell" / "case.toml", DEMOS / "dumbbell"),
+    "beams": (DEMOS / "bolted_beams" / "case.toml", DEMOS / "bolted_beams"),
+    "c_beam": (DEMOS / "c_beam" / "case.toml", DEMOS / "c_beam"),
+    "lap beam": (DEMOS / "lap_beam" / "nonlinear.toml", DEMOS / "lap_beam"),
+}
+REGISTRY = pint.UnitRegistry()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def told():
+    yield
+    for area in sorted({a for a, _ in COUNTS}):
+        print(area, {kind: n for (a, kind), n in sorted(COUNTS.items()) if a == area})
+
+
+def often(examples: int, size: int):
+    return settings(
+        max_examples=examples * size, deadline=None, database=None, derandomize=size == 1,
+        suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_units(size):
+    unit = st.sampled_from(["", "m", "Pa", "Hz", "N*m", "kg/m3", "N/m"])
+    symbols = "m mm k Pa GPa ** ^ / * ( ) 9 - 1e9 2 N Hz · % kg s rad ² . e µ"
+    parts = st.sampled_from(symbols.split())
+    quantity = st.builds(
+        "{}{}{}".format, st.floats(allow_nan=False, width=32), st.sampled_from(["", " "]),
+        st.lists(parts, max_size=8).map("".join),
+    )  # fmt: skip
+
+    @often(400, size)
+    @given(st.one_of(quantity, odd_text, odd_value), unit)
+    def check(value, unit):
+        got = tried("units", lambda: to_si(value, unit))
+        assert got is None or (isinstance(got, float) and math.isfinite(got))
+
+    @often(100, size)
+    @given(st.floats(-1e9, 1e9), st.sampled_from(["mm", "µm", "km", "inch", "m"]))
+    def right(number, name):
+        expected = REGISTRY.Quantity(number, name).to("m").magnitude
+        assert to_si(f"{number!r} {name}", "m") == pytest.approx(expected, rel=1e-12, abs=1e-300)
+
+    check()
+    right()
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("source", SOURCES)
+def test_case_files(tmp_path, source, size):
+    text, data = SOURCES[source]
+    shutil.copytree(data, tmp_path, dirs_exist_ok=True)
+    path = tmp_path / "case.toml"
+    lines = tuple(text.read_text(encoding="utf-8").splitlines())
+
+    @often(60, size)
+    @given(mutated(lines))
+    def check(changed):
+        path.write_text(changed, encoding="utf-8", errors="surrogatepass")
+        case = tried("case", lambda: load_case(path))
+        if case is not None:  # what is accepted says the same again
+            assert load_case(path).title == case.title
+
+    check()
+
+
+TABLES = {
+    "frequencies": (DEMOS / "lap_plates" / "frequencies.csv", read_table),
+    "test data": (
+        DEMOS / "lap_plates" / "frequencies.csv", lambda p: read_test_data(p, condition="torque"),
+    ),
+    "curves": (None, lambda p: read_curves(p, "acceleration")),
+}  # fmt: skip
+CURVES = "level [N],frequency [Hz],amplitude [m/s2]\n10,27,40\n10,27.8,90\n10,29,50\n"
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("table", TABLES)
+def test_tables(tmp_path, table, size):
+    source, read = TABLES[table]
+    text = CURVES if source is None else source.read_text(encoding="utf-8")
+    path = tmp_path / "table.csv"
+    cell = st.one_of(odd_text, st.sampled_from(["", "-1", "nan", "1e400", "1;2", '"', "1,2", "x"]))
+
+    @st.composite
+    def tables(draw):
+        rows = [line.split(",") for line in text.splitlines()]
+        for _ in range(draw(st.integers(1, 3))):
+            row = draw(st.sampled_from(rows))
+            row[draw(st.integers(0, len(row) - 1))] = draw(cell)
+        if draw(st.booleans()):
+            del rows[draw(st.integers(0, len(rows) - 1))]
+        joint = draw(st.sampled_from([",", ",", ";", "\t"]))
+        end = draw(st.sampled_from(["\n", "\r\n", "\n\n"]))
+        return end.join(joint.join(row) for row in rows).encode(
+            draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "latin-1"])), errors="replace"
+        )
+
+    @often(80, size)
+    @given(st.one_of(tables(), tables(), tables(), st.binary(max_size=300)))
+    def check(content):
+        path.write_bytes(content)
+        found = tried("tables", lambda: read(path))
+        if table == "test data" and found is not None:
+            values = found.frequencies_hz[np.isfinite(found.frequencies_hz)]
+            assert values.size and np.all(values > 0)
+
+    check()
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_uff(tmp_path, size):
+    pytest.importorskip("pyuff")
+    path = tmp_path / "good.uff"
+    points = {n: (100.0 * n, 0.0, 0.0) for n in (1, 2, 3)}
+    shapes = [mode_55(k, 100.0 * k, {n: (0, 0, n * k) for n in points}) for k in (1, 2)]
+    path.write_text(units_164() + nodes_2411(points) + "".join(shapes))
+    assert len(read_shapes(path).frequencies_hz) == 2
+    good, bad = path.read_text().splitlines(), tmp_path / "bad.uff"
+
+    @st.composite
+    def files(draw):
+        lines = list(good)
+        for _ in range(draw(st.integers(1, 3))):
+            i = draw(st.integers(0, len(lines) - 1))
+            kind = draw(st.sampled_from(["gone", "twice", "number", "cut", "end"]))
+            if kind == "gone":
+                del lines[i]
+            elif kind == "twice":
+                lines.insert(i, lines[i])
+            elif kind == "number":
+                words = lines[i].split() or [""]
+                words[draw(st.integers(0, len(words) - 1))] = draw(
+                    st.sampled_from(["-1", "0", "nan", "1e400", "999999", "x", "2.5"])
+                )
+                lines[i] = " ".join(words)
+            elif kind == "cut":
+                lines[i] = lines[i][: draw(st.integers(0, len(lines[i])))]
+            else:
+                lines = lines[: i + 1]
+        return "\n".join(lines)
+
+    @often(150, size)
+    @given(files())
+    def check(text):
+        bad.write_text(text)
+        found = tried("uff", lambda: read_shapes(bad))
+        if found is not None:
+            assert np.all(np.isfinite(found.shapes)) and np.all(found.frequencies_hz > 0)
+
+    check()
+
+
+#: Calls that are right; in each one or two arguments become odd.
+CALLS = {
+    structure.Parameter: {"name": "a.E", "value": 1e9, "unit": "Pa", "lower": 1e6, "upper": 1e12},
+    structure.PointMass: {"name": "m", "mass": 0.1, "point": (0, 0, 0), "direction": (1, 0, 0)},
+    structure.Spring: {"name": "s", "stiffness": 1e6, "point": (0, 0, 0), "direction": (0, 0, 1)},
+    structure.ElasticSupport: {"name": "e", "facets": "end", "k_n": 1e9, "k_t": 1e9},
+    structure.Support: {"facets": "end", "directions": (0, 1)},
+    structure.Sensors: {"points": [[0, 0, 0]], "directions": [[0, 0, 1]], "names": ("a",)},
+    structure.Damping: {"modal": 0.01, "rayleigh": (0.0, 1e-6), "structural": 0.0},
+    structure.part: {"name": "p", "cells": "solid", "E": 2e11, "nu": 0.3, "rho": 7800.0},
+    structure.joint: {"name": "j", "cells": "layer", "E": 1e9, "G": 1e8, "rho": 0.0},
+    structure.transition: {
+        "name": "t", "cells": "l", "E": 1e9, "nu": 0.3, "h": 1e-3, "meshed": 1e-3,
+    },
+    joint_laws.RichardAbbott: {"E_e": 1e8, "E_p": 1e5, "S_y": 5e5, "n": 2.5},
+    joint_laws.Segalman: {"F_S": 100.0, "K_T": 1e6, "chi": -0.5, "beta": 1.0},
+    joint_laws.Bilinear: {"E_e": 1e8, "S_y": 5e5, "E_p": 1e5},
+    joint_laws.CoulombStick: {
+        "normal_stiffness": 1e9, "tangential_stiffness": 1e8, "friction": 0.3,
+    },
+    joint_laws.CubicSpring: {"k1": 1e6, "k3": 1e12},
+    joint_laws.BoucWen: {"stiffness": 1e6, "ratio": 0.1, "beta": 1.0, "gamma": 1.0, "n": 1.0},
+    joint_laws.Valanis: {"E_0": 1e9, "E_t": 1e8, "rate": 1e3},
+    joint_laws.Iwan: {
+        "backbone": joint_laws.RichardAbbott(1e8, 1e5, 5e5, 2.5), "n_sliders": 6, "thickness": 1e-3,
+    },
+    preload.BeamBolt: {"name": "b", "lower": "l", "upper": "u", "force": 1e4, "diameter": 0.01},
+    preload.WasherForce: {"name": "b", "lower": "l", "upper": "u", "force": 1e4},
+    preload.PretensionSection: {"name": "b", "lower": "l", "upper": "u", "force": 1e4},
+    preload.Contact: {"name": "c", "lower": "l", "upper": "u", "friction": 0.1, "gap": 0.0},
+    preload.Traction: {"name": "t", "facets": "f", "force": (0.0, 0.0, 1.0)},
+    preload.nut_factor_force: {"torque": 25.0, "diameter": 0.01, "K": 0.2},
+    preload.motosh_force: {
+        "torque": 25.0, "thread_": "M10", "friction_thread": 0.1, "friction_head": 0.1,
+    },
+    preload.thread: {"name": "M10"},
+    measurements.Target: {"frequencies_hz": np.array([10.0, 20.0]), "log_sd": 1e-3},
+    measurements.TestData: {
+        "conditions": np.array([5.0]), "frequencies_hz": np.array([[10.0, 20.0]]),
+        "mode_names": ("a", "b"), "condition_name": "torque", "condition_unit": "N·m",
+    },
+    measurements.mac: {"a": np.eye(3), "b": np.eye(3)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("call", CALLS, ids=lambda c: c.__name__)
+def test_constructors(call, size):
+    good = CALLS[call]
+    call(**good)
+
+    @often(40, size)
+    @given(st.data())
+    def check(data):
+        names = data.draw(st.lists(st.sampled_from(sorted(good)), min_size=1, max_size=2))
+        odd = {name: data.draw(odd_value) for name in names}
+        tried("constructors", lambda: call(**{**good, **odd}))
+
+    check()
+
+
+def test_a_fault_would_be_seen():
+    with pytest.raises(ZeroDivisionError):
+        tried("none", lambda: 1 / 0)
+    assert tried("none", lambda: 3) == 3
+
+    def refuse():
+        raise InputError("x = -1: expected above 0")
+
+    assert tried("none", refuse) is None
