@@ -274,15 +274,20 @@ def _command(
         comm = MPI.COMM_WORLD
         case = _prepare(comm, path, outputs)
         _check_size(comm, case, name, options, large)
+        notes = _say_unusual(comm, case)
         json, report = outputs["--json"], outputs["--report"]
         with Progress(silent=comm.rank != 0) as progress:
             outcome = getattr(commands, name)(case, comm, progress, **options)
             contents = []
             if json is not None:
-                contents.append((json, json_text(outcome.json())))
+                made = outcome.json()
+                said = dict.fromkeys([*notes, *made.get("notes", ())])
+                contents.append((json, json_text({**made, "notes": list(said)})))
             if report is not None:
+                from fenics_joints.report.html import noted
+
                 progress.step("writing the report")
-                contents.append((report, outcome.page()))
+                contents.append((report, noted(outcome.page(), notes)))
         _finish(comm, outcome, contents)
 
 
@@ -317,6 +322,17 @@ def _check_size(comm, case: Case, name: str, options: dict, large: bool) -> None
         comm,
         lambda: check_size(meshed, method=method, ranks=comm.size, hosts=hosts, large=large),
     )
+
+
+def _say_unusual(comm, case: Case) -> tuple[str, ...]:
+    """Say what is unusual in the case and doubtful in its files, before the work starts."""
+    from fenics_joints.case import plausibility
+
+    notes = (*case.test_notes(), *plausibility(case))
+    if comm.rank == 0:
+        for note in notes:
+            typer.echo(f"note: {note}", err=True)
+    return notes
 
 
 def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:

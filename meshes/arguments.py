@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 import math
 import types
 import typing
@@ -23,16 +24,19 @@ __all__ = [
 ]  # fmt: skip
 
 P = ParamSpec("P")
+#: Two bolts nearer than this, m, are one: no thread is thinner.
+ONE_BOLT = 1e-3
 
 
 def is_positive(value: float) -> bool:
     """Whether ``value`` is a finite number above 0."""
-    return isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return number and math.isfinite(value) and value > 0
 
 
 def is_count(value: int) -> bool:
     """Whether ``value`` is a whole number of at least 1."""
-    return isinstance(value, int | np.integer) and value >= 1
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1
 
 
 def lengths(values: Any, n: int) -> bool:
@@ -43,6 +47,11 @@ def lengths(values: Any, n: int) -> bool:
 def two_counts(values: Any) -> bool:
     """Whether ``values`` are two whole numbers of at least 1."""
     return np.shape(values) == (2,) and all(map(is_count, values))
+
+
+def apart(points: Any) -> bool:
+    """Whether points are as far apart as two bolts are at least."""
+    return all(math.dist(a, b) >= ONE_BOLT for a, b in itertools.combinations(points, 2))
 
 
 def requirement(builder: str) -> Callable[[bool, str, object, str], None]:
@@ -85,6 +94,7 @@ Places = Annotated[
     Sequence[tuple[Place, Place]],
     Demand(lambda v: len(v) <= _MOST_PLACES, f"at most {_MOST_PLACES} bolts"),
     Demand(lambda v: all(np.shape(b) == (2,) for b in v), "a pair (x, y) in metres for each bolt"),
+    Demand(lambda v: apart(v), f"each bolt once, {1e3 * ONE_BOLT:g} mm or more from the others"),
 ]
 
 

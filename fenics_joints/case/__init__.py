@@ -6,9 +6,10 @@ from fenics_joints.case.load import load_case
 from fenics_joints.case.model_damping import model_damping
 from fenics_joints.case.notes import test_notes
 from fenics_joints.case.parameters import parameters
+from fenics_joints.case.plausible import plausibility
 from fenics_joints.case.size import Estimate, check_size, estimate
 
 __all__ = [
     "Case", "Estimate", "build_mesh", "build_preload", "build_structure", "check_size", "estimate",
-    "load_case", "model_damping", "parameters", "test_notes",
+    "load_case", "model_damping", "parameters", "plausibility", "test_notes",
 ]  # fmt: skip

@@ -172,7 +172,7 @@ class Case(Section):
 
     def test_notes(self) -> tuple[str, ...]:
         """What was left out or is doubtful in the files of the test, in sentences."""
-        files = (self._shapes, self._frfs)
+        files = (self._measured, self._validation, self._shapes, self._frfs)
         return tuple(note for data in files if data is not None for note in data.notes)
 
     def sensors(self) -> Sensors | None:

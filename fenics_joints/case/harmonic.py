@@ -17,6 +17,7 @@ from fenics_joints.case.values import (
     Section,
     Share,
     Size,
+    Written,
     ascending,
     chosen,
     listed,
@@ -169,7 +170,7 @@ class IdentifySection(Section):
 
     level: Force
     parameters: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
-    start: dict[str, float | str] = {}
+    start: dict[str, Written] = {}
     method: Literal["direct", "gradient", "both"] = "both"
     points: Annotated[int, Field(ge=3, strict=True)] = 9
     loops: File | None = None

@@ -121,6 +121,8 @@ JointBounds = optional(
 )  # fmt: skip
 
 
+#: Two bolts nearer than this, m, are one: no thread is thinner.
+ONE_BOLT = 1e-3
 #: What a joint must have by its law, and what it may have; all else is refused.
 _JOINT_KEYS = {
     "transition": (("E", "nu", "h"), ("meshed", "rho")),
@@ -184,9 +186,10 @@ class Joint(Section):
     @model_validator(mode="after")
     def _bolts_apart(self) -> Joint:
         for i, bolt in enumerate(self.bolts or []):
-            if bolt in self.bolts[:i]:
+            if any(math.dist(bolt, other) < ONE_BOLT for other in self.bolts[:i]):
                 raise ValueError(
-                    f"bolts[{i}] = {list(bolt)} m is there already: expected each bolt once"
+                    f"bolts[{i}] = {list(bolt)} m is there already: expected each bolt once, "
+                    f"{1e3 * ONE_BOLT:g} mm or more from the others"
                 )
         return self
 

@@ -16,6 +16,7 @@ from fenics_joints.case.values import (
     Files,
     Length,
     Names,
+    Number,
     Point,
     Positive,
     Section,
@@ -26,6 +27,7 @@ from fenics_joints.case.values import (
     listed,
     quantity,
 )
+from fenics_joints.measurements.data import same_conditions
 from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import column_head
 
@@ -128,7 +130,7 @@ class FRFSection(Section):
     directions: dict[str, Direction] = {}
     keys: dict[str, str] = {}
     band: ascending(Spacing) | None = None
-    at: float | None = None
+    at: Number | None = None
     noise: Positive | None = None
     averages: Annotated[int, Field(ge=2, strict=True)] | None = None
     identify: Identify | None = None
@@ -176,7 +178,7 @@ class PlannedTest(Section):
     """
 
     condition: str | None = None
-    conditions: Annotated[list[float], BeforeValidator(listed), Field(min_length=1)] = [1.0]
+    conditions: Annotated[list[Number], BeforeValidator(listed), Field(min_length=1)] = [1.0]
     modes: Count | Names
     damping: bool = False
     shapes: bool = False
@@ -187,8 +189,8 @@ class PlannedTest(Section):
             raise ValueError(f"condition = {self.condition!r}: expected 'NAME [UNIT]'")
         if self.condition is None and len(self.conditions) > 1:
             raise ValueError("expected condition too, such as 'torque [N·m]'")
-        if len(set(self.conditions)) != len(self.conditions):
-            raise ValueError(f"conditions = {self.conditions}: expected each value once")
+        if (twice := same_conditions(self.conditions)) is not None:
+            raise ValueError(f"conditions = {self.conditions}: {twice}")
         if not all(math.isfinite(c) for c in self.conditions):
             raise ValueError(f"conditions = {self.conditions}: expected finite numbers")
         if len(set(self.names())) != len(self.names()):
@@ -230,7 +232,7 @@ class Test(Section):
     noise: Annotated[list[Share], BeforeValidator(listed)] = [0.0]
     damping_noise: quantity("", 0, above=True) | None = None
     shape_noise: quantity("", 0, above=True) = 0.05
-    shapes_at: float | None = None
+    shapes_at: Number | None = None
     frfs: Annotated[FRFSection, BeforeValidator(_in_files)] | None = None
     sees: Sees | None = None
     validation: ValidationTest | None = None

@@ -9,10 +9,12 @@ from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from fenics_joints.case.values import (
     File,
     Names,
+    Number,
     Positive,
     Section,
     Share,
     Spacing,
+    Written,
     ascending,
     listed,
     quantity,
@@ -26,7 +28,7 @@ class Published(Section):
     """``[update.published]``: somebody's values and frequencies, to show beside one's own."""
 
     source: str = ""
-    parameters: dict[str, float | str] = {}
+    parameters: dict[str, Written] = {}
     frequencies: list[quantity("Hz", 0, above=True)] = []
 
 
@@ -172,10 +174,10 @@ class UpdateSection(Section):
     which.
     """
 
-    at: float | None = None
+    at: Number | None = None
     parameters: Names = []
-    start: dict[str, float | str] = {}
-    hold_out: list[float] = []
+    start: dict[str, Written] = {}
+    hold_out: list[Number] = []
     regularisation: Positive = 2.3
     published: Published | None = None
     cutoff: CutoffUpdate | None = None

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from typing import Annotated, Any, Union, get_args
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -18,14 +19,14 @@ from pydantic import (
     create_model,
 )
 
+from fenics_joints.errors import InputError, real
 from fenics_joints.units import to_si
 
 __all__ = [
-    "AXES", "Count", "Damper", "Density", "Direction", "File", "FileName",
-    "Files", "Gap", "Inertia", "Length", "Mass",
-    "Modulus", "Names", "Point", "Poisson", "Positive", "Section", "Share", "Size", "Spacing",
-    "Stiffness", "Turning", "ascending", "chosen", "either", "listed",
-    "named", "named_by", "optional", "quantity",
+    "AXES", "Count", "Damper", "Density", "Direction", "File", "FileName", "Files", "Gap",
+    "Inertia", "Length", "Mass", "Modulus", "Names", "Number", "Point", "Poisson", "Positive",
+    "Section", "Share", "Size", "Spacing", "Stiffness", "Turning", "Written", "ascending",
+    "chosen", "either", "listed", "named", "named_by", "optional", "quantity",
 ]  # fmt: skip
 
 _NAME = r"[A-Za-z][A-Za-z0-9_-]*"
@@ -65,8 +66,21 @@ def _padded(vector: list[float]) -> tuple[float, ...]:
     return tuple(vector) + (0.0,) * (3 - len(vector))
 
 
+def _bare(value: Any) -> float:
+    """A number without a unit; a truth value or a text is none."""
+    try:
+        return real("", value)
+    except InputError as error:
+        raise ValueError(str(error).partition(": ")[2]) from None
+
+
+def _written(value: Any) -> float | str:
+    """A number, or a text that may be one with its unit."""
+    return value if isinstance(value, str) else _bare(value)
+
+
 def _nonzero(vector: list[float]) -> list[float]:
-    if not any(vector) or not all(math.isfinite(c) for c in vector):
+    if not np.linalg.norm(vector) > 0:
         raise ValueError("expected a finite vector that is not zero")
     return vector
 
@@ -77,6 +91,8 @@ def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+Number = Annotated[float, BeforeValidator(_bare)]
+Written = Annotated[float | str, BeforeValidator(_written)]
 Length = quantity("m")
 Size = quantity("m", 0, above=True)
 Gap = quantity("m", 0)
@@ -93,7 +109,7 @@ Share = quantity("", 0)
 Poisson = quantity("", -0.999, 0.4999)
 Point = Annotated[list[Length], Field(min_length=2, max_length=3), AfterValidator(_padded)]
 Direction = Annotated[
-    list[float],
+    list[Number],
     Field(min_length=2, max_length=3),
     AfterValidator(_nonzero),
     AfterValidator(_padded),

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real
 from fenics_joints.formatting import control_character
 
 __all__ = ["CONDITIONS", "NUMBERS", "TEXTS", "UNITS", "Joint", "settings_text"]
 
+#: Diameters of its bolt that no contact radius is beyond: the pressure cone of plates fifty bolts
+#: thick ends there, and those of the papers are below five.
+_WIDEST = 50.0
 #: What makes a joint what it is, and the order of columns.
 CONDITIONS = ("diameter", "force", "torque", "thickness", "roughness")
 RESULTS = ("radius", "pressure", "E", "nu", "h")
@@ -47,7 +49,8 @@ class Joint:
         source: Where it is published.
 
     Raises:
-        InputError: If a number is not finite and above 0, there is no result, or a text is empty.
+        InputError: If a number is not finite and above 0, the radius within the bolt or beyond any
+            plate, there is no result, or a text is empty.
     """
 
     diameter: float
@@ -74,6 +77,7 @@ class Joint:
             if value is None and name != "diameter":
                 continue
             self._check_number(name, value)
+        self._check_radius()
         for name in TEXTS:
             value = getattr(self, name)
             if value is not None and (not isinstance(value, str) or not value.strip()):
@@ -90,13 +94,21 @@ class Joint:
             raise InputError(f"row has no result, expected one of {', '.join(RESULTS)}")
 
     def _check_number(self, name: str, value) -> None:
-        good = isinstance(value, int | float) and not isinstance(value, bool)
-        if not good or not math.isfinite(value) or (value <= 0 and name != "nu"):
-            unit = f" {UNITS[name]}" if UNITS[name] else ""
-            raise InputError(f"{name} = {value!r}: expected a number above 0{unit}")
-        if name == "nu" and not -1 < value < 0.5:
+        bounds = {} if name == "nu" else {"above": 0.0}
+        number = real(name, value, UNITS[name], **bounds)
+        if name == "nu" and not -1 < number < 0.5:
             raise InputError(f"nu = {value!r}: expected a number between -1 and 0.5")
-        object.__setattr__(self, name, float(value))
+        object.__setattr__(self, name, number)
+
+    def _check_radius(self) -> None:
+        """A contact radius is outside the bolt's shank, and not beyond any plate."""
+        low, high = self.diameter / 2, _WIDEST * self.diameter
+        if self.radius is not None and not low < self.radius <= high:
+            raise InputError(
+                f"radius = {self.radius:g} m: expected the contact radius of a bolt of "
+                f"{1e3 * self.diameter:g} mm, above its shank's {1e3 * low:g} mm and at most "
+                f"{high:g} m"
+            )
 
     @property
     def task(self) -> str:

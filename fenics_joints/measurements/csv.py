@@ -58,7 +58,7 @@ def read_csv(path: Path, said: Said) -> Contents:
             raise InputError(f"{path}: column {name!r}: expected a head such as {_EXAMPLE}")
         parts.setdefault(match[1], {})[match[8]] = name
         dofs[match[1]] = (_dof(*match.groups()[1:4]), _dof(*match.groups()[4:7]))
-    contents = Contents()
+    contents = Contents(notes=list(table.notes))
     for function, columns in parts.items():
         response, reference = dofs[function]
         where = f"{path}: {function}"

@@ -15,13 +15,15 @@ from fenics_joints.measurements.tables import LISTED, Table, read_table
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import factor_to_si
 
-__all__ = ["TestData", "read_test_data"]
+__all__ = ["TestData", "read_test_data", "same_conditions"]
 
 #: Units of a level of excitation or response, and words of a condition that is a preload whatever
 #: its unit. Pint's g is a gram.
 _LEVELS, _GRAVITY = ("N", "m", "m/s", "m/s2"), ("g", "gn", "g_n")
 _PRELOADS = re.compile(r"torque|preload|tension|clamp", re.IGNORECASE)
 _DAMPING_NOISE = 0.1
+#: Relative distance of two values of a condition below which they are one.
+_ONE_CONDITION = 1e-6
 #: More columns of frequencies and conditions than any test has: such a table is of something else.
 _MODES, _CONDITIONS = 1000, 10_000
 
@@ -46,6 +48,7 @@ class TestData:
             say it.
         shape_noise: Standard deviation of a shape's component, relative to its root mean square.
         shapes_at: The condition that the shapes were measured at; the last by default.
+        notes: What is doubtful in its files, in sentences.
     """
 
     #: Not a test, whatever pytest thinks of the name.
@@ -64,6 +67,7 @@ class TestData:
     damping_noise: float | None = None
     shape_noise: float = 0.05
     shapes_at: float | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self):
         conditions = np.atleast_1d(measured("conditions", self.conditions))
@@ -244,11 +248,13 @@ def read_test_data(
             f"modes; expected {len(modes)} columns of frequencies: {', '.join(modes[:LISTED])}"
         )
     _check_values(table, modes, f > 0, "a frequency above 0 Hz")
+    _check_measured(table, condition, conditions, modes, np.isfinite(f))
     ratios = None if damping is None else _damping(damping, condition, unit, conditions, modes)
     order = np.argsort(conditions)
     return TestData(
         conditions[order], f[order], tuple(modes), condition or "row", unit,
         None if ratios is None else ratios[order], resolution_hz, noise, sensors,
+        notes=table.notes,
     )  # fmt: skip
 
 
@@ -280,6 +286,23 @@ def _frequencies(table: Table, name: str, condition: str | None) -> np.ndarray:
         ) from error
 
 
+def same_conditions(conditions: Iterable[float]) -> str | None:
+    """What is wrong with conditions of which two are one, in words; None if none are.
+
+    A torque or a preload is known to a thousandth at best: two that differ by less than a millionth
+    are one that was rounded or copied.
+    """
+    values = np.sort(np.asarray(list(conditions), dtype=float))
+    size = np.maximum(np.abs(values[1:]), np.abs(values[:-1]))
+    near = np.flatnonzero(np.diff(values) <= _ONE_CONDITION * size)
+    if not len(near):
+        return None
+    a, b = float(values[near[0]]), float(values[near[0] + 1])
+    if a == b:
+        return f"{a:g} is there twice, expected each value once"
+    return f"{a!r} and {b!r} are one within {_ONE_CONDITION:g} of it, expected each value once"
+
+
 def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
     if name is None:
         return np.arange(1.0, len(table.values) + 1), ""
@@ -288,11 +311,27 @@ def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
     if np.isnan(conditions).any():
         row = int(np.argmax(np.isnan(conditions))) + 1
         raise InputError(f"{table.path}: {name} of data row {row} is empty, expected a number")
-    values, count = np.unique(conditions, return_counts=True)
-    if np.any(count > 1):
-        twice = ", ".join(f"{v:g}" for v in values[count > 1])
+    if len(values := np.unique(conditions)) < len(conditions):
+        twice = ", ".join(f"{v:g}" for v in values if np.sum(conditions == v) > 1)
         raise InputError(f"{table.path}: {name} = {twice} is repeated, expected each value once")
+    if (same := same_conditions(conditions)) is not None:
+        raise InputError(f"{table.path}: {name}: {same}")
     return conditions, unit
+
+
+def _check_measured(table: Table, condition, conditions, modes, there: np.ndarray) -> None:
+    """A row or a column without any frequency says nothing, and is likely to be a slip."""
+    for i in np.flatnonzero(~there.any(axis=1)):
+        where = f" ({condition} = {conditions[i]:g})" if condition is not None else ""
+        raise InputError(
+            f"{table.path}: data row {i + 1}{where} has no frequency, expected one or more, or no "
+            "such row"
+        )
+    for j in np.flatnonzero(~there.any(axis=0)):
+        raise InputError(
+            f"{table.path}: column {modes[j]!r} has no frequency, expected one or more, or no such "
+            "column"
+        )
 
 
 def _check_values(table: Table, modes, good: np.ndarray, expected: str) -> None:

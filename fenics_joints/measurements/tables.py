@@ -22,6 +22,8 @@ __all__ = ["LISTED", "Table", "column_head", "read_table"]
 
 _COMMA = re.compile(r"^([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)$")
 #: How many wrong cells a message names.
+#: A number that a comma of thousands may have, too.
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _NAMED = 6
 #: How many columns a message names.
 LISTED = 30
@@ -36,12 +38,14 @@ class Table:
         names: Names of the columns, without their units.
         units: Units in brackets in the columns' heads; empty where there is none.
         values: Shape (n_rows, n_columns); nan where a cell is empty.
+        notes: How cells were read that could be read in two ways, in sentences.
     """
 
     path: Path
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: np.ndarray
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Table({self.path.name}: {len(self.values)} rows of {len(self.names)} columns)"
@@ -98,7 +102,7 @@ def read_table(path: str | Path) -> Table:
         InputError: Names the file, the row (the line, for CSV), the column and what was expected.
     """
     path = Path(path)
-    heads, rows = (_toml_rows if path.suffix == ".toml" else _csv_rows)(path)
+    heads, rows, notes = (_toml_rows if path.suffix == ".toml" else _csv_rows)(path)
     split = [column_head(head) for head in heads]
     names = tuple(name for name, _ in split)
     hidden = next((head for head in heads if control_character(head)), None)
@@ -110,7 +114,7 @@ def read_table(path: str | Path) -> Table:
     bad = [name for name, count in Counter(names).items() if not name or count > 1]
     if bad:
         raise InputError(f"{path}: column name {bad[0]!r}, expected a name for each, used once")
-    return Table(path, names, tuple(unit for _, unit in split), _numbers(path, heads, rows))
+    return Table(path, names, tuple(unit for _, unit in split), _numbers(path, heads, rows), notes)
 
 
 def _csv_rows(path: Path):
@@ -127,8 +131,8 @@ def _csv_rows(path: Path):
             raise InputError(
                 f"{path}: row {line} has {len(row)} cells, expected {len(heads)} as in the head"
             )
-    rows = cells[1:] if comma == "," else _with_points(cells[1:])
-    return heads, [(line, row) for (line, _), row in zip(kept[1:], rows, strict=True)]
+    rows, notes = (cells[1:], ()) if comma == "," else _with_points(path, cells[1:])
+    return heads, [(line, row) for (line, _), row in zip(kept[1:], rows, strict=True)], notes
 
 
 def _cells(path: Path, line: int, text: str, comma: str) -> list[str]:
@@ -139,11 +143,24 @@ def _cells(path: Path, line: int, text: str, comma: str) -> list[str]:
     return [cell.strip() for cell in row]
 
 
-def _with_points(rows: list[list[str]]) -> list[list[str]]:
-    """Cells of a table without decimal points, with decimal commas made into such points."""
+def _with_points(path: Path, rows: list[list[str]]):
+    """Cells of a table without decimal points, with decimal commas made into such points.
+
+    And what has to be said of it: a comma before three digits may be one of thousands.
+    """
     if any("." in cell for row in rows for cell in row):
-        return rows
-    return [[_COMMA.sub(r"\1.\2", cell) for cell in row] for row in rows]
+        return rows, ()
+    read = [[_COMMA.sub(r"\1.\2", cell) for cell in row] for row in rows]
+    either = [cell for row in rows for cell in row if _THOUSANDS.fullmatch(cell)]
+    if not either:
+        return read, ()
+    cell = either[0]
+    more = f" (and {len(either) - 1} cells like it)" if len(either) > 1 else ""
+    note = (
+        f"{path}: {cell!r}{more} is read as {float(cell.replace(',', '.')):g}, with a decimal "
+        f"comma; for {cell.replace(',', '')} write it without a comma"
+    )
+    return read, (note,)
 
 
 def _toml_rows(path: Path):
@@ -156,7 +173,7 @@ def _toml_rows(path: Path):
     if len(set(lengths.values())) != 1:
         shown = ", ".join(f"{head}: {n}" for head, n in list(lengths.items())[:_NAMED])
         raise InputError(f"{path}: the arrays have lengths {shown}, expected one and the same")
-    return list(columns), list(enumerate(zip(*columns.values(), strict=True), 1))
+    return list(columns), list(enumerate(zip(*columns.values(), strict=True), 1)), ()
 
 
 def _numbers(path: Path, heads, rows) -> np.ndarray:

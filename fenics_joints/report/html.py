@@ -18,7 +18,7 @@ from fenics_joints.formatting import spaced
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.report.mesh_pictures import diverging
 
-__all__ = ["HeatCell", "facts", "heat_map", "heat_pair", "render", "svg"]
+__all__ = ["HeatCell", "facts", "heat_map", "heat_pair", "noted", "render", "svg"]
 
 
 def _environment(filters: Mapping[str, Callable]) -> jinja2.Environment:
@@ -43,6 +43,15 @@ def render(template: str, filters: Mapping[str, Callable] = MappingProxyType({})
         values: What the template shows.
     """
     return _environment(filters).get_template(template).render(**values)
+
+
+def noted(page: str, notes: Sequence[str]) -> str:
+    """A page with what is unusual in its case under its heading."""
+    if not notes:
+        return page
+    box = Markup('</header>\n<div class="doubts" id="unusual"><strong>Unusual in the case</strong>')
+    lines = Markup("").join(Markup("<li>{}</li>").format(note) for note in notes)
+    return page.replace("</header>", f"{box}<ul>{lines}</ul></div>", 1)
 
 
 # -- shared parts ----------------------------------------------------------------------------------

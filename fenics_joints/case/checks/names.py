@@ -23,9 +23,24 @@ def check_names(case: Case) -> list[str]:
             if name in seen:
                 errors.append(f"{table}.{name}: the name is used by {seen[name]}; expected another")
             seen[name] = f"{table}.{name}"
+    errors += _check_bolts(case)
     for table in ("parts", "joints"):
         for name, section in getattr(case, table).items():
             errors += _check_bounds(f"{table}.{name}", section)
+    return errors
+
+
+def _check_bolts(case: Case) -> list[str]:
+    """The faces of bolts: one bolt that is there twice would press twice."""
+    taken: dict[str, str] = {}
+    errors = []
+    for name, bolt in case.bolts.items():
+        for side in ("lower", "upper"):
+            face = getattr(bolt, side)
+            if face in taken:
+                expected = f"is a face of {taken[face]} already; expected each bolt once"
+                errors.append(said(f"bolts.{name}.{side}", face, expected))
+            taken.setdefault(face, f"bolts.{name}")
     return errors
 
 

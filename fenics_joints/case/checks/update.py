@@ -7,6 +7,9 @@ from functools import partial
 
 from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, indexed, refused, said, unknown
+from fenics_joints.case.parameters import parameters as case_parameters
+from fenics_joints.errors import InputError, real
+from fenics_joints.structure import Parameter
 from fenics_joints.units import parameter_unit, to_si
 
 __all__ = ["check_update"]
@@ -31,12 +34,25 @@ def _check_cutoff(case: Case) -> list[str]:
     return errors
 
 
-def _check_values(table: str, given: Mapping[str, float | str], parameters) -> list[str]:
+def _check_value(value: float | str, parameter: Parameter | None, name: str) -> None:
+    """Refuse a value that its parameter cannot have; one beyond its bounds is moved there."""
+    number = real(name, to_si(value, parameter_unit(name)))
+    if parameter is None:
+        return
+    if parameter.log and number <= 0:
+        raise InputError(f"expected a value above 0 {parameter.unit}".rstrip())
+    if name.endswith(".nu") and not -1 < number < 0.5:
+        raise InputError("expected a ratio with -1 < nu < 0.5")
+
+
+def _check_values(
+    case: Case, table: str, given: Mapping[str, float | str], parameters
+) -> list[str]:
     """Values of parameters that are to be updated, as people write them."""
-    errors = []
+    errors, known = [], {p.name: p for p in case_parameters(case, damping=True)}
     for name, value in given.items():
         if name in parameters:
-            read = partial(to_si, value, parameter_unit(name))
+            read = partial(_check_value, value, known.get(name), name)
             errors += refused(f"{table}.{name}", value, read)
         else:
             hint = did_you_mean(name, list(parameters))
@@ -50,10 +66,10 @@ def check_update(case: Case) -> list[str]:
     errors = [] if update.cutoff is None else _check_cutoff(case)
     known = case.nominal(damping=True)
     errors += unknown(indexed("update.parameters", update.parameters), known, "no such parameter")
-    errors += _check_values("update.start", update.start, update.parameters)
+    errors += _check_values(case, "update.start", update.start, update.parameters)
     if update.published is not None:
         key = "update.published.parameters"
-        errors += _check_values(key, update.published.parameters, update.parameters)
+        errors += _check_values(case, key, update.published.parameters, update.parameters)
     if measured is None:
         return errors
     theirs = update.published.frequencies if update.published else []
