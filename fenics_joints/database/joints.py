@@ -11,9 +11,9 @@ from fenics_joints.formatting import control_character
 
 __all__ = ["CONDITIONS", "NUMBERS", "TEXTS", "UNITS", "Joint", "settings_text"]
 
-#: Diameters of its bolt that no contact radius is beyond: the pressure cone of plates fifty bolts
-#: thick ends there, and those of the papers are below five.
-_WIDEST = 50.0
+#: Diameters of its bolt that no contact radius is beyond: the pressure cone of plates a hundred
+#: bolts thick ends there, and those of the papers are below five.
+_WIDEST = 100.0
 #: What makes a joint what it is, and the order of columns.
 CONDITIONS = ("diameter", "force", "torque", "thickness", "roughness")
 RESULTS = ("radius", "pressure", "E", "nu", "h")

@@ -142,11 +142,13 @@ def test_mistakes_in_data(tmp_path, write_case, old, new, said):
 def test_data_in_other_words(tmp_path):
     """Empty cells, other units and orders, and TOML say the same as plain CSV in hertz."""
     csv, toml = tmp_path / "f.csv", tmp_path / "f.toml"
-    csv.write_text("# comment\nb [kHz];load [N]\n0.2;3\n;1\n", encoding="utf-8")
-    toml.write_text('"load [N]" = [1, 3]\n"b [Hz]" = [nan, 200]\n', encoding="utf-8")
+    csv.write_text("# comment\nb [kHz];load [N];c [Hz]\n0.2;3;300\n;1;300\n", encoding="utf-8")
+    columns = ('"load [N]" = [1, 3]', '"b [Hz]" = [nan, 200]', '"c [Hz]" = [300, 300]')
+    toml.write_text("\n".join(columns), encoding="utf-8")
     for file in (csv, toml):
         data = read_test_data(file, condition="load")
-        assert np.array_equal(data.frequencies_hz, [[np.nan], [200.0]], equal_nan=True)
+        expected = [[np.nan, 300.0], [200.0, 300.0]]
+        assert np.array_equal(data.frequencies_hz, expected, equal_nan=True)
         assert list(data.conditions) == [1, 3] and data.condition_unit == "N"
 
 

@@ -24,7 +24,7 @@ def _awkward() -> list[Joint]:
     return [
         Joint(
             diameter=float(rng.uniform(1e-3, 1e-1)), force=float(10 ** rng.uniform(-9, 9)),
-            thickness=None if i % 3 else 0.1 + 0.2, radius=float(np.nextafter(0.04, 1)),
+            thickness=None if i % 3 else 0.1 + 0.2, radius=float(np.nextafter(0.4, 1)),
             nu=-0.25 if i % 2 else None, author=texts[i % 4], source=texts[(i + 1) % 4],
             settings=settings_text({"P_lim": 1e6, "mesh": [1, "fine"]}),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 
 from fenics_joints.case.case import Case
@@ -49,7 +50,9 @@ def _check_values(
     case: Case, table: str, given: Mapping[str, float | str], parameters
 ) -> list[str]:
     """Values of parameters that are to be updated, as people write them."""
-    errors, known = [], {p.name: p for p in case_parameters(case, damping=True)}
+    errors, known = [], {}
+    with suppress(InputError):  # bounds without the nominal value are said elsewhere
+        known = {p.name: p for p in case_parameters(case, damping=True)}
     for name, value in given.items():
         if name in parameters:
             read = partial(_check_value, value, known.get(name), name)
