@@ -274,7 +274,7 @@ def _command(
         comm = MPI.COMM_WORLD
         case = _prepare(comm, path, outputs)
         _check_size(comm, case, name, options, large)
-        notes = _say_unusual(comm, case)
+        notes = _say_unusual(comm, case, name)
         json, report = outputs["--json"], outputs["--report"]
         with Progress(silent=comm.rank != 0) as progress:
             outcome = getattr(commands, name)(case, comm, progress, **options)
@@ -324,11 +324,16 @@ def _check_size(comm, case: Case, name: str, options: dict, large: bool) -> None
     )
 
 
-def _say_unusual(comm, case: Case) -> tuple[str, ...]:
+#: Commands that say themselves what is to be said of the files of the test.
+_SAY_TEST_NOTES = ("run_modes", "run_update", "run_diagnose")
+
+
+def _say_unusual(comm, case: Case, name: str) -> tuple[str, ...]:
     """Say what is unusual in the case and doubtful in its files, before the work starts."""
     from fenics_joints.case import plausibility
 
-    notes = (*case.test_notes(), *plausibility(case))
+    own = () if name in _SAY_TEST_NOTES else case.test_notes()
+    notes = (*own, *plausibility(case))
     if comm.rank == 0:
         for note in notes:
             typer.echo(f"note: {note}", err=True)
