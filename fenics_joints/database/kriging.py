@@ -1,11 +1,11 @@
 """Kriging of joint parameters over their connection conditions, with its own uncertainty.
 
-Gaussian processes of scikit-learn: anisotropic kernels, hyperparameters by maximum likelihood from
-several starts. Outputs are positive, so it is their logarithms that are interpolated. Which kernel,
-trend and scale of each input suit the data is not asked of the user nor of test points: all are
-fitted, and weighed by stacking, the weights that make the leave-one-out predictions of the sample
-points likeliest (Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13 (2018) 917). Seed 000, section
-3.2, has one Kriging model with a chosen regression.
+Gaussian processes fitted by scikit-learn: anisotropic kernels, hyperparameters by maximum
+likelihood from several starts. Outputs are positive, so it is their logarithms that are
+interpolated. Which kernel, trend and scale of each input suit the data is not asked of the user nor
+of test points: all are fitted, and weighed by stacking, the weights that make the leave-one-out
+predictions of the sample points likeliest (Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13
+(2018) 917). Seed 000, section 3.2, has one Kriging model with a chosen regression.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ import numpy as np
 
 from fenics_joints.database.hull import Hull
 from fenics_joints.database.joints import UNITS
+from fenics_joints.database.process import JITTER, Process
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import json_text, write_text
 from fenics_joints.formatting import interval, quantity
 
-__all__ = ["Kriging", "LeaveOneOut", "Interpolation"]
+__all__ = ["FORMAT", "Interpolation", "Kriging", "LeaveOneOut"]
 
-_FORMAT, _VERSION = "fenics-joints kriging", 1
+#: What a saved fit says it is: raise the number when others are to be fitted anew.
+FORMAT = _FORMAT, _VERSION = "fenics-joints kriging", 2
 _KERNELS = ("gaussian", "matern 5/2")
 _TRENDS = ("constant", "linear")
 _SCALES = ("log", "linear")
@@ -95,15 +97,15 @@ class Kriging:
     Use `fit` or `load`, not the constructor.
     """
 
-    def __init__(self, inputs, output, x, y, members: Sequence[_Member]):
+    def __init__(self, inputs, output, x, y, members: Sequence[_Member], facets=None):
         self.inputs, self.output = tuple(inputs), str(output)
         self.x, self.y = x, y
         self.members = tuple(members)
         self._varying = np.ptp(x, axis=0) > 0
-        self._hull = Hull(x[:, self._varying])
+        self._hull = Hull(x[:, self._varying], facets)
         z, log_y = x[:, self._varying], np.log(y)
         self.processes = [
-            _fitted(m.kernel, m.trend, _scaled(z, z, m.scales), log_y, 0, theta=m.theta)
+            Process(m.kernel, m.trend, m.theta, _scaled(z, z, m.scales), log_y)
             for m in self.members
         ]
 
@@ -145,9 +147,11 @@ class Kriging:
             for kernel, trend in itertools.product(_KERNELS, _TRENDS):
                 for scales in itertools.product(_SCALES, repeat=z.shape[1]):
                     process = _fitted(kernel, trend, _scaled(z, z, scales), log_y, restarts)
-                    residual, sd = _leave_one_out(process, _scaled(z, z, scales), log_y)
+                    theta = tuple(map(float, process.kernel_.theta))
+                    known = Process(kernel, trend, theta, _scaled(z, z, scales), log_y)
+                    residual, sd = known.leave_one_out()
                     scores.append(-0.5 * (residual / sd) ** 2 - np.log(sd))
-                    candidates.append((kernel, trend, scales, tuple(process.kernel_.theta)))
+                    candidates.append((kernel, trend, scales, theta))
         weights = _stacking(np.array(scores).T)
         members = [_Member(*candidates[i], float(weights[i])) for i in np.flatnonzero(weights > 0)]
         return cls(inputs, output, x, y, sorted(members, key=lambda m: -m.weight))
@@ -173,7 +177,7 @@ class Kriging:
             raise InputError(self._outside(x[~inside][0]))
         z, samples = x[:, self._varying], self.x[:, self._varying]
         mean, variance = self._mixture(
-            lambda process, scales: process.predict(_scaled(z, samples, scales), return_std=True)
+            lambda process, scales: process.predict(_scaled(z, samples, scales))
         )
         sd = np.sqrt(variance)
         with np.errstate(over="ignore"):  # far outside the data: as uncertain as infinity
@@ -185,11 +189,8 @@ class Kriging:
 
     def leave_one_out(self) -> LeaveOneOut:
         """Predict every sample point from the others, hyperparameters and weights kept."""
-        z, log_y = self.x[:, self._varying], np.log(self.y)
-        mean, variance = self._mixture(
-            lambda process, scales: _leave_one_out(process, _scaled(z, z, scales), log_y)
-        )
-        value = np.exp(log_y - mean)
+        mean, variance = self._mixture(lambda process, scales: process.leave_one_out())
+        value = np.exp(np.log(self.y) - mean)
         return LeaveOneOut(value, value / self.y - 1, -mean / np.sqrt(variance))
 
     def in_words(self) -> str:
@@ -226,7 +227,7 @@ class Kriging:
             "format": _FORMAT, "version": _VERSION,
             "inputs": list(self.inputs), "output": self.output,
             "x": self.x.tolist(), "y": self.y.tolist(),
-            "members": [vars(m) for m in self.members],
+            "members": [vars(m) for m in self.members], "facets": self._hull.facets.tolist(),
         }  # fmt: skip
 
     @classmethod
@@ -239,8 +240,12 @@ class Kriging:
         try:
             x, y = _checked(content["x"], content["y"], content["inputs"], content["output"])
             members = [_Member(**member) for member in content["members"]]
-            return cls(content["inputs"], content["output"], x, y, members)
-        except (KeyError, TypeError, ValueError) as error:
+            for m in members:
+                known = m.kernel in _KERNELS and m.trend in _TRENDS and set(m.scales) <= {*_SCALES}
+                if not known or not np.all(np.isfinite([*m.theta, m.weight])):
+                    raise ValueError(f"{m} is no process")
+            return cls(content["inputs"], content["output"], x, y, members, content.get("facets"))
+        except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
             raise InputError(f"is incomplete or damaged ({error!r})") from error
 
     def _mixture(self, predict: Callable) -> tuple[np.ndarray, np.ndarray]:
@@ -307,36 +312,18 @@ def _kernel(kernel: str, trend: str, n: int):
     return total + k.WhiteKernel(1e-4, (1e-9, 0.1))
 
 
-def _fitted(kernel, trend, z, log_y, restarts, theta=None):
+def _fitted(kernel, trend, z, log_y, restarts):
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
 
-    start = _kernel(kernel, trend, z.shape[1])
-    optimizer = "fmin_l_bfgs_b"
-    if theta is not None:
-        start, optimizer = start.clone_with_theta(np.array(theta)), None
     process = GaussianProcessRegressor(
-        start, optimizer=optimizer, n_restarts_optimizer=restarts, normalize_y=True, random_state=0
-    )
+        _kernel(kernel, trend, z.shape[1]), alpha=JITTER, n_restarts_optimizer=restarts,
+        normalize_y=True, random_state=0,
+    )  # fmt: skip
     with warnings.catch_warnings():
         # A length at its bound is an input that does not matter, not a failure.
         warnings.simplefilter("ignore", ConvergenceWarning)
         return process.fit(z, log_y)
-
-
-def _leave_one_out(process, z: np.ndarray, log_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals and predicted standard deviations, each point from the others.
-
-    Rasmussen and Williams, Gaussian Processes (2006), eqs. 5.10 to 5.12, with the mean of the
-    others as the prior mean.
-    """
-    n, scale = len(log_y), log_y.std()
-    scale = scale if scale > 10 * np.finfo(float).eps else 1.0  # as scikit-learn does
-    inverse = np.linalg.inv(process.kernel_(z))
-    means = (log_y.sum() - log_y) / (n - 1)
-    diagonal = np.diag(inverse)
-    residual = (inverse @ log_y - means * inverse.sum(axis=1)) / diagonal
-    return residual, scale / np.sqrt(diagonal)
 
 
 def _stacking(log_densities: np.ndarray) -> np.ndarray:

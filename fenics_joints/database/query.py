@@ -15,6 +15,7 @@ import numpy as np
 
 from fenics_joints import __version__
 from fenics_joints.database.joints import UNITS, Joint
+from fenics_joints.database.kept_fits import fitted
 from fenics_joints.database.kriging import Kriging
 from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError
@@ -156,7 +157,7 @@ class Surfaces:
         model: str | None = None,
         outputs: Sequence[str] = ("radius", "pressure"),
     ) -> Surfaces:
-        """Fit the rows of one model.
+        """Fit the rows of one model, or take the fit that is kept beside them.
 
         Args:
             store: The database.
@@ -195,7 +196,7 @@ class Surfaces:
             if known:
                 x = np.array([[getattr(j, name) for name in inputs] for j in known])
                 y = np.array([getattr(j, output) for j in known])
-                surfaces.kriging[output] = Kriging.fit(x, y, inputs=inputs, output=output)
+                surfaces.kriging[output] = fitted(store, x, y, inputs, output)
             else:
                 notes.append(f"no row has a {output}")
         surfaces.notes = tuple(notes)

@@ -46,6 +46,9 @@ class Store:
         create: Make the file if it is not there.
         readonly: Never write to it.
 
+    Attributes:
+        fits: File in which fits of the rows are kept; None if there is none.
+
     Raises:
         InputError: If there is no such file, it is not such a database, or cannot be opened.
     """
@@ -53,6 +56,7 @@ class Store:
     def __init__(self, path: str | Path, *, create: bool = False, readonly: bool = False):
         self.path, self.readonly = str(path), readonly
         memory = self.path == ":memory:"
+        self.fits = None if memory else Path(f"{self.path}.fits.json")
         if create and not readonly and not memory and not os.path.lexists(path):
             _make(Path(path))
         if not memory and not create and not is_file(path):
@@ -239,6 +243,7 @@ def seed_database() -> Store:
     store = Store(":memory:")
     text = resources.files(__package__).joinpath("seed000.csv").read_text(encoding="utf-8")
     store.add(_from_csv("seed000.csv", text))
+    store.fits = Path(__file__).with_name("seed000.fits.json")
     return store
 
 

@@ -2,29 +2,38 @@
 
 A `PreloadModel` is a structure of several bodies with contacts, bolts and loads; `solve_preload`
 finds pressures, gaps, slips and status of every contact at given bolt forces.
+
+What solves is imported when it is first asked for: bolts and torques need no DOLFINx.
 """
 
-from fenics_joints.preload.adjoint import Gradient, PreloadAdjoint
-from fenics_joints.preload.components import (
-    BeamBolt,
-    Contact,
-    PretensionSection,
-    Traction,
-    WasherForce,
-)
-from fenics_joints.preload.conditions import OPEN, SLIP, STICK
-from fenics_joints.preload.linear_joint import (
-    LinearJoint,
-    cutoff_conditions,
-    pair_conditions,
-    pressure_stiffness,
-    status_conditions,
-)
-from fenics_joints.preload.model import PreloadModel
-from fenics_joints.preload.result import ContactState, PreloadResult
-from fenics_joints.preload.solve import METHODS, PreloadSolver, solve_preload
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from fenics_joints.preload.threads import Thread, thread
 from fenics_joints.preload.torque import friction_from, motosh_force, nut_factor_force
+
+if TYPE_CHECKING:
+    from fenics_joints.preload.adjoint import Gradient, PreloadAdjoint
+    from fenics_joints.preload.components import (
+        BeamBolt,
+        Contact,
+        PretensionSection,
+        Traction,
+        WasherForce,
+    )
+    from fenics_joints.preload.conditions import OPEN, SLIP, STICK
+    from fenics_joints.preload.linear_joint import (
+        LinearJoint,
+        cutoff_conditions,
+        pair_conditions,
+        pressure_stiffness,
+        status_conditions,
+    )
+    from fenics_joints.preload.model import PreloadModel
+    from fenics_joints.preload.result import ContactState, PreloadResult
+    from fenics_joints.preload.solve import METHODS, PreloadSolver, solve_preload
 
 __all__ = [
     "METHODS", "OPEN", "SLIP", "STICK", "BeamBolt", "Contact", "ContactState", "Gradient",
@@ -33,3 +42,23 @@ __all__ = [
     "friction_from", "motosh_force", "nut_factor_force", "pair_conditions", "pressure_stiffness",
     "solve_preload", "status_conditions", "thread",
 ]  # fmt: skip
+
+_FILES = {
+    "adjoint": ("Gradient", "PreloadAdjoint"),
+    "components": ("BeamBolt", "Contact", "PretensionSection", "Traction", "WasherForce"),
+    "conditions": ("OPEN", "SLIP", "STICK"),
+    "linear_joint": (
+        "LinearJoint", "cutoff_conditions", "pair_conditions", "pressure_stiffness",
+        "status_conditions",
+    ),
+    "model": ("PreloadModel",),
+    "result": ("ContactState", "PreloadResult"),
+    "solve": ("METHODS", "PreloadSolver", "solve_preload"),
+}  # fmt: skip
+_FILE_OF = {name: file for file, names in _FILES.items() for name in names}
+
+
+def __getattr__(name: str):
+    if name not in _FILE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_FILE_OF[name]}"), name)
