@@ -11,13 +11,21 @@ import numpy as np
 from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, made_by
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
-from fenics_joints.meshes.plane import Plan, flat_lists, grid_lines, o_grid, tensor_grid
+from fenics_joints.meshes.plane import (
+    Plan,
+    count_intervals,
+    flat_lists,
+    grid_lines,
+    o_grid,
+    tensor_grid,
+)
 from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists
 
 __all__ = ["HalfLapBeam", "HalfLapBeamSection", "half_lap_beam", "half_lap_beam_section"]
 
 _TOLERANCE = 1e-9  # of a vertex on a plane, relative to the length
+_MOST_BOLTS = 1000  # each has faces of its own
 _ZONE = 1.25  # side of an O-grid's square over the washer's diameter
 
 
@@ -45,6 +53,8 @@ class _HalfLap(Builder):
         self.require(self.gap < room, "gap", self.gap, f"less than {room:g} m, what is beside lap")
         expected = f"less than thickness = {self.thickness:g} m"
         self.require(self.layer < self.thickness, "layer", self.layer, expected)
+        most = _MOST_BOLTS
+        self.require(self.bolts <= most, "bolts", self.bolts, f"a whole number of at most {most}")
         room, where = min(self.rooms())
         expected = f"0 m, or at most {room:g} m, {where}"
         self.require(self.washer <= room * (1 + 1e-9), "washer", self.washer, expected)
@@ -84,11 +94,20 @@ class _HalfLap(Builder):
 
     def x_lines(self, side: float, size: float) -> np.ndarray:
         """Lines along the beam; ``side`` is that of the squares around the bolts."""
-        start, half = self.start, side / 2
-        free = np.linspace(0.0, start - self.gap, self.n_length + 1)
-        around = np.concatenate([self.places - half, self.places + half])
-        lap = grid_lines([start, self.length - start, *around], size)
+        free = np.linspace(0.0, self.start - self.gap, self.n_length + 1)
+        lap = grid_lines(self.lap_edges(side), size)
         return np.concatenate([free, lap, self.length - free[::-1]])
+
+    def lap_edges(self, side: float) -> list[float]:
+        """Places along the lap that are lines; ``side`` is that of the squares."""
+        around = np.concatenate([self.places - side / 2, self.places + side / 2])
+        return [self.start, self.length - self.start, *around]
+
+    def plane_bricks(self, side: float, size: float) -> list[tuple[float, float]]:
+        """About how many cells the two beams and the layer have along x and z."""
+        lap, n = count_intervals(self.lap_edges(side), size), self.n_thickness
+        pieces = [(self.n_length + 1, 2 * n), (lap, n)] * 2
+        return [*pieces, (lap, 1)] if self.layer > 0 else pieces
 
     def pieces(self, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Levels of beam 1, the layer and beam 2, and tags per layer of cells and place x.
@@ -221,14 +240,28 @@ class HalfLapBeam(_HalfLap):
             lists.append(MeshLists(self.cell, *column.lists(), CELL_NAMES, {}))
         return _joined(lists)
 
+    def bricks(self) -> list[tuple[float, float, float]]:
+        """About how many cells the two beams and the layer have along x, y and z."""
+        side, size_x, size_y = self.sizes()
+        n_y = count_intervals(self.y_edges(side), size_y)
+        return [(n_x, n_y, n_z) for n_x, n_z in self.plane_bricks(side, size_x)]
+
+    def sizes(self) -> tuple[float, float, float]:
+        """Side of the squares around the bolts, longest elements along x and y, m."""
+        sizes = self.lap / self.n_lap, self.width / self.n_width
+        if self.hole == 0:
+            return self.washer, *sizes
+        side = _ZONE * self.washer
+        return side, *(min(size, side / 4) for size in sizes)
+
+    def y_edges(self, side: float) -> list[float]:
+        """Places across the beam that are lines."""
+        return [-self.width / 2, -side / 2, side / 2, self.width / 2]
+
     def plan(self) -> Plan:
         """The plane of x and y."""
-        side = _ZONE * self.washer if self.hole > 0 else self.washer
-        sizes = [self.lap / self.n_lap, self.width / self.n_width]
-        sizes = [min(size, side / 4) for size in sizes] if self.hole > 0 else sizes
-        edge = self.width / 2
-        y = grid_lines([-edge, -side / 2, side / 2, edge], sizes[1])
-        plan = Plan(self.x_lines(side, sizes[0]), y)
+        side, *sizes = self.sizes()
+        plan = Plan(self.x_lines(side, sizes[0]), grid_lines(self.y_edges(side), sizes[1]))
         for place in self.places if self.hole > 0 else ():
             radii = self.hole / 2, self.washer / 2
             plan.fill(o_grid, np.array([place, 0.0]), side, radii, min(sizes))

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes import check_mesh, half_lap_beam, half_lap_beam_section
+from fenics_joints.meshes import HalfLapBeam, check_mesh, half_lap_beam, half_lap_beam_section
 from fenics_joints.modal import solve_modes
 from fenics_joints.structure import Structure, joint, part
 
@@ -80,6 +80,15 @@ def test_measures(layer, bonded, cell, n, hole):
         assert faces(tagged)["holes"] == pytest.approx(wall)
 
 
+@pytest.mark.parametrize("hole", [0.0, HOLE])
+def test_cells_are_counted_before_they_are_made(hole):
+    """Without holes exactly; the gaps' cells are taken for as high as the beam."""
+    builder = HalfLapBeam(layer=2e-4, bolts=3, hole=hole, n_thickness=2, **SOLID)
+    counted = sum(np.prod(brick) for brick in builder.bricks())
+    gaps = 2 * 2 * builder.bricks()[0][1]
+    assert len(builder.lists().cells) == pytest.approx(counted - gaps, rel=0.3 if hole else 1e-12)
+
+
 @pytest.mark.parallel
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 @pytest.mark.parametrize(("layer", "bonded"), LAYERS)
@@ -96,6 +105,7 @@ def test_measures_of_the_section(layer, bonded, cell):
         ({"gap": 0.0}, "gap is 0.0, expected a length above 0 m"),
         ({"layer": 0.02}, "layer is 0.02, expected less than thickness = 0.0127 m"),
         ({"bolts": 9}, "washer is 0.015, expected 0 m, or at most 0.012 m, the pitch of 9 bolts"),
+        ({"bolts": 10**9, "washer": 0.0}, "expected a whole number of at most 1000"),
         ({"bolts": 0}, "bolts is 0, expected a whole number of at least 1"),
         ({"washer": 0.026}, "washer is 0.026, expected 0 m, or at most 0.0254 m, the width"),
         ({"washer": 0.022, "hole": 0.01}, "at most 0.02032 m, the width, over 1.25"),
