@@ -56,7 +56,7 @@ def modes(
     case: CaseArgument,
     n: Annotated[
         int | None,
-        typer.Option("-n", min=1, help="Number of modes, rigid-body modes included."),
+        typer.Option("-n", min=1, max=10_000, help="Number of modes, rigid-body modes included."),
     ] = None,
     contacts: Annotated[
         str,

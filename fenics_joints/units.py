@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from fenics_joints.errors import InputError
 
-__all__ = ["factor_to_si", "parameter_unit", "to_si"]
+__all__ = ["factor_to_si", "least", "parameter_unit", "to_si"]
 
 #: What a unit measures and how one would write it, for messages.
 _KINDS = {
@@ -26,6 +26,16 @@ _KINDS = {
     "s": ("a time", "2 us"),
     "1/s": ("a rate", "5 1/s"),
 }
+#: Largest and, of what must be above zero, smallest quantities, SI: far beyond any structure, and
+#: near where the sixteen digits of the solvers end. Of other units as the last.
+_MOST = {
+    "m": 1e6, "kg": 1e12, "Pa": 1e20, "kg/m3": 1e9, "N/m": 1e20, "Pa/m": 1e25, "N": 1e15,
+    "N*m": 1e18, "Hz": 1e12, "s": 1e12, None: 1e30,
+}  # fmt: skip
+_LEAST = {
+    "m": 1e-9, "kg": 1e-12, "Pa": 1e-6, "kg/m3": 1e-6, "N/m": 1e-12, "Pa/m": 1e-6, "N": 1e-12,
+    "Hz": 1e-9, None: 1e-30,
+}  # fmt: skip
 #: SI units of a model's parameters, by the last part of their name; the others are ratios.
 _PARAMETERS = {
     "E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "travel": "m",
@@ -63,7 +73,8 @@ def to_si(value: float | str, unit: str) -> float:
         unit: SI unit of the result; ``""`` for a ratio, which may be in per cent.
 
     Raises:
-        InputError: If it is no number, is not finite, or its unit measures something else.
+        InputError: If it is no number, larger than any structure has, or its unit measures
+            something else.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError(_expected(unit))
@@ -78,7 +89,15 @@ def to_si(value: float | str, unit: str) -> float:
         value = math.inf
     if not math.isfinite(value):
         raise InputError("expected a finite number")
+    most = _MOST.get(unit, _MOST[None])
+    if abs(value) > most:
+        raise InputError(f"is {value:g} {unit}, expected at most {most:g} {unit}".rstrip())
     return value
+
+
+def least(unit: str) -> float:
+    """The smallest quantity of a unit that is not zero in practice."""
+    return _LEAST.get(unit, _LEAST[None])
 
 
 @lru_cache(maxsize=1024)

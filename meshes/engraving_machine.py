@@ -306,12 +306,22 @@ class EngravingMachine(_Frame):
         ]
         size = min(self.element_size, self.side / 2)
         sizes = size, size, self.element_size
-        found = []
-        for box in self.bed_boxes() + self.column_boxes():
-            spans = box[0:2], box[2:4], box[4:6]
-            found.append(tuple(map(count_intervals, edges, sizes, spans)))
+        boxes = np.array(self.bed_boxes() + self.column_boxes()).reshape(-1, 3, 2)
+        counts = [tuple(map(count_intervals, edges, sizes, box)) for box in boxes]
+        # Where walls cross they overlap, and count once.
+        once = _volume(boxes) / np.prod(np.diff(boxes), axis=1).sum()
         n_zone = self.side / size
-        return [*found, (n_zone * len(centres), n_zone, self.n_layer)]
+        rings = n_zone * len(centres), n_zone, self.n_layer
+        return [*((once * n_x, n_y, n_z) for n_x, n_y, n_z in counts), rings]
+
+
+def _volume(boxes: np.ndarray) -> float:
+    """Volume of boxes that may overlap, each a row of (low, high) by axis, shape (n, 3, 2)."""
+    lines = [np.unique(boxes[:, axis]) for axis in range(3)]
+    filled = np.zeros([len(line) - 1 for line in lines], dtype=bool)
+    for box in boxes:
+        filled[np.ix_(*map(_inside, lines, box))] = True
+    return float(np.einsum("ijk,i,j,k->", filled, *map(np.diff, lines)))
 
 
 def _inside(lines: np.ndarray, span) -> np.ndarray:

@@ -140,7 +140,7 @@ class StepMesh(MeshFile):
     layer: Size | None = None
     n_layer: Count | None = None
     ring_size: Size | None = None
-    circle: Annotated[int, Field(ge=6, strict=True)] | None = None
+    circle: Annotated[int, Field(ge=6, le=10_000, strict=True)] | None = None
     bonded: list[_Pair] | None = None
     between: list[_Pair] | None = None
     parts: named(_Place) | None = None

@@ -8,9 +8,9 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from fenics_joints.case.values import (
-    Count,
     Direction,
     File,
+    ModeCount,
     Modulus,
     Point,
     Positive,
@@ -172,7 +172,7 @@ class IdentifySection(Section):
     parameters: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
     start: dict[str, Written] = {}
     method: Literal["direct", "gradient", "both"] = "both"
-    points: Annotated[int, Field(ge=3, strict=True)] = 9
+    points: Annotated[int, Field(ge=3, le=1000, strict=True)] = 9
     loops: File | None = None
     noise: Share = 0.01
 
@@ -206,9 +206,9 @@ class HarmonicSection(Section):
     measured: File | None = None
     backbone: bool = True
     harmonics: Annotated[int, Field(ge=1, le=51, strict=True)] = 5
-    samples: Annotated[int, Field(ge=8, strict=True)] = 128
-    modes: Count = 12
-    interface_modes: Annotated[int, Field(ge=0, strict=True)] = 24
+    samples: Annotated[int, Field(ge=8, le=65_536, strict=True)] = 128
+    modes: ModeCount = 12
+    interface_modes: Annotated[int, Field(ge=0, le=10_000, strict=True)] = 24
     identify: IdentifySection | None = None
 
     @model_validator(mode="after")

@@ -21,7 +21,7 @@ from fenics_joints.case.messages import case_error, describe, did_you_mean, said
 from fenics_joints.case.shapes import modes_of, read_universal, shapes_of
 from fenics_joints.case.test import FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, located
-from fenics_joints.files import is_file, read_toml
+from fenics_joints.files import is_file, read_toml, shown_path
 from fenics_joints.measurements import TestData, read_curves, read_frfs, read_table, read_test_data
 
 __all__ = ["load_case"]
@@ -178,7 +178,8 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
 def _existing(case: Case, key: str, file: str) -> Path:
     path = case.folder / file
     if not is_file(path):
-        raise InputError(said(key, file, f"no such file, expected CSV or TOML at {path}"))
+        expected = f"no such file, expected CSV or TOML at {shown_path(path)}"
+        raise InputError(said(key, file, expected))
     return path
 
 

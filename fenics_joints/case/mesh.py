@@ -112,7 +112,9 @@ def _written(kind: Any) -> Any:
 
 
 _Sizes = Annotated[list[Size], BeforeValidator(listed), Field(min_length=1)]
-_Counts = Annotated[list[Count], BeforeValidator(listed), Field(min_length=1)]
+#: More than the 400 that `fenics_joints.beams` takes in all; it says so.
+_Few = Annotated[int, Field(ge=1, le=1000, strict=True)]
+_Counts = Annotated[list[_Few], BeforeValidator(listed), Field(min_length=1)]
 
 
 class OffsetBeamsMesh(BuilderMesh):

@@ -14,13 +14,13 @@ from pydantic import Field, model_validator
 
 from fenics_joints.case.values import (
     AXES,
-    Count,
     Damper,
     Density,
     Direction,
     Inertia,
     Length,
     Mass,
+    ModeCount,
     Modulus,
     Names,
     Point,
@@ -317,7 +317,7 @@ class Diagnose(Section):
     diagnosis can then say that the preload is below the nominal one.
     """
 
-    n_modes: Count = 20
+    n_modes: ModeCount = 20
     discrepancy: Share = 0.01
     shape_discrepancy: Share = 0.05
     preload_scatter: Share = 0.2
@@ -325,7 +325,7 @@ class Diagnose(Section):
     effects: list[str] | None = None
     zones: Annotated[int, Field(ge=3, le=40, strict=True)] = 12
     mesh: dict[str, Any] = {}
-    samples: Annotated[int, Field(ge=4, strict=True)] = 16
+    samples: Annotated[int, Field(ge=4, le=10_000, strict=True)] = 16
     joints: Literal["bonded", "given"] = "bonded"
     nested: Annotated[int, Field(ge=0, le=50, strict=True)] = 6
     patches: Annotated[int, Field(ge=0, le=200, strict=True)] = 12

@@ -82,9 +82,10 @@ def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> Estimate:
         n = 6.0 * (sum(mesh.of("elements")) + sum(mesh.of("lap_elements")))
         return Estimate(n, ranks * _PROCESS + 40 * 8 * n**2, 1.0)
     if isinstance(mesh, SolidMesh):
-        nodes = [_nodes(brick, mesh.degree) for brick in mesh.made().bricks()]
-        dofs = 3 * sum(math.prod(each) for each in nodes)
-        cut = max(math.prod(sorted(each)[:2]) for each in nodes)
+        made = mesh.made()
+        bricks = made.bricks()
+        dofs = 3 * sum(_nodes(brick, mesh.degree, made.cell) for brick in bricks)
+        cut = max(math.prod(sorted(mesh.degree * float(n) + 1 for n in b)[:2]) for b in bricks)
     else:
         vertices = _step_vertices(case, mesh) if isinstance(mesh, StepMesh) else _vertices(case)
         dofs = getattr(mesh, "gdim", 3) * vertices * (_EDGES if mesh.degree == 2 else 1.0)
@@ -125,8 +126,14 @@ def check_size(
     )
 
 
-def _nodes(brick: Iterable[float], degree: int) -> list[float]:
-    return [degree * float(n) + 1 for n in brick]
+def _nodes(brick: Iterable[float], degree: int, cell: str) -> float:
+    """Nodes of a block of cells; hexahedra of degree 2 are serendipity's: corners and edges."""
+    sides = [float(n) for n in brick]
+    if degree == 1 or cell != "hexahedron":
+        return math.prod(degree * n + 1 for n in sides)
+    lines = [n + 1 for n in sides]
+    along = [n * math.prod(lines[:i] + lines[i + 1 :]) for i, n in enumerate(sides)]
+    return math.prod(lines) + sum(along)
 
 
 def _vertices(case: Case) -> float:

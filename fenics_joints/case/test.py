@@ -10,7 +10,6 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from fenics_joints.case.values import (
     AXES,
-    Count,
     Direction,
     File,
     Files,
@@ -119,7 +118,7 @@ class FRFSection(Section):
         """
 
         near: list[quantity("Hz", 0, above=True)] | None = None
-        order: Count = 30
+        order: Annotated[int, Field(ge=1, le=1000, strict=True)] = 30
         max_damping: Positive = 0.1
 
     files: Files
@@ -179,7 +178,7 @@ class PlannedTest(Section):
 
     condition: str | None = None
     conditions: Annotated[list[Number], BeforeValidator(listed), Field(min_length=1)] = [1.0]
-    modes: Count | Names
+    modes: Annotated[int, Field(ge=1, le=1000, strict=True)] | Names
     damping: bool = False
     shapes: bool = False
 

@@ -48,7 +48,7 @@ class CutoffUpdate(Section):
     scheme: Literal["two", "three", "both"] = "both"
     contacts: Names | None = None
     calibrate: Calibrate | None = None
-    max_solves: Annotated[int, Field(ge=5, strict=True)] = 15
+    max_solves: Annotated[int, Field(ge=5, le=10_000, strict=True)] = 15
 
 
 def _lines(value: Any) -> Any:
@@ -128,10 +128,10 @@ class Bayes(Section):
     specimens: File | None = None
     distributions: Names | None = None
     sampler: Literal["metropolis", "prior_metropolis", "emcee"] = "metropolis"
-    samples: Annotated[int, Field(ge=10, strict=True)] | None = None
-    burn_in: Annotated[int, Field(ge=0, strict=True)] | None = None
-    chains: Annotated[int, Field(ge=2, strict=True)] = 4
-    seed: Annotated[int, Field(ge=0, strict=True)] = 1
+    samples: Annotated[int, Field(ge=10, le=10**7, strict=True)] | None = None
+    burn_in: Annotated[int, Field(ge=0, le=10**7, strict=True)] | None = None
+    chains: Annotated[int, Field(ge=2, le=1000, strict=True)] = 4
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1, strict=True)] = 1
     discrepancy: Share | None = None
     scatter: Share = 0.1
     noise: Share = 0.001

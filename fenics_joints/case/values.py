@@ -20,13 +20,14 @@ from pydantic import (
 )
 
 from fenics_joints.errors import InputError, real
+from fenics_joints.units import least as smallest
 from fenics_joints.units import to_si
 
 __all__ = [
     "AXES", "Count", "Damper", "Density", "Direction", "File", "FileName", "Files", "Gap",
-    "Inertia", "Length", "Mass", "Modulus", "Names", "Number", "Point", "Poisson", "Positive",
-    "Section", "Share", "Size", "Spacing", "Stiffness", "Turning", "Written", "ascending",
-    "chosen", "either", "listed", "named", "named_by", "optional", "quantity",
+    "Inertia", "Length", "Mass", "ModeCount", "Modulus", "Names", "Number", "Point", "Poisson",
+    "Positive", "Section", "Share", "Size", "Spacing", "Stiffness", "Turning", "Written",
+    "ascending", "chosen", "either", "listed", "named", "named_by", "optional", "quantity",
 ]  # fmt: skip
 
 _NAME = r"[A-Za-z][A-Za-z0-9_-]*"
@@ -42,6 +43,8 @@ def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above:
             low = f"{'above' if above else 'at least'} {least:g} {unit}".rstrip()
             high = f" and at most {most:g} {unit}".rstrip() if most < math.inf else ""
             raise ValueError(f"expected {low}{high}")
+        if above and least == 0 and number < smallest(unit):
+            raise ValueError(f"expected at least {smallest(unit):g} {unit}".rstrip())
         return number
 
     return Annotated[float, BeforeValidator(read)]
@@ -116,6 +119,7 @@ Direction = Annotated[
 ]
 Names = Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=10**9, strict=True)]
+ModeCount = Annotated[int, Field(ge=1, le=10_000, strict=True)]
 File = Annotated[str, AfterValidator(_file_name)]
 Files = Annotated[list[File], BeforeValidator(listed), Field(min_length=1)]
 

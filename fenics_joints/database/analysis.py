@@ -18,6 +18,8 @@ from fenics_joints.preload.threads import Thread, thread
 __all__ = ["BoltedPlates", "bolted_plates_radius", "solve_bolted_plates"]
 
 MODELS = ("plates", "washers", "bolt")
+#: Most cells near the joint of one analysis.
+_CELLS = 1e6
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,12 @@ class BoltedPlates:
         pair = thickness, thickness * self.upper_thickness
         # The contact ends at about the loaded radius and 1.1 of the thickness.
         fine = min(self.plate_radius, washer / 2 + 1.3 * max(pair))
+        least = math.sqrt(fine * sum(pair) / _CELLS)
+        if self.size < least:
+            raise InputError(
+                f"size = {self.size:g}: expected at least {least:.2g} m for plates of "
+                f"{thickness:g} m, which are {_CELLS:g} cells then"
+            )
         return {
             "parts": self.model, "thickness": pair, "radius": self.plate_radius,
             "hole_diameter": self.hole_diameter or bolt.hole_diameter,

@@ -6,6 +6,7 @@ import datetime
 import getpass
 import itertools
 import json
+import math
 import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -17,6 +18,9 @@ from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 
 __all__ = ["Sample", "Sweep", "grid", "sweep", "user_name"]
+
+#: Most samples of one sweep: a second each is a day and more.
+_SAMPLES = 100_000
 
 
 @dataclass(frozen=True)
@@ -63,9 +67,12 @@ def grid(
     thicknesses: Sequence[float],
     roughnesses: Sequence[float | None] = (None,),
 ) -> list[Sample]:
-    """Samples of all combinations; raises InputError for an unknown bolt."""
+    """Samples of all combinations; raises InputError for an unknown bolt or too many of them."""
     from fenics_joints.preload.threads import thread
 
+    number = math.prod(map(len, (bolts, forces, thicknesses, roughnesses)))
+    if number > _SAMPLES:
+        raise InputError(f"{number} samples: expected at most {_SAMPLES}")
     threads = [thread(name) for name in bolts]
     combinations = itertools.product(threads, thicknesses, forces, roughnesses)
     return [Sample(t.name, t.diameter, force, b, ra) for t, b, force, ra in combinations]

@@ -43,6 +43,8 @@ __all__ = [
     "slider_edges",
 ]
 
+#: Most sliders: each is a part of the law's state at every point of an interface.
+MOST_SLIDERS = 1000
 _FAR = 1e8  # of the reference strain: where a backbone has become its asymptote
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
@@ -291,7 +293,7 @@ def slider_edges(
         InputError: For no slider, or amplitudes that are not 0 < least < largest.
     """
     check_backbone(backbone)
-    n = whole("n_sliders", n)
+    n = whole("n_sliders", n, most=MOST_SLIDERS)
     low, high = 0.1 * backbone.reference, 2 * backbone.reference
     if amplitudes is not None:
         low, high = reals("amplitudes", amplitudes, (2,), above=0).tolist()
@@ -349,7 +351,7 @@ def iwan_sliders(
         InputError: If the curve is not concave, and as `slider_edges`.
     """
     check_backbone(backbone)
-    n = whole("n_sliders", n)
+    n = whole("n_sliders", n, most=MOST_SLIDERS)
     if edges is None:
         edges = slider_edges(backbone, n, amplitudes)
     else:

@@ -6,6 +6,7 @@ the parameters, and one assembly gives the derivative with respect to all of the
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -33,7 +34,10 @@ from fenics_joints.structure.points import PointRows, locate
 from fenics_joints.structure.properties import PropertyField
 from fenics_joints.structure.values import by_name, number, parameter_values
 
-__all__ = ["Assembly"]
+__all__ = ["MOST_POINTS", "Assembly"]
+
+#: Most point masses, and most springs: each is a search for its cell and a block in K or M.
+MOST_POINTS = 10_000
 
 _SERENDIPITY_CELLS = ("quadrilateral", "hexahedron")
 
@@ -121,9 +125,14 @@ class Assembly:
     # -- set-up ------------------------------------------------------------------------------
 
     def _check_names(self) -> None:
-        names = [c.name for c in self._components()]
-        for name in names:
-            if names.count(name) > 1:
+        for what, points in (("masses", self.masses), ("springs", self.springs)):
+            if len(points) > MOST_POINTS:
+                raise InputError(
+                    f"{what}: {len(points)} of them, expected at most {MOST_POINTS}; what is "
+                    "spread out is a part's density, or an elastic support."
+                )
+        for name, count in Counter(c.name for c in self._components()).items():
+            if count > 1:
                 raise InputError(f"component {name} is given twice; expected unique names.")
         for owner, key, value in self._values():
             if isinstance(value, str) and value not in self.parameters:

@@ -7,7 +7,7 @@ from functools import partial
 from fenics_joints.case.case import Case
 from fenics_joints.case.harmonic import CoulombSection, identifiable
 from fenics_joints.case.messages import did_you_mean, indexed, refused, said, unknown
-from fenics_joints.files import is_file
+from fenics_joints.files import is_file, shown_path
 from fenics_joints.units import to_si
 
 __all__ = ["check_harmonic"]
@@ -63,6 +63,6 @@ def _check_start(case: Case, known) -> list[str]:
         if name in known:
             errors += refused(key, value, partial(to_si, value, known[name][1]))
     if identify.loops is not None and not is_file(case.folder / identify.loops):
-        expected = f"no such file, expected a table at {case.folder / identify.loops}"
+        expected = f"no such file, expected a table at {shown_path(case.folder / identify.loops)}"
         errors.append(said("harmonic.identify.loops", identify.loops, expected))
     return errors

@@ -10,7 +10,8 @@ from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, said
 from fenics_joints.case.sections import Joint, Part
 from fenics_joints.errors import MeshError
-from fenics_joints.files import is_file
+from fenics_joints.files import is_file, shown_path
+from fenics_joints.structure.assembly import MOST_POINTS
 
 __all__ = ["check_mesh", "check_names", "matching", "unknown_groups"]
 
@@ -24,6 +25,13 @@ def check_names(case: Case) -> list[str]:
                 errors.append(f"{table}.{name}: the name is used by {seen[name]}; expected another")
             seen[name] = f"{table}.{name}"
     errors += _check_bolts(case)
+    tables = case.masses, case.springs, case.attached
+    points = sum(len(section.points) for table in tables for section in table.values())
+    if points > MOST_POINTS:
+        errors.append(
+            f"masses, springs and attached have {points} points in all: expected at most "
+            f"{MOST_POINTS}; what is spread out is a part's density, or a support"
+        )
     for table in ("parts", "joints"):
         for name, section in getattr(case, table).items():
             errors += _check_bounds(f"{table}.{name}", section)
@@ -57,7 +65,8 @@ def check_mesh(case: Case) -> list[str]:
     """Names of cells and facets against the builder's; a file's are checked when it is read."""
     if isinstance(case.mesh, MeshFile):
         file = case.folder / case.mesh.file
-        missing = said("mesh.file", case.mesh.file, f"no such file, expected a mesh at {file}")
+        expected = f"no such file, expected a mesh at {shown_path(file)}"
+        missing = said("mesh.file", case.mesh.file, expected)
         return [] if is_file(file) else [missing]
     try:
         groups = case.mesh.groups()
