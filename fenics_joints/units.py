@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from fenics_joints.errors import InputError
 
-__all__ = ["factor_to_si", "least", "parameter_unit", "to_si"]
+__all__ = ["factor_to_si", "parameter_unit", "sizes", "to_si"]
 
 #: What a unit measures and how one would write it, for messages.
 _KINDS = {
@@ -73,8 +73,7 @@ def to_si(value: float | str, unit: str) -> float:
         unit: SI unit of the result; ``""`` for a ratio, which may be in per cent.
 
     Raises:
-        InputError: If it is no number, larger than any structure has, or its unit measures
-            something else.
+        InputError: If it is no number, is not finite, or its unit measures something else.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise InputError(_expected(unit))
@@ -89,15 +88,12 @@ def to_si(value: float | str, unit: str) -> float:
         value = math.inf
     if not math.isfinite(value):
         raise InputError("expected a finite number")
-    most = _MOST.get(unit, _MOST[None])
-    if abs(value) > most:
-        raise InputError(f"is {value:g} {unit}, expected at most {most:g} {unit}".rstrip())
     return value
 
 
-def least(unit: str) -> float:
-    """The smallest quantity of a unit that is not zero in practice."""
-    return _LEAST.get(unit, _LEAST[None])
+def sizes(unit: str) -> tuple[float, float]:
+    """The smallest quantity of a unit that is not zero, and the largest, that a structure has."""
+    return _LEAST.get(unit, _LEAST[None]), _MOST.get(unit, _MOST[None])
 
 
 @lru_cache(maxsize=1024)

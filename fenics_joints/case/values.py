@@ -20,8 +20,7 @@ from pydantic import (
 )
 
 from fenics_joints.errors import InputError, real
-from fenics_joints.units import least as smallest
-from fenics_joints.units import to_si
+from fenics_joints.units import sizes, to_si
 
 __all__ = [
     "AXES", "Count", "Damper", "Density", "Direction", "File", "FileName", "Files", "Gap",
@@ -43,8 +42,11 @@ def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above:
             low = f"{'above' if above else 'at least'} {least:g} {unit}".rstrip()
             high = f" and at most {most:g} {unit}".rstrip() if most < math.inf else ""
             raise ValueError(f"expected {low}{high}")
-        if above and least == 0 and number < smallest(unit):
-            raise ValueError(f"expected at least {smallest(unit):g} {unit}".rstrip())
+        smallest, largest = sizes(unit)
+        if abs(number) > largest:
+            raise ValueError(f"expected at most {largest:g} {unit}".rstrip())
+        if above and least == 0 and number < smallest:
+            raise ValueError(f"expected at least {smallest:g} {unit}".rstrip())
         return number
 
     return Annotated[float, BeforeValidator(read)]
