@@ -80,7 +80,11 @@ class Demand:
 
 
 #: A length, a thickness that may be none, a coordinate; a number of elements; shapes of cells.
-Size = Annotated[float, Demand(is_positive, "a length above 0 m", "m")]
+Size = Annotated[
+    float,
+    Demand(is_positive, "a length above 0 m", "m"),
+    Demand(lambda v: 1e-12 <= v <= 1e9, "a length from 1e-12 to 1e9 m"),
+]
 Gap = Annotated[
     float,
     Demand(lambda v: v == 0 or is_positive(v), "0 m or a thickness above it", "m"),

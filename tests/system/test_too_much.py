@@ -79,6 +79,13 @@ def test_sliders(make):
         make(backbone, 10**9)
 
 
+@pytest.mark.parametrize("thickness", [1e300, 1e-300])
+def test_builders_make_no_mesh_of_such_a_size(thickness):
+    """The message was that the eigensolver's shift is nan."""
+    with pytest.raises(InputError, match="thickness is 1e.*from 1e-12 to 1e9 m"):
+        lap_plates(MPI.COMM_SELF, thickness=thickness)
+
+
 def test_sweeps_of_a_database():
     """Of a million million samples, and of one with cells of a nanometre."""
     with pytest.raises(InputError, match="1000000000000 samples: expected at most"):
