@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from fenics_joints.formatting import printable
 
 __all__ = [
-    "ConvergenceError", "InputError", "JointsError", "MeshError", "capable",
+    "MOST", "MOST_OF", "ConvergenceError", "InputError", "JointsError", "MeshError", "capable",
     "direction", "flag", "items", "located", "mapping", "measured", "member", "real", "reals",
     "shown", "text", "wanted", "whole",
 ]  # fmt: skip

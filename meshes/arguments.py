@@ -14,13 +14,14 @@ from typing import Annotated, Any, ClassVar, Concatenate, Literal, ParamSpec
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.errors import MeshError
+from fenics_joints.errors import MOST, MOST_OF, MeshError
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
 __all__ = [
     "Arguments", "Builder", "Count", "Demand", "Gap", "Places", "Size", "Solid", "described",
-    "is_count", "is_positive", "lengths", "made_by", "requirement", "two_counts",
+    "holds", "is_count", "is_finite", "is_positive", "lengths", "made_by", "requirement",
+    "two_counts",
 ]  # fmt: skip
 
 P = ParamSpec("P")
@@ -28,25 +29,39 @@ P = ParamSpec("P")
 ONE_BOLT = 1e-3
 
 
-def is_positive(value: float) -> bool:
-    """Whether ``value`` is a finite number above 0."""
+def holds(test: Callable[[Any], bool], value: Any) -> bool:
+    """Whether a value passes a test; not where the test cannot be made of it, as of a text."""
+    try:
+        return bool(test(value))
+    except (TypeError, ValueError, OverflowError):
+        return False
+
+
+def is_finite(value: Any) -> bool:
+    """Whether ``value`` is a finite number of a size that mechanics has."""
     number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    return number and math.isfinite(value) and value > 0
+    return number and holds(lambda v: abs(float(v)) <= MOST, value)
 
 
-def is_count(value: int) -> bool:
+def is_positive(value: Any) -> bool:
+    """Whether ``value`` is a finite number above 0."""
+    return is_finite(value) and value > 0
+
+
+def is_count(value: Any) -> bool:
     """Whether ``value`` is a whole number of at least 1."""
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 1
+    number = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    return number and 1 <= value <= MOST_OF
 
 
 def lengths(values: Any, n: int) -> bool:
     """Whether ``values`` are n finite numbers above 0."""
-    return np.shape(values) == (n,) and all(map(is_positive, values))
+    return holds(lambda v: np.shape(v) == (n,) and all(map(is_positive, v)), values)
 
 
 def two_counts(values: Any) -> bool:
     """Whether ``values`` are two whole numbers of at least 1."""
-    return np.shape(values) == (2,) and all(map(is_count, values))
+    return holds(lambda v: np.shape(v) == (2,) and all(map(is_count, v)), values)
 
 
 def apart(points: Any) -> bool:
@@ -87,9 +102,9 @@ Size = Annotated[
 ]
 Gap = Annotated[
     float,
-    Demand(lambda v: v == 0 or is_positive(v), "0 m or a thickness above it", "m"),
+    Demand(lambda v: is_finite(v) and v >= 0, "0 m or a thickness above it", "m"),
 ]
-Place = Annotated[float, Demand(math.isfinite, "a coordinate in metres", "m")]
+Place = Annotated[float, Demand(is_finite, "a coordinate in metres", "m")]
 Count = Annotated[int, Demand(is_count, "a whole number of at least 1")]
 Solid = Literal["hexahedron", "tetrahedron"]
 #: Points in the plan; the builders compare each with each.
@@ -97,7 +112,10 @@ _MOST_PLACES = 1000
 Places = Annotated[
     Sequence[tuple[Place, Place]],
     Demand(lambda v: len(v) <= _MOST_PLACES, f"at most {_MOST_PLACES} bolts"),
-    Demand(lambda v: all(np.shape(b) == (2,) for b in v), "a pair (x, y) in metres for each bolt"),
+    Demand(
+        lambda v: all(np.shape(b) == (2,) and all(map(is_finite, b)) for b in v),
+        "a pair (x, y) in metres for each bolt",
+    ),
     Demand(lambda v: apart(v), f"each bolt once, {1e3 * ONE_BOLT:g} mm or more from the others"),
 ]
 
@@ -189,7 +207,13 @@ def _demands(kind: Any, value: Any):
             yield from _demands(options[0], value)
     elif typing.get_origin(kind) is Literal:
         words = typing.get_args(kind)
-        yield value in words, " or ".join(map(repr, words))
+        yield isinstance(value, str) and value in words, " or ".join(map(repr, words))
     elif typing.get_origin(kind) is Annotated:
         for demand in kind.__metadata__:
-            yield demand.holds(value), demand.expected
+            yield holds(demand.holds, value), demand.expected
+    elif kind is bool:
+        yield isinstance(value, bool | np.bool_), "True or False"
+    elif kind is float:
+        yield is_finite(value), "a finite number"
+    elif kind is int:
+        yield is_count(value), "a whole number of at least 1"

@@ -8,7 +8,8 @@ from typing import get_args
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import Solid, requirement
+from fenics_joints.meshes.arguments import Solid, holds, is_count, requirement
+from fenics_joints.meshes.arguments import lengths as are_lengths
 from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
@@ -42,11 +43,12 @@ def box(
         MeshError: A length is not positive, a count is below 1, or the cell is unknown.
     """
     require = requirement("box")
-    fits = len(lengths) == 3 and np.all(np.isfinite(lengths)) and min(lengths) > 0
+    fits = are_lengths(lengths, 3)
     require(fits, "lengths", lengths, "three lengths above 0 m")
-    fits = len(counts) == 3 and all(n == int(n) and n >= 1 for n in counts)
+    fits = holds(lambda given: len(given) == 3 and all(map(is_count, given)), counts)
     require(fits, "counts", counts, "three whole numbers of at least 1")
-    require(cell in get_args(Solid), "cell", cell, " or ".join(map(repr, get_args(Solid))))
+    fits = isinstance(cell, str) and cell in get_args(Solid)
+    require(fits, "cell", cell, " or ".join(map(repr, get_args(Solid))))
     return distribute(comm, on_root(comm, lambda: _lists(lengths, counts, cell)))
 
 

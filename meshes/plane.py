@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from fenics_joints.errors import items, real, reals
 from fenics_joints.meshes.arguments import requirement
 from fenics_joints.meshes.tagged import MeshLists
 
@@ -32,6 +33,8 @@ def grid_lines(edges: Iterable[float], size: float) -> np.ndarray:
     Returns:
         Ascending positions, shape (n_lines,).
     """
+    real("size", size, "m", above=0)
+    edges = reals("edges", list(items("edges", edges, object, "positions")), (None,), "m")
     edges, counts = _cut(edges, size)
     parts = [
         np.linspace(a, b, int(n), endpoint=False)
@@ -85,7 +88,7 @@ def graded_lines(edges: Sequence[float], sizes: Sequence[float]) -> np.ndarray:
         MeshError: The edges do not ascend, a size is not above 0 m, or their numbers differ.
     """
     require = requirement("graded_lines")
-    edges, sizes = np.asarray(edges, dtype=float), np.asarray(sizes, dtype=float)
+    edges, sizes = reals("edges", edges, unit="m"), reals("sizes", sizes, unit="m")
     ascend = edges.ndim == 1 and len(edges) > 1 and bool(np.all(np.diff(edges) > 0))
     require(ascend, "edges", edges.tolist(), "two or more ascending positions in metres")
     fits = sizes.shape == edges.shape and bool(np.all(np.isfinite(sizes) & (sizes > 0)))

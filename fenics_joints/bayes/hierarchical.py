@@ -29,7 +29,7 @@ from fenics_joints.bayes.priors import Prior
 from fenics_joints.bayes.samplers import Settings, Task, grow
 from fenics_joints.bayes.straight import curvature
 from fenics_joints.bayes.walks import generator
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, flag, real
 
 __all__ = ["Hierarchy", "Specimens", "sample_hierarchy"]
 
@@ -69,9 +69,10 @@ class Specimens:
                 "each mode."
             )
         for key in ("noise", "scatter"):
-            if not 0 < getattr(self, key) < 1:
+            if not 0 < real(key, getattr(self, key)) < 1:
                 raise InputError(f"{key} = {getattr(self, key)}: expected from above 0 to below 1.")
-        if not 0 <= self.discrepancy < 1:
+        flag("noise_known", self.noise_known)
+        if not 0 <= real("discrepancy", self.discrepancy) < 1:
             raise InputError(f"discrepancy = {self.discrepancy}: expected from 0 to below 1.")
         object.__setattr__(self, "frequencies_hz", table)
 

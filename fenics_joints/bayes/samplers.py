@@ -14,7 +14,7 @@ from fenics_joints.bayes.arviz_files import read_chains, write_chains
 from fenics_joints.bayes.chains import Chains
 from fenics_joints.bayes.posterior import Posterior
 from fenics_joints.bayes.walks import Ensembles, Independence, RandomWalk, generator
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, member, whole
 from fenics_joints.parallel import on_root
 
 __all__ = ["SAMPLERS", "Settings", "Task", "grow", "sample"]
@@ -49,13 +49,11 @@ class Settings:
     seed: int = 1
 
     def __post_init__(self):
-        if self.sampler not in SAMPLERS:
-            raise InputError(f"sampler = {self.sampler!r}: expected one of: {', '.join(SAMPLERS)}.")
-        if self.chains < 2:
-            raise InputError(
-                f"chains = {self.chains}: expected at least 2, to see whether they agree."
-            )
-        if not 0 <= self.burn_in < self.samples:
+        member("sampler", self.sampler, SAMPLERS)
+        whole("chains", self.chains, 2)  # to see whether they agree
+        whole("samples", self.samples)
+        whole("seed", self.seed, 0)
+        if not whole("burn_in", self.burn_in, 0) < self.samples:
             raise InputError(
                 f"burn_in = {self.burn_in}: expected from 0 to below samples = {self.samples}."
             )

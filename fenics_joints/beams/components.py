@@ -8,7 +8,7 @@ from numbers import Real
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, flag, items, real, reals, text, whole
 
 __all__ = ["Beam", "Clamp", "GenericJoint", "Held", "LumpedMass"]
 
@@ -21,7 +21,15 @@ def _require(where: str, value, good: bool, expected: str) -> None:
 
 
 def _is_number(value) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and bool(np.isfinite(value))
+    try:
+        real("number", value)
+    except InputError:
+        return False
+    return True
+
+
+def _is_name(value) -> bool:
+    return isinstance(value, str) and bool(value.strip())
 
 
 def _size(where: str, value) -> None:
@@ -30,12 +38,11 @@ def _size(where: str, value) -> None:
 
 def _value(where: str, value, expected: str = "a number, or a parameter's name") -> None:
     # Whether a number is in its range, its law says when the matrices are made.
-    _require(where, value, isinstance(value, str | Real) and value == value, expected)
+    _require(where, value, _is_name(value) or _is_number(value), expected)
 
 
 def _count(where: str, value) -> None:
-    integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    _require(where, value, integer and value >= 1, "a whole number of at least 1")
+    whole(where, value)
 
 
 @dataclass(frozen=True)
@@ -72,6 +79,7 @@ class Beam:
     offset: float | None = None
 
     def __post_init__(self):
+        text("beam.name", self.name)
         for key in ("length", "breadth", "height"):
             _size(f"{self.name}.{key}", getattr(self, key))
         _count(f"{self.name}.n_elements", self.n_elements)
@@ -110,7 +118,11 @@ class GenericJoint:
     axial: Value = 1.0
 
     def __post_init__(self):
+        text("joint.name", self.name)
         _size(f"{self.name}.length", self.length)
+        _value(f"{self.name}.axial", self.axial)
+        if self.k_axial is not None:
+            _value(f"{self.name}.k_axial", self.k_axial)
         _count(f"{self.name}.n_elements", self.n_elements)
         for key in ("k1", "k2", "c"):
             given = getattr(self, key)
@@ -154,16 +166,19 @@ class LumpedMass:
     share: float = 1.0
 
     def __post_init__(self):
+        text("mass.name", self.name)
+        real(f"{self.name}.share", self.share, least=0)
         good = _is_number(self.radius) and self.radius >= 0
         _require(f"{self.name}.radius", self.radius, good, "a number >= 0, m")
-        good = isinstance(self.mass, str) or (_is_number(self.mass) and self.mass >= 0)
+        good = _is_name(self.mass) or (_is_number(self.mass) and self.mass >= 0)
         _require(f"{self.name}.mass", self.mass, good, "a number >= 0, kg, or a parameter's name")
-        good = len(self.point) == 3 and all(_is_number(c) for c in self.point)
-        _require(f"{self.name}.point", self.point, good, "three numbers (x, y, z), m")
-        good = isinstance(self.travel, str) or _is_number(self.travel)
+        reals(f"{self.name}.point", self.point, (3,), "m")
+        good = _is_name(self.travel) or _is_number(self.travel)
         _require(f"{self.name}.travel", self.travel, good, "a number, m, or a parameter's name")
-        low, high = (0.0, 1.0) if self.range is None else self.range
-        good = _is_number(low) and _is_number(high) and low < high
+        low, high = (0.0, 1.0)
+        if self.range is not None:
+            low, high = reals(f"{self.name}.range", self.range, (2,), "m")
+        good = low < high
         _require(f"{self.name}.range", self.range, good, "two ascending numbers, m")
 
 
@@ -180,7 +195,8 @@ class Held:
     motions: tuple[str, ...] = ("x", "z", "turn")
 
     def __post_init__(self):
-        known = set(self.motions) <= {"x", "z", "turn"} and len(self.motions) > 0
+        motions = items("held.motions", self.motions, str, "x, z, turn")
+        known = set(motions) <= {"x", "z", "turn"} and len(motions) > 0
         _require("held.motions", self.motions, known, "some of 'x', 'z' and 'turn'")
         _require("held.x", self.x, _is_number(self.x), "a number, m")
 
@@ -200,3 +216,11 @@ class Clamp:
     last: bool
     k_n: Value
     k_t: Value
+
+    def __post_init__(self):
+        text("clamp.name", self.name)
+        flag(f"{self.name}.last", self.last)
+        for key in ("k_n", "k_t"):
+            value = getattr(self, key)
+            _value(f"{self.name}.{key}", value)
+            _require(f"{self.name}.{key}", value, isinstance(value, str) or value >= 0, ">= 0")

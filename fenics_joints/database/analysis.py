@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from fenics_joints.database.sweep import Sample
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, member, real, whole
 from fenics_joints.preload.threads import Thread, thread
 
 __all__ = ["BoltedPlates", "bolted_plates_radius", "solve_bolted_plates"]
@@ -65,8 +65,7 @@ class BoltedPlates:
     P_lim: float = 1e6
 
     def __post_init__(self) -> None:
-        if self.model not in MODELS:
-            raise InputError(f"model = {self.model!r}: expected one of {', '.join(MODELS)}")
+        member("model", self.model, MODELS)
         for name in ("friction", "washer_friction"):
             self._number(name, least=0.0)
         for name in ("plate_radius", "upper_thickness", "E", "size", "P_lim"):
@@ -75,19 +74,14 @@ class BoltedPlates:
                      "penalty"):  # fmt: skip
             if getattr(self, name) is not None:
                 self._number(name, above=0.0)
-        if not isinstance(self.nu, int | float) or not -1 < self.nu < 0.5:
+        if not -1 < real("nu", self.nu) < 0.5:
             raise InputError(f"nu = {self.nu!r}: expected a number between -1 and 0.5")
-        if self.degree not in (1, 2):
-            raise InputError(f"degree = {self.degree!r}: expected 1 or 2")
+        whole("degree", self.degree, 1, 2)
         if self.penalty is not None and (self.model != "plates" or self.friction > 0):
             raise InputError("penalty: expected only with model = 'plates' and friction = 0")
 
     def _number(self, name: str, *, least: float = -math.inf, above: float = -math.inf) -> None:
-        value = getattr(self, name)
-        good = isinstance(value, int | float) and not isinstance(value, bool)
-        if not good or not math.isfinite(value) or value < least or value <= above:
-            bound = f"at least {least:g}" if least > -math.inf else f"above {above:g}"
-            raise InputError(f"{name} = {value!r}: expected a number {bound}")
+        real(name, getattr(self, name), least=least, above=above)
 
     @classmethod
     def of(cls, settings: Mapping[str, object]) -> BoltedPlates:

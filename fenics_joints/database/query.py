@@ -18,7 +18,7 @@ from fenics_joints.database.joints import UNITS, Joint
 from fenics_joints.database.kept_fits import fitted
 from fenics_joints.database.kriging import Kriging
 from fenics_joints.database.store import Store
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real
 from fenics_joints.formatting import quantity
 from fenics_joints.preload import Thread, motosh_force, nut_factor_force, thread
 
@@ -43,6 +43,12 @@ class TorqueToForce:
     K: float = 0.2
     friction: float | None = None
     friction_head: float | None = None
+
+    def __post_init__(self) -> None:
+        real("K", self.K, above=0)
+        for key in ("friction", "friction_head"):
+            if getattr(self, key) is not None:
+                real(key, getattr(self, key), least=0)
 
     def force(self, torque: float, t: Thread) -> float:
         """Bolt force, N; raises InputError for what is not positive."""

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from fenics_joints import __version__
 from fenics_joints.database.joints import RESULTS, Joint, settings_text
 from fenics_joints.database.store import Store
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real, text
 from fenics_joints.progress import Progress
 
 __all__ = ["Sample", "Sweep", "grid", "sweep", "user_name"]
@@ -40,6 +40,14 @@ class Sample:
     force: float
     thickness: float
     roughness: float | None = None
+
+    def __post_init__(self) -> None:
+        text("bolt", self.bolt)
+        real("diameter", self.diameter, "m", above=0)
+        real("force", self.force, "N", above=0)
+        real("thickness", self.thickness, "m", above=0)
+        if self.roughness is not None:
+            real("roughness", self.roughness, "m", above=0)
 
 
 @dataclass(frozen=True)

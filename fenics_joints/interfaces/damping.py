@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real
 from fenics_joints.interfaces.model import InterfaceModel
 
 __all__ = ["with_modal_damping", "with_rayleigh_damping"]
@@ -59,6 +59,5 @@ def with_rayleigh_damping(
         InputError: If a factor is negative or not finite.
     """
     for key, value in (("mass", mass), ("stiffness", stiffness)):
-        if not (np.isfinite(value) and value >= 0):
-            raise InputError(f"{key} = {value}: expected a number >= 0.")
+        real(key, value, least=0)
     return replace(model, C=mass * model.M + stiffness * model.stiffness_at_rest())

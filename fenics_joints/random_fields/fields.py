@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, items, member, real, reals, text, wanted, whole
 
 __all__ = [
     "KINDS",
@@ -52,13 +51,11 @@ def covariance(points: np.ndarray, length: float, kind: str = "exponential") -> 
     Raises:
         InputError: If the length is not positive or the kind is unknown.
     """
-    if kind not in KINDS:
-        raise InputError(f"kind = {kind!r}: expected one of: {', '.join(KINDS)}.")
-    if not isinstance(length, Real) or not length > 0:
-        raise InputError(f"correlation length = {length}: expected a length > 0, m.")
-    points = np.asarray(points, dtype=float)
-    if not points.ndim or not points.size or not np.all(np.isfinite(points)):
-        raise InputError(f"points of a random field = {points}: expected finite positions, m.")
+    member("kind", kind, KINDS)
+    real("correlation length", length, "m", above=0)
+    points = reals("points of a random field", points, unit="m")
+    if not points.ndim or not points.size:
+        raise wanted("points of a random field", points, "positions, m")
     points = points.reshape(len(points), -1)
     distance = np.linalg.norm(points[:, None] - points[None], axis=2)
     return KINDS[kind](distance / length)
@@ -112,13 +109,10 @@ def karhunen_loeve(
     """
     correlation = covariance(points, length, kind)
     n = len(correlation)
-    weights = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
-    if weights.shape != (n,) or not np.all(weights > 0):
-        raise InputError(f"weights = {weights.tolist()}: expected {n} positive numbers.")
-    if n_terms is None and not 0 < share <= 1:
-        raise InputError(f"share = {share}: expected a number above 0 and at most 1.")
-    if n_terms is not None and not (isinstance(n_terms, Integral) and 1 <= n_terms <= n):
-        raise InputError(f"n_terms = {n_terms}: expected 1 to {n}, the number of points.")
+    weights = np.ones(n) if weights is None else reals("weights", weights, (n,), above=0)
+    real("share", share, above=0, most=1)
+    if n_terms is not None:
+        whole("n_terms", n_terms, 1, n)
     root = np.sqrt(weights)
     values, vectors = np.linalg.eigh(root[:, None] * correlation * root)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
@@ -160,7 +154,9 @@ class RandomField:
     distribution: str = "normal"
 
     def __post_init__(self):
-        names = (self.names,) if isinstance(self.names, str) else tuple(self.names)
+        names = (self.names,) if isinstance(self.names, str) else items(
+            "names of a random field", self.names, str, "names of parameters"
+        )
         if not names or len(set(names)) != len(names):
             raise InputError(
                 f"names of a random field = {list(names)}: expected some, each name once."
@@ -173,13 +169,11 @@ class RandomField:
                 f"the expansion has {len(expansion.modes)} points: expected {len(names)}, one for "
                 "each parameter."
             )
-        if not isinstance(self.eps, Real) or not 0 < self.eps < 1:
+        for name in names:
+            text("names of a random field", name)
+        if not 0 < real("eps", self.eps) < 1:
             raise InputError(f"eps = {self.eps}: expected a coefficient of variation, 0 < eps < 1.")
-        if self.distribution not in _DISTRIBUTIONS:
-            raise InputError(
-                f"distribution = {self.distribution!r}: expected one of: "
-                f"{', '.join(_DISTRIBUTIONS)}."
-            )
+        member("distribution", self.distribution, _DISTRIBUTIONS)
 
     def __repr__(self) -> str:
         count = f"{len(self.names)} parameters, {self.n_variables} variables"

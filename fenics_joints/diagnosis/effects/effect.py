@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.diagnosis.effects.sensing import Sensing
+from fenics_joints.errors import flag, real, text, whole
 
 __all__ = ["Effect", "Prior", "Silent", "in_series", "relative_error"]
 
@@ -53,6 +54,14 @@ class Prior:
     log: bool = True
     span: tuple[float, float] = (-np.inf, np.inf)
     scan: int = 0
+
+    def __post_init__(self):
+        text("prior.name", self.name)
+        flag(f"prior {self.name}.log", self.log)
+        bounds = {"above": 0.0} if self.log else {}
+        real(f"prior {self.name}.median", self.median, self.unit, **bounds)
+        real(f"prior {self.name}.spread", self.spread, above=0)
+        whole(f"prior {self.name}.scan", self.scan, 0)
 
     def value(self, z: float) -> float:
         """The parameter at ``z`` standard deviations from the median."""
