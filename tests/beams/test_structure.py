@@ -340,7 +340,7 @@ def test_damping_is_identified_and_said_to_come_from_the_curvature():
         (lambda s: GenericJoint("lap", 0.05, 5, [1.0, 2.0], 1.0), "expected one, or 5"),
         (lambda s: Beam("b", 0.1, 0.0, 0.01, 3, **STEEL), r"b\.breadth = 0"),
         (lambda s: GenericJoint("lap", 0.05, 2, [1.0, None], 1.0), r"lap\.k1 = None"),
-        (lambda s: LumpedMass("m", 0.1, (0.1, 0.0)), "three numbers"),
+        (lambda s: LumpedMass("m", 0.1, (0.1, 0.0)), "m.point has shape"),
         (lambda s: LumpedMass("m", 0.1, (0.1, 0, 0), range=(0.1, 0.0)), "two ascending numbers"),
         (lambda s: Held(float("nan")), r"held\.x = nan"),
         (
