@@ -165,7 +165,7 @@ def test_fields_of_unequal_length_keep_their_correlations():
         (lambda: covariance([], 1.0), "expected positions, m"),
         (lambda: RandomField((), 0.1), "expected some"),
         (lambda: covariance(PLACES, 1.0, "gaussian"), "squared_exponential"),
-        (lambda: karhunen_loeve(PLACES, 1.0, n_terms=9), "n_terms = 9: expected a whole number of at least 1 and at most 5"),
+        (lambda: karhunen_loeve(PLACES, 1.0, n_terms=9), "n_terms = 9: expected a whole number"),
         (lambda: karhunen_loeve(PLACES, 1.0, weights=np.zeros(5)), "expected numbers above 0"),
         (lambda: RandomField(("k1",), 1.5), "0 < eps < 1"),
         (lambda: RandomField(("k1",), 0.1, distribution="beta"), "lognormal"),
