@@ -19,6 +19,7 @@ from fenics_joints.database.kept_fits import fitted
 from fenics_joints.database.kriging import Kriging
 from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError, real
+from fenics_joints.files import plain
 from fenics_joints.formatting import quantity
 from fenics_joints.preload import Thread, motosh_force, nut_factor_force, thread
 
@@ -122,15 +123,15 @@ class Answer:
         return any(e is not None and e.extrapolated for e in (self.radius, self.pressure))
 
     def json(self) -> dict[str, object]:
-        """For the JSON file."""
-        return {
+        """For the JSON file; null for what is infinite, far outside the data."""
+        return plain({
             "version": __version__, "bolt": self.thread.name, "diameter_m": self.thread.diameter,
             "force_N": self.force, "force_from": self.force_from, "thickness_m": self.thickness,
             "radius_m": None if self.radius is None else vars(self.radius),
             "pressure_Pa": None if self.pressure is None else vars(self.pressure),
             "identified": None if self.identified is None else self.identified.to_dict(),
             "identified_note": self.identified_note, "notes": list(self.notes),
-        }  # fmt: skip
+        })  # fmt: skip
 
 
 @dataclass

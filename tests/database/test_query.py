@@ -9,8 +9,11 @@ import sys
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database import Joint, Surfaces, TorqueToForce, query, seed_database
+from fenics_joints.database import Answer, Joint, Surfaces, TorqueToForce, query, seed_database
+from fenics_joints.database.query import Estimate
 from fenics_joints.errors import InputError
+from fenics_joints.files import json_text
+from fenics_joints.preload import thread
 from fenics_joints.preload.torque import motosh_force
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
@@ -98,3 +101,10 @@ def test_command_adds_and_answers(tmp_path):
     wrong = _run("query", "--torque", "96", "--bolt", "M12", "--thickness", "25 mm")
     assert wrong.returncode == 1
     assert "error: --torque '96': expected a number with its unit" in wrong.stderr
+
+
+def test_an_uncertainty_without_bound_is_null_in_json():
+    radius = Estimate(1.0, float("inf"), 0.0, float("inf"), True)
+    answer = Answer(thread("M12"), 1e4, "given", 0.02, radius, None, None, "")
+    found = json.loads(json_text(answer.json()))["radius_m"]
+    assert (found["sd"], found["high"], found["value"]) == (None, None, 1.0)
