@@ -77,7 +77,9 @@ def modes(
 
     JSON: version, title, dofs, frequencies_hz (0 for rigid-body modes), rigid_body_modes (their
     number), visible (whether the test could see each mode; null if the case does not say), size_m
-    (extents of the mesh), rings (the bolts': name, centre_m, thickness_m, r_nei_m, r_wai_m, parts).
+    (extents of the mesh), rings (the bolts': name, centre_m, thickness_m, r_nei_m, r_wai_m, parts),
+    test (the modes beside those of the test: condition, pairs, gap, mac_matrix, mac_modes; null
+    without data), notes (on the test's data).
     """
 
     method = "iterative" if iterative else "direct"

@@ -18,7 +18,7 @@ from fenics_joints.formatting import spaced
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.report.mesh_pictures import diverging
 
-__all__ = ["HeatCell", "facts", "heat_map", "heat_pair", "noted", "render", "svg"]
+__all__ = ["HeatCell", "facts", "heat_map", "heat_pair", "mac_cells", "noted", "render", "svg"]
 
 
 def _environment(filters: Mapping[str, Callable]) -> jinja2.Environment:
@@ -87,6 +87,21 @@ def _heat_cell(error: float, largest: float) -> HeatCell:
     ink = "#ffffff" if _luminance(colour) < 0.18 else "#14181d"
     style = f"background:{background};color:{ink}"
     return HeatCell(formatting.percent(error, 1, sign=True), style)
+
+
+def mac_cells(values: np.ndarray) -> list[list[HeatCell]]:
+    """Values of the modal assurance criterion as coloured cells."""
+    return [[_mac_cell(float(v)) for v in row] for row in values]
+
+
+def _mac_cell(value: float) -> HeatCell:
+    share = min(max(value, 0.0), 1.0)
+    # White to the accent's blue; ink by contrast.
+    white, blue = np.array([247, 249, 250]), np.array([31, 95, 150])
+    colour = white + share * (blue - white)
+    ink = "#ffffff" if share > 0.55 else "#14181d"
+    background = "#" + "".join(f"{round(c):02x}" for c in colour)
+    return HeatCell(f"{value:.2f}", f"background:{background};color:{ink}")
 
 
 def _luminance(colour: Sequence[float]) -> float:

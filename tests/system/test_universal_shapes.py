@@ -105,7 +105,37 @@ def test_a_universal_file_is_the_whole_test(lap, truth):
     words = " ".join(console.export_text().split())
     assert notes[1] in words and "…" not in words
     assert notes[1] in outcome.page() and outcome.json()["notes"] == list(notes)
-    assert int(outcome.result.visible.sum()) >= N_MODES
+    beside, said = outcome.result.beside, outcome.json()["test"]
+    assert beside.relative == pytest.approx(0, abs=1e-5)
+    assert beside.mac == pytest.approx(1, abs=1e-6)
+    assert beside.index.tolist() == outcome.result.visible.nonzero()[0][:N_MODES].tolist()
+    assert [p["mode"] - 1 for p in said["pairs"]] == beside.index.tolist()
+    assert "+0.00 %" in words and "MAC 1.000" in outcome.page()
+
+
+def test_modes_are_paired_by_their_shapes_where_frequencies_mislead(lap, truth):
+    """A file whose second and third mode have each other's frequency, one sensor missing."""
+    hz, shapes = truth
+    order = [0, 2, 1, 3, 4]
+    nodes = list(NODES)
+    real = [
+        mode_55(i + 1, hz[i], {n: (0, 0, z) for n, z in zip(nodes, shapes[:, order[i]], strict=True)
+                               if n != nodes[0] or i})
+        for i in range(N_MODES)
+    ]  # fmt: skip
+    file = "".join([units_164(), nodes_2411(NODES), *real])
+    case = load_case(lap('[test]\nshapes = "shapes.uff"\n\n', "", shapes=file))
+    outcome = run_modes(case, MPI.COMM_SELF, Progress(silent=True))
+    beside = outcome.result.beside
+    expected = outcome.result.visible.nonzero()[0][order]
+    assert beside.index.tolist() == expected.tolist()
+    assert beside.mac == pytest.approx(1, abs=1e-6)
+    assert beside.relative[1] == pytest.approx(hz[2] / hz[1] - 1, rel=1e-3)
+    # The partner is shown in the scale of what was measured.
+    there = np.isfinite(beside.test_shapes)
+    assert beside.model_shapes[there] == pytest.approx(beside.test_shapes[there], rel=1e-3)
+    few = run_modes(case, MPI.COMM_SELF, Progress(silent=True), n_modes=9)
+    assert few.result.beside is None and "not compared with the test" in few.result.notes[-1]
 
 
 def test_update_finds_what_made_the_file(lap, truth):

@@ -8,16 +8,27 @@ from types import MappingProxyType
 import numpy as np
 from markupsafe import Markup
 
+from fenics_joints.commands.modes.compared import condition_words
 from fenics_joints.commands.modes.result import ModeList, ring_row
 from fenics_joints.formatting import extents
-from fenics_joints.report.html import render, svg
+from fenics_joints.report.html import mac_cells, render, svg
 from fenics_joints.report.mesh_pictures import mode_shape
+from fenics_joints.report.sensor_pictures import sensor_shapes
 
 __all__ = ["modes_html", "modes_page"]
 
 
-def modes_html(result: ModeList, shapes: Mapping[int, Markup] = MappingProxyType({})) -> str:
-    """Modes as a page, with pictures of some of them, by index, from `mesh_pictures.mode_shape`."""
+def modes_html(
+    result: ModeList, shapes: Mapping[int, Markup] = MappingProxyType({}),
+    pairs: Mapping[int, Markup] = MappingProxyType({}),
+) -> str:
+    """Modes as a page, with pictures of some of them, by index.
+
+    Args:
+        result: The modes.
+        shapes: Pictures from `mesh_pictures.mode_shape`.
+        pairs: Pictures from `sensor_pictures.sensor_shapes`: measured shapes beside the model's.
+    """  # fmt: skip
     visible, frequencies = result.visible, result.frequencies_hz
     return render(
         "modes.html", title=result.case.title, n_rigid=result.modes.n_rigid,
@@ -25,8 +36,19 @@ def modes_html(result: ModeList, shapes: Mapping[int, Markup] = MappingProxyType
         dofs=result.modes.model.n_dofs, shapes=shapes,
         sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
         size=extents(result.size_m) if len(result.size_m) else "",
-        rings=[ring_row(ring) for ring in result.rings], notes=result.notes,
+        rings=[ring_row(ring) for ring in result.rings], notes=result.notes, pairs=pairs,
+        beside=_beside(result), at="" if result.beside is None else condition_words(result.beside),
     )  # fmt: skip
+
+
+def _beside(result: ModeList) -> dict | None:
+    """Pairs, their gap, and the matrix of MAC as coloured cells."""
+    if result.beside is None:
+        return None
+    found = result.beside.to_json()
+    matrix = result.beside.matrix
+    cells = [] if matrix is None else mac_cells(matrix)
+    return {**found, "cells": cells}
 
 
 def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
@@ -34,12 +56,14 @@ def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
 
     Args:
         result: The modes of a case.
-        n_shapes: How many shapes to show: the lowest that the test could see, or the lowest
-            elastic ones if the case does not say what it saw.
+        n_shapes: How many shapes to show: partners of the test's modes, then the lowest that the
+            test could see, or the lowest elastic ones if the case does not say what it saw.
     """
     modes, visible = result.modes, result.visible
     elastic = np.arange(len(modes)) >= modes.n_rigid
-    wanted = np.flatnonzero(elastic if visible is None else visible)[:n_shapes]
+    partners = () if result.beside is None else result.beside.index.tolist()
+    lowest = np.flatnonzero(elastic if visible is None else visible).tolist()
+    wanted = sorted(list(dict.fromkeys([*partners, *lowest]))[:n_shapes])
     vertices, motions = modes.model.corner_motion([modes.shape(int(i)) for i in wanted])
     if not len(vertices):
         return ""
@@ -50,7 +74,24 @@ def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
         hz = float(result.frequencies_hz[i])
         alt = f"Mode shape {i + 1} at {hz:.2f} Hz, coloured by its motion along {way.tolist()}."
         shapes[int(i)] = svg(mode_shape(vertices, motion, way, f"mode{i + 1}", alt))
-    return modes_html(result, shapes)
+    return modes_html(result, shapes, _pairs(result, vertices, wanted))
+
+
+def _pairs(result: ModeList, vertices: np.ndarray, wanted) -> dict[int, Markup]:
+    """Pictures of measured shapes beside the model's, by the index of the model's mode."""
+    beside, own = result.beside, result.case.shapes()
+    if beside is None or beside.sensors is None or beside.sensors.points.shape[1] != 3:
+        return {}
+    found = {}
+    for j, i in enumerate(beside.index.tolist()):
+        if i in wanted:
+            alt = f"Arrows of {beside.names[j]} of the test and of mode {i + 1} at the sensors."
+            picture = sensor_shapes(
+                vertices, beside.sensors, beside.test_shapes[:, j], beside.model_shapes[:, j],
+                f"pair{i + 1}", alt, () if own is None else own.lines,
+            )  # fmt: skip
+            found[i] = svg(picture)
+    return found
 
 
 def _mean_direction(sensors, motion: np.ndarray) -> np.ndarray:

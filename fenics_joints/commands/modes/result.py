@@ -9,6 +9,7 @@ import numpy as np
 
 import fenics_joints
 from fenics_joints.case import Case
+from fenics_joints.commands.modes.compared import Compared
 from fenics_joints.formatting import number
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.meshes import Ring
@@ -29,6 +30,7 @@ class ModeList:
         size_m: Extents along the axes, m, shape (gdim,); empty if not measured.
         rings: The bolts' rings ``ring_1``, ... of the mesh, those that are flat layers.
         notes: What is to be said of the test's data, see `fenics_joints.case.test_notes`.
+        beside: The modes beside those of the test; None if the case has no data.
     """
 
     case: Case
@@ -37,6 +39,7 @@ class ModeList:
     size_m: np.ndarray = field(default_factory=lambda: np.empty(0))
     rings: tuple[Ring, ...] = ()
     notes: tuple[str, ...] = ()
+    beside: Compared | None = None
 
     def __repr__(self) -> str:
         highest = f"to {self.frequencies_hz[-1]:.5g} Hz" if len(self.modes) else "none"
@@ -64,7 +67,7 @@ class ModeList:
         ``visible``, whether the test could see each mode, or null if the case does not say;
         ``size_m``, extents of the mesh; ``rings``, for each bolt's ring its name, centre_m,
         thickness_m, r_nei_m, r_wai_m, and parts, those below and above; ``notes``, sentences on the
-        test's data.
+        test's data; ``test``, the modes beside those of the test, see `Compared.to_json`, or null.
         """
         visible = self.visible
         return {
@@ -84,6 +87,7 @@ class ModeList:
                 for ring in self.rings
             ],
             "notes": list(self.notes),
+            "test": None if self.beside is None else self.beside.to_json(),
         }  # fmt: skip
 
     def kinds(self) -> list[str]:

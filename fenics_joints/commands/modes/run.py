@@ -5,6 +5,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload, build_structure, test_notes
+from fenics_joints.commands.modes.compared import compared
 from fenics_joints.commands.modes.page import modes_page
 from fenics_joints.commands.modes.result import ModeList
 from fenics_joints.commands.modes.summary import show_modes
@@ -52,8 +53,10 @@ def run_modes(
     modes = solve_modes(model, n_modes=n_modes, method=method)
     sensors = case.sensors()
     visibility = None if sensors is None else modes.visibility(sensors)
-    notes = test_notes(case, model)
-    found = ModeList(case, modes, visibility, model.size_m, model.rings(), notes)
+    notes, beside = test_notes(case, model), compared(case, modes)
+    if isinstance(beside, str):
+        notes, beside = (*notes, beside), None
+    found = ModeList(case, modes, visibility, model.size_m, model.rings(), notes, beside)
     return Outcome.of(found, modes_page, show_modes)
 
 

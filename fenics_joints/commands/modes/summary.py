@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from fenics_joints.commands.modes.compared import Compared, condition_words
 from fenics_joints.commands.modes.result import ModeList, ring_row
-from fenics_joints.formatting import extents, hertz
+from fenics_joints.formatting import extents, hertz, percent
 from fenics_joints.report.terminal import new_table, say, tell
 
 __all__ = ["show_modes"]
 
 #: Rows of each table, so that all of it fits on a screen.
-_MODES, _RINGS = 26, 16
+_MODES, _RINGS, _PAIRS = 26, 16, 12
 
 
 def show_modes(console: Console, result: ModeList) -> None:
@@ -34,6 +36,30 @@ def show_modes(console: Console, result: ModeList) -> None:
         if len(result.rings) > _RINGS:
             say(console, f"and {len(result.rings) - _RINGS} more", "dim")
     size = f", {extents(result.size_m)}" if len(result.size_m) else ""
+    if result.beside is not None:
+        _show_pairs(console, result.beside)
     for note in result.notes:
         tell(console, f"test: {note}", "yellow")
     say(console, f"{result.modes.model.n_dofs} degrees of freedom{size}")
+
+
+def _show_pairs(console: Console, beside: Compared) -> None:
+    """The test's modes with their partners."""
+    at = condition_words(beside)
+    tell(console, f"test{at}: error {percent(beside.rms)} (root mean square)", "bold")
+    table = new_table("test", ">Hz", ">mode", ">model, Hz", ">error", ">MAC")
+    values = [None] * len(beside.names) if beside.mac is None else beside.mac
+    rows = zip(
+        beside.names, beside.test_hz, beside.index, beside.model_hz, beside.relative, values,
+        strict=True,
+    )  # fmt: skip
+    for name, test, i, model, error, value in [*rows][:_PAIRS]:
+        known = bool(np.isfinite(test))
+        table.add_row(
+            Text(name), hertz(float(test)) if known else "–", str(i + 1), hertz(float(model)),
+            percent(float(error), 2, sign=True) if known else "–",
+            "–" if value is None else f"{value:.3f}",
+        )  # fmt: skip
+    console.print(table)
+    if len(beside.names) > _PAIRS:
+        say(console, f"and {len(beside.names) - _PAIRS} more", "dim")

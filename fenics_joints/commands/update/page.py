@@ -21,7 +21,7 @@ from fenics_joints.commands.update.words import (
 )
 from fenics_joints.formatting import condition_value
 from fenics_joints.measurements.gap import rms
-from fenics_joints.report.html import HeatCell, facts, heat_map, render, svg
+from fenics_joints.report.html import facts, heat_map, mac_cells, render, svg
 from fenics_joints.report.panels import frequency_panels, parameter_panels
 
 __all__ = ["at_words", "curve_line", "data_words", "parameter_rows", "theirs", "update_page"]
@@ -41,7 +41,7 @@ def update_page(r: UpdateReport) -> str:
     """The result of an update as a page that needs nothing else."""
     functions, modes = r.functions, r.modes
     macs = None if modes is None or modes.mac_after is None else [
-        ("Before", _mac_cells(modes.mac_before)), ("After", _mac_cells(modes.mac_after)),
+        ("Before", mac_cells(modes.mac_before)), ("After", mac_cells(modes.mac_after)),
     ]  # fmt: skip
     found = r.update.identifiability
     return render(
@@ -163,20 +163,6 @@ def _misfit(r: UpdateReport) -> float | None:
     """Root mean square of the residuals in standard deviations; 1 if noise is all there is."""
     dof = r.update.degrees_of_freedom
     return float(np.sqrt(r.update.chi2 / dof)) if dof > 0 and np.isfinite(r.update.chi2) else None
-
-
-def _mac_cells(values: np.ndarray) -> list[list[HeatCell]]:
-    return [[_mac_cell(float(v)) for v in row] for row in values]
-
-
-def _mac_cell(value: float) -> HeatCell:
-    share = min(max(value, 0.0), 1.0)
-    # White to the accent's blue; ink by contrast.
-    white, blue = np.array([247, 249, 250]), np.array([31, 95, 150])
-    colour = white + share * (blue - white)
-    ink = "#ffffff" if share > 0.55 else "#14181d"
-    background = "#" + "".join(f"{round(c):02x}" for c in colour)
-    return HeatCell(f"{value:.2f}", f"background:{background};color:{ink}")
 
 
 def _function_rows(functions: Functions) -> list[dict]:
