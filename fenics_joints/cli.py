@@ -68,6 +68,11 @@ def modes(
         typer.Option("--iterative", help="Multigrid instead of a factorisation: slower, in a "
                      "fraction of the memory; not for contacts."),
     ] = False,
+    draw_all: Annotated[
+        bool,
+        typer.Option("--all-shapes", help="Draw all modes on the page, also those that the test "
+                     "does not see."),
+    ] = False,
     json: JsonOption = None,
     report: ReportOption = None,
     large: LargeOption = False,
@@ -83,7 +88,7 @@ def modes(
     """
 
     method = "iterative" if iterative else "direct"
-    options = {"n_modes": n, "state": contacts, "method": method}
+    options = {"n_modes": n, "state": contacts, "method": method, "draw_all": draw_all}
     _command("run_modes", options, case, {"--json": json, "--report": report}, large, debug)
 
 

@@ -51,18 +51,20 @@ def _beside(result: ModeList) -> dict | None:
     return {**found, "cells": cells}
 
 
-def modes_page(result: ModeList, *, n_shapes: int = 6) -> str:
+def modes_page(result: ModeList, *, n_shapes: int | None = 6) -> str:
     """The page of the ``modes`` command. Collective; empty on all ranks but the first.
 
     Args:
         result: The modes of a case.
         n_shapes: How many shapes to show: partners of the test's modes, then the lowest that the
-            test could see, or the lowest elastic ones if the case does not say what it saw.
+            test could see, or the lowest elastic ones if the case does not say what it saw; None
+            for all elastic modes.
     """
     modes, visible = result.modes, result.visible
     elastic = np.arange(len(modes)) >= modes.n_rigid
     partners = () if result.beside is None else result.beside.index.tolist()
-    lowest = np.flatnonzero(elastic if visible is None else visible).tolist()
+    shown = elastic if visible is None or n_shapes is None else visible
+    lowest = np.flatnonzero(shown).tolist()
     wanted = sorted(list(dict.fromkeys([*partners, *lowest]))[:n_shapes])
     vertices, motions = modes.model.corner_motion([modes.shape(int(i)) for i in wanted])
     if not len(vertices):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload, build_structure, test_notes
@@ -26,6 +28,7 @@ def run_modes(
     n_modes: int | None = None,
     state: str = "stuck",
     method: str = "direct",
+    draw_all: bool = False,
 ) -> Outcome[ModeList]:
     """Modes of a case's nominal model. Collective.
 
@@ -37,6 +40,7 @@ def run_modes(
             default.
         state: What contacts are: ``"stuck"``, or as the ``"preload"`` leaves them.
         method: ``"direct"`` or ``"iterative"``, see `solve_modes`; contacts need the direct one.
+        draw_all: Whether the page draws all modes, also those that the test does not see.
 
     Raises:
         JointsError: If the case, the mesh or the solution fails.
@@ -57,7 +61,8 @@ def run_modes(
     if isinstance(beside, str):
         notes, beside = (*notes, beside), None
     found = ModeList(case, modes, visibility, model.size_m, model.rings(), notes, beside)
-    return Outcome.of(found, modes_page, show_modes)
+    page = partial(modes_page, n_shapes=None) if draw_all else modes_page
+    return Outcome.of(found, page, show_modes)
 
 
 def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) -> LinearJoint:
