@@ -165,5 +165,6 @@ def _gap_picture(d: Diagnosis) -> str:
 
 
 def _with_error(d: Diagnosis) -> dict[str, object]:
-    """A model that is its own reduced model has no error to speak of."""
-    return {**d.model, "frequency_error": d.model_error} if "basis" in d.model else d.model
+    """A model that is its own reduced model has no error to speak of. Notes stand elsewhere."""
+    known = {key: value for key, value in d.model.items() if key != "notes"}
+    return {**known, "frequency_error": d.model_error} if "basis" in known else known

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mpi4py import MPI
+from rich.console import Console
 
 from fenics_joints.case import Case
 from fenics_joints.commands.diagnose.assumptions import assumptions
@@ -14,6 +15,7 @@ from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.diagnosis import Diagnosis, diagnose
 from fenics_joints.progress import Progress
+from fenics_joints.report.terminal import tell
 
 __all__ = ["run_diagnose"]
 
@@ -33,10 +35,16 @@ def run_diagnose(
         JointsError: If the case, the mesh or a solution fails.
     """
     found, data = diagnose(case, comm, progress, keep=keep), case.measurements()
-    notes = [("of the test's data", note) for note in found.model.get("notes", ())]
-    assumed = [*assumptions(case, data), *notes]
+    notes = found.model.get("notes", ())
+    assumed = [*assumptions(case, data), *(("of the test's data", note) for note in notes)]
+
+    def summary(console: Console) -> None:
+        show_diagnosis(console, found)
+        for note in notes:
+            tell(console, f"test: {note}", "yellow")
+
     return Outcome(
         found, lambda: {**found.to_json(), "in_words": explain(found).to_json()},
         lambda: diagnosis_html(found, log_sd=data.log_sd(), assumed=assumed),
-        lambda console: show_diagnosis(console, found),
+        summary,
     )  # fmt: skip
