@@ -200,3 +200,18 @@ def test_functions_of_responses_alone_are_refused_with_what_is_needed(tmp_path, 
     """Spectra, transmissibilities, and those that call themselves frequency response functions."""
     with pytest.raises(InputError, match="hammer or a shaker .*operational modal.*datasets 55"):
         read_frfs(write(tmp_path / "a.uff", *PLAIN, function(kind, denominator)))
+
+
+def test_complex_rotations_over_two_lines_and_exponents_with_d(tmp_path):
+    """Twelve numbers for each node, six in a line; the first three components count."""
+    records = [*["NONE"] * 5, ints(1, 3, 3, 8, 5, 6), ints(2, 6, 1, 1), reals(-1.0, 1000.0)]
+    for node, v in zip(NODES, SHAPES[0], strict=True):
+        records += [ints(node), reals(v[0], 0, v[1], 0, v[2], 0).replace("E", "D")]
+        records += [reals(9, 9, 9, 9, 9, 9)]
+    found = read_shapes(write(tmp_path / "a.uff", *PLAIN, block(55, *records)))
+    moves = SHAPES[0].ravel() != 0
+    expected = SHAPES[0].ravel()[moves]
+    assert np.abs(found.shapes[:, 0]) == pytest.approx(np.abs(expected), rel=1e-5)
+    assert mac(found.shapes, expected[:, None])[0, 0] == pytest.approx(1)
+    assert found.frequencies_hz[0] == pytest.approx(np.hypot(1, 1000) / (2 * np.pi))
+    assert "Rotations in the files were not used" in found.notes
