@@ -133,6 +133,6 @@ def test_killed_runs_go_on_to_the_same_answer(tmp_path, made, ranks):
     for key, value in first.items():
         if isinstance(value, float) and value is not None:
             # Fits that start from others end within the optimiser's tolerance.
-            assert second[key] == pytest.approx(value, rel=1e-2, abs=1e-3), key
+            assert second[key] == pytest.approx(value, rel=2e-2, abs=5e-3), key
     left = [p for p in (tmp_path / "killed").rglob("*") if ".part" in p.name]
     assert np.size(left) <= KILLS, left

@@ -7,6 +7,7 @@ runs what follows ``--``. Everything else (bash, tar, flock, signals, renames) i
 from __future__ import annotations
 
 import os
+import random
 import shutil
 import signal
 import subprocess
@@ -132,6 +133,37 @@ def test_interrupted_build_is_never_used(machine: Machine, kill: signal.Signals)
     assert machine.count("build") == 2
     assert [(root / ".ready").exists() for root in machine.roots()] == [True]
     process.communicate(timeout=20)
+
+
+def test_killed_at_random_moments_it_installs_all_the_same(machine: Machine) -> None:
+    """A start takes half a second here, of which half waits for the root."""
+    draw = random.Random(3)
+    for _ in range(20):
+        process = machine.start("true", STUB_SECONDS="0.2")
+        time.sleep(draw.uniform(0.0, 0.6))
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate(timeout=20)
+    assert machine.run("sh", "-c", "exit 3")[0] == 3
+    assert machine.run("sh", "-c", "exit 3") == (3, "", "")
+    ready = [root for root in machine.roots() if (root / ".ready").exists()]
+    assert len(ready) == 1
+
+
+@pytest.mark.parametrize("home", [None, "/nowhere"])
+def test_without_a_home_the_command_gets_one(machine: Machine, home: str | None) -> None:
+    """Open MPI does not start without."""
+    (machine.bin / "bwrap").write_text(BWRAP.replace('while [ "$1" != -- ]; do', '''
+while [ "$1" != -- ]; do
+  if [ "$1 $2" = "--setenv HOME" ]; then export HOME="$3"; fi;'''))
+    environment = {} if home is None else {"HOME": home}
+    unset = [] if home else ["env", "-u", "HOME"]
+    process = subprocess.run(
+        [*unset, machine.checkout / "with-fenicsx", "sh", "-c", 'ls -d "$HOME"'],
+        env={"PATH": str(machine.bin), "XDG_CACHE_HOME": str(machine.cache.parent),
+             "RECORD": str(machine.record), **environment},
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert process.stdout.strip() == str(machine.cache / "home"), process.stderr
 
 
 def test_two_starts_build_once(machine: Machine) -> None:
