@@ -185,9 +185,11 @@ def _sparse(structure: Structure, rows: np.ndarray, nodes: np.ndarray) -> PETSc.
     imap = V.dofmap.index_map
     local = nodes[:, :, None] * gdim + np.arange(gdim)
     blocks = imap.local_to_global(nodes.ravel().astype(np.int32)).reshape(nodes.shape)
-    columns = (blocks[:, :, None] * gdim + np.arange(gdim)).reshape(len(nodes), -1)
+    # A rank may have no cell of the layer.
+    width = nodes.shape[1] * gdim
+    columns = (blocks[:, :, None] * gdim + np.arange(gdim)).reshape(len(nodes), width)
     values = np.where(structure.held_dofs[local][:, None], 0.0, rows)
-    n_rows, width = len(nodes) * gdim, columns.shape[1] if len(nodes) else 1
+    n_rows = len(nodes) * gdim
     columns = np.repeat(columns[:, None], gdim, axis=1)
     matrix = PETSc.Mat().createAIJ(
         ((n_rows, None), (imap.size_local * gdim, imap.size_global * gdim)),
