@@ -53,7 +53,13 @@ def install() -> None:
         key = _key(ufl_object, form_compiler_options, options)
 
         def at(folder: Path):
-            return compiled(ufl_object, form_compiler_options, {**options, "cache_dir": folder})
+            handlers = logging.getLogger().handlers.copy()
+            try:
+                return compiled(
+                    ufl_object, form_compiler_options, {**options, "cache_dir": folder}
+                )  # fmt: skip
+            finally:  # FFCx leaves the log to itself when a compiler fails
+                logging.getLogger().handlers = handlers
 
         return _found(key, Path(options["cache_dir"]) / _FOLDER, at)
 
