@@ -34,6 +34,8 @@ _LN10 = float(np.log(10.0))
 _RIGID = 1e-8
 #: Directions with this share of the mass per stiffness of the heaviest have none.
 _MASSLESS = 1e-12
+#: Least frequency of which steps are a share, as a share of the linear one.
+_SLOWEST = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -46,6 +48,9 @@ class Backbone(Periodic):
         modal_amplitudes: sqrt(x1^H M x1) of the first harmonic x1, m kg^1/2, (N,).
         force: Name of the force's place; None without a force.
         force_amplitudes: Amplitude of the force, N, (N,); zero without.
+        end: ``"reached"`` at the highest amplitude asked for; ``"stands still"`` if the frequency
+            fell to zero before, as where a spring gives way; ``"came back"`` if the branch turned
+            and left by the lowest; ``"short of it"`` if no solution was found on a bound.
     """
 
     method: str
@@ -53,6 +58,7 @@ class Backbone(Periodic):
     modal_amplitudes: np.ndarray
     force: str | None
     force_amplitudes: np.ndarray
+    end: str = "reached"
 
     def to_dict(self) -> dict:
         """Everything that people read, for JSON."""
@@ -63,6 +69,7 @@ class Backbone(Periodic):
             "modal_amplitude": self.modal_amplitudes.tolist(),
             "force": self.force,
             "force_amplitude_n": self.force_amplitudes.tolist(),
+            "end": self.end,
         }
 
 
@@ -120,11 +127,18 @@ def solve_backbone(
         resume=resume, on_point=telling(progress, step, lambda z: f"{10 ** z[-1]:.3g} m"),
         writes=balance.comm.rank == 0,
     )  # fmt: skip
-    return _backbone(problem, branch, sensor, force)
+    return _backbone(problem, branch, sensor, force, (np.log10(low), np.log10(high)))
 
 
-def _backbone(problem: _Mode, branch: Branch, sensor: str, force: str | None) -> Backbone:
+def _backbone(
+    problem: _Mode, branch: Branch, sensor: str, force: str | None, bounds: tuple[float, float]
+) -> Backbone:
     balance = problem.balance
+    if np.any(branch.z[:, -3] <= 0):  # beyond it the same motions follow, backwards in time
+        branch = branch.first(max(int(np.argmax(branch.z[:, -3] <= 0)), 1))
+        end = "stands still"
+    else:
+        end = _end(branch.z[-1, -1], bounds)
     X = np.array([problem.coefficients(z) for z in branch.z])
     omegas, extra = branch.z[:, -3], branch.z[:, -2]
     modal = np.sqrt(np.einsum("pnk,nm,pmk->p", X[..., 1:3], balance.model.M, X[..., 1:3]))
@@ -145,7 +159,14 @@ def _backbone(problem: _Mode, branch: Branch, sensor: str, force: str | None) ->
         modal_amplitudes=modal,
         force=force,
         force_amplitudes=np.abs(forces),
+        end=end,
     )
+
+
+def _end(last: float, bounds: tuple[float, float]) -> str:
+    """How a branch ended whose last amplitude has this logarithm."""
+    low, high = np.isclose(last, bounds, rtol=0.0, atol=1e-9)
+    return "reached" if high else "came back" if low else "short of it"
 
 
 def _linear_mode(balance: Balance, near: float | None) -> tuple[float, np.ndarray]:
@@ -219,9 +240,13 @@ class _Mode:
         return full, J
 
     def scales(self, z: np.ndarray) -> np.ndarray:
-        """Size of the motion, a tenth of omega, the extra number's, one decade."""
+        """Size of the motion, a tenth of omega, the extra number's, one decade.
+
+        All at the point itself: a frequency that grows a hundredfold is no long way for the last.
+        """
         size = np.linalg.norm(z[:-3]) or 1.0
-        ends = [0.1 * self.omega, self.extra_scale(z[-2]), 1.0]
+        omega = max(abs(z[-3]), _SLOWEST * self.omega)
+        ends = [0.1 * omega, self.extra_scale(z[-2], omega), 1.0]
         return np.concatenate([np.full(len(z) - 3, size), ends])
 
 
@@ -240,7 +265,7 @@ class FreeMode(_Mode):
             self.shape @ m.C @ self.shape / (2 * self.omega * self.shape @ m.M @ self.shape)
         )
 
-    def extra_scale(self, zeta: float) -> float:
+    def extra_scale(self, zeta: float, omega: float) -> float:
         return max(abs(zeta), 0.05)
 
     def extra(self, Y, omega: float, zeta: float) -> np.ndarray:
@@ -271,8 +296,8 @@ class PhaseResonance(_Mode):
         C = self.balance.model.C
         return float(self.omega * self.shape @ C @ self.shape / abs(self.reach))
 
-    def extra_scale(self, extra: float) -> float:
-        modal = self.omega**2 * float(self.shape @ self.balance.model.M @ self.shape)
+    def extra_scale(self, extra: float, omega: float) -> float:
+        modal = omega**2 * float(self.shape @ self.balance.model.M @ self.shape)
         return max(abs(extra), 0.05 * modal / abs(self.reach))
 
     def extra(self, Y, omega: float, extra: float) -> np.ndarray:

@@ -41,6 +41,11 @@ class Branch:
         first, last = self.z[0, -1], self.z[-1, -1]
         return f"Branch({len(self)} points, parameter {first:.4g} to {last:.4g})"
 
+    def first(self, n: int) -> Branch:
+        """Its first ``n`` points."""
+        parts = {name: getattr(self, name)[:n] for name in ("z", "tangents", "iterations")}
+        return replace(self, jacobians=self.jacobians[:n], **parts)
+
     def with_point(self, z, tangent, effort, step: float, complete: bool) -> Branch:
         """The branch with one more point; effort: (Newton steps, Jacobians)."""
         longer = self.with_inserted(len(self), z, tangent, effort)

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import ufl
 from oscillators import BAND, CUBIC, DAMPING, PUSH, duffing, jenkins, oscillator
+from scipy.optimize import brentq
 from scipy.special import ellipk
 
 from fenics_joints.harmonic import (
@@ -13,7 +15,7 @@ from fenics_joints.harmonic import (
     solve_harmonic,
 )
 from fenics_joints.interfaces import InterfaceModel
-from fenics_joints.joint_laws import Iwan, Segalman
+from fenics_joints.joint_laws import Iwan, JointLaw, Segalman
 
 
 def test_duffing_mode_is_the_closed_form():
@@ -28,6 +30,31 @@ def test_duffing_mode_is_the_closed_form():
     one = solve_backbone(duffing(), (0.01, 2.0), harmonics=1)
     closed = np.sqrt(1 + 0.75 * CUBIC * one.amplitude() ** 2)
     assert np.allclose(2 * np.pi * one.frequencies_hz, closed, rtol=1e-9)
+
+
+def test_a_frequency_that_grows_a_hundredfold_needs_no_settings():
+    """To amplitudes at which the cubic spring is 10,000 times the linear one."""
+    result = solve_backbone(duffing(), (1e-3, 100.0), harmonics=15)
+    a = result.amplitude(measure="peak")
+    modulus = CUBIC * a**2 / (2 * (1 + CUBIC * a**2))
+    exact = np.pi * np.sqrt(1 + CUBIC * a**2) / (2 * ellipk(modulus))
+    assert np.allclose(2 * np.pi * result.frequencies_hz, exact, rtol=1e-7)
+    assert exact[-1] > 85 and len(result) < 500 and result.end == "reached"
+
+
+class Couple(JointLaw):
+    def element(self, normal, slip, state, p):
+        return 0, ufl.as_vector([p["k"] * ufl.sin(slip[0])]), None
+
+
+def test_a_motion_that_comes_to_a_standstill_says_so():
+    """Between unstable equilibria, x + 10 sin x = 0, the period grows without bound, and the
+    motion becomes a square wave from one to the other."""
+    result = solve_backbone(oscillator(Couple(k=10.0), 0.0), (0.01, 5.0), harmonics=9)
+    assert result.end == result.to_dict()["end"] == "stands still"
+    edge = brentq(lambda x: x + 10 * np.sin(x), 3.2, 4.0)
+    assert result.amplitude()[-1] == pytest.approx(4 / np.pi * edge, rel=0.03)
+    assert 0 < result.frequencies_hz[-1] < 0.1 * result.frequencies_hz[0]
 
 
 def test_a_direction_with_next_to_no_mass_is_no_obstacle():

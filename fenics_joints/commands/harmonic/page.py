@@ -93,6 +93,8 @@ def over_amplitude(r: HarmonicReport) -> str:
             f"frequency goes from {hz[0]:.3f} to {hz[-1]:.3f} Hz, the damping from "
             f"{percent(zeta[0])} to {percent(zeta[-1])}."
         )
+        if r.backbone_note is not None:
+            alt += f" {r.backbone_note[0].upper()}{r.backbone_note[1:]}."
         return to_svg(figure, "amplitude", alt)
 
 

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 import fenics_joints
 from fenics_joints.case import Case
 from fenics_joints.case.harmonic import identifiable
-from fenics_joints.commands.harmonic.model import HarmonicModel
+from fenics_joints.commands.harmonic.model import SENSOR, HarmonicModel
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.harmonic import Backbone, CurvePrediction, HarmonicResult, IdentificationResult
 from fenics_joints.measurements.curves import UNITS, MeasuredCurves
 
 __all__ = ["HarmonicReport", "LevelFacts"]
+
+#: What became of a backbone that was not followed to the highest amplitude.
+_ENDS = {
+    "stands still": "ends where the frequency falls to zero: the springs give way",
+    "came back": "turns back and ends at its lowest amplitude",
+    "short of it": "ends within a step of a bound, where no further solution was found",
+}
 
 
 @dataclass(frozen=True)
@@ -113,6 +122,14 @@ class HarmonicReport:
             )
             for name, value in found.values.items()
         ]  # fmt: skip
+
+    @property
+    def backbone_note(self) -> str | None:
+        """What to know of a backbone that does not reach the amplitude that it was to."""
+        if self.backbone is None or self.backbone.end == "reached":
+            return None
+        top = quantity(float(np.max(self.backbone.amplitude(SENSOR))), "m")
+        return f"the backbone {_ENDS[self.backbone.end]}; its highest amplitude is {top}"
 
     def to_json(self) -> dict[str, object]:
         """What ``--json`` writes.

@@ -41,6 +41,8 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
     say(console, f"{steps} points of the responses, {r.seconds:.0f} s in all")
     if any(f.turning_points for f in r.facts):
         say(console, "some responses turn back in frequency: a swept test would jump there")
+    if r.backbone_note is not None:
+        say(console, r.backbone_note)
 
 
 def _identified(console: Console, r: HarmonicReport) -> None:
