@@ -158,7 +158,7 @@ def test_uff(tmp_path, size):
         for _ in range(draw(st.integers(1, 3))):
             i = draw(st.integers(0, len(lines) - 1))
             kind = draw(st.sampled_from(["gone", "twice", "number", "cut", "end"]))
-            if kind == "gone":
+            if kind == "gone" and len(lines) > 1:
                 del lines[i]
             elif kind == "twice":
                 lines.insert(i, lines[i])
@@ -180,7 +180,8 @@ def test_uff(tmp_path, size):
         bad.write_text(text)
         found = tried("uff", lambda: read_shapes(bad))
         if found is not None:
-            assert np.all(np.isfinite(found.shapes)) and np.all(found.frequencies_hz > 0)
+            assert not np.any(np.isinf(found.shapes)) and np.all(found.frequencies_hz > 0)
+            assert found.notes or not np.any(np.isnan(found.shapes))  # what is missing is said
 
     check()
 
