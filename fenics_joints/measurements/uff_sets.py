@@ -169,6 +169,8 @@ def axes_of(sets: Sequence[Dataset]) -> dict[int, np.ndarray | None]:
         else:
             continue
         for label, kind, matrix in systems:
+            if not np.isfinite([label, kind]).all():
+                raise InputError(f"{where}: expected a label and a kind of each coordinate system")
             good = matrix.shape == (4, 3) and np.allclose(
                 matrix[:3] @ matrix[:3].T, np.eye(3), atol=1e-4
             )
@@ -194,7 +196,8 @@ def add_nodes(contents: Contents, where: str, data, length: float | None, axes) 
     """Add the nodes of a dataset 15 or 2411, with the metres of a unit of length and `axes_of`."""
     columns = [np.asarray(data[key], dtype=float) for key in ("x", "y", "z")]
     labels = np.asarray(data["node_nums"], dtype=float)
-    if any(len(c) != len(labels) or not np.isfinite(c).all() for c in columns):
+    systems = [np.asarray(data[key], dtype=float) for key in ("def_cs", "disp_cs")]
+    if any(len(c) != len(labels) or not np.isfinite(c).all() for c in (labels, *columns, *systems)):
         raise InputError(f"{where}: expected label, two systems, colour and x, y, z of each node")
     if length is None:
         spans = " x ".join(f"{np.ptp(c) if len(c) else 0:.6g}" for c in columns)
@@ -202,7 +205,6 @@ def add_nodes(contents: Contents, where: str, data, length: float | None, axes) 
             f"{where}: the unit of coordinates is not known; expected a dataset 164, or "
             f"length_unit, such as length_unit = 'mm' if the nodes span {spans} mm"
         )
-    systems = [np.asarray(data[key], dtype=int) for key in ("def_cs", "disp_cs")]
     for i, label in enumerate(labels):
         point, problem = np.array([c[i] for c in columns]), ""
         moves, trouble = _system(int(systems[1][i]), axes)

@@ -14,6 +14,7 @@ import pint
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from measured_world import FREQUENCIES, accelerance, function, geometry, write_uff
 from mpi4py import MPI
 from odd import COUNTS, mutated, odd_text, odd_value, tried
 from uff_files import mode_55, nodes_2411, units_164
@@ -21,7 +22,13 @@ from uff_files import mode_55, nodes_2411, units_164
 from fenics_joints import joint_laws, measurements, preload, structure
 from fenics_joints.case import load_case
 from fenics_joints.errors import InputError
-from fenics_joints.measurements import read_curves, read_shapes, read_table, read_test_data
+from fenics_joints.measurements import (
+    read_curves,
+    read_frfs,
+    read_shapes,
+    read_table,
+    read_test_data,
+)
 from fenics_joints.units import to_si
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
@@ -142,14 +149,42 @@ def test_tables(tmp_path, table, size):
     check()
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_uff(tmp_path, size):
-    pytest.importorskip("pyuff")
-    path = tmp_path / "good.uff"
+def shapes_file(path: Path) -> None:
     points = {n: (100.0 * n, 0.0, 0.0) for n in (1, 2, 3)}
     shapes = [mode_55(k, 100.0 * k, {n: (0, 0, n * k) for n in points}) for k in (1, 2)]
     path.write_text(units_164() + nodes_2411(points) + "".join(shapes))
-    assert len(read_shapes(path).frequencies_hz) == 2
+
+
+def functions_file(path: Path) -> None:
+    few = {"x": FREQUENCIES[:6]}
+    write_uff(path, *geometry(), *[
+        function(i, 0, **few, data=accelerance()[:6, i, 0] / 9.80665) for i in range(2)
+    ])  # fmt: skip
+
+
+def shapes_fit(found) -> None:
+    assert not np.any(np.isinf(found.shapes)) and np.all(found.frequencies_hz > 0)
+    assert found.notes or not np.any(np.isnan(found.shapes))  # what is missing is said
+
+
+def functions_fit(found) -> None:
+    assert np.all(np.isfinite(found.values)) and np.all(np.diff(found.frequencies_hz) > 0)
+
+
+UFF = {
+    "shapes": (shapes_file, read_shapes, shapes_fit),
+    "functions": (functions_file, lambda p: read_frfs(p, units="g/N"), functions_fit),
+}
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("kind", UFF)
+def test_uff(tmp_path, kind, size):
+    pytest.importorskip("pyuff")
+    write, read, fit = UFF[kind]
+    path = tmp_path / "good.uff"
+    write(path)
+    fit(read(path))
     good, bad = path.read_text().splitlines(), tmp_path / "bad.uff"
 
     @st.composite
@@ -178,10 +213,9 @@ def test_uff(tmp_path, size):
     @given(files())
     def check(text):
         bad.write_text(text)
-        found = tried("uff", lambda: read_shapes(bad))
+        found = tried("uff", lambda: read(bad))
         if found is not None:
-            assert not np.any(np.isinf(found.shapes)) and np.all(found.frequencies_hz > 0)
-            assert found.notes or not np.any(np.isnan(found.shapes))  # what is missing is said
+            fit(found)
 
     check()
 
