@@ -10,12 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fenics_joints import __version__
-from fenics_joints.commands.arguments import named_path
+from fenics_joints.commands.arguments import (
+    CaseArgument,
+    DebugOption,
+    JsonOption,
+    LargeOption,
+    ReportOption,
+    named_path,
+)
 from fenics_joints.commands.database import app as database_app
+from fenics_joints.commands.start import check, schema, show
 
 if TYPE_CHECKING:
     from fenics_joints.case import Case
-    from fenics_joints.commands.outcome import Outcome
 
 __all__ = ["app", "main"]
 
@@ -28,27 +35,9 @@ app = typer.Typer(
     help="Where a model of a bolted structure and its vibration test disagree, why, and how far "
     "the gap shrinks.",
 )
+for _first in (check, schema):
+    app.command()(_first)
 app.add_typer(database_app, name="database")
-
-CaseArgument = Annotated[
-    Path,
-    typer.Argument(
-        metavar="CASE", parser=named_path, help="A folder with a case.toml, or the file."
-    ),
-]
-JsonOption = Annotated[
-    Path | None,
-    typer.Option("--json", metavar="FILE", parser=named_path, help="Write the results as JSON."),
-]
-ReportOption = Annotated[
-    Path | None,
-    typer.Option("--report", metavar="FILE", parser=named_path, help="Write a page of HTML."),
-]
-LargeOption = Annotated[
-    bool,
-    typer.Option("--large", help="Go on where the model seems too large for the memory there is."),
-]
-DebugOption = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 
 
 @app.command()
@@ -295,7 +284,7 @@ def _command(
 
                 progress.step("writing the report")
                 contents.append((report, noted(outcome.page(), notes)))
-        _finish(comm, outcome, contents)
+        show(comm, outcome, contents)
 
 
 def _prepare(comm, path: Path, outputs: dict[str, Path | None]) -> Case:
@@ -345,23 +334,3 @@ def _say_unusual(comm, case: Case, name: str) -> tuple[str, ...]:
         for note in notes:
             typer.echo(f"note: {note}", err=True)
     return notes
-
-
-def _finish(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
-    """Write and show; then fail, where the outcome says that it is none."""
-    from fenics_joints.errors import ConvergenceError
-    from fenics_joints.files import shown_path, write_text
-    from fenics_joints.parallel import on_root
-
-    def write() -> None:
-        from rich.console import Console
-
-        for path, text in contents:
-            write_text(path, text)
-        outcome.summary(Console())
-        for path, _ in contents:
-            typer.echo(f"wrote {shown_path(path)}")
-
-    on_root(comm, write)
-    if outcome.failure is not None:
-        raise ConvergenceError(outcome.failure)

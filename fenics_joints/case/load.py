@@ -24,7 +24,7 @@ from fenics_joints.errors import InputError, located
 from fenics_joints.files import is_file, read_toml, shown_path
 from fenics_joints.measurements import TestData, read_curves, read_frfs, read_table, read_test_data
 
-__all__ = ["load_case"]
+__all__ = ["finish_case", "load_case", "read_case", "read_files", "read_part"]
 
 
 def load_case(path: str | Path) -> Case:
@@ -36,23 +36,47 @@ def load_case(path: str | Path) -> Case:
     Raises:
         InputError: Names the file and, for each error, the key, the value and what was expected.
     """
-    path = Path(path)
-    if os.path.isdir(path):
-        path = path / "case.toml"
-    raw = read_toml(path, "a case file or a folder with case.toml")
+    path, raw = read_case(path)
     try:
         case = Case.model_validate(raw)
     except ValidationError as error:
         raise case_error(path, [describe(e, Case) for e in error.errors()]) from None
-    case._path = path
-    case._coarse = _diagnosed_mesh(case, raw)
-    errors = [*check_names(case), *check_mesh(case), *_read_tests(case), *_read_frfs(case)]
-    errors += check_update(case) if case.update else []
-    errors += [*check_bayes(case), *check_beams(case), *check_combined(case)]
-    errors += [*check_harmonic(case), *_read_curves(case)]
+    errors = finish_case(case, path, raw)
     if errors:
         raise case_error(path, errors)
     return case
+
+
+def read_case(path: str | Path) -> tuple[Path, dict]:
+    """The case file that a path means, and what stands in it; raises InputError as `load_case`."""
+    path = Path(path)
+    if os.path.isdir(path):
+        path = path / "case.toml"
+    return path, read_toml(path, "a case file or a folder with case.toml")
+
+
+def finish_case(case: Case, path: Path, raw: dict) -> list[str]:
+    """Read the files that a case names; a line for each thing that is wrong in it and in them."""
+    case._path = path
+    case._coarse = _diagnosed_mesh(case, raw)
+    errors = [*check_names(case), *check_mesh(case), *read_files(case)]
+    errors += check_update(case) if case.update else []
+    return errors + [
+        *check_bayes(case), *check_beams(case), *check_combined(case), *check_harmonic(case),
+        *_read_curves(case),
+    ]  # fmt: skip
+
+
+def read_part(case: Case, path: Path, has_mesh: bool) -> list[str]:
+    """The same of a case that lacks sections: what needs none of the others."""
+    case._path = path
+    meshed = check_mesh(case) if has_mesh else []
+    return [*check_names(case), *meshed, *read_files(case), *_read_curves(case)]
+
+
+def read_files(case: Case) -> list[str]:
+    """Read the files of the test; a line for each thing that is wrong."""
+    return [*_read_tests(case), *_read_frfs(case)]
 
 
 def _diagnosed_mesh(case: Case, raw: dict) -> Mesh | None:

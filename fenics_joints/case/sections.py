@@ -60,6 +60,7 @@ class Part(Section):
     """``[parts.NAME]``: cells of a solid material, with E and one of G and nu.
 
     Its thickness is along ``normal`` and its width along ``across``: y, or z if the normal is y.
+    ``mass`` is what it weighs, for `fenics-joints check` alone to hold against its density.
     """
 
     cells: Names
@@ -67,6 +68,7 @@ class Part(Section):
     G: Modulus | None = None
     nu: Poisson | None = None
     rho: Density
+    mass: Mass | None = None
     normal: Direction = (0.0, 0.0, 1.0)
     across: Direction | None = None
     tolerance: PartTolerance = PartTolerance()

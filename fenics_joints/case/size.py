@@ -17,7 +17,7 @@ from fenics_joints.case.mesh import OffsetBeamsMesh, SolidMesh
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import number
 
-__all__ = ["Estimate", "check_size", "estimate"]
+__all__ = ["Estimate", "check_size", "estimate", "estimate_of"]
 
 #: Memory of twenty modes by a factorisation (MUMPS by METIS, peak of the process less what it had
 #: before), kB for each degree of freedom: START[degree] + GROWTH * sqrt(nodes of the smallest cut
@@ -89,13 +89,29 @@ def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> Estimate:
     else:
         vertices = _step_vertices(case, mesh) if isinstance(mesh, StepMesh) else _vertices(case)
         dofs = getattr(mesh, "gdim", 3) * vertices * (_EDGES if mesh.degree == 2 else 1.0)
-        cut = (dofs / 3) ** (2 / 3) / 4  # assemblies are slender
+        cut = None  # assemblies are slender
+    return estimate_of(dofs, mesh.degree, cut, method=method, ranks=ranks)
+
+
+def estimate_of(
+    dofs: float, degree: int, cut: float | None = None, *, method: str = "direct", ranks: int = 1
+) -> Estimate:
+    """What a solid model will cost whose size is known.
+
+    Args:
+        dofs: Degrees of freedom.
+        degree: Of the displacement.
+        cut: Nodes of the smallest cut through its thickest block; None: as in slender assemblies.
+        method: As of `estimate`.
+        ranks: How many processes share it.
+    """
     if method == "iterative":
         return Estimate(
             dofs, ranks * _PROCESS + 1e3 * _ITERATIVE * dofs, 5 + dofs / _ITERATIVE_SPEED / ranks
         )
+    cut = (dofs / 3) ** (2 / 3) / 4 if cut is None else cut
     share = 1.0 if ranks == 1 else _SHARED
-    factors = 1e3 * share * dofs * (_START[mesh.degree] + _GROWTH * math.sqrt(cut))
+    factors = 1e3 * share * dofs * (_START[degree] + _GROWTH * math.sqrt(cut))
     seconds = 5 + factors / _SPEED / ranks * max(1.0, math.sqrt(cut) / _CUT)
     return Estimate(dofs, ranks * _PROCESS + factors, seconds)
 

@@ -14,6 +14,7 @@ from fenics_joints.case.values import (
     File,
     Files,
     Length,
+    Mass,
     Names,
     Number,
     Point,
@@ -30,7 +31,9 @@ from fenics_joints.measurements.data import same_conditions
 from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import column_head
 
-__all__ = ["FRFSection", "PlannedTest", "ShapesSection", "Test", "ValidationTest"]
+__all__ = [
+    "FRFSection", "PlannedTest", "ShapesSection", "Test", "ValidationTest", "in_files",
+]  # fmt: skip
 
 
 class LineOfSensors(Section):
@@ -141,7 +144,8 @@ class FRFSection(Section):
         return self
 
 
-def _in_files(value: Any) -> Any:
+def in_files(value: Any) -> Any:
+    """A section of a name, or a list of names, of files."""
     return {"files": value} if isinstance(value, list | str) else value
 
 
@@ -217,14 +221,15 @@ class Test(Section):
     ``shape_noise`` that of a component of a shape, relative to the shape's root mean square, and
     ``shapes_at`` the condition at which shapes were measured, the last one by default. A test that
     has not been made yet has a section ``planned`` in place of ``frequencies``. ``shapes`` from a
-    universal file bring frequencies, damping and sensors with them.
+    universal file bring frequencies, damping and sensors with them. ``mass`` is what the whole
+    structure weighed, for `fenics-joints check` to hold against the model.
     """
 
     __test__ = False
 
     frequencies: File | None = None
     damping: File | None = None
-    shapes: Annotated[ShapesSection, BeforeValidator(_in_files)] | None = None
+    shapes: Annotated[ShapesSection, BeforeValidator(in_files)] | None = None
     condition: str | None = None
     modes: Names | None = None
     resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]
@@ -232,10 +237,11 @@ class Test(Section):
     damping_noise: quantity("", 0, above=True) | None = None
     shape_noise: quantity("", 0, above=True) = 0.05
     shapes_at: Number | None = None
-    frfs: Annotated[FRFSection, BeforeValidator(_in_files)] | None = None
+    frfs: Annotated[FRFSection, BeforeValidator(in_files)] | None = None
     sees: Sees | None = None
     validation: ValidationTest | None = None
     planned: PlannedTest | None = None
+    mass: Mass | None = None
 
     @property
     def has_universal_shapes(self) -> bool:

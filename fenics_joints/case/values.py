@@ -49,6 +49,7 @@ def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above:
             raise ValueError(f"expected at least {smallest:g} {unit}".rstrip())
         return number
 
+    read.unit = unit  # for the schema
     return Annotated[float, BeforeValidator(read)]
 
 

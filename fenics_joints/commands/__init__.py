@@ -9,7 +9,9 @@ from importlib import import_module
 
 from fenics_joints.commands.outcome import Outcome
 
-_COMMANDS = ("bayes", "cutoff", "diagnose", "harmonic", "modes", "plan", "preload", "update")
+_COMMANDS = (
+    "bayes", "check", "cutoff", "diagnose", "harmonic", "modes", "plan", "preload", "update",
+)  # fmt: skip
 _RUNS = {f"run_{command}": f"{__name__}.{command}.run" for command in _COMMANDS}
 
 __all__ = ["Outcome", *_RUNS]

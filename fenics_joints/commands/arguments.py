@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
-__all__ = ["named_path"]
+__all__ = [
+    "CaseArgument", "DebugOption", "JsonOption", "LargeOption", "ReportOption", "named_path",
+]  # fmt: skip
 
 
 def named_path(text: str | Path) -> Path:
@@ -18,3 +21,24 @@ def named_path(text: str | Path) -> Path:
     if not str(text).strip():
         raise typer.BadParameter("is empty, expected the name of a file")
     return Path(text)
+
+
+CaseArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="CASE", parser=named_path, help="A folder with a case.toml, or the file."
+    ),
+]
+JsonOption = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", parser=named_path, help="Write the results as JSON."),
+]
+ReportOption = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="FILE", parser=named_path, help="Write a page of HTML."),
+]
+LargeOption = Annotated[
+    bool,
+    typer.Option("--large", help="Go on where the model seems too large for the memory there is."),
+]
+DebugOption = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]

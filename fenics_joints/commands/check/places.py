@@ -1,0 +1,180 @@
+"""Where sensors, forces, masses and bolts are, and how far from the structure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from fenics_joints.case import Case
+from fenics_joints.case.cad import StepMesh
+from fenics_joints.case.sections import ONE_BOLT
+from fenics_joints.errors import InputError
+from fenics_joints.meshes import TaggedMesh
+from fenics_joints.structure.nearest import far_points, nearest, too_close_together
+
+__all__ = ["Place", "bolts_of", "far_places", "places_of", "same_bolts", "twice"]
+
+#: Nearer than this, m, a point is on the mesh but for round-off.
+_ON = 1e-8
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of a case.
+
+    Attributes:
+        kind: ``sensor``, ``force``, ``mass``, ``spring``, ``attached`` or ``bolt``.
+        name: Its name.
+        point: m, shape (3,).
+        direction: Unit vector; None for what has none.
+        off: Distance from the mesh, m; nan where it was not measured.
+    """
+
+    kind: str
+    name: str
+    point: tuple[float, ...]
+    direction: tuple[float, ...] | None = None
+    off: float = math.nan
+
+    def to_json(self) -> dict[str, object]:
+        """Keys: kind, name, at_m, direction, off_mm."""
+        return {
+            "kind": self.kind, "name": self.name, "at_m": list(self.point),
+            "direction": None if self.direction is None else list(self.direction),
+            "off_mm": 1e3 * self.off if math.isfinite(self.off) else None,
+        }  # fmt: skip
+
+
+def places_of(case: Case) -> list[Place]:
+    """All points of a case but its bolts."""
+    return list(_places(case))
+
+
+def _places(case: Case) -> Iterator[Place]:
+    sensors = case.sensors()
+    if sensors is not None:
+        names = sensors.names or [f"sensor {i + 1}" for i in range(len(sensors))]
+        for name, point, way in zip(names, sensors.points, sensors.directions, strict=True):
+            yield Place("sensor", name, _three(point), _three(way))
+    frfs = case.frfs()
+    if frfs is not None:
+        for i, (point, way) in enumerate(
+            zip(frfs.reference_points, frfs.reference_directions, strict=True)
+        ):
+            yield Place("force", f"force {i + 1}", _three(point), _three(way))
+    if case.harmonic is not None:
+        for kind in ("force", "sensor"):
+            at = getattr(case.harmonic, kind)
+            yield Place(kind, f"harmonic.{kind}", tuple(at.point), tuple(at.direction))
+    tables = {"mass": case.masses, "spring": case.springs, "attached": case.attached}
+    for kind, table in tables.items():
+        for name, section in table.items():
+            way = getattr(section, "direction", None)
+            for label, point in section.labelled(name):
+                yield Place(kind, label, tuple(point), way)
+
+
+def _three(vector: Sequence[float]) -> tuple[float, ...]:
+    return (*map(float, vector), 0.0)[:3]
+
+
+def far_places(places: Sequence[Place], tagged: TaggedMesh) -> tuple[list[Place], list[str]]:
+    """The places with their distance from the mesh, and what is wrong with them. Collective.
+
+    What a test measured by hand may be near the mesh, masses and springs must be on it.
+    """
+    if not places:
+        return [], []
+    points = np.array([place.point for place in places], dtype=float)
+    found, errors = nearest(tagged.mesh, points), []
+    off = np.where(found.distance > _ON, found.distance, 0.0)
+    for kind in dict.fromkeys(place.kind for place in places):
+        own = np.array([place.kind == kind for place in places])
+        measured = kind in ("sensor", "force")
+        reach = np.where(measured, found.reach, _ON)[own]
+        if kind == "sensor":
+            try:
+                too_close_together(tagged.mesh, points[own], kind)
+            except InputError as error:
+                errors.append(str(error))
+                continue
+        if np.any(off[own] > reach):
+            near = type(found)(
+                found.owner[own], found.cells[own], found.points[own], found.distance[own],
+                reach if measured else np.zeros(own.sum()),
+            )  # fmt: skip
+            bad = np.flatnonzero(off[own] > reach)
+            part = type(near)(*(array[bad] for array in vars(near).values()))
+            names = [place.name for place, o in zip(places, own, strict=True) if o]
+            errors.append(str(far_points(
+                tagged.mesh, points[own][bad], part, kind, [names[i] for i in bad], points[own]
+            )))  # fmt: skip
+    measured = [
+        Place(p.kind, p.name, p.point, p.direction, float(d))
+        for p, d in zip(places, off, strict=True)
+    ]
+    return measured, errors
+
+
+def twice(places: Sequence[Place]) -> list[str]:
+    """Sensors at one place that look the same way; forgotten commas and copied rows."""
+    seen: dict[tuple, list[str]] = {}
+    for place in places:
+        if place.kind == "sensor" and not place.name.startswith("harmonic."):
+            key = (*np.round(place.point, 6).tolist(), *np.round(place.direction, 6).tolist())
+            seen.setdefault(key, []).append(place.name)
+    return [
+        f"{' and '.join(names)} are at one place, {list(key[:3])} m, and look the same way"
+        for key, names in seen.items()
+        if len(names) > 1
+    ]
+
+
+def bolts_of(
+    case: Case, points: np.ndarray | None = None, centres: Mapping[str, np.ndarray] | None = None
+) -> list[Place]:
+    """The bolts of a case.
+
+    Args:
+        case: The case.
+        points: Those that its mesh knows, m, shape (n, 3); they count without ``[bolts]``.
+        centres: Of the mesh's named faces, m.
+    """
+    if not case.bolts:
+        return [Place("bolt", f"bolt {i + 1}", _three(p)) for i, p in enumerate(_rows(points))]
+    found = []
+    for name, bolt in case.bolts.items():
+        ends = [(centres or {}).get(face) for face in (bolt.lower, bolt.upper)]
+        if all(end is not None for end in ends):
+            found.append(Place("bolt", name, _three(0.5 * (ends[0] + ends[1]))))
+    return found
+
+
+def _rows(points) -> np.ndarray:
+    return np.empty((0, 3)) if points is None else np.atleast_2d(points)
+
+
+def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
+    """A line for each two bolts at one place, of the file and of the mesh."""
+    given = case.mesh.bolts.at if isinstance(case.mesh, StepMesh) and case.mesh.bolts else None
+    asked = getattr(case.mesh, "bolts", None) if given is None else given
+    asked = asked if isinstance(asked, list | tuple) else []
+    listed = [
+        Place("bolt", f"mesh.bolts{'' if given is None else '.at'}[{i}]", _three(point))
+        for i, point in enumerate(asked)
+    ]
+    errors = []
+    for found in (listed, [b for b in bolts if b.name in case.bolts],
+                  [] if listed else [b for b in bolts if b.name not in case.bolts]):  # fmt: skip
+        for a, b in combinations(found, 2):
+            apart = math.dist(a.point, b.point)
+            if apart < ONE_BOLT:
+                errors.append(
+                    f"{a.name} and {b.name} are at one place, {list(b.point)} m (by "
+                    f"{1e3 * apart:.3g} mm); expected each bolt once"
+                )
+    return errors

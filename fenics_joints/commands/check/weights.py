@@ -1,0 +1,119 @@
+"""What a case's parts weigh, and whether the real ones weigh that."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.case import Case
+from fenics_joints.case.checks.names import matching
+from fenics_joints.case.mesh import OffsetBeamsMesh
+from fenics_joints.case.preload import BeamBoltSection
+from fenics_joints.case.sections import MassSection
+from fenics_joints.commands.check.body import Body
+from fenics_joints.formatting import percent, quantity
+from fenics_joints.preload.threads import thread
+
+__all__ = ["Weight", "doubtful", "weights_of"]
+
+#: A mass that is off by more is said: castings and paint are within it, a wrong material is not.
+_OFF = 0.05
+#: Ratios of units, and of numbers that are easily mixed up, with what they mean.
+_RATIOS = {
+    1000.0: "g read as kg, or mm as m in one place", 1e9: "lengths in mm read as m",
+    10.0: "a factor of ten", 25.4**3: "inches read as mm", 2.8: "aluminium taken for steel",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Weight:
+    """The mass of something in a case.
+
+    Attributes:
+        name: Its name.
+        kind: ``part``, ``joint``, ``mass``, ``bolt`` or ``attached``, which is not in the model.
+        mass: kg.
+        weighed: What the case says that it weighs, kg; or None.
+    """
+
+    name: str
+    kind: str
+    mass: float
+    weighed: float | None = None
+
+    def to_json(self) -> dict[str, object]:
+        """Keys: name, kind, kg, weighed_kg."""
+        return {
+            "name": self.name, "kind": self.kind, "kg": self.mass, "weighed_kg": self.weighed
+        }  # fmt: skip
+
+
+def weights_of(
+    case: Case, body: Body | None, centres: Mapping[str, np.ndarray]
+) -> tuple[Weight, ...]:
+    """Masses of the parts, the joints that have any, and what is put on.
+
+    Args:
+        case: The case.
+        body: Its mesh; None for beams.
+        centres: Of the mesh's named faces, m.
+    """
+    found = []
+    for name, part in case.parts.items():
+        mass = part.rho * _volume(case, body, part.cells)
+        found.append(Weight(name, "part", mass, part.mass))
+    for name, joint in case.joints.items():
+        if joint.rho is not None:
+            found.append(Weight(name, "joint", joint.rho * _volume(case, body, joint.cells)))
+    found += [Weight(name, "mass", section.mass) for name, section in case.masses.items()]
+    for name, bolt in case.bolts.items():
+        ends = centres.get(bolt.lower), centres.get(bolt.upper)
+        if isinstance(bolt, BeamBoltSection) and all(end is not None for end in ends):
+            d = thread(bolt.thread).diameter if bolt.diameter is None else bolt.diameter
+            shank = bolt.rho * math.pi / 4 * d**2 * math.dist(*ends)
+            found.append(Weight(name, "bolt", shank + 2 * bolt.head_mass))
+    found += [
+        Weight(name, "attached", section.mass)
+        for name, section in case.attached.items()
+        if isinstance(section, MassSection)
+    ]
+    return tuple(found)
+
+
+def _volume(case: Case, body: Body | None, cells) -> float:
+    mesh = case.mesh
+    if isinstance(mesh, OffsetBeamsMesh):
+        sizes = zip(mesh.of("lengths"), mesh.of("width"), mesh.of("thickness"), strict=True)
+        own = [math.prod(s) for i, s in enumerate(sizes) if f"beam_{i + 1}" in cells]
+        return sum(own)
+    named = [name for pattern in cells for name in matching(pattern, body.names)]
+    return body.volume(named)
+
+
+def doubtful(case: Case, weights: tuple[Weight, ...]) -> list[str]:
+    """A sentence for each mass that is not what was weighed, and for parts that are empty."""
+    notes = [
+        _said(f"parts.{w.name}", w.mass, w.weighed) for w in weights if w.weighed is not None
+    ]
+    if case.test is not None and case.test.mass is not None:
+        notes.append(_said("the whole structure", sum(w.mass for w in weights), case.test.mass))
+    return [note for note in notes if note]
+
+
+def _said(what: str, mass: float, weighed: float) -> str:
+    ratio = mass / weighed
+    if abs(ratio - 1) <= _OFF:
+        return ""
+    near = [
+        words for factor, words in _RATIOS.items()
+        if any(abs(ratio / f - 1) < 0.08 for f in (factor, 1 / factor))
+    ]  # fmt: skip
+    hint = f"; {near[0]}?" if near else ""
+    times = percent(ratio - 1, 0, sign=True) if 0.5 < ratio < 2 else f"{ratio:.3g} times as much"
+    return (
+        f"{what} is {quantity(mass, 'kg')} in the model and {quantity(weighed, 'kg')} on the "
+        f"scales ({times}){hint}"
+    )

@@ -1,0 +1,117 @@
+"""A structure before anything is solved: its parts in colours, and what stands on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.collections import PolyCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from fenics_joints.report import geometry
+from fenics_joints.report.style import INK, drawing, to_svg
+
+__all__ = ["structure_picture"]
+
+#: Marker, colour and words of each kind of place.
+_MARKS = {
+    "sensor": ("o", "#1f4e9c", "sensor"), "force": ("v", "#b3261e", "force"),
+    "mass": ("s", "#4a4f57", "mass"), "spring": ("d", "#3f7d4e", "spring"),
+    "attached": ("s", "#b8860b", "attached"), "bolt": ("+", "#14181d", "bolt"),
+}  # fmt: skip
+_PALE = colormaps["Pastel1"]
+#: Length of an arrow relative to the structure, most names in a legend, most that are numbered.
+_ARROW, _NAMED, _NUMBERED = 0.07, 12, 40
+
+
+class Placed(Protocol):
+    """Something at a point, m, that may look in a direction."""
+
+    name: str
+    point: tuple[float, ...]
+    direction: tuple[float, ...] | None
+
+
+def structure_picture(
+    vertices: np.ndarray, group: np.ndarray, names: Sequence[str],
+    places: Mapping[str, Sequence[Placed]], *, below: bool = False,
+) -> str:
+    """The parts of a structure in an oblique view, with sensors, forces, masses and bolts.
+
+    What is behind the structure shows through, paler.
+
+    Args:
+        vertices: Corner coordinates of every cell, m, shape (n_cells, n_corners, 3).
+        group: Which part each cell is of, shape (n_cells,).
+        names: Names of the parts.
+        places: What stands where, by its kind, a key of the legend.
+        below: Whether it is seen from below and behind instead.
+    """  # fmt: skip
+    turned = np.array([1.0, -1.0, -1.0]) if below else np.ones(3)
+    number = np.broadcast_to(group[:, None, None], vertices.shape).astype(float)
+    faces, own = geometry.outer_faces(np.asarray(vertices, dtype=float) * turned, number)
+    flat, depth = geometry.oblique(faces)
+    order = np.argsort(depth)
+    colours = _PALE(own[order, 0, 0].astype(int) % _PALE.N)
+    size = float(np.ptp(vertices.reshape(-1, 3), axis=0).max())
+    with drawing(7.6, 3.9) as figure:
+        axes = figure.subplots()
+        axes.add_collection(
+            PolyCollection(flat[order], facecolors=colours, edgecolors="#7a808a", lw=0.2,
+                           rasterized=True)
+        )  # fmt: skip
+        for kind, found in places.items():
+            _draw(axes, kind, found, turned, size)
+        axes.autoscale_view()
+        axes.margins(0.05)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        _legend(figure, names, [kind for kind, found in places.items() if found])
+        side = "below" if below else "above"
+        return to_svg(figure, f"structure-{side}", _alt(names, places, side), dpi=130)
+
+
+def _draw(axes, kind: str, found: Sequence[Placed], turned: np.ndarray, size: float) -> None:
+    if not found:
+        return
+    marker, colour, _ = _MARKS[kind]
+    points = np.array([place.point for place in found]) * turned
+    start = _flat(points)
+    axes.plot(*start.T, marker, color=colour, ms=7 if kind == "bolt" else 3.5, ls="", zorder=5)
+    ways = [(i, np.array(p.direction) * turned) for i, p in enumerate(found) if p.direction]
+    if ways:
+        at = np.array([i for i, _ in ways])
+        units = np.array([way / np.linalg.norm(way) for _, way in ways])
+        along = _flat(points[at] + _ARROW * size * units) - start[at]
+        axes.quiver(*start[at].T, *along.T, color=colour, angles="xy", scale_units="xy", scale=1,
+                    width=0.0025, headwidth=4, zorder=5)  # fmt: skip
+        axes.plot(*(start[at] + along).T, ".", ms=0)
+    if kind in ("sensor", "bolt") and len(found) <= _NUMBERED:
+        for place, (x, y) in zip(found, start, strict=True):
+            axes.annotate(
+                place.name.removeprefix(f"{kind} "), (x, y), (3, 3), textcoords="offset points",
+                fontsize=6.5, color=INK, zorder=6,
+            )  # fmt: skip
+
+
+def _legend(figure, names: Sequence[str], kinds: Sequence[str]) -> None:
+    shown = [Patch(color=_PALE(i % _PALE.N), label=n) for i, n in enumerate(names[:_NAMED])]
+    if len(names) > _NAMED:
+        shown.append(Patch(color="none", label=f"and {len(names) - _NAMED} more"))
+    for kind in kinds:
+        marker, colour, words = _MARKS[kind]
+        shown.append(Line2D([], [], marker=marker, color=colour, ls="", label=words))
+    figure.legend(handles=shown, loc="outside right upper", fontsize=8)
+
+
+def _alt(names, places, side: str) -> str:
+    counts = ", ".join(f"{len(found)} of kind {kind}" for kind, found in places.items() if found)
+    return f"The structure from {side}: parts {', '.join(names)}; {counts or 'nothing on it'}."
+
+
+def _flat(points: np.ndarray) -> np.ndarray:
+    """Points in the oblique view, (n, 2)."""
+    return geometry.oblique(np.asarray(points, dtype=float)[:, None, :])[0][:, 0]

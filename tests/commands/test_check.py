@@ -1,0 +1,149 @@
+"""``fenics-joints check``: all that is wrong or unlikely in one run, masses, places, costs."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+
+import pytest
+from mpi4py import MPI
+from rich.console import Console
+from step_files import flanges, write_step
+
+from fenics_joints.case import examine_case
+from fenics_joints.cli import main
+from fenics_joints.commands.check.run import check_case, run_check
+from fenics_joints.progress import Progress
+
+PLATES = 2 * 0.2 * 0.08 * 0.008 * 2750  # kg: two plates by hand
+STEP = """
+[mesh]
+file = "machine.step"
+size = "30 mm"
+circle = 6
+[mesh.bolts]
+at = [{bolts}]
+r_wai = "9 mm"
+[parts.frame]
+cells = ["bed", "foot"]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m3"
+[joints.rings]
+law = "transition"
+cells = "ring_*"
+E = "6111 MPa"
+nu = 0.253
+h = "0.7 mm"
+"""
+
+
+def checked(path, comm=MPI.COMM_SELF):
+    return check_case(path, comm, Progress(silent=True))
+
+
+@pytest.mark.parallel
+@pytest.mark.smoke
+def test_masses_and_places(shared_tmp_path, write_case):
+    """Masses are those by hand, on any number of ranks; a good case has nothing to say."""
+    comm = MPI.COMM_WORLD
+    if comm.rank == 0:
+        write_case(shared_tmp_path)
+    comm.barrier()
+    found = checked(shared_tmp_path, comm)
+    assert found.errors == () and found.notes == ()
+    assert found.mass == pytest.approx(PLATES, rel=1e-12)
+    assert sum(w.mass for w in found.weights if w.kind == "attached") == pytest.approx(0.18)
+    sensors = [place for place in found.places if place.kind == "sensor"]
+    assert len(sensors) == 5 and all(place.off == 0 for place in sensors)
+    assert len(found.bolts) == 4
+    assert [cost.command for cost in found.costs] == ["modes", "update", "diagnose"]
+
+
+def test_all_at_once(tmp_path, write_case):
+    """What cannot be read, what is not there, what is beside the mesh and what is unlikely."""
+    write_case(
+        tmp_path,
+        ('E = "69 GPa"', 'E = "69 Pa"\nmass = "70.4 g"'),
+        ('damping = "damping.csv"', 'damping = "dampin.csv"\nmass = "900 g"'),
+        ('noise = "0.3 %"', 'noise = "0.3 kg"'),
+        ('positions = ["10 mm", "60 mm"', 'positions = ["-25 mm", "60 mm"'),
+        ('G = "0.446 MPa"', 'G = "0.446 MPa"\nthickness = "1 mm"'),
+        ('points = [["10 mm", "40 mm"]]', 'points = [["10 mm", "90 mm"]]'),
+    )
+    text = (tmp_path / "case.toml").read_text().replace('G = "26.9 GPa"', "nu = 0.3")
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    found = checked(tmp_path)
+    errors, notes = "\n".join(found.errors), "\n".join(found.notes)
+    assert "test.noise[0] = '0.3 kg'" in errors
+    assert "joints.away.thickness = '1 mm': unknown key" in errors
+    assert "dampin.csv" in errors and "no such file" in errors
+    assert "sensor 1 at [-0.025, 0.04, 0.008] m is outside the mesh, by 25 mm" in errors
+    assert "accelerometer at [0.01, 0.09, 0.0] m is outside the mesh, by 10 mm" in errors
+    assert "parts.plates.E = 69 Pa is unusual" in notes
+    assert "parts.plates is 704 g in the model and 70.4 g on the scales (10 times as much)" in notes
+    assert "the whole structure is 884 g in the model and 900 g" not in notes  # within 5 %
+
+
+def test_bolts_at_one_place(tmp_path):
+    """Of a STEP file, before and although gmsh refuses the rings."""
+    write_step(tmp_path / "machine.step", flanges(), labels=("bed", "foot"))
+    places = ["[0.045, 0.015, 0.02]", "[0.085, 0.015, 0.02]", "[0.0452, 0.015, 0.02]"]
+    (tmp_path / "case.toml").write_text(STEP.format(bolts=", ".join(places)), encoding="utf-8")
+    errors = "\n".join(checked(tmp_path).errors)
+    assert "mesh.bolts.at[0] and mesh.bolts.at[2] are at one place" in errors
+    (tmp_path / "case.toml").write_text(STEP.format(bolts=", ".join(places[:2])), encoding="utf-8")
+    found = checked(tmp_path)
+    assert found.errors == () and len(found.bolts) == 2
+    holes = 4 * 3.14159265 * 6e-3**2 * 35e-3  # polygons of the mesh are a little smaller
+    solid = 0.1 * 0.06 * 0.02 + 0.08 * 0.06 * 0.015
+    assert found.mass == pytest.approx(7850 * (solid - holes), rel=0.01)
+
+
+@pytest.mark.parametrize("text, words", [
+    ("", "mesh is missing"), ("[mesh", "cannot be read as TOML"), ("x = 1\n", "x = 1: unknown key"),
+])  # fmt: skip
+def test_hopeless_files(tmp_path, text, words):
+    """Empty, truncated and foreign files are one clear list, and still a page."""
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    outcome = run_check(tmp_path, MPI.COMM_SELF, Progress(silent=True))
+    assert words in "\n".join(outcome.result.errors) and outcome.failure
+    assert words in outcome.page() and outcome.json()["errors"]
+
+
+def test_what_can_be_read_is(tmp_path, write_case):
+    """A part that cannot be read does not hide what is wrong with the test's files."""
+    write_case(tmp_path, ('E = "69 GPa"', 'E = "stiff"'), ('G = "342 MPa"', ""))
+    (tmp_path / "frequencies.csv").unlink()
+    found = examine_case(tmp_path)
+    assert [line.partition(" ")[0] for line in found.errors[:2]] == ["parts.plates.E",
+                                                                    "joints.near:"]  # fmt: skip
+    assert "frequencies.csv" in found.errors[2] and not found.whole and found.has_mesh
+
+
+def test_command(tmp_path, write_case, monkeypatch, capfd):
+    """Files are written and the exit code is 1 where something is wrong."""
+    write_case(tmp_path, ('positions = ["10 mm"', 'positions = ["-25 mm"'))
+    page, out = tmp_path / "page.html", tmp_path / "out.json"
+    with monkeypatch.context() as patch, pytest.raises(SystemExit) as end:
+        arguments = ["check", str(tmp_path), "--report", str(page), "--json", str(out)]
+        patch.setattr(sys, "argv", ["fenics-joints", *arguments])
+        main()
+    assert end.value.code == 1
+    said = capfd.readouterr()
+    assert "error 1: sensor sensor 1" in said.out and "1 error, listed above" in said.err
+    content = json.loads(out.read_text())
+    assert content["mass_kg"] == pytest.approx(PLATES) and len(content["errors"]) == 1
+    assert content["places"][0]["off_mm"] == pytest.approx(25)
+    assert page.read_text().count("<svg") == 2
+
+
+def test_summary_fits(tmp_path, write_case):
+    """A screen of 80 columns, no sentence cut."""
+    write_case(tmp_path, ('E = "69 GPa"', 'E = "69 Pa"'), ('G = "26.9 GPa"', "nu = 0.3"))
+    text = io.StringIO()
+    outcome = run_check(tmp_path, MPI.COMM_SELF, Progress(silent=True))
+    outcome.summary(Console(file=text, width=80))
+    assert max(map(len, text.getvalue().splitlines())) <= 80
+    assert "was '69 GPa' meant?" in " ".join(text.getvalue().split())
