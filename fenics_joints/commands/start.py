@@ -42,7 +42,7 @@ def check(
     with guarded(debug):
         from mpi4py import MPI
 
-        from fenics_joints.commands import run_check
+        from fenics_joints.commands.check.run import run_check
         from fenics_joints.files import check_outputs, json_text
         from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
