@@ -19,6 +19,7 @@ _KINDS = {
     "kg/m3": ("a density", "2750 kg/m3"),
     "N/m": ("a stiffness", "1 kN/m"),
     "Hz": ("a frequency", "12.5 Hz"),
+    "Pa/m": ("a stiffness per area", "1e12 Pa/m"),
     "N": ("a force", "28 kN"),
     "N*m": ("a torque", "25 N m"),
     "N*m*s": ("a damping of rotation", "0.15 N m s"),

@@ -51,6 +51,7 @@ from fenics_joints.forms.pressure import (
     pressure_cone,
     radius,
 )
+from fenics_joints.forms.roughness import combined_roughness, rough_contact_stiffness
 from fenics_joints.forms.thin_layer import (
     constrained_layer,
     isotropic_layer,
@@ -78,6 +79,7 @@ __all__ = [
     "bilinear_slope",
     "bouc_wen",
     "circumference",
+    "combined_roughness",
     "constrained_layer",
     "contact_gap",
     "contact_interface",
@@ -104,6 +106,7 @@ __all__ = [
     "richard_abbott",
     "richard_abbott_slope",
     "ring_pressure",
+    "rough_contact_stiffness",
     "segalman",
     "segalman_limits",
     "segalman_slope",

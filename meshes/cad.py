@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Concatenate, Literal, ParamSpec
 
@@ -35,12 +35,15 @@ from fenics_joints.meshes.cad_shapes import (
 )
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.gmsh_model import gmsh_model
+from fenics_joints.meshes.grow import thin_layer
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
 __all__ = ["StepAssembly", "read_step"]
 
 P = ParamSpec("P")
+#: Widest gap, m, that counts as touching where no thickness of a layer is given.
+_REACH = 0.7e-3
 #: Of gmsh, while a file is read: millimetres whatever the file's unit, which are
 #: OpenCASCADE's default (any other would stay for whatever the caller reads or writes next), and
 #: straight-sided cells.
@@ -68,8 +71,10 @@ class StepAssembly(Arguments):
 
     The faces may touch in the file, or be apart by up to ``layer``; they are closed first. Then the
     parts are moved apart by ``layer`` along the faces' normal, each with its exact shape; the part
-    that comes first in the file keeps its place. The parts' meshes match on the contacts, where
-    they share no vertex. With ``joint="rings"`` they hang together by the rings alone: around each
+    that comes first in the file keeps its place. Without ``layer`` no part moves: the layers are as
+    thick as the gap, 0.7 mm at most, or where there is none as one that
+    `fenics_joints.meshes.grow` grows. The parts' meshes match on the contacts, where they share no
+    vertex. With ``joint="rings"`` they hang together by the rings alone: around each
     bolt the layer between R_nei and R_wai (seed 000, section 2), one triangle of the contact below
     and above, cut into three tetrahedra. Its circles are polygons whose corners lie on them, as
     all curved faces have straight-sided cells: with ``circle`` edges to a circle, a ring's area is
@@ -89,7 +94,7 @@ class StepAssembly(Arguments):
         bolts: Centres of the bolts on the contacts, m, as in the file; None: at all round holes
             with one axis in two faces that touch, in the order of the solids, then of x, y and z.
         hole: Least and largest diameter of the holes that are a bolt's, m; None: below 2 R_wai.
-        layer: Thickness of the layer in the mesh, m.
+        layer: Thickness of the layer in the mesh, m; None: as thin as can be, and no part moves.
         n_layer: Cells through the layer.
         parts: Our name of each solid, and its label in the file, its number there from 1, or a
             point inside it, m. A solid without one is called by its label.
@@ -115,7 +120,7 @@ class StepAssembly(Arguments):
     hole: Annotated[
         tuple[float, float], Demand(_is_range, "the least and the largest diameter, in metres")
     ] | None = None
-    layer: Size = 0.7e-3
+    layer: Size | None = None
     n_layer: Count = 1
     parts: Mapping[str, Place] | None = None
     bonded: Sequence[tuple[str, str]] = ()
@@ -193,8 +198,13 @@ class _Assembly:
 
     @property
     def layer(self) -> float:
-        """Thickness of the layer."""
-        return self.given.layer * _MM
+        """Thickness of the layer, or else the gap that one may fill."""
+        return (self.given.layer or _REACH) * _MM
+
+    @property
+    def stays(self) -> bool:
+        """Whether no part moves."""
+        return self.given.layer is None and self.given.joint != "contact"
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
@@ -211,14 +221,42 @@ class _Assembly:
                 contacts = [c for c in contacts if any(b.contact is c for b in bolts)]
             shifts, body = closing(solids, contacts), bodies(solids, bonded)
             moves = np.zeros((int(body.max()) + 1, 3))
-            if self.given.joint != "contact":
+            if self.stays:
+                for solid, own in enumerate(body):
+                    moves[own] = -shifts[solid]
+            elif self.given.joint != "contact":
                 moves = opening(solids, body, contacts, self.layer)
             faces = {name: _in_mm(points) for name, points in self.given.points().items()}
             glued = glue(model, solids, shifts, contacts, bolts, faces, self._sizes(bolts))
         self._check_bonds(solids, bonded, glued)
         if self.given.joint != "contact":
             self._check_one(solids, body, contacts)
-        return self._named(solids, glued, Opened(glued, body, moves), body, moves, shifts, bolts)
+        opened = Opened(glued, body, moves)
+        if not self.stays:
+            return self._named(solids, glued, opened, body, moves, shifts, bolts)
+        thin = self._spread(glued, opened, contacts)
+        lists = self._named(solids, glued, opened, body, moves, shifts, bolts)
+        return replace(lists, notes=(
+            f"no part was moved for a layer: the layers are {1e3 * thin:.3g} um thick, half of "
+            "that taken from each part, or as thick as the gap in the file",
+        ))  # fmt: skip
+
+    def _spread(self, glued: Glued, opened: Opened, contacts) -> float:
+        """Open the contacts that are to be filled by a thin layer; returns its thickness."""
+        filled = [i for found in self._layers(glued).values() for i in found]
+        ends = opened.x[opened.cells[:, [0, 0, 0, 1, 1, 2]]] - opened.x[
+            opened.cells[:, [1, 2, 3, 2, 3, 3]]
+        ]
+        sizes = [
+            np.ptp(opened.x[opened.cells[glued.solid == solid]], axis=(0, 1)).min()
+            for solid in {solid for i in filled for solid in i.solids}
+        ]
+        thin = thin_layer(min(sizes), float(np.linalg.norm(ends, axis=2).min()))
+        for number in sorted({i.contact for i in filled}):
+            here, contact = [i for i in filled if i.contact == number], contacts[number]
+            if contact.gap < thin:
+                opened.spread(here, (thin - contact.gap) * contact.normal)
+        return thin
 
     def _pairs(self, solids: Solids, key: str, pairs) -> list[tuple[int, int]]:
         found = []
@@ -332,7 +370,8 @@ class _Assembly:
         if bolts:
             points["bolts"] = 1 / _MM * np.array([
                 b.centre + shifts[b.contact.lower] + moves[body[b.contact.lower]]
-                + self.layer / 2 * b.contact.normal for b in bolts
+                + (b.contact.gap if self.stays else self.layer) / 2 * b.contact.normal
+                for b in bolts
             ])  # fmt: skip
         return MeshLists(
             "tetrahedron", opened.x / _MM, opened.turned(np.vstack(cells)), np.concatenate(values),

@@ -50,6 +50,12 @@ class Opened:
         body = body[..., None] if body.ndim else body
         return np.searchsorted(self._pairs, vertices * self._n_bodies + body)
 
+    def spread(self, interfaces: Sequence[Interface], apart: np.ndarray) -> None:
+        """Move the sides of interfaces apart, each by half of ``apart``, shape (3,)."""
+        for upper, way in ((0, -0.5), (1, 0.5)):
+            sides = [self.side(i, upper) for i in interfaces]
+            self.x[np.unique(np.vstack(sides))] += way * apart
+
     def layer(self, interfaces: Sequence[Interface], n_layer: int) -> np.ndarray:
         """Fill what is open between the sides of interfaces; adds vertices where n_layer > 1.
 

@@ -15,6 +15,7 @@ from fenics_joints.files import is_file
 from fenics_joints.meshes.arguments import is_positive, requirement
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.gmsh_model import gmsh_model
+from fenics_joints.meshes.grow import Grown, grow
 from fenics_joints.meshes.rings import ring_centres
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
@@ -44,6 +45,7 @@ def read_msh(
     required_cells: Sequence[str] = (),
     required_facets: Sequence[str] = (),
     scale: float = 1.0,
+    grown: Grown | None = None,
 ) -> TaggedMesh:
     """Read a gmsh ``.msh`` file whose physical groups name the parts and the faces.
 
@@ -60,6 +62,8 @@ def read_msh(
         required_cells: Names of parts that must be there.
         required_facets: Names of faces that must be there.
         scale: Length in metres of the file's unit, such as 1e-3 for millimetres.
+        grown: Joint layers to grow where parts touch, see `fenics_joints.meshes.grow`; None: none,
+            parts that share vertices are as one.
 
     Returns:
         The tagged mesh.
@@ -79,14 +83,17 @@ def read_msh(
         lists = _read(path, gdim, scale)
         _check_required(path, "part", required_cells, lists.cell_names)
         _check_required(path, "face", required_facets, lists.facet_names)
-        return lists
+        if grown is None:
+            return lists
+        with located(path):
+            return grow(lists, grown)
 
     lists = on_root(comm, build)
     tagged = distribute(comm, lists)
     with located(path):
         check_mesh(tagged)
     _check_facets_found(path, tagged, lists)
-    bolts = ring_centres(tagged) if gdim == 3 else None
+    bolts = ring_centres(tagged) if gdim == 3 and "bolts" not in tagged.points else None
     return tagged if bolts is None else replace(tagged, points={"bolts": bolts})
 
 

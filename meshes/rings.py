@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import dolfinx.mesh
 import numpy as np
+import ufl
+from dolfinx import fem
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.tagged import TaggedMesh
@@ -16,6 +18,7 @@ __all__ = [
     "Ring",
     "check_normal",
     "layer_thickness",
+    "measure_layer",
     "measure_ring",
     "ring_centres",
     "ring_names",
@@ -23,6 +26,8 @@ __all__ = [
 
 #: Cosine by which the direction of a flat face may miss its normal, and a wall a right angle.
 _FLAT = 1e-3
+#: Share of a layer's faces towards parts that may be walls.
+_WALLS = 0.02
 #: By how much of its thickness a layer may be uneven, and rings of one joint may differ.
 _EVEN = 1e-2
 
@@ -142,6 +147,51 @@ def layer_thickness(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[f
                 f"{1e3 * first.thickness:.6g} mm; expected one thickness, or a joint for each"
             )
     return first.thickness
+
+
+def measure_layer(
+    tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[float] | None = None
+) -> tuple[float, np.ndarray]:
+    """Mean thickness of flat layers of cells, m, and their normal, shape (3,). Collective.
+
+    Layers may lie in several planes; the thickness is their volume over their area.
+
+    Args:
+        tagged: A mesh in space.
+        cells: Names of the layers' cells.
+        normal: Their normal, of any length; None: that of most of their faces.
+
+    Raises:
+        MeshError: They touch no part, or are not flat along one normal.
+    """
+    found = [_skin(tagged, name) for name in cells]
+    sides = [
+        (area, cells_of) for _, areas, parts, _ in found
+        for area, cells_of in zip(areas, parts, strict=True) if cells_of not in cells
+    ]  # fmt: skip
+    names = ", ".join(cells)
+    if not sides:
+        raise MeshError(f"{names}: it touches no other part, expected one on each side")
+    areas = np.array([area for area, _ in sides])
+    n = _normal(areas) if normal is None else np.asarray(normal, dtype=float)
+    n = n / np.linalg.norm(n) + 0.0
+    along = np.abs(areas @ n)
+    cosine = along / np.linalg.norm(areas, axis=1)
+    # Walls of a layer touch parts too, but a thin one's have hardly any area.
+    off = ~(cosine > 1 - _FLAT)
+    if np.linalg.norm(areas[off], axis=1).sum() > _WALLS * np.linalg.norm(areas, axis=1).sum():
+        worst = np.degrees(np.arccos(np.clip(cosine.min(), 0, 1)))
+        raise MeshError(
+            f"{names}: its faces are up to {worst:.3g} degrees off the normal "
+            f"({', '.join(f'{c:.3g}' for c in n)}), expected flat layers along one normal (a "
+            "joint for each direction)"
+        )
+    own = tagged.mesh.topology.index_map(3).size_local
+    here = np.sort(np.concatenate([tagged.cell_tags.find(tagged.cell_tag(n)) for n in cells]))
+    # The cells as data of the form: one code for all layers.
+    dx = ufl.Measure("dx", tagged.mesh, subdomain_data=[(1, here[here < own])])(1)
+    volume = fem.assemble_scalar(fem.form(fem.Constant(tagged.mesh, 1.0) * dx))
+    return float(2 * tagged.mesh.comm.allreduce(volume) / along[~off].sum()), n
 
 
 def check_normal(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[float]) -> None:

@@ -29,6 +29,7 @@ class TaggedMesh:
         cell_names: Tag of each named part.
         facet_names: Tag of each named face.
         points: Named points, each of shape (n, 3) in metres, such as the centres of the bolts.
+        notes: What a user should know of how it was made.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -37,6 +38,7 @@ class TaggedMesh:
     cell_names: dict[str, int]
     facet_names: dict[str, int]
     points: dict[str, np.ndarray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         parts, faces = ", ".join(self.cell_names), len(self.facet_names)
@@ -102,6 +104,7 @@ class MeshLists:
         cell_names: Tag of each named part.
         facet_names: Tag of each named face.
         points: Named points, each of shape (n, 3), in metres.
+        notes: What a user should know of how it was made.
     """
 
     cell: str
@@ -113,6 +116,7 @@ class MeshLists:
     cell_names: dict[str, int]
     facet_names: dict[str, int]
     points: dict[str, np.ndarray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"MeshLists({len(self.cells)} {self.cell} cells, {len(self.x)} vertices)"
@@ -137,9 +141,9 @@ def distribute(comm: MPI.Intracomm, lists: MeshLists | None) -> TaggedMesh:
             lists.facets.shape[1],
             _used(lists.cell_names, lists.cell_values),
             _used(lists.facet_names, lists.facet_values),
-            lists.points,
+            (lists.points, lists.notes),
         )
-    cell, gdim, cell_corners, facet_corners, cell_names, facet_names, points = comm.bcast(shapes)
+    cell, gdim, cell_corners, facet_corners, cell_names, facet_names, more = comm.bcast(shapes)
     if comm.rank == 0:
         x, cells = lists.x, lists.cells
         facets, facet_values = lists.facets, lists.facet_values
@@ -153,7 +157,7 @@ def distribute(comm: MPI.Intracomm, lists: MeshLists | None) -> TaggedMesh:
     return TaggedMesh(
         mesh, _cell_tags(mesh, cell_values),
         _compat.distribute_facet_tags(mesh, facets, facet_values),
-        cell_names, facet_names, points,
+        cell_names, facet_names, *more,
     )  # fmt: skip
 
 

@@ -10,26 +10,27 @@ from fenics_joints.case.build_beams import build_beams, springs_of
 from fenics_joints.case.case import Case
 from fenics_joints.case.checks.beams import refuse_beams
 from fenics_joints.case.checks.names import matching, unknown_groups
-from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh
+from fenics_joints.case.mesh import JoinedMesh, MeshFile, OffsetBeamsMesh
 from fenics_joints.case.parameters import parameters
 from fenics_joints.case.sections import Joint, MassSection, SupportSection
 from fenics_joints.case.values import AXES
 from fenics_joints.errors import InputError, MeshError, located
 from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
-from fenics_joints.meshes.rings import check_normal
+from fenics_joints.meshes.rings import check_normal, measure_layer
 from fenics_joints.preload import Contact, PreloadModel
 from fenics_joints.structure.components import (
     ElasticSupport,
     PointMass,
     Region,
     Support,
+    interface,
     joint,
     part,
     transition,
 )
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["build_mesh", "build_preload", "build_structure"]
+__all__ = ["build_mesh", "build_preload", "build_structure", "measured_joints"]
 
 
 #: Ratio of thicknesses that no choice of a mesh explains, but a wrong unit (1000) does.
@@ -168,15 +169,44 @@ def _parts(case: Case, width: bool) -> list[Region]:
     ]
 
 
+def measured_joints(case: Case, tagged: TaggedMesh) -> Case:
+    """The case with names, normals and thickness of layers of springs as the mesh has them.
+
+    Raises:
+        MeshError: If one is no flat layer.
+    """
+    joints = dict(case.joints)
+    for name, section in case.joints.items():
+        if section.law != "springs":
+            continue
+        cells = _cells(section, tagged)
+        normal = section.normal if "normal" in section.model_fields_set else None
+        with located(f"joints.{name}"):
+            if tagged.mesh.geometry.dim == 3:
+                meshed, normal = measure_layer(tagged, cells, normal)
+                normal = tuple(normal.tolist())
+            else:
+                normal = normal or section.normal
+                meshed = extent(tagged, cells, normal)
+        update = {"cells": list(cells), "meshed": section.meshed or meshed, "normal": normal}
+        joints[name] = section.model_copy(update=update)
+    return case.model_copy(update={"joints": joints})
+
+
 def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
+    case = measured_joints(case, tagged)
     for name, j in case.joints.items():
         # Where the thickness is measured, the normal is checked by it.
-        if tagged.mesh.geometry.dim == 3 and (j.law != "transition" or j.meshed is not None):
+        if tagged.mesh.geometry.dim == 3 and (
+            j.law != "springs" and (j.law != "transition" or j.meshed is not None)
+        ):
             with located(f"joints.{name}"):
                 check_normal(tagged, _cells(j, tagged), j.normal)
+    made = {"transition": _transition, "springs": _springs}
+    grown = isinstance(case.mesh, JoinedMesh) and case.mesh.layer is None
     return [
-        _transition(name, j, tagged)
-        if j.law == "transition"
+        made[j.law](name, j, tagged, grown)
+        if j.law in made
         else joint(
             name,
             tuple(j.cells),
@@ -197,14 +227,22 @@ def _cells(section: Joint, tagged: TaggedMesh) -> tuple[str, ...]:
     return tuple(dict.fromkeys(c for pattern in section.cells for c in matching(pattern, there)))
 
 
-def _transition(name: str, section: Joint, tagged: TaggedMesh) -> Region:
+def _springs(name: str, section: Joint, tagged: TaggedMesh, grown: bool) -> Region:
+    return interface(
+        name, tuple(section.cells), k_n=f"{name}.k_n", k_t=f"{name}.k_t", meshed=section.meshed,
+        normal=section.normal,
+    )  # fmt: skip
+
+
+def _transition(name: str, section: Joint, tagged: TaggedMesh, grown: bool) -> Region:
     cells = _cells(section, tagged)
     meshed = section.meshed
     if meshed is None:
         with located(f"joints.{name}"):
             thickness = layer_thickness if tagged.mesh.geometry.dim == 3 else extent
             meshed = thickness(tagged, cells, section.normal)
-        if not 1 / _FAR <= meshed / section.h <= _FAR:
+        # A layer that was grown is as thin as can be, whatever h is.
+        if not grown and not 1 / _FAR <= meshed / section.h <= _FAR:
             raise MeshError(
                 f"joints.{name}: its layer is {1e3 * meshed:.6g} mm thick in the mesh, and h is "
                 f"{1e3 * section.h:.6g} mm; expected both in the same unit (see scale in [mesh])"

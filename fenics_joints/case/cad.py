@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,9 +26,10 @@ from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh, read_step
 from fenics_joints.parallel import on_root
 from fenics_joints.preload.threads import thread
+from fenics_joints.preload.torque import nut_factor_force
 from fenics_joints.units import to_si
 
-__all__ = ["STEP_SUFFIXES", "BoltsSection", "MeshFile", "StepMesh"]
+__all__ = ["STEP_SUFFIXES", "BoltsSection", "JoinedMesh", "MeshFile", "StepMesh", "cone_radius"]
 
 STEP_SUFFIXES = (".step", ".stp", ".p21")
 #: Least and largest hole of a thread as shares of its diameter: tapped, and coarse (ISO 273).
@@ -58,6 +60,16 @@ _Place = Annotated[Any, BeforeValidator(_place)]
 _Points = Annotated[list[_Space], BeforeValidator(_points), Field(min_length=1)]
 
 
+def cone_radius(name: str, thickness: float) -> float:
+    """Radius, m, to which a bolt presses two plates together under one of a thickness, m.
+
+    A cone from the edge of the head at 30 degrees to the axis, as Shigley's Mechanical Engineering
+    Design takes it, since Osgood reports 25 to 33 (Roetscher's cone; VDI 2230 has one that depends
+    on the parts' width, too).
+    """
+    return thread(name).width_across_flats / 2 + thickness * math.tan(math.pi / 6)
+
+
 class MeshFile(Section):
     """``[mesh]`` with a file."""
 
@@ -77,6 +89,10 @@ class BoltsSection(Section):
     that comes with the package (seed 000, Table 2). ``r_nei`` is the wider hole's radius by
     default. ``at`` has the bolts' centres; without it they are in all pairs of holes whose
     diameter is ``hole``, or within [low, high], or fits the ``thread``.
+
+    Without ``r_wai`` and ``torque``, or with ``spread = "cone"``, it is that of a cone under the
+    bolt's head through a plate of that ``thickness``: `cone_radius`. ``force``, or ``torque``, of
+    one bolt is also what the joints' starting stiffness is from (`fenics_joints.case.starting`).
     """
 
     r_wai: _Sizes | None = None
@@ -85,17 +101,53 @@ class BoltsSection(Section):
     hole: _OneOrTwo | None = None
     thread: Annotated[str, AfterValidator(known_thread)] | None = None
     torque: quantity("N*m", 0, above=True) | None = None
+    force: quantity("N", 0, above=True) | None = None
+    spread: Literal["database", "cone"] | None = None
     thickness: Size | None = None
     nut_factor: Positive = 0.2
 
     @model_validator(mode="after")
     def _one_way(self) -> BoltsSection:
-        asked = [self.torque is not None, self.thickness is not None]
-        if (self.r_wai is None) != all(asked) or any(asked) != all(asked):
-            raise ValueError("expected either r_wai, or thread, torque and thickness")
-        if all(asked) and self.thread is None:
-            raise ValueError("torque needs the thread, such as thread = 'M12'")
+        if (self.r_wai is None) == (self.thickness is None):
+            raise ValueError(
+                "expected either r_wai, or thread, torque and thickness (or thread and thickness, "
+                "for a cone under the head)"
+            )
+        if self.thread is None and (self.torque is not None or self.thickness is not None):
+            key = "thickness" if self.torque is None else "torque"
+            raise ValueError(f"{key} needs the thread, such as thread = 'M12'")
+        if self.torque is not None and self.force is not None:
+            raise ValueError("expected either force or torque, not both")
+        if self.spread == "database" and self.torque is None and self.r_wai is None:
+            raise ValueError("spread = 'database' needs the torque")
         return self
+
+    def preload(self) -> float | None:
+        """Force of one bolt, N; T = K d F."""
+        if self.torque is None:
+            return self.force
+        return nut_factor_force(self.torque, thread(self.thread).diameter, self.nut_factor)
+
+    def extent(self) -> tuple[list[float], str]:
+        """Outer radius of the rings, m, one or one for each, and where it is from, in words.
+
+        Raises:
+            InputError: If the database has no answer.
+        """
+        if self.r_wai is not None:
+            return self.r_wai, "as given"
+        if self.torque is None or self.spread == "cone":
+            words = f"a cone of 30 degrees under the head of {self.thread}, Shigley, after Osgood"
+            return [cone_radius(self.thread, self.thickness)], words
+        return [self.radius()], "contact radius from the package's database, seed 000, Table 2"
+
+    def inner(self) -> float:
+        """Inner radius of the rings, m, as far as it is known without the mesh."""
+        if self.r_nei is not None:
+            return self.r_nei
+        if self.hole is not None:
+            return max(self.hole) / 2
+        return 0.0 if self.thread is None else thread(self.thread).hole_diameter / 2
 
     def arguments(self) -> dict[str, Any]:
         """Arguments of `fenics_joints.meshes.read_step`.
@@ -108,7 +160,7 @@ class BoltsSection(Section):
             hole = min(self.hole), max(self.hole)
         elif self.thread is not None:
             hole = tuple(share * thread(self.thread).diameter for share in _HOLES)
-        radii = [self.radius()] if self.r_wai is None else self.r_wai
+        radii, _ = self.extent()
         return {
             "r_wai": radii[0] if len(radii) == 1 else radii, "r_nei": self.r_nei,
             "bolts": self.at, "hole": hole,
@@ -124,37 +176,47 @@ class BoltsSection(Section):
                     torque_to_force=TorqueToForce(self.nut_factor),
                 )  # fmt: skip
         except InputError as error:
-            raise InputError(f"mesh.bolts: {error}; expected r_wai instead") from error
+            raise InputError(f"mesh.bolts: {error}; expected r_wai, or spread = 'cone'") from error
         return answer.radius.value
 
 
-class StepMesh(MeshFile):
-    """``[mesh]`` with a STEP file: arguments of `fenics_joints.meshes.read_step`.
+class JoinedMesh(MeshFile):
+    """``[mesh]`` with a file of parts that are to be joined where they touch.
 
-    ``size`` is its ``element_size``. There are rings with ``[mesh.bolts]``, else a ``layer`` on all
-    that touches, or with ``joint = "contact"`` separate parts.
+    There are rings with ``[mesh.bolts]``; ``joint = "layer"`` is a layer on all that touches, and
+    ``joint = "contact"`` separate parts. ``layer`` is the layers' thickness; without it they are
+    so thin that nothing is moved.
     """
 
-    size: Size
     joint: Literal["rings", "layer", "contact"] | None = None
     layer: Size | None = None
-    n_layer: Count | None = None
-    ring_size: Size | None = None
-    circle: Annotated[int, Field(ge=6, le=10_000, strict=True)] | None = None
     bonded: list[_Pair] | None = None
     between: list[_Pair] | None = None
-    parts: named(_Place) | None = None
-    faces: named(_Points) | None = None
     bolts: BoltsSection | None = None
 
     @model_validator(mode="after")
-    def _bolts_for_rings(self) -> StepMesh:
+    def _bolts_for_rings(self) -> JoinedMesh:
         rings = self.joint in (None, "rings")
         if self.joint == "rings" and self.bolts is None:
             raise ValueError("joint = 'rings' needs a section [mesh.bolts]")
         if self.bolts is not None and not rings:
             raise ValueError(f"[mesh.bolts] is given: expected joint = 'rings', not {self.joint!r}")
         return self
+
+
+class StepMesh(JoinedMesh):
+    """``[mesh]`` with a STEP file: arguments of `fenics_joints.meshes.read_step`.
+
+    ``size`` is its ``element_size``. There are rings with ``[mesh.bolts]``, else a ``layer`` on all
+    that touches, or with ``joint = "contact"`` separate parts. Without ``layer`` nothing is moved.
+    """
+
+    size: Size
+    n_layer: Count | None = None
+    ring_size: Size | None = None
+    circle: Annotated[int, Field(ge=6, le=10_000, strict=True)] | None = None
+    parts: named(_Place) | None = None
+    faces: named(_Points) | None = None
 
     def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh; ``folder`` is the case's. Collective."""

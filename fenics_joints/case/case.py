@@ -89,6 +89,7 @@ class Case(Section):
     _measured: TestData | None = PrivateAttr(None)
     _planned: TestData | None = PrivateAttr(None)
     _validation: TestData | None = PrivateAttr(None)
+    _joint_notes: tuple[str, ...] = PrivateAttr(())
     _curves: MeasuredCurves | None = PrivateAttr(None)
     _frfs: MeasuredFRFs | None = PrivateAttr(None)
     _shapes: MeasuredShapes | None = PrivateAttr(None)
@@ -174,6 +175,10 @@ class Case(Section):
         """What was left out or is doubtful in the files of the test, in sentences."""
         files = (self._measured, self._validation, self._shapes, self._frfs)
         return tuple(note for data in files if data is not None for note in data.notes)
+
+    def joint_notes(self) -> tuple[str, ...]:
+        """What was assumed of joints whose stiffness the case does not give, in sentences."""
+        return self._joint_notes
 
     def sensors(self) -> Sensors | None:
         """Where and how the test saw the structure, or None if the case does not say."""

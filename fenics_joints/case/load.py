@@ -19,6 +19,7 @@ from fenics_joints.case.checks.update import check_update
 from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.messages import case_error, describe, did_you_mean, said
 from fenics_joints.case.shapes import modes_of, read_universal, shapes_of
+from fenics_joints.case.starting import start_joints
 from fenics_joints.case.test import FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import is_file, read_toml, shown_path
@@ -59,7 +60,8 @@ def finish_case(case: Case, path: Path, raw: dict) -> list[str]:
     """Read the files that a case names; a line for each thing that is wrong in it and in them."""
     case._path = path
     case._coarse = _diagnosed_mesh(case, raw)
-    errors = [*check_names(case), *check_mesh(case), *read_files(case)]
+    errors = start_joints(case)
+    errors += [*check_names(case), *check_mesh(case), *read_files(case)]
     errors += check_update(case) if case.update else []
     return errors + [
         *check_bayes(case), *check_beams(case), *check_combined(case), *check_harmonic(case),

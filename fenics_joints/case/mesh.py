@@ -9,10 +9,11 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from mpi4py import MPI
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from fenics_joints.case.cad import STEP_SUFFIXES, MeshFile, StepMesh
+from fenics_joints.case.cad import STEP_SUFFIXES, JoinedMesh, MeshFile, StepMesh
 from fenics_joints.case.values import (
     Count,
     Positive,
@@ -35,8 +36,13 @@ from fenics_joints.meshes import (
     read_msh,
 )
 from fenics_joints.meshes.arguments import Builder, Demand
+from fenics_joints.meshes.grow import Grown, RingPlaces
+from fenics_joints.parallel import on_root
 
-__all__ = ["BUILDERS", "BuilderMesh", "FileMesh", "Mesh", "MeshFile", "OffsetBeamsMesh", "StepMesh"]
+__all__ = [
+    "BUILDERS", "BuilderMesh", "FileMesh", "JoinedMesh", "Mesh", "MeshFile", "OffsetBeamsMesh",
+    "StepMesh",
+]  # fmt: skip
 
 
 class BuilderMesh(Section):
@@ -188,15 +194,42 @@ class OffsetBeamsMesh(BuilderMesh):
         )
 
 
-class FileMesh(MeshFile):
-    """``[mesh]`` from a gmsh file with named physical groups."""
+class FileMesh(JoinedMesh):
+    """``[mesh]`` from a gmsh file with named physical groups.
+
+    Without ``joint`` and ``[mesh.bolts]`` it is as the file has it, layers included.
+    """
 
     scale: Size = 1.0
     gdim: Literal[2, 3] = 3
 
     def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh; ``folder`` is the case's. Collective."""
-        return read_msh(folder / self.file, comm, gdim=self.gdim, scale=self.scale)
+        grown = comm.bcast(on_root(comm, self._grown))
+        return read_msh(folder / self.file, comm, gdim=self.gdim, scale=self.scale, grown=grown)
+
+    def _grown(self) -> Grown | None:
+        """The layers that are to be grown, if any."""
+        joint = self.joint or (None if self.bolts is None else "rings")
+        if joint is None:
+            return None
+        rings = None
+        if self.bolts is not None:
+            given = self.bolts.arguments()
+            rings = RingPlaces(
+                np.atleast_1d(given["r_wai"]).tolist(), given["r_nei"] or 0.0,
+                None if given["bolts"] is None else np.array(given["bolts"]), given["hole"],
+            )  # fmt: skip
+        return Grown(joint, self.layer, rings, self.bonded or (), self.between)
+
+    @model_validator(mode="after")
+    def _something_to_grow(self) -> FileMesh:
+        given = [k for k in ("layer", "bonded", "between") if getattr(self, k) is not None]
+        if given and self.joint is None and self.bolts is None:
+            raise ValueError(
+                f"{', '.join(given)} given: expected joint = 'layer', 'rings' or 'contact' too"
+            )
+        return self
 
 
 #: Classes of the builders, by name.

@@ -1,4 +1,4 @@
-"""What a case's test needs said before its data are believed: left out, doubtful, or moved."""
+"""What is to be said before data and model are believed: left out, doubtful, moved, assumed."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ _MOVED = 1e-6
 
 
 def test_notes(case: Case, model: object) -> tuple[str, ...]:
-    """Sentences on the files of the test, and on sensors that were moved onto the mesh. Collective.
+    """Sentences on the files of the test, on sensors moved onto the mesh, on joints. Collective.
 
     Args:
         case: The case.
         model: The case's model; of one that has no mesh no sensor is moved.
     """
-    notes, sensors = list(case.test_notes()), case.sensors()
+    notes, sensors = [*case.test_notes(), *case.joint_notes()], case.sensors()
     structure = getattr(model, "structure", model)
-    if sensors is None or not isinstance(structure, Structure):
+    if not isinstance(structure, Structure):
+        return tuple(notes)
+    notes += structure.tagged.notes
+    if sensors is None:
         return tuple(notes)
     moved = structure.rows(sensors.points, "sensor", sensors.names).moved
     count, far = int(np.sum(moved > _MOVED)), int(np.argmax(moved))

@@ -12,6 +12,8 @@ __all__ = ["RIGID_SUPPORT", "parameters"]
 
 #: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
 _JOINT_MODULUS = (1e2, 1e14)
+#: The same per area, Pa/m: from faces that hardly touch to a micrometre of metal.
+_JOINT_SPRINGS = (1e6, 1e19)
 #: How far a known property may be from its nominal value, as a factor.
 _KNOWN = 3.0
 _THICKNESS = (0.5, 2.0)
@@ -94,6 +96,8 @@ def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]
         low, high = _THICKNESS
     elif isinstance(section, Joint) and key in ("E", "G"):
         low, high = _JOINT_MODULUS
+    elif key in ("k_n", "k_t"):
+        low, high = _JOINT_SPRINGS
     elif key in ("k1", "k2", "k_axial"):
         low, high = value / _LAP, value * _LAP
     elif key == "c":

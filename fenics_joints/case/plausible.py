@@ -102,6 +102,10 @@ USUAL = {
     # A hammer tap by a fingernail to a hydraulic shaker.
     "level": Usual("forces of excitation are", 1e-4, 1e5, "N"),
     "stress": Usual("curves of joints have", 1.0, 1.2e12, "Pa", zero=True),
+    # From faces that rest on each other to below a bolt's head at its limit.
+    "contact pressure": Usual("faces of joints are pressed by", 1e3, 1e9, "Pa"),
+    # ISO 1302: Ra 0.025 um, lapped, to 50 um, as cast.
+    "roughness": Usual("faces of joints have Ra of", 1e-8, 1e-4, "m"),
     "per length": Usual("contacts have", 1e6, 1e17, "Pa/m"),
 }  # fmt: skip
 
@@ -110,6 +114,8 @@ _SECTIONS = {
     "parts": {"E": "E", "G": "G", "rho": "rho", "nu": "nu"},
     "joints": {
         "E": "layer", "G": "layer", "rho": "rho", "nu": "nu", "h": "h", "meshed": "h",
+        "k_n": "per length", "k_t": "per length", "pressure": "contact pressure",
+        "roughness": "roughness",
         "k1": "turning", "k2": "turning", "k_axial": "axial", "c": "damper",
     },
     "bolts": {

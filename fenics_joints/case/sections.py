@@ -23,6 +23,7 @@ from fenics_joints.case.values import (
     ModeCount,
     Modulus,
     Names,
+    PerArea,
     Point,
     Poisson,
     Positive,
@@ -110,7 +111,9 @@ class Part(Section):
 
 JointTolerance = optional(
     "JointTolerance", "How well a joint is known: relative standard deviations.",
-    **dict.fromkeys(("E", "G", "nu", "h", "rho", "thickness", "k1", "k2", "k_axial", "c"), Share),
+    **dict.fromkeys((
+        "E", "G", "nu", "h", "rho", "thickness", "k_n", "k_t", "k1", "k2", "k_axial", "c",
+    ), Share),
 )  # fmt: skip
 
 
@@ -118,6 +121,7 @@ JointBounds = optional(
     "JointBounds", "Bounds of a joint's parameters.",
     E=ascending(Modulus), G=ascending(Modulus), nu=ascending(Poisson),
     h=ascending(Size), rho=ascending(Density), thickness=ascending(Positive),
+    k_n=ascending(PerArea), k_t=ascending(PerArea),
     k1=ascending(Turning), k2=ascending(Turning), k_axial=ascending(Stiffness),
     c=ascending(Damper),
 )  # fmt: skip
@@ -128,6 +132,7 @@ ONE_BOLT = 1e-3
 #: What a joint must have by its law, and what it may have; all else is refused.
 _JOINT_KEYS = {
     "transition": (("E", "nu", "h"), ("meshed", "rho")),
+    "springs": ((), ("k_n", "k_t", "meshed", "pressure", "roughness")),
     "generic": (("k1", "k2"), ("c", "k_axial")),
 }
 _LAYER_KEYS = ("E", "G"), ("rho",)
@@ -144,18 +149,29 @@ class Joint(Section):
     may be a pattern such as ``ring_*``: rings with one set of parameters. Its density is zero
     without ``rho``; with ``rho = "average"`` see `with_average_densities`.
 
+    With ``law = "springs"`` it has stiffnesses per area, ``k_n`` and ``k_t``, Pa/m, in place of E
+    and G, whatever the thickness of its cells. Where they are not given they are those of rough
+    faces (Ra ``roughness``, by default 1.6 um) under a ``pressure``, by default that of the bolts
+    of ``[mesh.bolts]``: see `fenics_joints.case.starting`. Its normal is measured unless given.
+
     With ``law = "generic"`` (seed 002) it is a lap of beams (``builder = "offset_beams"``) with the
     stiffness of slap ``k1`` and of slip ``k2`` of each joint element, N m, the damping of slip
     ``c``, N m s, and, if it is not the beams' own, the axial stiffness ``k_axial``, N/m.
     """
 
     cells: Names
-    law: Literal["isotropic", "uncoupled", "constrained", "transition", "generic"] = "uncoupled"
+    law: Literal["isotropic", "uncoupled", "constrained", "transition", "springs", "generic"] = (
+        "uncoupled"
+    )
     E: Modulus | None = None
     G: Modulus | None = None
     nu: Poisson | None = None
     h: Size | None = None
     meshed: Size | None = None
+    k_n: PerArea | None = None
+    k_t: PerArea | None = None
+    pressure: Modulus | None = None
+    roughness: Size | None = None
     rho: Density | None = None
     k1: Turning | None = None
     k2: Turning | None = None
@@ -178,12 +194,23 @@ class Joint(Section):
             wrong = [f"{key} is missing" for key in missing] + [f"{key} is given" for key in extra]
             expected = ", ".join(own)
             raise ValueError(f"{', '.join(wrong)}: expected {expected} with law = '{self.law}'")
+        if self.law == "springs":
+            self._one_start()
         if self.law in ("isotropic", "constrained") and not self.E < 3 * self.G:
             raise ValueError(
                 f"E = {self.E:g} Pa and G = {self.G:g} Pa: expected E < 3 G with law = "
                 f"'{self.law}' (nu < 0.5)"
             )
         return self
+
+    def _one_start(self) -> None:
+        given = [key for key in ("k_n", "k_t") if getattr(self, key) is not None]
+        more = [key for key in ("pressure", "roughness") if getattr(self, key) is not None]
+        if len(given) == 1 or (given and more):
+            raise ValueError(
+                f"{', '.join(given + more)} given: expected k_n and k_t; or pressure and "
+                "roughness, from which they are computed; or neither, with [mesh.bolts]"
+            )
 
     @model_validator(mode="after")
     def _bolts_apart(self) -> Joint:
@@ -200,6 +227,8 @@ class Joint(Section):
         rho = {} if self.rho is None else {"rho": self.rho}
         if self.law == "transition":
             return {"E": self.E, "nu": self.nu, **rho, "h": self.h}
+        if self.law == "springs":
+            return {"k_n": self.k_n, "k_t": self.k_t}
         if self.law == "generic":
             axial = {} if self.k_axial is None else {"k_axial": self.k_axial}
             return {"k1": self.k1, "k2": self.k2, **axial, "c": self.c or 0.0}

@@ -24,8 +24,8 @@ from fenics_joints.units import sizes, to_si
 
 __all__ = [
     "AXES", "Count", "Damper", "Density", "Direction", "File", "FileName", "Files", "Gap",
-    "Inertia", "Length", "Mass", "ModeCount", "Modulus", "Names", "Number", "Point", "Poisson",
-    "Positive", "Section", "Share", "Size", "Spacing", "Stiffness", "Turning", "Written",
+    "Inertia", "Length", "Mass", "ModeCount", "Modulus", "Names", "Number", "PerArea", "Point",
+    "Poisson", "Positive", "Section", "Share", "Size", "Spacing", "Stiffness", "Turning", "Written",
     "ascending", "chosen", "either", "listed", "named", "named_by", "optional", "quantity",
 ]  # fmt: skip
 
@@ -106,6 +106,7 @@ Modulus = quantity("Pa", 0, above=True)
 Density = quantity("kg/m3", 0, above=True)
 Mass = quantity("kg", 0, above=True)
 Stiffness = quantity("N/m", 0, above=True)
+PerArea = quantity("Pa/m", 0, above=True)
 Turning = quantity("N*m", 0, above=True)
 Damper = quantity("N*m*s", 0)
 Inertia = quantity("kg*m2", 0)

@@ -28,6 +28,7 @@ from fenics_joints.structure.laws import (
     ELASTIC_SUPPORT,
     LAYER_LAWS,
     SOLID,
+    SPRINGS,
     TRANSITION,
     WIDE_SOLID,
     Law,
@@ -40,6 +41,7 @@ __all__ = [
     "Region",
     "Spring",
     "Support",
+    "interface",
     "joint",
     "part",
     "transition",
@@ -93,7 +95,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Region:
-    """Cells with one material law; make one with `part`, `joint` or `transition`.
+    """Cells with one material law; make one with `part`, `joint`, `interface` or
+    `transition`.
 
     Attributes:
         name: Name in messages and in reports.
@@ -128,7 +131,7 @@ class Region:
 
     @property
     def is_joint(self) -> bool:
-        return self.law.name == TRANSITION.name or self.law.name in LAYER_LAWS
+        return self.law.name in (TRANSITION.name, SPRINGS.name, *LAYER_LAWS)
 
 
 def _value(key: str, value: object, unit: str = "", **bounds: float) -> None:
@@ -266,6 +269,37 @@ def transition(
     cells = _cell_names(name, cells)
     properties = {"E": E, "nu": nu, "rho": rho, "h": h, "meshed": meshed}
     return Region(name, cells, TRANSITION, properties, direction(f"{name}.normal", normal))
+
+
+def interface(
+    name: str,
+    cells: str | tuple[str, ...],
+    *,
+    k_n: Property,
+    k_t: Property,
+    meshed: float,
+    normal=(0.0, 0.0, 1.0),
+) -> Region:
+    """A joint by its stiffness per area, without mass: springs between two faces.
+
+    The mesh has a layer of cells there, however thin, as `fenics_joints.meshes` grows one: nothing
+    but its rotation by the parts' depends on the thickness (`fenics_joints.forms.thin_layer`).
+
+    Args:
+        name: Name of the joint or of one of its zones.
+        cells: Name or names of cell groups.
+        k_n: Stiffness along the normal, Pa/m.
+        k_t: Stiffness in the plane, Pa/m.
+        meshed: Thickness of the layer in the mesh, m.
+        normal: Normal of the layer, shape (gdim,).
+
+    Raises:
+        InputError: If ``meshed`` is not a thickness.
+    """
+    meshed = real(f"{name}.meshed", meshed, "m, the mesh's thickness", above=0)
+    properties = {"k_n": k_n, "k_t": k_t, "rho": 0.0, "meshed": meshed}
+    way = direction(f"{name}.normal", normal)
+    return Region(name, _cell_names(name, cells), SPRINGS, properties, way)
 
 
 @dataclass(frozen=True)

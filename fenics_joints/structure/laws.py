@@ -22,6 +22,7 @@ __all__ = [
     "LAYER_LAWS",
     "LINEAR_LAWS",
     "SOLID",
+    "SPRINGS",
     "TRANSITION",
     "WIDE_SOLID",
     "Law",
@@ -146,6 +147,15 @@ def _support_stiffness(u, v, q, normal, ds):
     return forms.spring_interface(u, v, normal, q["k_n"], q["k_t"], ds)
 
 
+def _spring_stiffness(u, v, q, normal, dx):
+    E, G = q["k_n"] * q["meshed"], q["k_t"] * q["meshed"]
+    return forms.uncoupled_layer(u, v, normal, E, G, dx)
+
+
+def _spring_mass(u, v, q, dx):
+    return forms.mass(u, v, q["rho"], dx)
+
+
 def _wide_terms(q: Properties) -> np.ndarray:
     """Both Lamé parameters times s w over the stretches of the two gradients that meet."""
     s, w = q["stretch"], q["width"]
@@ -228,6 +238,21 @@ TRANSITION = Law(
     inertia_term=lambda q: q["rho"] * q["h"] / q["meshed"],
 )
 
+#: Springs of zero thickness: a joint by its stiffness per area, on a layer as thick as meshed.
+SPRINGS = Law(
+    "springs",
+    ("k_n", "k_t", "rho", "meshed"),
+    _spring_stiffness,
+    lambda q: np.array([q["k_n"] * q["meshed"], q["k_t"] * q["meshed"]]),
+    (
+        {"k_n": 1.0, "k_t": 0.0, "rho": 1.0, "meshed": 1.0},
+        {"k_n": 0.0, "k_t": 1.0, "rho": 1.0, "meshed": 1.0},
+    ),
+    _check,
+    inertia=_spring_mass,
+    inertia_term=lambda q: q["rho"],
+)
+
 # Stretched along its axis a body of revolution has the same scalars as any solid.
 AXISYMMETRIC_SOLID = replace(
     SOLID, stiffness=_axisymmetric_stiffness, inertia=_axisymmetric_mass
@@ -280,5 +305,6 @@ ELASTIC_SUPPORT = Law(
 
 #: Of a body of revolution the law of a part is another object with the same scalars.
 LINEAR_LAWS = {
-    law.name: law for law in (SOLID, WIDE_SOLID, TRANSITION, ELASTIC_SUPPORT, *LAYER_LAWS.values())
+    law.name: law
+    for law in (SOLID, WIDE_SOLID, TRANSITION, SPRINGS, ELASTIC_SUPPORT, *LAYER_LAWS.values())
 }

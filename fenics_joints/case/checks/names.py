@@ -13,7 +13,11 @@ from fenics_joints.errors import MeshError
 from fenics_joints.files import is_file, shown_path
 from fenics_joints.structure.assembly import MOST_POINTS
 
-__all__ = ["check_mesh", "check_names", "matching", "unknown_groups"]
+__all__ = ["PATTERNED", "check_mesh", "check_names", "matching", "unknown_groups"]
+
+
+#: Laws of joints whose cells may be patterns.
+PATTERNED = ("transition", "springs")
 
 
 def check_names(case: Case) -> list[str]:
@@ -57,7 +61,7 @@ def _check_bounds(key: str, section: Part | Joint) -> list[str]:
     return [
         said(f"{key}.bounds.{name}", list(pair), f"expected a range that holds {values[name]:g}")
         for name, pair in section.bounds.model_dump(exclude_none=True).items()
-        if name in values and not pair[0] <= values[name] <= pair[1]
+        if values.get(name) is not None and not pair[0] <= values[name] <= pair[1]
     ]
 
 
@@ -89,7 +93,7 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
         for table in ("parts", "joints")
         for name, section in getattr(case, table).items()
         for cell in section.cells
-        if not (getattr(section, "law", "") == "transition" and matching(cell, cells))
+        if not (getattr(section, "law", "") in PATTERNED and matching(cell, cells))
     ] + [(f"supports.{name}.facets", s.facets, facets) for name, s in case.supports.items()]
     named += [
         (f"{table}.{name}.{side}", getattr(section, side), facets)

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case
+from fenics_joints.case.build import measured_joints
 from fenics_joints.case.sections import Joint
 from fenics_joints.diagnosis.zones.places import LayerZone, bolt_points, placed
 from fenics_joints.diagnosis.zones.zone import Zones, check_names
@@ -82,6 +83,7 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> Zones:
     if rings < 1:
         raise InputError(f"rings = {rings}: expected a whole number of at least 1")
     volumes = _cell_volumes(tagged)
+    case = _as_layers(measured_joints(case, tagged))
     layers = {name: _layer(tagged, joint, volumes) for name, joint in case.joints.items()}
     bolts = {name: _bolts(case, tagged, name, layer) for name, layer in layers.items()}
     per_bolt = {n: layers[n].areas.sum() / len(b) for n, b in bolts.items() if len(b)}
@@ -115,6 +117,18 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> Zones:
         case.model_copy(update={"joints": sections}), rows,
         replace(tagged, cell_tags=new, cell_names=names),
     )  # fmt: skip
+
+
+def _as_layers(case: Case) -> Case:
+    """The case with its springs as layers that are as stiff: zones speak of moduli."""
+    joints = {
+        name: joint.model_copy(update={
+            "law": "uncoupled", "E": joint.k_n * joint.meshed, "G": joint.k_t * joint.meshed,
+            "k_n": None, "k_t": None, "meshed": None,
+        }) if joint.law == "springs" else joint
+        for name, joint in case.joints.items()
+    }  # fmt: skip
+    return case.model_copy(update={"joints": joints})
 
 
 def _unit(normal) -> np.ndarray:
