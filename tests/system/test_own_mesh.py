@@ -1,0 +1,203 @@
+"""Joints of one's own mesh that has no layer, from the case file to frequencies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from step_files import flanges, write_step
+from touching_blocks import HALF, PART, WIDTH, E, bar_frequency, write_bar
+
+from fenics_joints.case import build_structure, load_case, test_notes
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.meshes import measure_ring
+from fenics_joints.modal import solve_modes
+
+COMM = MPI.COMM_WORLD
+K_N, K_T = 2e12, 5e11
+MESH = '[mesh]\nfile = "bar.msh"\nscale = "1 mm"\njoint = "layer"\n'
+STEP = """
+[mesh]
+file = "bar.step"
+size = "13 mm"
+joint = "layer"
+parts = {one = 1, two = 2}
+[mesh.faces]
+sides = [
+  ["5 mm", "5 mm", "0 mm"], ["5 mm", "5 mm", "10 mm"], ["5 mm", "0 mm", "5 mm"],
+  ["5 mm", "10 mm", "5 mm"], ["105 mm", "5 mm", "0 mm"], ["105 mm", "5 mm", "10 mm"],
+  ["105 mm", "0 mm", "5 mm"], ["105 mm", "10 mm", "5 mm"],
+]
+"""
+SPRINGS = f'[joints.glue]\nlaw = "springs"\ncells = "joint"\nk_n = "{K_N} Pa/m"\nk_t = {K_T}\n'
+
+
+def held(directions: str) -> str:
+    return f'[supports.sides]\nfacets = "sides"\ndirections = {list(directions)}\n'
+
+
+def built(folder, text: str):
+    if COMM.rank == 0:
+        (folder / "case.toml").write_text(text, encoding="utf-8")
+    COMM.barrier()
+    case = load_case(folder)
+    return case, build_structure(case, COMM)
+
+
+def first_modes(folder, text: str, n: int = 3) -> np.ndarray:
+    return solve_modes(built(folder, text)[1], n_modes=n).frequencies_hz
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron", "own vertices", "STEP"])
+def test_bar_on_springs(shared_tmp_path, kind):
+    """Two free halves on springs: along the bar and across it, as in closed form."""
+    if COMM.rank == 0 and kind == "STEP":
+        write_step(shared_tmp_path / "bar.step", _halves)
+    elif COMM.rank == 0:
+        cell = "tetrahedron" if kind == "tetrahedron" else "hexahedron"
+        write_bar(shared_tmp_path / "bar.msh", cell, shared=kind != "own vertices")
+    text = (STEP if kind == "STEP" else MESH) + PART + SPRINGS
+    along = first_modes(shared_tmp_path, text + held("yz"))
+    # The whole bar moves freely; half a wave, with the springs at its middle, comes next.
+    assert along[1] == pytest.approx(bar_frequency(K_N, E), rel=1e-4)
+    across = first_modes(shared_tmp_path, text + held("xz"))
+    assert across[1] == pytest.approx(bar_frequency(K_T, E / 2), rel=1e-4)
+
+
+def _halves(occ):
+    length, width = 1e3 * HALF, 1e3 * WIDTH
+    for x in (0, length):
+        occ.addBox(x, 0, 0, length, width, width)
+
+
+def test_nothing_moves(tmp_path):
+    """The ends are where the file has them, the layer is thin, turned in space too; it is said."""
+    for turn in (0.0, 0.7):
+        write_bar(tmp_path / "bar.msh", "tetrahedron", turn=turn)
+        case, structure = built(tmp_path, MESH + PART + SPRINGS)
+        layer = measure_ring(structure.tagged, "joint")
+        assert layer.thickness == pytest.approx(1e-4 * min(structure.size_m), rel=0.8)
+        assert layer.area == pytest.approx(WIDTH**2, rel=1e-6)
+        assert structure.total_mass() == pytest.approx(2700 * 2 * HALF * WIDTH**2, rel=1e-4)
+        assert structure.size_m[0] == pytest.approx(2 * HALF, rel=1e-12) or turn
+        (note,) = test_notes(case, structure)
+        assert "half into each part (joint between one and two, 100 mm2)" in note
+
+
+def test_limit_of_meshed_layers(tmp_path):
+    """Bending with layers ever thinner tends to that of the thinnest, in proportion to them."""
+    write_bar(tmp_path / "bar.msh")
+    text = MESH + PART + SPRINGS
+    thinnest = first_modes(tmp_path, text, 8)[6]
+    layers = np.array([0.2, 0.1, 0.05])
+    found = [
+        first_modes(tmp_path, text.replace("[parts", f'layer = "{h} mm"\n[parts', 1), 8)[6]
+        for h in layers
+    ]
+    off = np.abs(np.array(found) / thinnest - 1)
+    assert np.log(off[0] / off[-1]) / np.log(4) == pytest.approx(1.0, abs=0.1)
+    assert off[-1] < 2e-3
+
+
+def test_started_from_pressure_and_roughness(tmp_path):
+    """Without a stiffness: k_n = p / (0.5 h_rms), h_rms = sqrt(pi) Ra, k_t / k_n by nu; said."""
+    write_bar(tmp_path / "bar.msh")
+    text = MESH + PART + '[joints.glue]\nlaw = "springs"\ncells = "joint"\n'
+    case, structure = built(tmp_path, text + 'pressure = "5 MPa"\nroughness = "2 um"\n')
+    k_n = 5e6 / (0.5 * np.sqrt(np.pi) * 2e-6)
+    assert structure.parameters["glue.k_n"].value == pytest.approx(k_n, rel=1e-12)
+    assert structure.parameters["glue.k_t"].value == pytest.approx(k_n, rel=1e-12)  # nu = 0
+    assert any("within a factor of three" in note for note in test_notes(case, structure))
+    with pytest.raises(InputError, match="no stiffness and no pressure is given: expected k_n"):
+        built(tmp_path, text)
+    with pytest.raises(InputError, match="k_n, pressure given: expected k_n and k_t; or pressure"):
+        built(tmp_path, text + 'k_n = 1e12\npressure = "5 MPa"\n')
+
+
+RINGS = """
+[mesh]
+file = "machine.{0}"
+[mesh.bolts]
+thread = "M12"
+thickness = "8 mm"
+force = "20 kN"
+[parts.frame]
+cells = ["bed", "column"]
+E = "150 GPa"
+nu = 0.25
+rho = "7200 kg/m3"
+[joints.bolts]
+law = "springs"
+cells = "ring_*"
+"""
+
+
+def write_flanges(folder, kind: str) -> str:
+    """The flanges as STEP or .msh, and the case's text."""
+    write_step(folder / "machine.step", flanges())
+    if kind == "step":
+        more = 'size = "30 mm"\nring_size = "5 mm"\ncircle = 12\nparts = {bed = 1, column = 2}'
+        return RINGS.format("step").replace("[mesh.bolts]", more + "\n[mesh.bolts]", 1)
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 5)
+    gmsh.model.add("flanges")
+    bed, column = (tag for _, tag in gmsh.model.occ.importShapes(str(folder / "machine.step")))
+    gmsh.model.occ.fragment([(3, bed)], [(3, column)])
+    gmsh.model.occ.synchronize()
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 12)
+    gmsh.model.addPhysicalGroup(3, [bed], 1, "bed")
+    gmsh.model.addPhysicalGroup(3, [column], 2, "column")
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(folder / "machine.msh"))
+    gmsh.finalize()
+    return RINGS.format("msh").replace("[mesh.bolts]", 'scale = "1 mm"\n[mesh.bolts]', 1)
+
+
+def test_rings_of_both_kinds_of_files(tmp_path):
+    """Rings at the holes, drawn on a STEP file's faces, picked by facets in a .msh; their start."""
+    found = {}
+    for kind in ("step", "msh"):
+        text = write_flanges(tmp_path, kind)
+        case, structure = built(tmp_path, text.replace("[mesh]", "[mesh]\ndegree = 1"))
+        centres = [ring.centre for ring in structure.rings()]
+        assert structure.tagged.points["bolts"] == pytest.approx(
+            np.array([(x, y, 20) for x, y in [(45, 15), (45, 45), (85, 15), (85, 45)]]) * 1e-3,
+            abs=1e-6,
+        )
+        assert len(centres) == 4
+        area = sum(ring.area for ring in structure.rings())
+        found[kind] = area, structure.parameters["bolts.k_n"].value
+    # A cone of 30 degrees under the head (18 mm across flats) through 8 mm.
+    r_wai, r_nei = 9e-3 + 8e-3 * np.tan(np.pi / 6), 6.75e-3
+    ring = np.pi * (r_wai**2 - r_nei**2)
+    k_n = 20e3 / ring / (0.5 * np.sqrt(np.pi) * 1.6e-6)
+    assert found["step"][1] == pytest.approx(k_n, rel=1e-9)
+    assert found["step"][0] == pytest.approx(found["msh"][0], rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"layer"', '"layer"\nlayer = "2 mm"', "layer is 2 mm, which is grown into the parts"),
+        ('"layer"', '"layer"\nbetween = [["one", "three"]]', r"between has \['one', 'three'\]"),
+        ('"layer"', '"layer"\nbonded = [["one", "two"]]', "no two of the parts 'one', 'two' touch"),
+        ('joint = "layer"', "[mesh.bolts]\nr_wai = 0.004", "no bolt: expected round holes of 0 to"),
+        (
+            'joint = "layer"', '[mesh.bolts]\nr_wai = 0.002\nat = ["0.1 m", "5 mm", "5 mm"]',
+            "bolt 1 at .100, 5, 5. mm: 0 facets of the mesh have their middle between 0 and 2 mm",
+        ),
+        (
+            'joint = "layer"', '[mesh.bolts]\nr_wai = 0.02\nat = ["100 m", "5 mm", "5 mm"]',
+            "bolt 1 at .* mm: no two flat faces touch within 20 mm",
+        ),
+    ],
+)  # fmt: skip
+def test_refusals(tmp_path, old, new, message):
+    write_bar(tmp_path / "bar.msh")
+    text = (MESH.replace(old, new) + PART + SPRINGS).replace('cells = "joint"', 'cells = "*"')
+    with pytest.raises(MeshError, match=message):
+        built(tmp_path, text)
