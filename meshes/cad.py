@@ -234,14 +234,14 @@ class _Assembly:
         opened = Opened(glued, body, moves)
         if not self.stays:
             return self._named(solids, glued, opened, body, moves, shifts, bolts)
-        thin = self._spread(glued, opened, contacts)
+        thin = self._spread(glued, opened, contacts, bolts)
         lists = self._named(solids, glued, opened, body, moves, shifts, bolts)
         return replace(lists, notes=(
             f"no part was moved for a layer: the layers are {1e3 * thin:.3g} um thick, half of "
             "that taken from each part, or as thick as the gap in the file",
         ))  # fmt: skip
 
-    def _spread(self, glued: Glued, opened: Opened, contacts) -> float:
+    def _spread(self, glued: Glued, opened: Opened, contacts, bolts) -> float:
         """Open the contacts that are to be filled by a thin layer; returns its thickness."""
         filled = [i for found in self._layers(glued).values() for i in found]
         ends = opened.x[opened.cells[:, [0, 0, 0, 1, 1, 2]]] - opened.x[
@@ -252,9 +252,10 @@ class _Assembly:
             for solid in {solid for i in filled for solid in i.solids}
         ]
         thin = thin_layer(min(sizes), float(np.linalg.norm(ends, axis=2).min()))
-        for number in sorted({i.contact for i in filled}):
-            here, contact = [i for i in filled if i.contact == number], contacts[number]
-            if contact.gap < thin:
+        of = [contacts[i.contact] if i.ring is None else bolts[i.ring].contact for i in filled]
+        for contact in contacts:
+            here = [i for i, own in zip(filled, of, strict=True) if own is contact]
+            if here and contact.gap < thin:
                 opened.spread(here, (thin - contact.gap) * contact.normal)
         return thin
 

@@ -203,7 +203,7 @@ def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
             with located(f"joints.{name}"):
                 check_normal(tagged, _cells(j, tagged), j.normal)
     made = {"transition": _transition, "springs": _springs}
-    grown = isinstance(case.mesh, JoinedMesh) and case.mesh.layer is None
+    grown = isinstance(case.mesh, JoinedMesh) and case.mesh.grows
     return [
         made[j.law](name, j, tagged, grown)
         if j.law in made

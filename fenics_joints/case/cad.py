@@ -194,6 +194,11 @@ class JoinedMesh(MeshFile):
     between: list[_Pair] | None = None
     bolts: BoltsSection | None = None
 
+    @property
+    def grows(self) -> bool:
+        """Whether its layers are as thin as can be."""
+        return self.layer is None and self.joint != "contact"
+
     @model_validator(mode="after")
     def _bolts_for_rings(self) -> JoinedMesh:
         rings = self.joint in (None, "rings")

@@ -208,6 +208,11 @@ class FileMesh(JoinedMesh):
         grown = comm.bcast(on_root(comm, self._grown))
         return read_msh(folder / self.file, comm, gdim=self.gdim, scale=self.scale, grown=grown)
 
+    @property
+    def grows(self) -> bool:
+        """Whether its layers are as thin as can be."""
+        return super().grows and (self.joint is not None or self.bolts is not None)
+
     def _grown(self) -> Grown | None:
         """The layers that are to be grown, if any."""
         joint = self.joint or (None if self.bolts is None else "rings")

@@ -137,7 +137,7 @@ def test_turned_bracket(tmp_path):
     path = write_step(tmp_path / "b.step", bracket)
     tagged = read_step(
         path, MPI.COMM_SELF, element_size=30 * MM, r_wai=11 * MM, r_nei=6 * MM, circle=8,
-        ring_size=5 * MM, n_layer=2, bolts=[turned(75, 50, 12), turned(45, 45, 12)],
+        ring_size=5 * MM, layer=0.7 * MM, n_layer=2, bolts=[turned(75, 50, 12), turned(45, 45, 12)],
     )  # fmt: skip
     normal = turned(0, 0, 1000)
     for i, place in enumerate(((75, 50, 12), (45, 45, 12)), start=1):
@@ -184,13 +184,25 @@ def pile(occ):
 
 
 def test_pile_of_parts(tmp_path):
-    """A bolt through three parts has two rings, lifted by those below; one if two are welded."""
+    """A bolt through three parts has two rings, lifted by those below; one if two are welded.
+
+    Without a thickness of the layers nothing is lifted.
+    """
     path = write_step(tmp_path / "pile.step", pile)
     given = {"parts": {"a": 1, "b": 2, "c": 3}, "r_wai": 12 * MM, "circle": 8, "ring_size": 8 * MM}
-    for bonded, heights in ([], [20.35, 20.35, 41.05, 41.05]), ([("b", "c")], [20.35, 20.35]):
-        tagged = read_step(path, MPI.COMM_SELF, element_size=30 * MM, bonded=bonded, **given)
+    lifted, there = [20.35, 20.35, 41.05, 41.05], [20, 20, 40, 40]
+    bc = [("b", "c")]
+    for layer, bonded, heights in (
+        (0.7 * MM, [], lifted), (0.7 * MM, bc, lifted[:2]), (None, [], there), (None, bc, there[:2])
+    ):  # fmt: skip
+        tagged = read_step(
+            path, MPI.COMM_SELF, element_size=30 * MM, bonded=bonded, layer=layer, **given
+        )
         assert tagged.points["bolts"][:, 2] / MM == pytest.approx(heights)
         assert check_mesh(tagged).bodies == 1
+        top = tagged.mesh.geometry.x[:, 2].max() / MM
+        layers = len(heights) / 2 if layer else 0
+        assert top == pytest.approx(60 + 0.7 * layers, abs=2e-3)
         assert ("b_to_c" in tagged.facet_names) == (not bonded)
     assert measure_ring(tagged, "ring_2").upper == ("b",)
 

@@ -94,7 +94,7 @@ REFUSED = {
     "reserved face": (
         flanges(), {"faces": {"joint_upper": (0, 0.03, 0.01)}}, "faces has the name 'joint_upper'"
     ),
-    "loop": (corner, {}, "cannot be moved 0.7 mm apart along the normal"),
+    "loop": (corner, {"layer": 0.7 * MM}, "cannot be moved 0.7 mm apart along the normal"),
     "bolts in the file": (
         with_bolts, {"parts": {"bed": 1, "foot": 2, "stud": 3}},
         f"'stud' passes through the middle of {FIRST} between 'bed' and 'foot'; expected an empty",
