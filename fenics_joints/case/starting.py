@@ -13,6 +13,8 @@ __all__ = ["start_joints"]
 
 #: Ra of faces of which nothing is said, m: milled or ground (ISO 1302's usual series).
 _RA = 1.6e-6
+#: Stiffness per area of clamped metal faces, Pa/m, of which nothing is known.
+_USUAL = 1e12
 
 
 def start_joints(case: Case) -> list[str]:
@@ -29,6 +31,8 @@ def start_joints(case: Case) -> list[str]:
         pressure, where = _pressure(case, joint)
         if pressure is None:
             errors.append(f"joints.{name}: {where}")
+            # So that whoever goes on to look for other errors can.
+            case.joints[name] = joint.model_copy(update={"k_n": _USUAL, "k_t": _USUAL})
             continue
         ra = joint.roughness or _RA
         nu = min(max(fmean(part.nominal()["nu"] for part in case.parts.values()), 0.0), 0.499)
