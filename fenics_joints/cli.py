@@ -19,21 +19,19 @@ from fenics_joints.commands.arguments import (
     named_path,
 )
 from fenics_joints.commands.database import app as database_app
+from fenics_joints.commands.line import new_app
 from fenics_joints.commands.start import check, schema, show
+from fenics_joints.progress import LAUNCHED, loudness
 
 if TYPE_CHECKING:
     from fenics_joints.case import Case
 
 __all__ = ["app", "main"]
 
-#: Where launchers say the rank, before MPI itself is started.
-_RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
-
-app = typer.Typer(
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Where a model of a bolted structure and its vibration test disagree, why, and how far "
-    "the gap shrinks.",
+app = new_app(
+    "",
+    "Where a model of a bolted structure and its vibration test disagree, why, and how far the gap "
+    "shrinks."
 )
 for _first in (check, schema):
     app.command()(_first)
@@ -228,7 +226,7 @@ def _version(wanted: bool) -> None:
 def _options(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Show the version."),
+        typer.Option("-V", "--version", callback=_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
     pass
@@ -236,7 +234,7 @@ def _options(
 
 def main() -> None:
     """Entry point of the ``fenics-joints`` command."""
-    if any(os.environ.get(key, "0") != "0" for key in _RANKS):
+    if any(os.environ.get(key, "0") != "0" for key in LAUNCHED):
         # Help and usage errors come from every rank; one is enough.
         sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     app(prog_name="fenics-joints")
@@ -330,7 +328,7 @@ def _say_unusual(comm, case: Case, name: str) -> tuple[str, ...]:
 
     own = () if name in _SAY_TEST_NOTES else case.test_notes()
     notes = (*own, *plausibility(case))
-    if comm.rank == 0:
+    if comm.rank == 0 and loudness() != "quiet":
         for note in notes:
             typer.echo(f"note: {note}", err=True)
     return notes

@@ -1,12 +1,41 @@
-"""What a long computation is doing, on the terminal."""
+"""What a long computation is doing, on the terminal, and how much of it the user wants to hear."""
 
 from __future__ import annotations
 
+import os
+import resource
 import sys
 import time
 from typing import TextIO
 
-__all__ = ["Progress"]
+__all__ = ["LAUNCHED", "Progress", "is_terminal", "loudness", "set_loudness"]
+
+#: Where launchers say the rank, before MPI itself is started.
+LAUNCHED = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
+
+_loudness = "normal"
+
+
+def loudness() -> str:
+    """How much is said: ``"quiet"`` (errors only), ``"normal"`` or ``"verbose"``."""
+    return _loudness
+
+
+def set_loudness(value: str) -> None:
+    """Say how much is said in this process from now on; see `loudness`."""
+    global _loudness
+    _loudness = value
+
+
+def is_terminal(stream: TextIO) -> bool:
+    """Whether a stream is a terminal that can be drawn on.
+
+    Under a launcher it is not: Open MPI gives each rank a terminal of its own (of no size), and
+    passes on what is written there, escape codes included, be it into a file.
+    """
+    if os.environ.get("TERM") == "dumb" or any(key in os.environ for key in LAUNCHED):
+        return False
+    return stream.isatty()
 
 
 class Progress:
@@ -14,6 +43,8 @@ class Progress:
 
     Use it as a context; `step` and `advance` may be called on every rank, and outside a context
     they do nothing, so that ``Progress(silent=True)`` suits tests and notebooks.
+
+    With ``-q`` nothing is said; with ``-v`` all are plain lines, with the seconds of every step.
 
     Args:
         silent: Say nothing; for the ranks other than 0.
@@ -27,13 +58,18 @@ class Progress:
 
     def __init__(self, *, silent: bool = False, stream: TextIO | None = None):
         self._stream = sys.stderr if stream is None else stream
-        self._silent, self._open = silent, False
+        self._silent, self._open = silent or _loudness == "quiet", False
+        self._verbose = _loudness == "verbose"
+        if self._verbose:
+            self.interval = 0.0
+        self._begun = self._entered = 0.0
         self._live = self._task = self._total = None
         self._done, self._text, self._said = 0, "", 0.0
 
     def __enter__(self) -> Progress:
         self._open = not self._silent
-        if self._open and self._stream.isatty():
+        self._entered = time.monotonic()
+        if self._open and not self._verbose and is_terminal(self._stream):
             self._live = _live(self._stream)
             self._live.start()
         return self
@@ -44,6 +80,9 @@ class Progress:
                 self._finish()
             self._live.stop()
             self._live = None
+        if self._open and self._verbose:
+            self._tell_seconds()
+            print(f"all: {time.monotonic() - self._entered:.1f} s, {_peak()}", file=self._stream)
         self._open = False
 
     def step(self, text: str, total: int | None = None) -> None:
@@ -55,7 +94,9 @@ class Progress:
         """
         if not self._open:
             return
+        self._tell_seconds()
         self._text, self._total, self._done, self._said = text, total, 0, time.monotonic()
+        self._begun = self._said
         if self._live is not None:
             self._finish()
             self._task = self._live.add_task(text, total=total)
@@ -82,10 +123,21 @@ class Progress:
         """Say how many parts of the step are done in all, and how it stands."""
         self.advance(done - self._done, note)
 
+    def _tell_seconds(self) -> None:
+        """With ``-v``: how long the step took that ends now."""
+        if self._verbose and self._text:
+            print(f"{self._text}: {time.monotonic() - self._begun:.1f} s", file=self._stream)
+
     def _finish(self) -> None:
         if self._task is not None:
             self._live.update(self._task, total=1, completed=1)
             self._live.stop_task(self._task)
+
+
+def _peak() -> str:
+    """The most memory that this process has had, in words."""
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return f"at most {most * (1 if sys.platform == 'darwin' else 1024) / 2**30:.2f} GiB of memory"
 
 
 def _live(stream: TextIO):

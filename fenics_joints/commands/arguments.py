@@ -7,8 +7,11 @@ from typing import Annotated
 
 import typer
 
+from fenics_joints.progress import loudness
+
 __all__ = [
     "CaseArgument", "DebugOption", "JsonOption", "LargeOption", "ReportOption", "named_path",
+    "tell",
 ]  # fmt: skip
 
 
@@ -21,6 +24,12 @@ def named_path(text: str | Path) -> Path:
     if not str(text).strip():
         raise typer.BadParameter("is empty, expected the name of a file")
     return Path(text)
+
+
+def tell(line: str) -> None:
+    """Print a line on standard output, unless the user asked for silence."""
+    if loudness() != "quiet":
+        typer.echo(line)
 
 
 CaseArgument = Annotated[

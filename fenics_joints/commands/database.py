@@ -10,14 +10,15 @@ from typing import Annotated
 
 import typer
 
-from fenics_joints.commands.arguments import named_path
+from fenics_joints.commands.arguments import named_path, tell
+from fenics_joints.commands.line import new_app
 
 __all__ = ["app"]
 
-app = typer.Typer(
-    no_args_is_help=True,
-    help="Contact radius, pressure and interface parameters of bolted joints by bolt, force, "
-    "thickness and roughness.",
+app = new_app(
+    "database",
+    "Contact radius, pressure and interface parameters of bolted joints by bolt, force, thickness "
+    "and roughness."
 )
 
 _SHIPPED = "The database; by default the published tables that come with the package."
@@ -78,6 +79,7 @@ def query(
         from fenics_joints.database import Surfaces, TorqueToForce
         from fenics_joints.database import query as ask
         from fenics_joints.database.tables import show_answer
+        from fenics_joints.report.terminal import new_console
 
         question = dict(
             bolt=bolt,
@@ -90,7 +92,7 @@ def query(
         )
         with _opened(db) as store:
             answer = ask(Surfaces.fit(store, model), **question)
-        show_answer(answer)
+        show_answer(new_console(), answer)
         _write_json(json, answer.json())
 
     _on_one_rank(run, debug, {"--json": json}, db)
@@ -147,7 +149,7 @@ def add(
             })  # fmt: skip
         with Store(db, create=True) as store:
             n = store.import_csv(csv) if row is None else store.add([row])
-            typer.echo(f"added {n} rows to {db}, which has {len(store.joints())} now")
+            tell(f"added {n} rows to {db}, which has {len(store.joints())} now")
 
     _on_one_rank(run, debug)
 
@@ -232,20 +234,22 @@ def show(
 
     def run() -> None:
         from fenics_joints.database.tables import leave_one_out_json, show_leave_one_out, show_rows
+        from fenics_joints.report.terminal import new_console
 
+        console = new_console()
         with _opened(db) as store:
             rows = store.joints(model=model)
             content: dict[str, object] = {"rows": [j.to_dict() for j in rows]}
-            show_rows(rows)
+            show_rows(console, rows)
             if leave_one_out:
                 from fenics_joints.database.query import Surfaces
 
                 surfaces = Surfaces.fit(store, model)
-                show_leave_one_out(surfaces)
+                show_leave_one_out(console, surfaces)
                 content["leave_one_out"] = leave_one_out_json(surfaces)
             if csv is not None:
                 store.export_csv(csv)
-                typer.echo(f"wrote {csv}")
+                tell(f"wrote {csv}")
         _write_json(json, content)
 
     _on_one_rank(run, debug, {"--json": json, "--csv": csv}, db)
@@ -374,14 +378,14 @@ def _write_json(path: Path | None, content: dict) -> None:
 
     if path is not None:
         write_text(path, json_text(content))
-        typer.echo(f"wrote {shown_path(path)}")
+        tell(f"wrote {shown_path(path)}")
 
 
 def _show_sweep(result, db: Path) -> None:
     from fenics_joints.errors import JointsError
     from fenics_joints.formatting import quantity
 
-    typer.echo(
+    tell(
         f"{result.computed} samples analysed, {result.finished_before} were there before: {db}"
     )
     if result.failed:

@@ -13,6 +13,7 @@ from fenics_joints.commands.arguments import (
     JsonOption,
     LargeOption,
     ReportOption,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -84,13 +85,13 @@ def show(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
     from fenics_joints.parallel import on_root
 
     def write() -> None:
-        from rich.console import Console
+        from fenics_joints.report.terminal import new_console
 
         for path, text in contents:
             write_text(path, text)
-        outcome.summary(Console())
+        outcome.summary(new_console())
         for path, _ in contents:
-            typer.echo(f"wrote {shown_path(path)}")
+            tell(f"wrote {shown_path(path)}")
 
     on_root(comm, write)
     if outcome.failure is not None:

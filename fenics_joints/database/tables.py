@@ -31,7 +31,7 @@ def in_words(estimate: Estimate | None, unit: str) -> str:
     return f"{value} ± {sd} {shown} (95 %: {interval(estimate.low, estimate.high, unit)}{mark})"
 
 
-def show_answer(answer: Answer) -> None:
+def show_answer(console: Console, answer: Answer) -> None:
     """Print an answer."""
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold")
@@ -46,10 +46,10 @@ def show_answer(answer: Answer) -> None:
     table.add_row("", answer.identified_note)
     for note in answer.notes:
         table.add_row("note", note)
-    Console().print(table, markup=False)
+    console.print(table, markup=False)
 
 
-def show_rows(rows: list[Joint]) -> None:
+def show_rows(console: Console, rows: list[Joint]) -> None:
     """Print the numbers of the rows, then their sources."""
     columns = [c for c in NUMBERS if any(getattr(j, c) is not None for j in rows)]
     if all(j.bolt for j in rows):
@@ -59,15 +59,13 @@ def show_rows(rows: list[Joint]) -> None:
     for j in rows:
         cells = [_cell(getattr(j, c), c) for c in columns]
         table.add_row(j.bolt or MISSING, *cells, str(sources.index(_source(j)) + 1))
-    console = Console()
     console.print(table)
     for i, source in enumerate(sources, 1):
         console.print(f"{i}: {source}", markup=False, highlight=False)
 
 
-def show_leave_one_out(surfaces: Surfaces) -> None:
+def show_leave_one_out(console: Console, surfaces: Surfaces) -> None:
     """Print each row's value beside what all others predict."""
-    console = Console()
     for output, kriging in surfaces.kriging.items():
         left = kriging.leave_one_out()
         table = _table(
@@ -106,7 +104,7 @@ def leave_one_out_json(surfaces: Surfaces) -> dict[str, object]:
 def _table(*heads: str, title: str) -> Table:
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=0)
     for i, head in enumerate(heads):
-        table.add_column(head, justify="left" if i == 0 else "right")
+        table.add_column(head, justify="left" if i == 0 else "right", overflow="fold")
     return table
 
 

@@ -1,0 +1,124 @@
+"""The command line as people expect it: ``-h``, ``-q`` and ``-v``, what a typo was meant to be, and
+an example for each command."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+
+import typer
+from typer.core import TyperCommand, TyperGroup, TyperOption
+
+from fenics_joints.progress import set_loudness
+
+__all__ = ["EXAMPLES", "new_app"]
+
+#: What the help of each command shows, by the words that call it.
+EXAMPLES = {
+    "": ("modes demos/dumbbell", "diagnose demos/lap_plates --report page.html"),
+    "add": ("database add --db own.db --csv rows.csv",
+            "database add --db own.db --bolt M12 --force '50 kN' --radius '43 mm'"),
+    "check": ("check demos/lap_plates --report check.html",),
+    "database": ("database query --bolt M12 --torque '120 N·m' --thickness '25 mm'",),
+    "diagnose": ("diagnose demos/lap_plates --report diagnosis.html",
+                 "diagnose demos/lap_plates --plan"),
+    "harmonic": ("harmonic demos/lap_beam/nonlinear.toml --report responses.html",),
+    "modes": ("modes demos/dumbbell --report modes.html", "modes my_case -n 30 --json modes.json"),
+    "new": ("new my_case --step assembly.step --frequencies frequencies.csv",),
+    "preload": ("preload demos/c_beam --vtx contact.xdmf",),
+    "query": ("database query --bolt M12 --torque '120 N·m' --thickness '25 mm'",),
+    "schema": ("schema > case.schema.json",),
+    "show": ("database show --leave-one-out", "database show --db own.db --csv rows.csv"),
+    "sweep": ("database sweep --db own.db --bolt M12 --force '25, 50 kN' --thickness '20 mm'",),
+    "update": ("update demos/lap_plates --report update.html",
+               "update my_case --bayes --keep chains.nc"),
+    "web": ("database web --db own.db",),
+}  # fmt: skip
+
+
+def new_app(name: str, help: str) -> typer.Typer:
+    """An app whose commands all have ``-h``, ``-q``, ``-v`` and an example in their help.
+
+    Its help is plain text: frames of rich cut what does not fit, and differ with the version.
+
+    Args:
+        name: Of its examples in `EXAMPLES`.
+        help: What its help begins with.
+    """
+    names = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+    return _App(
+        cls=_Group, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
+        help=help, epilog=_examples(name), context_settings=names,
+    )  # fmt: skip
+
+
+class _App(typer.Typer):
+    def command(self, name=None, *, cls=None, **settings):
+        return super().command(name, cls=cls or _Command, **settings)
+
+
+class _Plain:
+    """Help of which nothing is cut."""
+
+    def get_short_help_str(self, limit: int = 45) -> str:
+        """The first paragraph, whole: the list of commands wraps it."""
+        return " ".join((self.help or "").split("\n\n")[0].split())
+
+    def format_help(self, ctx, formatter) -> None:
+        super().format_help(ctx, formatter)
+        # Some versions of typer escape [required] for rich, although it does not print this.
+        formatter.buffer[:] = [part.replace("\\[", "[") for part in formatter.buffer]
+
+
+class _Command(_Plain, TyperCommand):
+    """A command with the options that all have."""
+
+    def __init__(self, name, *, params=None, epilog=None, **settings):
+        super().__init__(
+            name, params=[*(params or ()), *_how_much()], epilog=epilog or _examples(name),
+            **settings,
+        )  # fmt: skip
+
+
+class _Group(_Plain, TyperGroup):
+    """Commands, the nearest of which is suggested for one that is not there."""
+
+    def resolve_command(self, ctx, args):
+        name = args[0]
+        if not name.startswith("-") and self.get_command(ctx, name) is None:
+            near = difflib.get_close_matches(name, self.commands, n=2, cutoff=0.5)
+            meant = f" Did you mean {' or '.join(near)}?" if near else ""
+            ctx.fail(f"No such command {name!r}.{meant}")
+        return super().resolve_command(ctx, args)
+
+
+def _examples(name: str) -> str | None:
+    lines = EXAMPLES.get(name)
+    if lines is None:
+        return None
+    head = "Example:" if len(lines) == 1 else "Examples:"
+    return "\b\n" + "\n".join([head, *(f"  fenics-joints {line}" for line in lines)])
+
+
+def _how_much() -> list[TyperOption]:
+    """The options ``-q`` and ``-v``, which set the loudness and are no argument of the command."""
+    settings = {"is_flag": True, "default": False, "expose_value": False}
+    return [
+        TyperOption(param_decls=["-q", "--quiet"], callback=_sets("quiet"),
+                    help="Say nothing but errors; results go to files.", **settings),
+        TyperOption(param_decls=["-v", "--verbose"], callback=_sets("verbose"),
+                    help="Say the seconds of every step, each part of it, and the memory used.",
+                    **settings),
+    ]  # fmt: skip
+
+
+def _sets(loudness: str) -> Callable:
+    def callback(ctx, param, wanted: bool) -> bool:
+        given = ctx.meta.setdefault(__name__, [])
+        given += [loudness] * bool(wanted)
+        if len(given) > 1:
+            raise typer.BadParameter("expected -q or -v, not both")
+        set_loudness(given[0] if given else "normal")
+        return wanted
+
+    return callback
