@@ -63,7 +63,8 @@ class Forecast:
                 members = tuple(row["effects"])
             else:
                 members = tuple(self._by_name(name) for name in row["label"].split(" + "))
-            found.append((members, float(row["probability"])))
+            # Shown probabilities are bounded; the weights sum to one.
+            found.append((members, float(row.get("weight", row["probability"]))))
         total = sum(p for _, p in found)
         return [(members, p / total) for members, p in found] if total > 0 else []
 

@@ -19,6 +19,7 @@ from benchmarks.blind.matching import cause_of, outcomes
 from benchmarks.blind.matching import opened as truth_of
 from benchmarks.blind.rates import Rate, calibration, grouped_rate, median_interval
 from benchmarks.blind.seal import SealError
+from fenics_joints.diagnosis.verdict import NAMED
 
 __all__ = ["APART", "Record", "read_records", "score"]
 
@@ -243,7 +244,7 @@ def _singles(records: Sequence[Record]) -> dict:
         ranks = [r.rank(level, region=True) for r in records]
         out[f"cause_and_region_{level}"] = Rate.of(rank <= 1 for rank in ranks).to_json()
     out["verdict_right"] = Rate.of(
-        r.forecast.verdict == "cause" and r.rank("class", region=False) <= 1 for r in records
+        r.forecast.verdict in NAMED and r.rank("class", region=False) <= 1 for r in records
     ).to_json()
     out["verdicts"] = dict(Counter(r.forecast.verdict for r in records))
     out["answer_size"] = _answer_sizes(records)
@@ -297,7 +298,7 @@ def _false_alarms(records: Sequence[Record]) -> dict:
     return {
         "n": len(records),
         "alarm": Rate.of(v != "no gap" for v in verdicts).to_json(),
-        "cause_named": Rate.of(v == "cause" for v in verdicts).to_json(),
+        "cause_named": Rate.of(v in NAMED for v in verdicts).to_json(),
         "verdicts": dict(Counter(verdicts)),
     }
 

@@ -26,7 +26,7 @@ from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisRe
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import Shrinkage
-from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, confirm, decide
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import writable_folder
@@ -153,6 +153,7 @@ class _Run:
         )
         wrong = self._is_wrong(fits, leader, grouped)
         shrink = self._shrink(fits, wrong)
+        verdict, summary = confirm(verdict, summary, shrink)
         self.progress.step("localising the gap")
         shown = self.model.zones.shown
         where = zone_shares(leader, self.forward, self.evidence, self.baseline, shown)
@@ -178,6 +179,7 @@ class _Run:
             model_error=self.search.model_error,
             silent=self.model.silent,
             by_level=self.data.by_level,
+            joints=self.given.diagnose.joints if len(self.model.zones) else "",
             damping=self._damping(leader),
             location=locate_gap(self.model, n_patches=self.given.diagnose.patches),
             shrinkage=shrink,

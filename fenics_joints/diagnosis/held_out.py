@@ -303,7 +303,8 @@ def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
         predicted_after=stated.after,
         predicted_shrink=stated.shrink,
         covered=_inside(after, stated.after),
-        shrink_covered=_inside(own, stated.shrink) if np.isfinite(own) else None,
+        better=after < stated.after[0],
+        shrink_covered=own >= stated.shrink[0] if np.isfinite(own) else None,
         entries_covered=float(np.mean((stated.low <= data) & (data <= stated.high))),
         weights=stated.weights,
     )
@@ -320,7 +321,8 @@ def _pooled(opened: list[Fold], errors: list[_Errors]) -> Shrinkage:
     return Shrinkage(
         before, after, placebo, noise, own, own_90, wrong, wrong_90, excess, excess_90,
         claimed=bool(excess_90[0] > 0),
-        coverage=float(np.mean([f.covered for f in opened])),
+        coverage=float(np.mean([f.held for f in opened])),
+        better=float(np.mean([f.better for f in opened])),
         shrink_coverage=float(np.mean([f.shrink_covered for f in sized])) if sized else np.nan,
         entries_coverage=float(entries),
         folds=opened,

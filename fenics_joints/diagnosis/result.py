@@ -13,6 +13,7 @@ from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
 from fenics_joints.files import plain
+from fenics_joints.formatting import LEAST, LIMITS, MOST, bounded
 from fenics_joints.measurements.gap import Gap
 
 __all__ = ["Diagnosis", "EffectResult", "HypothesisResult", "Separation"]
@@ -93,7 +94,8 @@ class Diagnosis:
 
     Attributes:
         title: The case's title.
-        verdict: ``cause``, ``no gap``, ``unknown`` or ``ambiguous``.
+        verdict: ``cause`` (confirmed on held-out data), ``likely`` (a cause that they do not
+            confirm), ``no gap``, ``unknown`` or ``ambiguous``.
         summary: The verdict in one or two plain sentences.
         condition: Name and unit of the conditions, such as ("torque", "N·m").
         before: Gap of the nominal model.
@@ -116,6 +118,8 @@ class Diagnosis:
         location: Tests of regions and patches, and along modes, frequencies and conditions.
         shrinkage: How far the gap shrinks on held-out data, with what was stated before.
         nested: Evidence by nested sampling of the leading hypotheses, by label of their effects.
+        joints: What the comparison starts from: joints ``bonded``, as one with the parts, or
+            ``given``, as the case has them; empty if the model has none.
         damping: Measured and, by the leading hypothesis, predicted damping ratios, each of shape
             (n, m); None if damping was not used.
     """
@@ -141,6 +145,7 @@ class Diagnosis:
     model: dict
     silent: tuple[Silent, ...] = ()
     by_level: bool = False
+    joints: str = ""
     damping: tuple[np.ndarray, np.ndarray] | None = None
     location: Location | None = None
     shrinkage: Shrinkage | None = None
@@ -159,10 +164,12 @@ class Diagnosis:
             "title": self.title,
             "verdict": self.verdict,
             "summary": self.summary,
+            "start": {"joints": self.joints, "gap": self.before.rms},
             "gap": {"before": self.before.rms, "after": self.after.rms, **of_gap},
             "where": [asdict(share) for share in self.where],
-            "effects": [_renamed(e, "class_name", "describe") for e in self.effects],
-            "hypotheses": [asdict(h) for h in self.hypotheses],
+            "probabilities": {"least": LEAST, "most": MOST, "why": LIMITS},
+            "effects": [_effect(e) for e in self.effects],
+            "hypotheses": [_hypothesis(h) for h in self.hypotheses],
             "silent": [asdict(s) for s in self.silent],
             "separations": [_renamed(s, "class_name") for s in self.separations],
             "folds": [asdict(fold) for fold in self.shrinkage.folds] if self.shrinkage else [],
@@ -193,6 +200,19 @@ class Diagnosis:
                 "frequencies_hz": _frequencies(before, after),
             }
         return plain(out)
+
+
+def _effect(e: EffectResult) -> dict:
+    row = _renamed(e, "class_name", "describe")
+    return {**row, "probability": bounded(e.probability)}
+
+
+def _hypothesis(h: HypothesisResult) -> dict:
+    """Its attributes; what is weighed against the others, which no one may take for a probability
+    where it is extreme, stands beside."""
+    return {
+        **asdict(h), "probability": bounded(h.probability), "weight": round(h.probability, 6)
+    }  # fmt: skip
 
 
 def _renamed(result: EffectResult | Separation, name: str, *without: str) -> dict:

@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 from scipy.stats import qmc
 
 from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit, fit
 from fenics_joints.diagnosis.evidence.screen import near_best, quick_evidence, whitened
@@ -59,6 +60,9 @@ class Search:
         self.model, self.progress, self.kept = model, progress, kept
         total = sum(effect.weight for effect in model.effects)
         self._odds = {e.key: np.log(_ANY * e.weight / total) for e in model.effects}
+        self._met = Known(model.baseline, model.evidence.conditions)
+        for effect in model.effects:
+            self._met.same((effect,))
 
     def run(self) -> list[Fit]:
         """Nothing, the unknown, each effect, and what is promising of several. Collective."""
@@ -196,6 +200,7 @@ class Search:
     def _together(self, level: Sequence[Fit], known: Sequence[Fit], size: int) -> list[Fit]:
         """Fits of ``size`` effects at once that a quick look does not rule out."""
         pairs = self._pairs(level) if size == 2 else self._beside_leaders(level)
+        pairs = [pair for pair in pairs if self._met.same(pair[0]) is None]
         pairs = self._promising(pairs, known)
         if not pairs:
             return []

@@ -62,7 +62,8 @@ class Fold:
         predicted_after: Interval (90 %) stated of ``after``.
         predicted_shrink: Interval (90 %) stated of ``shrink``.
         covered: Whether ``after`` lies in the stated interval.
-        shrink_covered: Whether ``shrink`` does; None if it is nan.
+        better: Whether it ended below it, better than stated.
+        shrink_covered: Whether ``shrink`` lies in its interval or above; None if it is nan.
         entries_covered: Share of the held-out frequencies in their own stated intervals.
         weights: Shares of the hypotheses in the mixture behind the stated intervals.
     """
@@ -84,6 +85,12 @@ class Fold:
     shrink_covered: bool | None
     entries_covered: float
     weights: dict[str, float]
+    better: bool = False
+
+    @property
+    def held(self) -> bool:
+        """Whether it ended as well as stated, or better."""
+        return self.covered or self.better
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,8 +113,9 @@ class Shrinkage:
         excess: S* less that of the placebo.
         excess_interval: Its interval; both are of the same resampled data.
         claimed: Whether the excess is above zero with 95 %: the lower end of its interval is.
-        coverage: Share of folds whose ``after`` lay in the interval stated before.
-        shrink_coverage: Share of folds whose S* did.
+        coverage: Share of folds whose ``after`` lay in the interval stated before, or was better.
+        better: Share of folds that ended better than stated.
+        shrink_coverage: Share of folds whose S* lay in its interval, or was better.
         entries_coverage: Share of all held-out frequencies in their own stated intervals.
         folds: The folds.
     """
@@ -127,6 +135,7 @@ class Shrinkage:
     shrink_coverage: float = np.nan
     entries_coverage: float = np.nan
     folds: list[Fold] = field(default_factory=list)
+    better: float = np.nan
 
     def __repr__(self) -> str:
         return f"Shrinkage({self.before:.2%} to {self.after:.2%} in {len(self.folds)} folds)"

@@ -8,9 +8,19 @@ import numpy as np
 
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.result import EffectResult
+from fenics_joints.diagnosis.shrinkage import Shrinkage
+from fenics_joints.formatting import p_value, percent
+from fenics_joints.formatting import probability as shown
 from fenics_joints.measurements.gap import Gap
 
-__all__ = ["MISFIT", "NO_GAP", "UNKNOWN", "decide", "least_sure"]
+__all__ = [
+    "CAUSE", "LIKELY", "MISFIT", "NAMED", "NO_GAP", "UNKNOWN", "confirm", "confirmed", "decide",
+    "least_sure", "unconfirmed",
+]  # fmt: skip
+
+#: Verdicts that name a cause: one that held-out data confirm, and one that they do not.
+CAUSE, LIKELY = "cause", "likely"
+NAMED = (CAUSE, LIKELY)
 
 NO_GAP, UNKNOWN = "no gap", "none of these"
 #: Probability that a class must have, of what is left for the library, to be called a cause.
@@ -31,7 +41,8 @@ def decide(
     ``unknown`` if that is more probable than all others together, or if the best explanation does
     not fit the data within noise and discrepancy. Otherwise, among the others, ``no gap`` if it is
     more probable than not; ``cause`` if a class of effects is probable enough, and more probable
-    than not with the unknown counted too. ``ambiguous`` else.
+    than not with the unknown counted too; `confirm` may make it a ``likely`` one. ``ambiguous``
+    else.
 
     Args:
         fits: Hypotheses, most probable first.
@@ -54,19 +65,57 @@ def decide(
         return "unknown", (
             "No effect of the library explains the test. The best of them, "
             f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} % and would give such a "
-            f"misfit with probability {leader.p_value:.1g}."
+            f"misfit with probability {p_value(leader.p_value)}."
         )
     classes = class_probabilities(fits, probability, effects)
     sure = [name for name, p in classes.items() if p >= least_sure(other)]
     if sure:
-        said = "; and ".join(f"{_sentence(name)} ({_percent(classes[name])})" for name in sure)
+        said = "; and ".join(f"{_sentence(name)} ({shown(classes[name])})" for name in sure)
         maybe = [n for n, p in classes.items() if 0.2 * listed <= p < _SURE * listed]
         tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
-        return "cause", f"The gap comes from {said}.{tail}"
+        return CAUSE, f"The gap comes from {said}.{tail}"
     rated = {**classes, NO_GAP: by_label.get(NO_GAP, 0.0), UNKNOWN: other}
     first = sorted(rated.items(), key=lambda item: -item[1])[:3]
-    named = [f"{name} ({_percent(p)})" for name, p in first]
+    named = [f"{name} ({shown(p)})" for name, p in first]
     return "ambiguous", f"This test does not decide between {', '.join(named)}."
+
+
+def confirmed(s: Shrinkage) -> bool:
+    """Whether held-out data confirm a cause: what is chosen and fitted without them predicts them
+    better than the nominal model, and better than the best wrong effect, each with 95 %."""
+    return bool(s.folds) and s.after < s.before and s.shrink_interval[0] > 0 and s.claimed
+
+
+def confirm(verdict: str, summary: str, s: Shrinkage) -> tuple[str, str]:
+    """A verdict that names a cause, with what held-out data say of it: ``cause`` if they confirm
+    it, ``likely`` if not; other verdicts stay.
+
+    Args:
+        verdict: From `decide`.
+        summary: Likewise.
+        s: How far the gap shrinks on held-out data.
+    """
+    if verdict not in NAMED:
+        return verdict, summary
+    if confirmed(s):
+        return CAUSE, summary
+    return LIKELY, f"{summary} Held-out data do not confirm it: {unconfirmed(s)}."
+
+
+def unconfirmed(s: Shrinkage | None) -> str:
+    """Why held-out data do not confirm a cause, in words."""
+    if s is None or not s.folds or not np.isfinite(s.after):
+        return "nothing could be held out"
+    if s.after >= s.before:
+        return f"the gap on them grows from {percent(s.before)} to {percent(s.after)}"
+    if not np.isfinite(s.shrink):
+        return "the nominal model is already as good on them as noise allows"
+    if s.shrink_interval[0] <= 0:
+        return (
+            f"that the gap on them goes from {percent(s.before)} to {percent(s.after)} may be "
+            "chance"
+        )
+    return "the best wrong effect does nearly as well on them"
 
 
 def least_sure(unknown: float) -> float:
@@ -87,10 +136,6 @@ def class_probabilities(
         for name in {named[e.name, e.region] for e in f.hypothesis.effects}:
             total[name] += float(p)
     return dict(sorted(total.items(), key=lambda item: -item[1]))
-
-
-def _percent(p: float) -> str:
-    return "over 99 %" if p > 0.99 else f"{100 * p:.0f} %"
 
 
 def _sentence(name: str) -> str:

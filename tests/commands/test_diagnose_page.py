@@ -91,13 +91,13 @@ def test_diagnosis_page_shows_the_numbers_of_the_result():
     assert page.column("shares", 0) == ["joint", "plates", "unexplained"]
     assert page.column("shares", 1) == ["94.3 %", "3.2 %", "2.5 %"]
     # 0.6 + 0.34 + 0.01 for the class: one hypothesis holds both of its effects.
-    assert page.column("effects", 3) == ["95.0 %", "61.0 %", "35.0 %", "< 0.1 %"]
-    assert page.column("hypotheses", 1) == ["60.0 %", "34.0 %", "1.0 %", "< 0.1 %"]
+    assert page.column("effects", 3) == ["> 90 %", "61 %", "35 %", "< 1 %"]
+    assert page.column("hypotheses", 1) == ["60 %", "34 %", "1 %", "< 1 %"]
     assert page.column("hypotheses", 3) == ["0.0", "0.6", "4.2", "11.2"]
     assert page.column("hypotheses", 6) == ["–", "k_t", "–", "–"]
     assert page.tables["fitted"][1:] == [["joint", "k_n", "660 GPa/m", "510 to 860 GPa/m", "+0.40"]]
     assert page.column("nuisances", 2) == ["20.3 g"]
-    assert page.column("separations", 4) == ["1.0 %"]
+    assert page.column("separations", 4) == ["1 %"]
     assert page.column("folds", 2)[:2] == ["31.00 %", "19.81 %"]
     assert page.column("folds", 4)[0] == "1.20 % to 3.10 %"
 
@@ -116,7 +116,7 @@ def test_titles_and_names_are_escaped():
     assert "<b>& bolts" not in text and "bending <2>" not in text
 
 
-@pytest.mark.parametrize("verdict", ["cause", "no gap", "unknown", "ambiguous"])
+@pytest.mark.parametrize("verdict", list(VERDICTS))
 def test_every_verdict_without_validation_and_map(verdict):
     d = diagnosis(verdict=verdict, validation=None, cells=None, shrinkage=None, separations=[])
     page = Page(diagnosis_html(d))
@@ -125,7 +125,7 @@ def test_every_verdict_without_validation_and_map(verdict):
     assert "validation" not in page.ids and "folds" not in page.tables
     console = Console(width=80, record=True, file=io.StringIO())
     show_diagnosis(console, d)
-    assert verdict.upper() in console.export_text()
+    assert VERDICTS[verdict].upper() in " ".join(console.export_text().split())
 
 
 def large_diagnosis() -> Diagnosis:
@@ -148,17 +148,15 @@ def large_diagnosis() -> Diagnosis:
     )  # fmt: skip
 
 
-def test_summaries_fit_a_screen():
-    shows = [
-        lambda c: show_diagnosis(c, diagnosis()),
-        lambda c: show_diagnosis(c, large_diagnosis()),
-    ]
-    for show in shows:
+def test_tables_are_short_and_no_line_is_too_wide():
+    """However much there is: rows are counted, sentences are not."""
+    for d in (diagnosis(), large_diagnosis()):
         for width in (80, 100):
             console = Console(width=width, record=True, file=io.StringIO())
-            show(console)
+            show_diagnosis(console, d)
             lines = console.export_text().splitlines()
-            assert len(lines) <= 40 and max(map(len, lines)) <= width
+            first = next(i for i, line in enumerate(lines) if line.startswith("gap (RMS"))
+            assert len(lines) - first <= 40 and max(map(len, lines)) <= width
 
 
 def test_the_leader_is_the_best_hypothesis_that_says_something():

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from fenics_joints.commands.diagnose.reading import LEVEL, leading
-from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words, shortened
+from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words
 from fenics_joints.diagnosis.result import Diagnosis
+from fenics_joints.diagnosis.verdict import LIKELY, NAMED, unconfirmed
 from fenics_joints.formatting import percent, spaced
 
 __all__ = ["doubts"]
@@ -24,6 +25,8 @@ _HALF = 0.5
 def doubts(d: Diagnosis) -> list[str]:
     """A sentence for each doubt."""
     lead, s, words = leading(d), d.shrinkage, []
+    if d.verdict == LIKELY:
+        words.append(f"Held-out data do not confirm the cause: {unconfirmed(s)}.")
     if lead is not None:
         if lead.p_value < LEVEL:
             words.append(
@@ -37,9 +40,9 @@ def doubts(d: Diagnosis) -> list[str]:
         far = [p for p in lead.parameters if p["nuisance"] and abs(p["prior_sigmas"]) > _FAR]
         items = [f"{spaced(p['effect'])} ({p['prior_sigmas']:+.1f} s.d.)" for p in far]
         if items:
-            words.append(f"Far from what was expected in any case: {shortened(items)}.")
-    if s is not None and s.folds and d.verdict == "cause":
-        if np.isfinite(s.excess) and not s.claimed:
+            words.append(f"Far from what was expected in any case: {joined(items)}.")
+    if s is not None and s.folds and d.verdict in NAMED:
+        if d.verdict != LIKELY and np.isfinite(s.excess) and not s.claimed:
             words.append(
                 "On held-out data the best wrong effect does nearly as well: how far the gap "
                 "shrinks is no evidence for the cause."
@@ -51,8 +54,8 @@ def doubts(d: Diagnosis) -> list[str]:
             )
         if s.coverage < _COVERAGE:
             words.append(
-                f"Only {share_words(s.coverage)} of the folds ended in the 90 % interval stated "
-                "before."
+                f"Only {share_words(s.coverage)} of the folds ended as well as the 90 % interval "
+                "that was stated before."
             )
     if np.isfinite(d.model_error) and d.model_error > 0.5 * d.noise:
         words.append(

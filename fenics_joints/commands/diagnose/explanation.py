@@ -44,7 +44,7 @@ from fenics_joints.commands.diagnose.words import (
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.shrinkage import Shrinkage
-from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, NO_GAP, UNKNOWN
 from fenics_joints.formatting import percent, probability, spaced
 
 __all__ = ["Explanation", "explain"]
@@ -59,6 +59,7 @@ class Explanation:
     """A diagnosis in words.
 
     Attributes:
+        start: What is compared with the test.
         where: Where the model is wrong, one sentence.
         which: Which effect causes it, and what rivals it.
         how_far: How far the gap shrinks on data that were held out.
@@ -66,6 +67,7 @@ class Explanation:
         doubts: What speaks against taking the answer at its word.
     """
 
+    start: str
     where: str
     which: str
     how_far: str
@@ -78,12 +80,16 @@ class Explanation:
 
     @property
     def sentences(self) -> tuple[tuple[str, str], ...]:
-        """The three sentences with their headings."""
-        return ("Where", self.where), ("Which", self.which), ("How far", self.how_far)
+        """What is compared, and the three sentences, with their headings."""
+        return (
+            ("Start", self.start), ("Where", self.where), ("Which", self.which),
+            ("How far", self.how_far),
+        )  # fmt: skip
 
     def to_json(self) -> dict:
         """Texts only."""
         return {
+            "start": self.start,
             "where": self.where,
             "which": self.which,
             "how_far": self.how_far,
@@ -94,7 +100,21 @@ class Explanation:
 
 def explain(d: Diagnosis) -> Explanation:
     """Put a diagnosis into words."""
-    return Explanation(_where(d), _which(d), _how_far(d), questions(d), tuple(doubts(d)))
+    return Explanation(
+        _start(d), _where(d), _which(d), _how_far(d), questions(d), tuple(doubts(d))
+    )  # fmt: skip
+
+
+def _start(d: Diagnosis) -> str:
+    off = f"{percent(d.before.rms)} off the measured frequencies (root mean square)"
+    return f"The nominal model{_JOINTS[d.joints]}, {off}."
+
+
+_JOINTS = {
+    "bonded": " with its joints bonded, as one with the parts",
+    "given": " with its joints as stiff as the case gives them",
+    "": "",
+}
 
 
 def _where(d: Diagnosis) -> str:
@@ -158,7 +178,7 @@ def _by_shares(d: Diagnosis) -> str:
 
 
 def _which(d: Diagnosis) -> str:
-    say = {NO_GAP: _no_cause, "unknown": _unknown, "cause": _cause}
+    say = {NO_GAP: _no_cause, "unknown": _unknown, CAUSE: _cause, LIKELY: _cause}
     return sentence(say.get(d.verdict, _undecided)(d))
 
 
@@ -235,8 +255,9 @@ def _how_far(d: Diagnosis) -> str:
         words += f", {gain:.0f} points more than the best wrong effect ({_points(s)})"
     elif np.isfinite(gain):
         words += f", which is not surely more than the best wrong effect ({_points(s)} points)"
-    stated = sum(f.covered for f in s.folds)
-    return f"{words}; {stated} of {len(s.folds)} folds ended in the interval stated before."
+    held, better = sum(f.held for f in s.folds), sum(f.better for f in s.folds)
+    words += f"; {held} of {len(s.folds)} folds ended in the interval stated before"
+    return f"{words}{f' or better ({better} better)' if better else ''}."
 
 
 def _shrunk(s: Shrinkage) -> str:

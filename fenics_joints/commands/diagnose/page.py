@@ -18,32 +18,25 @@ from fenics_joints.commands.diagnose.reading import (
     sampled,
     with_place,
 )
-from fenics_joints.commands.diagnose.words import group_words, zone_words
+from fenics_joints.commands.diagnose.words import VERDICTS, group_words, zone_words
 from fenics_joints.diagnosis.evidence.classes import confusion
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.where.localise import CellMap
 from fenics_joints.diagnosis.where.patches import PatchMap
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest
-from fenics_joints.formatting import condition_value
+from fenics_joints.formatting import LIMITS, condition_value
 from fenics_joints.report import cell_map, patch_map
 from fenics_joints.report.beam_pictures import beam_cells, beam_patches
 from fenics_joints.report.html import facts, heat_pair, render, svg
 from fenics_joints.report.panels import frequency_panels
 
-__all__ = ["VERDICTS", "diagnosis_html"]
+__all__ = ["diagnosis_html"]
 
 _FILTERS = {
     "named": named, "with_place": with_place, "zone_words": zone_words, "by_effect": by_effect,
     "by_reason": by_reason,
 }  # fmt: skip
-#: Verdicts as headings.
-VERDICTS = {
-    "cause": "Cause found",
-    "no gap": "No gap",
-    "unknown": "Cause unknown",
-    "ambiguous": "Ambiguous",
-}
 #: Hypotheses that get a row of their own.
 _MOST_HYPOTHESES = 8
 #: Classes of effects below this are folded away, but for so many.
@@ -101,6 +94,7 @@ def diagnosis_html(
             )
         ),
         far=_FAR,
+        limits=LIMITS,
         assumed=assumed,
         facts=facts(_with_error(d)),
     )  # fmt: skip

@@ -170,9 +170,17 @@ def _why(d: Diagnosis) -> str:
         words.append(
             f"The best explanation{without}, {named(other)}, leaves {percent(other.gap)} "
             f"({p_value_words(other.p_value)}), and its ln evidence is "
-            f"{lead.log_evidence - other.log_evidence:.1f} lower."
+            f"{_beside(lead.log_evidence - other.log_evidence)}."
         )
     return " ".join(words)
+
+
+def _beside(lower: float) -> str:
+    """How a rival's ln evidence stands to the leader's, which may lead by its odds alone."""
+    if lower >= 0.05:
+        return f"{lower:.1f} lower"
+    words = f"{-lower:.1f} higher" if lower <= -0.05 else "the same"
+    return f"{words}, but it was less likely before the test"
 
 
 def _not_told(d: Diagnosis) -> str:

@@ -11,7 +11,7 @@ from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, S
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
 from fenics_joints.diagnosis.evidence.nested import Nested
 from fenics_joints.diagnosis.location import Location
-from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, least_sure
+from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN, least_sure
 from fenics_joints.diagnosis.where.zone_tests import Attribution
 from fenics_joints.formatting import probability, spaced
 
@@ -135,7 +135,7 @@ def causes(d: Diagnosis) -> list[EffectClass]:
 def sure_causes(d: Diagnosis) -> list[EffectClass]:
     """The classes that the verdict calls causes."""
     least = least_sure(probability_of(d, UNKNOWN))
-    return [c for c in causes(d) if c.probability >= least] if d.verdict == "cause" else []
+    return [c for c in causes(d) if c.probability >= least] if d.verdict in NAMED else []
 
 
 def best_without(d: Diagnosis, sure: Sequence[EffectClass]) -> HypothesisResult | None:

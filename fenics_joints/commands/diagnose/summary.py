@@ -8,6 +8,7 @@ from rich.text import Text
 
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.reading import by_effect, by_reason, effect_classes, leading
+from fenics_joints.commands.diagnose.words import VERDICTS
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.formatting import (
     condition_value,
@@ -17,28 +18,29 @@ from fenics_joints.formatting import (
     quantity,
     spaced,
 )
-from fenics_joints.report.terminal import more, new_table, say, tell
+from fenics_joints.report.terminal import more, new_table, tell
 
 __all__ = ["show_diagnosis"]
 
-#: Rows of each table, so that all of it fits on a screen.
+#: Rows of each table; the page has all of them.
 _REGIONS, _EFFECTS, _PARAMETERS = 3, 4, 3
-_STYLES = {"cause": "bold cyan", "no gap": "bold green", "ambiguous": "bold yellow"}
+_STYLES = {
+    "cause": "bold cyan", "likely": "bold yellow", "no gap": "bold green",
+    "ambiguous": "bold yellow",
+}  # fmt: skip
 _BAR = 20
-#: Lines of each of the three sentences, and how many doubts are told; the page has all.
-_SENTENCE_LINES, _DOUBTS = 4, 2
 
 
 def show_diagnosis(console: Console, d: Diagnosis) -> None:
     """Print the diagnosis: where, which and how far in a sentence each, then the numbers."""
     words = explain(d)
-    verdict = Text(d.verdict.upper(), style=_STYLES.get(d.verdict, "bold red"))
+    heading = VERDICTS.get(d.verdict, d.verdict).upper()
+    verdict = Text(heading, style=_STYLES.get(d.verdict, "bold red"))
     console.print(Text.assemble((d.title, "bold"), ": ", verdict))
     for heading, sentence in words.sentences:
-        text = Text.assemble((f"{heading}. ", "bold"), sentence)
-        _print_at_most(console, text, _SENTENCE_LINES)
-    for doubt in words.doubts[:_DOUBTS]:
-        say(console, f"but: {doubt}", "yellow")
+        console.print(Text.assemble((f"{heading}. ", "bold"), sentence))
+    for doubt in words.doubts:
+        tell(console, f"but: {doubt}", "yellow")
     console.print()
     gaps = new_table("gap (RMS relative error)", ">nominal", ">placebo", ">chosen")
     gaps.add_row("all data, fitted", percent(d.before.rms), "", percent(d.after.rms))
@@ -56,17 +58,6 @@ def show_diagnosis(console: Console, d: Diagnosis) -> None:
     _where(console, d)
     _which(console, d)
     _lead(console, d)
-
-
-def _print_at_most(console: Console, text: Text, lines: int) -> None:
-    """Print a text over a few lines, cut off where they end."""
-    wrapped = text.wrap(console, console.width)
-    for i, line in enumerate(wrapped[:lines]):
-        cut = i == lines - 1 and len(wrapped) > lines
-        if cut:
-            line.truncate(console.width - 2)
-            line.append(" …")
-        console.print(line)
 
 
 def _where(console: Console, d: Diagnosis) -> None:
@@ -98,14 +89,14 @@ def _which(console: Console, d: Diagnosis) -> None:
     letters = {group.name: group.letter for group in classes if group.letter}
     for s in [s for s in d.separations if s.class_name in letters][:2]:
         text = f"to split {letters[s.class_name]}, {s.distance:.1f} s.d.: {s.measurement}"
-        say(console, text)
+        tell(console, text)
     for reason, names in by_reason(d.silent):
         tell(console, f"silent on {', '.join(names)}: {reason}", "dim")
     console.print()
 
 
 def _effect_row(table: Table, name: str, letter: str, p: float) -> None:
-    table.add_row(_line(name), letter, probability(p), _bar(p))
+    table.add_row(Text(name), letter, probability(p), _bar(p))
 
 
 def _lead(console: Console, d: Diagnosis) -> None:
@@ -118,8 +109,7 @@ def _lead(console: Console, d: Diagnosis) -> None:
         for i, p in enumerate(rows[: max(left, 0)]):
             span = Text(interval(p["low"], p["high"], p["unit"]), no_wrap=True)
             value = quantity(p["value"], p["unit"])
-            name = Text(p["name"], no_wrap=True)
-            table.add_row(name, value, span, _line("" if i else spaced(effect)))
+            table.add_row(Text(p["name"]), value, span, Text("" if i else spaced(effect)))
         left -= len(rows)
     more(table, -left)
     if table.rows:
@@ -128,8 +118,3 @@ def _lead(console: Console, d: Diagnosis) -> None:
 
 def _bar(share: float) -> Text:
     return Text("█" * round(_BAR * min(max(share, 0.0), 1.0)), style="blue")
-
-
-def _line(text: str) -> Text:
-    """A table's cell on one line, cut off where the column ends; no markup is read in it."""
-    return Text(text, no_wrap=True, overflow="ellipsis")

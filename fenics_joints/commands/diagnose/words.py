@@ -6,13 +6,21 @@ import re
 from collections.abc import Sequence
 
 from fenics_joints.diagnosis.where.zone_tests import Attribution
-from fenics_joints.formatting import condition_value, number, percent, spaced
+from fenics_joints.formatting import LEAST, MOST, condition_value, number, percent, spaced
 
 __all__ = [
-    "NAMED", "chance_words", "from_to", "group_words", "joined", "p_value_words", "sentence",
-    "share_words", "shortened", "span", "times_words", "zone_words",
+    "NAMED", "VERDICTS", "chance_words", "from_to", "group_words", "joined", "p_value_words",
+    "sentence", "share_words", "shortened", "span", "times_words", "zone_words",
 ]  # fmt: skip
 
+#: Verdicts as headings.
+VERDICTS = {
+    "cause": "Cause found, confirmed on held-out data",
+    "likely": "Likely cause, not confirmed on held-out data",
+    "no gap": "No gap",
+    "unknown": "Cause unknown",
+    "ambiguous": "Ambiguous",
+}
 #: Members of a list that are worth a word.
 NAMED = 3
 
@@ -36,12 +44,13 @@ def shortened(words: Sequence[str], last: str = "and") -> str:
 
 def chance_words(p: float) -> str:
     """How often chance alone makes as much."""
-    return "less than one in a million" if p < 1e-6 else f"p = {number(p, 2)}"
+    return "less than once in a thousand" if p < 1e-3 else f"p = {number(p, 2)}"
 
 
 def times_words(ratio: float) -> str:
-    """A ratio: ``12 times``."""
-    return f"{number(ratio, 2)} times" if ratio < 1e6 else "over a million times"
+    """A ratio of two probabilities: ``12 times``; no larger than that of those that are shown."""
+    most = round(MOST / LEAST)
+    return f"{number(ratio, 2)} times" if ratio <= most else f"more than {most} times"
 
 
 def share_words(x: float) -> str:

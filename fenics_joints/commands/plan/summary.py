@@ -29,7 +29,7 @@ def show_plan(console: Console, p: Plan) -> None:
     for i, e in enumerate(p.effects[:_EFFECTS]):
         name, d, chance = likeliest(p, i)
         table.add_row(
-            places[e.key], Text(spaced(e.key), no_wrap=True, overflow="ellipsis"),
+            places[e.key], Text(spaced(e.key)),
             e.letter or ("" if e.seen else "unseen"), f"{e.distance:.1f}", f"{d:.1f}",
             places.get(name, name), probability(chance), style=None if e.seen else "dim",
         )  # fmt: skip

@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.user import for_zones
+from fenics_joints.diagnosis.evidence.equal import distinct
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.model.subject import Subject, subject_of
@@ -175,8 +176,9 @@ def prepare(
     case, zones = subject.case, subject.zones
     effects, silent = case_effects(case, data, zones)
     extra = [for_zones(effect, zones.by("joint")) for effect in extra]
+    effects = distinct((*effects, *extra), subject.baseline, data.conditions)
     return Prepared(
-        **vars(subject), comm=comm, data=data, effects=(*effects, *extra), silent=silent,
+        **vars(subject), comm=comm, data=data, effects=effects, silent=silent,
         nuisances=case_nuisances(case, zones),
         scatter=case.diagnose.preload_scatter if by_preload(data) else 0.0,
         evidence=evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
