@@ -326,7 +326,7 @@ def _say_unusual(comm, case: Case, name: str) -> tuple[str, ...]:
     """Say what is unusual in the case and doubtful in its files, before the work starts."""
     from fenics_joints.case import plausibility
 
-    own = () if name in _SAY_TEST_NOTES else case.test_notes()
+    own = () if name in _SAY_TEST_NOTES else (*case.test_notes(), *case.joint_notes())
     notes = (*own, *plausibility(case))
     if comm.rank == 0 and loudness() != "quiet":
         for note in notes:

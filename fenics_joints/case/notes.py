@@ -7,7 +7,10 @@ import numpy as np
 from fenics_joints.case.case import Case
 from fenics_joints.structure import Structure
 
-__all__ = ["test_notes"]
+__all__ = ["OF_MODEL", "test_notes", "told"]
+
+#: Begins what is said of the model, not of the test.
+OF_MODEL = "model: "
 
 #: A sensor that was moved less, m, stood where the mesh ends, but for the digits of its file.
 _MOVED = 1e-6
@@ -20,11 +23,12 @@ def test_notes(case: Case, model: object) -> tuple[str, ...]:
         case: The case.
         model: The case's model; of one that has no mesh no sensor is moved.
     """
-    notes, sensors = [*case.test_notes(), *case.joint_notes()], case.sensors()
+    notes = [*case.test_notes(), *(f"{OF_MODEL}{note}" for note in case.joint_notes())]
+    sensors = case.sensors()
     structure = getattr(model, "structure", model)
     if not isinstance(structure, Structure):
         return tuple(notes)
-    notes += structure.tagged.notes
+    notes += [f"{OF_MODEL}{note}" for note in structure.tagged.notes]
     if sensors is None:
         return tuple(notes)
     moved = structure.rows(sensors.points, "sensor", sensors.names).moved
@@ -37,6 +41,11 @@ def test_notes(case: Case, model: object) -> tuple[str, ...]:
             f"the farthest{name} by {1e3 * moved[far]:.3g} mm"
         )
     return tuple(notes)
+
+
+def told(note: str) -> str:
+    """A note as a terminal shows it, with what it is of."""
+    return note if note.startswith(OF_MODEL) else f"test: {note}"
 
 
 #: Not a test, whatever pytest thinks of the name.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -9,6 +11,8 @@ from step_files import flanges, write_step
 from touching_blocks import HALF, PART, WIDTH, E, bar_frequency, write_bar
 
 from fenics_joints.case import build_structure, load_case, test_notes
+from fenics_joints.commands.update.run import run_update
+from fenics_joints.diagnosis.model.subject import subject_of
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import measure_ring
 from fenics_joints.modal import solve_modes
@@ -201,3 +205,36 @@ def test_refusals(tmp_path, old, new, message):
     text = (MESH.replace(old, new) + PART + SPRINGS).replace('cells = "joint"', 'cells = "*"')
     with pytest.raises(MeshError, match=message):
         built(tmp_path, text)
+
+
+def test_update_finds_the_springs(tmp_path):
+    """From twice the stiffness; the command says what was grown."""
+    write_bar(tmp_path / "bar.msh")
+    text = MESH + PART + SPRINGS
+    hertz = first_modes(tmp_path, text, 14)[6:]
+    start = text.replace(f"{K_N}", f"{2 * K_N}").replace(f"{K_T}", f"{2 * K_T}")
+    header = ",".join(f"mode {i} [Hz]" for i in range(1, 9))
+    (tmp_path / "test.csv").write_text(f"{header}\n{','.join(map(repr, hertz.tolist()))}\n")
+    start += '[test]\nfrequencies = "test.csv"\nnoise = "0.1 %"\n'
+    start += '[update]\nparameters = ["glue.k_n", "glue.k_t"]\n'
+    case, _ = built(tmp_path, start)
+    outcome = run_update(case, COMM)
+    found = {p["name"]: p["value"] for p in outcome.json()["parameters"]}
+    assert found == pytest.approx({"glue.k_n": K_N, "glue.k_t": K_T}, rel=1e-3)
+    assert any("half into each part" in note for note in outcome.json()["notes"])
+
+
+@pytest.mark.parametrize("nominal", ["bonded", "given"])
+def test_zones_of_a_diagnosis(tmp_path, nominal):
+    """Springs become zones round the bolt, as stiff as the case says or bonded."""
+    write_bar(tmp_path / "bar.msh", "tetrahedron")
+    text = MESH + PART + SPRINGS + 'bolts = [["100 mm", "0 mm", "5 mm"]]\n'
+    case, structure = built(tmp_path, text + f'[diagnose]\njoints = "{nominal}"\n')
+    subject = subject_of(case, COMM, Mock())
+    layer = measure_ring(structure.tagged, "joint").thickness
+    for zone in subject.zones:
+        stiffness = subject.baseline[f"{zone.name}.E"] / zone.thickness
+        assert zone.thickness == pytest.approx(layer, rel=1e-6)
+        assert stiffness == pytest.approx(K_N if nominal == "given" else E / layer, rel=1e-3)
+        assert zone.bolt == "bolt 1"
+    assert subject.zones.area.sum() == pytest.approx(WIDTH**2, rel=1e-3)

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.case.cad import StepMesh
+from fenics_joints.case.cad import JoinedMesh
 from fenics_joints.case.sections import ONE_BOLT
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
@@ -160,7 +160,7 @@ def _rows(points) -> np.ndarray:
 
 def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
     """A line for each two bolts at one place, of the file and of the mesh."""
-    given = case.mesh.bolts.at if isinstance(case.mesh, StepMesh) and case.mesh.bolts else None
+    given = case.mesh.bolts.at if isinstance(case.mesh, JoinedMesh) and case.mesh.bolts else None
     asked = getattr(case.mesh, "bolts", None) if given is None else given
     asked = asked if isinstance(asked, list | tuple) else []
     listed = [

@@ -7,7 +7,8 @@ from pathlib import Path
 from mpi4py import MPI
 from rich.console import Console
 
-from fenics_joints.case import Case
+from fenics_joints.case import Case, told
+from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.diagnose.assumptions import assumptions
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.page import diagnosis_html
@@ -36,12 +37,15 @@ def run_diagnose(
     """
     found, data = diagnose(case, comm, progress, keep=keep), case.measurements()
     notes = found.model.get("notes", ())
-    assumed = [*assumptions(case, data), *(("of the test's data", note) for note in notes)]
+    assumed = assumptions(case, data)
+    for note in notes:
+        of = "of the model" if note.startswith(OF_MODEL) else "of the test's data"
+        assumed = [*assumed, (of, note.removeprefix(OF_MODEL))]
 
     def summary(console: Console) -> None:
         show_diagnosis(console, found)
         for note in notes:
-            tell(console, f"test: {note}", "yellow")
+            tell(console, told(note), "yellow")
 
     return Outcome(
         found, lambda: {**found.to_json(), "in_words": explain(found).to_json()},

@@ -6,6 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from fenics_joints.case import told
 from fenics_joints.commands.modes.compared import Compared, condition_words
 from fenics_joints.commands.modes.result import ModeList, ring_row
 from fenics_joints.formatting import extents, hertz, percent
@@ -39,7 +40,7 @@ def show_modes(console: Console, result: ModeList) -> None:
     if result.beside is not None:
         _show_pairs(console, result.beside)
     for note in result.notes:
-        tell(console, f"test: {note}", "yellow")
+        tell(console, told(note), "yellow")
     say(console, f"{result.modes.model.n_dofs} degrees of freedom{size}")
 
 

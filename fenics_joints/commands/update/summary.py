@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.update.page import at_words, data_words, theirs
 from fenics_joints.commands.update.result import (
     Compared,
@@ -40,7 +41,8 @@ def show_update(console: Console, r: UpdateReport) -> None:
     gaps += f" in {r.update.evaluations} evaluations of the model; {r.update.message}"
     console.print(gaps, markup=False, highlight=False)
     for note in r.notes:
-        console.print(f"but: {note}", style="yellow", markup=False, highlight=False)
+        shown = note if note.startswith(OF_MODEL) else f"but: {note}"
+        console.print(shown, style="yellow", markup=False, highlight=False)
     console.print()
     table = new_table("parameter", ">start", ">identified", ">s.d.")
     for p in r.parameters[:_PARAMETERS]:
