@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -161,6 +162,56 @@ def test_readme_frf(run_script, tmp_path):
     slopes = np.reshape(numbers(slopes), (2, 2))
     turned = np.sign(np.sum(slopes * difference, axis=0))
     assert slopes * turned == pytest.approx(difference, rel=3e-3)
+
+
+def test_readme_mesh(run_script, tmp_path):
+    """The README's case of a mesh of one's own: bolts found, start from cone and roughness; modes.
+
+    On springs less stiff all frequencies are lower.
+    """
+    (text,) = [b for b in blocks("toml") if "plates.msh" in b]
+    _draw_plates(tmp_path / "plates.msh")
+    command = tmp_path / "command.py"
+    command.write_text("import runpy\nrunpy.run_module('fenics_joints', run_name='__main__')\n")
+    found = []
+    for law in ("", 'k_n = "3e11 Pa/m"\nk_t = "2.4e11 Pa/m"\n'):
+        changed = text if not law else re.sub(r"roughness = .*\n", law, text)
+        (tmp_path / "case.toml").write_text(changed, encoding="utf-8")
+        run_script(command, "modes", str(tmp_path), "--json", str(tmp_path / "modes.json"))
+        found.append(json.loads((tmp_path / "modes.json").read_text(encoding="utf-8")))
+    first, soft = found
+    assert [ring["centre_m"] for ring in first["rings"]] == [
+        pytest.approx([x, 0.015, 0.008], abs=5e-4) for x in (0.02, 0.06)
+    ]
+    assert first["rigid_body_modes"] == 6 and first["size_m"] == pytest.approx([0.1, 0.03, 0.016])
+    notes = " ".join(first["notes"])
+    assert "within a factor of three" in notes and "half into each part" in notes
+    # 5 mm across flats of M6, and 8 mm through a plate at 30 degrees; the pressure of 8 kN on it.
+    outer, inner = 5e-3 + 8e-3 * np.tan(np.pi / 6), 3.3e-3
+    pressure = 8e3 / np.pi / (outer**2 - inner**2)
+    k_n = pressure / 0.5 / (np.sqrt(np.pi) * 1.6e-6)
+    assert f"k_n = {k_n:.3g} Pa/m" in notes
+    assert np.all(np.array(soft["frequencies_hz"][6:]) < np.array(first["frequencies_hz"][6:]))
+
+
+def _draw_plates(path):
+    """Two plates of 100 x 30 x 8 mm on each other over 80 mm, with two holes of 6.6 mm."""
+    gmsh = pytest.importorskip("gmsh")
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    occ = gmsh.model.occ
+    plates = [(3, occ.addBox(0, 0, z, 80 + z * 2.5, 30, 8)) for z in (0, 8)]
+    holes = [(3, occ.addCylinder(x, 15, -1, 0, 0, 18, 3.3)) for x in (20, 60)]
+    plates, _ = occ.cut(plates, holes)
+    occ.fragment(plates[:1], plates[1:])
+    occ.synchronize()
+    for number, name in enumerate(("lower", "upper"), start=1):
+        gmsh.model.addPhysicalGroup(3, [number], number, name)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 8)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 12)
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(path))
+    gmsh.finalize()
 
 
 def test_readme_beams(run_script, tmp_path):
