@@ -16,6 +16,7 @@ from fenics_joints.commands.arguments import (
     JsonOption,
     LargeOption,
     ReportOption,
+    VtxOption,
     named_path,
 )
 from fenics_joints.commands.database import app as database_app
@@ -62,6 +63,7 @@ def modes(
     ] = False,
     json: JsonOption = None,
     report: ReportOption = None,
+    vtx: VtxOption = None,
     large: LargeOption = False,
     debug: DebugOption = False,
 ) -> None:
@@ -75,8 +77,10 @@ def modes(
     """
 
     method = "iterative" if iterative else "direct"
-    options = {"n_modes": n, "state": contacts, "method": method, "draw_all": draw_all}
-    _command("run_modes", options, case, {"--json": json, "--report": report}, large, debug)
+    options = {"n_modes": n, "state": contacts, "method": method, "draw_all": draw_all,
+               "fields": vtx}  # fmt: skip
+    outputs = {"--json": json, "--report": report, **_field_files(vtx)}
+    _command("run_modes", options, case, outputs, large, debug)
 
 
 @app.command()
@@ -85,13 +89,7 @@ def preload(
     json: JsonOption = None,
     report: ReportOption = None,
     large: LargeOption = False,
-    vtx: Annotated[
-        Path | None,
-        typer.Option(
-            "--vtx", metavar="FILE", parser=named_path,
-            help="Write fields for ParaView: .bp, or .xdmf.",
-        ),
-    ] = None,
+    vtx: VtxOption = None,
     debug: DebugOption = False,
 ) -> None:
     """Contact at the case's bolt forces, and what it does to the frequencies.
@@ -101,9 +99,7 @@ def preload(
     preloaded).
     """
 
-    outputs = {"--json": json, "--report": report}
-    if vtx is not None and vtx.suffix != ".bp":  # that is a folder
-        outputs |= {"--vtx": vtx, "--vtx (its .h5)": vtx.with_suffix(".h5")}
+    outputs = {"--json": json, "--report": report, **_field_files(vtx)}
     _command("run_preload", {"fields": vtx}, case, outputs, large, debug)
 
 
@@ -241,6 +237,13 @@ def main() -> None:
 
 
 # -- running ---------------------------------------------------------------------------------------
+
+
+def _field_files(vtx: Path | None) -> dict[str, Path | None]:
+    """The files of ``--vtx`` by the option; a ``.bp`` is a folder, and is checked as one later."""
+    if vtx is None or vtx.suffix == ".bp":
+        return {}
+    return {"--vtx": vtx, "--vtx (its .h5)": vtx.with_suffix(".h5")}
 
 
 def _command(

@@ -222,7 +222,7 @@ if comm.rank == 0 and len(sys.argv) > 1:
     modes = solve_modes(beams, found, n_modes=8)
     for i in range(5):
         shape = np.zeros(3 * len(beams.layout.x))
-        shape[beams.layout.free] = modes.shape(modes.n_rigid + i)
+        shape[beams.layout.free] = modes.vector(modes.n_rigid + i)
         w = shape[1::3] / np.abs(shape[1::3]).max()
         left.plot(1e3 * beams.layout.x, 0.4 * w - i, color="C0")
         inside = (beams.layout.x > 0.3099) & (beams.layout.x < 0.3601)

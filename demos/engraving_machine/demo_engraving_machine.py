@@ -209,7 +209,7 @@ def parts() -> np.ndarray:
 
 
 if len(sys.argv) > 1:
-    corners, motions = model.corner_motion([modes.shape(int(i)) for i in first_five])
+    corners, motions = model.corner_motion([modes.vector(int(i)) for i in first_five])
     part = parts()
     if comm.rank == 0:
         from drawing import Story, draw

@@ -96,7 +96,7 @@ participation = 2 * zeta * level / force
 slipping = coarse("slipping.toml")
 built = harmonic_model(slipping, comm, Progress(silent=True))
 modes = solve_modes(built.model, n_modes=built.mode + 1)
-phi = float(built.model.row("sensors", "sensor") @ modes.shape(built.mode))
+phi = float(built.model.row("sensors", "sensor") @ modes.vector(built.mode))
 say(
     "",
     row("measured phi^2, 1/kg", participation, 3),

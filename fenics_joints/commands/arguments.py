@@ -10,8 +10,8 @@ import typer
 from fenics_joints.progress import loudness
 
 __all__ = [
-    "CaseArgument", "DebugOption", "JsonOption", "LargeOption", "ReportOption", "named_path",
-    "tell",
+    "CaseArgument", "DebugOption", "JsonOption", "LargeOption", "ReportOption", "VtxOption",
+    "named_path", "tell",
 ]  # fmt: skip
 
 
@@ -45,6 +45,13 @@ JsonOption = Annotated[
 ReportOption = Annotated[
     Path | None,
     typer.Option("--report", metavar="FILE", parser=named_path, help="Write a page of HTML."),
+]
+VtxOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--vtx", metavar="FILE", parser=named_path,
+        help="Write fields (of modes, all elastic shapes) for ParaView: .bp, or .xdmf.",
+    ),
 ]
 LargeOption = Annotated[
     bool,

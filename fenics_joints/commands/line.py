@@ -23,7 +23,7 @@ EXAMPLES = {
     "diagnose": ("diagnose demos/lap_plates --report diagnosis.html",
                  "diagnose demos/lap_plates --plan"),
     "harmonic": ("harmonic demos/lap_beam/nonlinear.toml --report responses.html",),
-    "modes": ("modes demos/dumbbell --report modes.html", "modes my_case -n 30 --json modes.json"),
+    "modes": ("modes demos/dumbbell --vtx modes.bp", "modes my_case -n 30 --report modes.html"),
     "new": ("new my_case --step assembly.step --frequencies frequencies.csv",),
     "preload": ("preload demos/c_beam --vtx contact.xdmf",),
     "query": ("database query --bolt M12 --torque '120 N·m' --thickness '25 mm'",),

@@ -8,6 +8,7 @@ from fenics_joints.modal.sensitivity import (
     frequency_sensitivity,
     identifiability,
 )
+from fenics_joints.modal.shape_files import write_shapes
 
 __all__ = [
     "EigenResult",
@@ -20,4 +21,5 @@ __all__ = [
     "identifiability",
     "solve_modes",
     "solve_pencil",
+    "write_shapes",
 ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from dolfinx import fem
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError, capable, member, real, whole
@@ -63,9 +64,26 @@ class Modes:
         """Natural frequencies, Hz, shape (n,); 0 for an eigenvalue that round-off made negative."""
         return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
 
-    def shape(self, i: int):
-        """Shape of mode ``i``: a PETSc vector or a column of the reduced model."""
+    def vector(self, i: int) -> PETSc.Vec | np.ndarray:
+        """Shape of mode ``i`` in the model's own unknowns: a PETSc vector, or a column of
+        ``shapes`` where the model is dense."""
         return self.shapes[:, i] if self.model.is_dense else self.shapes[i]
+
+    def shape(self, i: int) -> fem.Function | PETSc.Vec | np.ndarray:
+        """Shape of mode ``i``: of solids a function on their mesh, to be evaluated or written.
+
+        Of a model without a mesh it is the `vector`. Collective.
+
+        Returns:
+            The M-normalised displacement, kg^-1/2, a copy.
+
+        Raises:
+            InputError: If there is no such mode.
+        """
+        i = whole("i", i, least=-len(self), most=len(self) - 1)
+        displacement = getattr(self.model, "displacement", None)
+        vector = self.vector(i)
+        return vector if displacement is None else displacement(vector)
 
     def at(self, sensors: Sensors) -> np.ndarray:
         """Mass-normalised shapes at sensors, kg^-1/2, shape (n_sensors, n)."""

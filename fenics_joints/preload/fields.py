@@ -14,20 +14,16 @@ facets, ``facet_pressure``, Pa, the mean, which times the area sums to the force
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from dolfinx import fem, io
+from dolfinx import fem
 
-from fenics_joints.errors import InputError
-from fenics_joints.files import check_writable, write_text
-from fenics_joints.parallel import on_root
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
 from fenics_joints.preload.result import ContactState, PreloadResult
+from fenics_joints.structure.paraview import write_fields
 
 __all__ = ["facet_status", "nodal_fields", "write"]
 
@@ -35,8 +31,6 @@ __all__ = ["facet_status", "nodal_fields", "write"]
 NO_CONTACT = -1.0
 #: Name in XDMF, and corners in VTK's order, of facets by their number of vertices.
 _FACETS = {2: ("Polyline", (0, 1)), 3: ("Triangle", (0, 1, 2)), 4: ("Quadrilateral", (0, 1, 3, 2))}
-#: What ADIOS2 puts into a folder that is one of its files.
-_BP_INDEX = "md.idx"
 
 
 def write(result: PreloadResult, path: str | Path) -> list[Path]:
@@ -56,60 +50,10 @@ def write(result: PreloadResult, path: str | Path) -> list[Path]:
     Raises:
         InputError: For another ending, a DOLFINx without ADIOS2, or if a file cannot be written.
     """
-    path, comm = Path(path), result.model.comm
-    writers = {".bp": _write_vtx, ".xdmf": _write_xdmf}
-    if path.suffix not in writers:
-        raise InputError(f"{path}: expected a name that ends in {' or '.join(writers)}.")
-    on_root(comm, lambda: _check(path))
-    fields = nodal_fields(result)
-    part = comm.bcast(on_root(comm, lambda: _part(path)))
-    try:
-        writers[path.suffix](fields, part / path.name)
-        comm.barrier()
-        names = on_root(comm, lambda: _finish(result, part, path))
-    except (OSError, RuntimeError) as error:
-        raise InputError(f"{path}: cannot be written ({error}).") from error
-    finally:
-        if comm.rank == 0:
-            shutil.rmtree(part, ignore_errors=True)
-    return comm.bcast(names)
-
-
-def _check(path: Path) -> None:
-    """Refuse what cannot be written or must not be replaced."""
-    if path.suffix == ".bp":
-        if not hasattr(io, "VTXWriter"):
-            raise InputError(f"{path}: DOLFINx was built without ADIOS2; expected .xdmf.")
-        if path.is_dir() and any(path.iterdir()) and not (path / _BP_INDEX).exists():
-            raise InputError(f"{path}: is a folder, but none of ADIOS2; expected another name.")
-    for file in _files(path):
-        check_writable(path.parent / "file" if file.suffix == ".bp" else file, "fields")
-
-
-def _files(path: Path) -> list[Path]:
-    """All files that a state is written to."""
-    heavy = [path.with_suffix(".h5")] if path.suffix == ".xdmf" else []
-    return [path, *heavy, path.with_name(f"{path.stem}_contacts.xdmf")]
-
-
-def _part(path: Path) -> Path:
-    try:
-        return Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}).") from error
-
-
-def _finish(result: PreloadResult, part: Path, path: Path) -> list[Path]:
-    """Complete the files in ``part`` and move them into place; on rank 0."""
-    files = _files(path)
-    if path.suffix == ".xdmf":
-        share_grid(part / path.name)
-    write_text(part / files[-1].name, _contacts_xdmf(list(result.contacts.values())))
-    for file in reversed(files):  # that of the bodies last: it refers to the heavy one
-        if file.is_dir():
-            file.rename(part / "old")
-        (part / file.name).replace(file)
-    return files
+    path = Path(path)
+    contacts = path.with_name(f"{path.stem}_contacts.xdmf")
+    states = list(result.contacts.values())
+    return write_fields(nodal_fields(result), path, {contacts: lambda: _contacts_xdmf(states)})
 
 
 # -- bodies ----------------------------------------------------------------------------------------
@@ -177,31 +121,6 @@ def _places(V: fem.FunctionSpace, Q: fem.FunctionSpace) -> Callable:
         return dofs[i[rows]], rows
 
     return place
-
-
-def _write_vtx(fields: list[fem.Function], path: Path) -> None:
-    with io.VTXWriter(fields[0].function_space.mesh.comm, path, fields) as writer:
-        writer.write(0.0)
-
-
-def _write_xdmf(fields: list[fem.Function], path: Path) -> None:
-    mesh = fields[0].function_space.mesh
-    with io.XDMFFile(mesh.comm, path, "w") as writer:
-        writer.write_mesh(mesh)
-        for field in fields:
-            writer.write_function(field)
-
-
-def share_grid(path: Path) -> None:
-    """Put all fields on the one grid: DOLFINx gives each a copy, which ParaView shows apart."""
-    tree = ElementTree.parse(path)
-    domain = tree.getroot().find("Domain")
-    grid, *others = domain.findall("Grid")
-    for other in others:
-        grid.extend(other.iter("Attribute"))
-        domain.remove(other)
-    ElementTree.indent(tree)
-    write_text(path, ElementTree.tostring(tree.getroot(), encoding="unicode") + "\n")
 
 
 # -- contacts --------------------------------------------------------------------------------------

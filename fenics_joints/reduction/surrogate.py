@@ -86,7 +86,7 @@ class Surrogate(SeenModes):
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis."""
         solved = [self.solve(values) for values in points]
-        shapes = [m.shape(int(i)) for m in solved for i in self._in_basis(m)]
+        shapes = [m.vector(int(i)) for m in solved for i in self._in_basis(m)]
         basis = self._kept_basis() if self._reduced is None else self._reduced.basis
         if basis is None:
             basis = self._reduce().basis
@@ -154,6 +154,6 @@ class Surrogate(SeenModes):
                 basis = kept["basis"]
         except (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile):
             return None
-        if basis.ndim != 2 or basis.shape[1] != self.nominal.shape(0).getLocalSize():
+        if basis.ndim != 2 or basis.shape[1] != self.nominal.vector(0).getLocalSize():
             return None
-        return vectors_like(self.nominal.shape(0), basis)
+        return vectors_like(self.nominal.vector(0), basis)

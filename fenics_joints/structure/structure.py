@@ -334,6 +334,13 @@ class Structure(Assembly):
 
     # -- pictures ------------------------------------------------------------------------------
 
+    def displacement(self, vector: PETSc.Vec) -> fem.Function:
+        """A displacement vector, owned entries, as a function on the mesh. Collective."""
+        u = fem.Function(self.V, name="displacement")
+        u.x.array[: self.n_local] = vector.array_r
+        u.x.scatter_forward()
+        return u
+
     @property
     def size_m(self) -> np.ndarray:
         """Extents of the mesh along the axes, m, (gdim,). Collective."""

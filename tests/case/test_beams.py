@@ -60,7 +60,7 @@ def test_what_the_commands_say_of_beams():
     np.testing.assert_allclose(found.size_m, [0.57, 0.021, 0.0212])
     assert outcome.page().count("Mode shape") >= 6
     # The drawn corners move as sensors there do.
-    corners, motion = found.modes.model.corner_motion([found.modes.shape(5)])
+    corners, motion = found.modes.model.corner_motion([found.modes.vector(5)])
     sensors = Sensors(corners[::7].reshape(-1, 3), [1.0, 0, 1])
     read = found.modes.at(sensors)[:, 5]
     moved = motion[0, ::7].reshape(-1, 3) @ [1.0, 0, 1] / np.sqrt(2)

@@ -85,7 +85,7 @@ def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(s
     modes = solve_modes(built.model, n_modes=3)
     hz = modes.frequencies_hz[built.mode]
     force, sensor = (
-        built.model.row(kind, name) @ modes.shape(built.mode)
+        built.model.row(kind, name) @ modes.vector(built.mode)
         for kind, name in (("forces", "force"), ("sensors", "sensor"))
     )
     receptance = abs(force * sensor) / (2 * 0.01 * (2 * np.pi * hz) ** 2)

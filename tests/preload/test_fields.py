@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import stacked_blocks
 from fenics_joints.preload import Contact, PreloadModel, PreloadSolver, Traction, fields
-from fenics_joints.structure import Structure, Support, part
+from fenics_joints.structure import Structure, Support, paraview, part
 
 pytestmark = pytest.mark.parallel
 COMM = MPI.COMM_WORLD
@@ -167,7 +167,7 @@ def test_nothing_is_left_of_a_failed_attempt(shared_tmp_path, monkeypatch):
     def fail(*_):
         raise OSError("no space left")
 
-    monkeypatch.setattr(fields, "share_grid", fail)
+    monkeypatch.setattr(paraview, "share_grid", fail)
     with pytest.raises(InputError, match="no space left"):
         fields.write(result, path)
     COMM.barrier()

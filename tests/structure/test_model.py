@@ -241,7 +241,7 @@ def test_loads_are_what_sensors_read(kind, model):
 @pytest.mark.parametrize("kind", WITH_PICTURES)
 def test_pictures_move_as_sensors_read(kind, model):
     modes = solve_modes(model, n_modes=9)
-    corners, motions = model.corner_motion([modes.shape(i) for i in range(9)])
+    corners, motions = model.corner_motion([modes.vector(i) for i in range(9)])
     assert motions.shape == (9, *corners.shape)
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
     assert high - low == pytest.approx(model.size_m, rel=1e-9)

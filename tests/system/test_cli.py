@@ -73,8 +73,10 @@ def test_modes(shared_tmp_path, write_case, run, capfd):
     line = np.linalg.norm(modes.at(case.sensors()), axis=0)
     assert content["visible"] == [False] * 6 + (line > 0.1 * everywhere)[6:].tolist()
     again = shared_tmp_path / "iterative.json"
-    assert run("modes", shared_tmp_path, "--iterative", "--json", again) == 0
+    fields = shared_tmp_path / "modes.xdmf"
+    assert run("modes", shared_tmp_path, "--iterative", "--json", again, "--vtx", fields) == 0
     comm.barrier()
+    assert fields.read_text().count("<Attribute") == 14 - 6
     frequencies = json.loads(again.read_text())["frequencies_hz"]
     assert frequencies == pytest.approx(content["frequencies_hz"], rel=1e-8)
     said = capfd.readouterr()
@@ -98,6 +100,9 @@ def test_modes(shared_tmp_path, write_case, run, capfd):
         (["diagnose", "{}", "--json", "{}/frequencies_28Nm.csv"], 1, ["--json", "overwritten"]),
         (["update", "{}", "--report", "{}/./damping.csv"], 1, ["damping.csv", "overwritten"]),
         (["preload", "{}", "--vtx", "{}/a.xdmf", "--json", "{}/a.h5"], 1, ["--json's file too"]),
+        (["modes", "{}", "--vtx", "{}/a.xdmf", "--report", "{}/a.h5"], 1, ["--report's file too"]),
+        (["modes", "{}", "--vtx", "{}/a.vtk"], 1, ["a.vtk", "ends in .bp or .xdmf"]),
+        (["preload", "{}", "--vtx", "{}/none/a.bp"], 1, ["no folder"]),
         (["update", "{}", "--bayes", "--keep", "{}/a", "--json", "{}/a"], 1, ["file too"]),
         (["modes", "{}", "--json", ""], 2, ["--json", "is empty"]),
         (["modes", ""], 2, ["CASE", "is empty"]),

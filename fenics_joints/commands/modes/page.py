@@ -66,7 +66,7 @@ def modes_page(result: ModeList, *, n_shapes: int | None = 6) -> str:
     shown = elastic if visible is None or n_shapes is None else visible
     lowest = np.flatnonzero(shown).tolist()
     wanted = sorted(list(dict.fromkeys([*partners, *lowest]))[:n_shapes])
-    vertices, motions = modes.model.corner_motion([modes.shape(int(i)) for i in wanted])
+    vertices, motions = modes.model.corner_motion([modes.vector(int(i)) for i in wanted])
     if not len(vertices):
         return ""
     sensors = result.case.sensors()

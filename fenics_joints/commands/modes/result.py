@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from textwrap import shorten
 
 import numpy as np
@@ -31,6 +32,7 @@ class ModeList:
         rings: The bolts' rings ``ring_1``, ... of the mesh, those that are flat layers.
         notes: What is to be said of the test's data, see `fenics_joints.case.test_notes`.
         beside: The modes beside those of the test; None if the case has no data.
+        written: Files of the shapes for ParaView.
     """
 
     case: Case
@@ -40,6 +42,7 @@ class ModeList:
     rings: tuple[Ring, ...] = ()
     notes: tuple[str, ...] = ()
     beside: Compared | None = None
+    written: tuple[Path, ...] = ()
 
     def __repr__(self) -> str:
         highest = f"to {self.frequencies_hz[-1]:.5g} Hz" if len(self.modes) else "none"

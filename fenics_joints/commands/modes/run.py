@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -14,8 +15,10 @@ from fenics_joints.commands.modes.summary import show_modes
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal.shape_files import check_meshed, write_shapes
 from fenics_joints.preload import LinearJoint, solve_preload, status_conditions
 from fenics_joints.progress import Progress
+from fenics_joints.structure.paraview import check_fields_path
 
 __all__ = ["run_modes"]
 
@@ -29,6 +32,7 @@ def run_modes(
     state: str = "stuck",
     method: str = "direct",
     draw_all: bool = False,
+    fields: Path | None = None,
 ) -> Outcome[ModeList]:
     """Modes of a case's nominal model. Collective.
 
@@ -41,11 +45,14 @@ def run_modes(
         state: What contacts are: ``"stuck"``, or as the ``"preload"`` leaves them.
         method: ``"direct"`` or ``"iterative"``, see `solve_modes`; contacts need the direct one.
         draw_all: Whether the page draws all modes, also those that the test does not see.
+        fields: A file to write all elastic modes to, ``.bp`` or ``.xdmf``.
 
     Raises:
         JointsError: If the case, the mesh or the solution fails.
     """
     n_modes = case.diagnose.n_modes if n_modes is None else n_modes
+    if fields is not None:
+        check_fields_path(comm, fields)
     progress.step("building the model")
     if state != "stuck" and not case.contacts:
         raise InputError(f"contacts = {state!r}: expected sections [contacts.NAME] in the case")
@@ -53,6 +60,8 @@ def run_modes(
         model = _preloaded(case, comm, progress, state)
     else:
         model = build_structure(case, comm)
+    if fields is not None:
+        check_meshed(model, fields)
     progress.step(f"solving {n_modes} modes of {model.n_dofs} degrees of freedom")
     modes = solve_modes(model, n_modes=n_modes, method=method)
     sensors = case.sensors()
@@ -60,7 +69,11 @@ def run_modes(
     notes, beside = test_notes(case, model), compared(case, modes)
     if isinstance(beside, str):
         notes, beside = (*notes, beside), None
-    found = ModeList(case, modes, visibility, model.size_m, model.rings(), notes, beside)
+    written = ()
+    if fields is not None:
+        progress.step(f"writing {fields}")
+        written = tuple(write_shapes(modes, fields))
+    found = ModeList(case, modes, visibility, model.size_m, model.rings(), notes, beside, written)
     page = partial(modes_page, n_shapes=None) if draw_all else modes_page
     return Outcome.of(found, page, show_modes)
 

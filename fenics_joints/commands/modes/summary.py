@@ -9,6 +9,7 @@ from rich.text import Text
 from fenics_joints.case import told
 from fenics_joints.commands.modes.compared import Compared, condition_words
 from fenics_joints.commands.modes.result import ModeList, ring_row
+from fenics_joints.files import shown_path
 from fenics_joints.formatting import extents, hertz, percent
 from fenics_joints.report.terminal import new_table, say, tell
 
@@ -42,6 +43,8 @@ def show_modes(console: Console, result: ModeList) -> None:
     for note in result.notes:
         tell(console, told(note), "yellow")
     say(console, f"{result.modes.model.n_dofs} degrees of freedom{size}")
+    for path in result.written:
+        say(console, f"wrote {shown_path(path)}")
 
 
 def _show_pairs(console: Console, beside: Compared) -> None:

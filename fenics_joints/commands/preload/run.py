@@ -17,6 +17,7 @@ from fenics_joints.modal.modes import solve_modes
 from fenics_joints.preload import LinearJoint, PreloadSolver, status_conditions
 from fenics_joints.preload.fields import write
 from fenics_joints.progress import Progress
+from fenics_joints.structure.paraview import check_fields_path
 
 __all__ = ["run_preload"]
 
@@ -38,6 +39,8 @@ def run_preload(
     Raises:
         JointsError: If the case, the mesh or a solution fails.
     """
+    if fields is not None:
+        check_fields_path(comm, fields)
     progress.step("building the model")
     model = build_preload(case, comm)
     progress.step(f"contact of {model.jumps.n} degrees of freedom")

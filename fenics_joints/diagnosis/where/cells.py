@@ -139,7 +139,7 @@ class MeshCells(Cells):
         found = {key: np.zeros((len(self.volume), len(index))) for key in ("E", "G", "rho")}
         for j, i in enumerate(index):
             lam = modes.eigenvalues[i]
-            gradient = self.structure.cell_gradient(modes.shape(int(i)), lam, modes.given)
+            gradient = self.structure.cell_gradient(modes.vector(int(i)), lam, modes.given)
             for key, table in found.items():
                 table[:, j] = self._by_log(gradient, key) / (2 * lam)
         return found
