@@ -356,8 +356,8 @@ def iwan_sliders(
         edges = slider_edges(backbone, n, amplitudes)
     else:
         edges = reals("edges", edges, (None,), least=0)
-        if len(edges) < 2 or edges[0] != 0 or not np.all(np.diff(edges) > 0):
-            raise wanted("edges", edges, "two numbers or more that rise from 0")
+        if not len(edges) or edges[0] != 0 or not np.all(np.diff(edges) > 0):
+            raise wanted("edges", edges, "numbers that rise from 0")
     counts = [1] * max(len(edges) - 1, 0)
     if n >= 3:
         counts = [2 + (n % 2 == 0)] + [2] * (len(edges) - 2)
