@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import InputError, reals, whole
+from fenics_joints.harmonic.events import memoryless_stress
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_state
 from fenics_joints.interfaces.model import check_interfaces
@@ -109,6 +110,7 @@ class Balance:
         self._held = _held(model)
         self._shares = [_share(p, self._states.get(p.name), self.comm) for p in model.interfaces]
         self._whole = self._shares if self.comm.size == 1 else None
+        self._rated = any(points.kernel.rated for points in model.interfaces)
         G = self.fourier.derivative
         self._G, self._G2 = G, G @ G
         self._krons = None
@@ -147,7 +149,17 @@ class Balance:
     def by_omega(self, X: np.ndarray, omega: float) -> np.ndarray:
         """Derivative of the residual by omega, (n, K)."""
         m = self.model
-        return m.C @ X @ self._G.T + 2 * omega * (m.M @ X @ self._G2.T)
+        found = m.C @ X @ self._G.T + 2 * omega * (m.M @ X @ self._G2.T)
+        return found + self._rates_by_omega(X, omega) if self._rated else found
+
+    def _rates_by_omega(self, X: np.ndarray, omega: float) -> np.ndarray:
+        """What the frequency does to the rates that laws ask for, (n, K)."""
+        found = np.zeros(self.shape)
+        for share in self._shares:
+            if share.kernel.rated and len(share.rows):
+                made = self._harmonic(share, X, omega, True).by_omega
+                found += share.weighted.T @ made.reshape(-1, self.shape[1])
+        return self._sum(found)
 
     def dynamic_stiffness(self, omega: float) -> np.ndarray:
         """Derivative of `linear` by X, (n K, n K)."""
@@ -172,38 +184,53 @@ class Balance:
             load: Coefficients of the load beside the static one, (n, K).
             jacobian: Whether the derivative is wanted.
         """
-        F, J = self.interface_force(X, jacobian=jacobian)
+        F, J = self.interface_force(X, omega, jacobian=jacobian)
         R = self.linear(X, omega) + F
         R[:, 0] -= self.static
         if load is not None:
             R -= load
         return R, (J + self.dynamic_stiffness(omega) if jacobian else None)
 
-    def interface_force(self, X: np.ndarray, *, jacobian=True):
-        """Generalised force of the interfaces, (n, K), and its derivative (n K, n K), or None."""
+    def interface_force(self, X: np.ndarray, omega: float = 0.0, *, jacobian=True):
+        """Generalised force of the interfaces, (n, K), and its derivative (n K, n K), or None.
+
+        Args:
+            X: Coefficients, m, (n, K).
+            omega: Angular frequency, rad/s, for laws with the rate of strain.
+            jacobian: Whether the derivative is wanted.
+        """
         n, K = self.shape
         F, J = np.zeros((n, K)), np.zeros((n, K, K, n)) if jacobian else None
         for share in self._shares:
             if not len(share.rows):
                 continue
-            made = self._harmonic(share, X, jacobian)
+            made = self._harmonic(share, X, omega, jacobian)
             F += share.weighted.T @ made.coefficients.reshape(-1, K)
             if jacobian:
                 _add_jacobian(J, share, made.jacobian)
         F = self._sum(F)
         return F, self._sum(J).transpose(0, 1, 3, 2).reshape(n * K, n * K) if jacobian else None
 
-    def stresses(self, X: np.ndarray) -> dict[str, HarmonicStress]:
-        """Strain and stress of all points over the cycle, by interface; any rank alone may ask."""
+    def stresses(self, X: np.ndarray, omega: float = 0.0) -> dict[str, HarmonicStress]:
+        """Strain and stress of all points over the cycle, by interface; any rank alone may ask.
+
+        Arguments as `interface_force`.
+        """
         if self._whole is None:
             self._whole = [
                 _share(p, self._states.get(p.name), MPI.COMM_SELF) for p in self.model.interfaces
             ]
         shares = zip(self.model.interfaces, self._whole, strict=True)
-        return {points.name: self._harmonic(share, X, False) for points, share in shares}
+        return {points.name: self._harmonic(share, X, omega, False) for points, share in shares}
 
-    def _harmonic(self, share: _Share, X: np.ndarray, jacobian: bool) -> HarmonicStress:
-        f = self.fourier
+    def _harmonic(
+        self, share: _Share, X: np.ndarray, omega: float, jacobian: bool
+    ) -> HarmonicStress:
+        f, kernel = self.fourier, share.kernel
+        if not kernel.m and (kernel.n_switches or kernel.rated):
+            return memoryless_stress(
+                kernel, share.rows @ X, omega, f, share.values, jacobian=jacobian
+            )
         return share.kernel.harmonic(
             share.rows @ X, f.synthesis, f.analysis, share.values, share.state,
             cycles=self.cycles, jacobian=jacobian,

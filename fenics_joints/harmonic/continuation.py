@@ -8,6 +8,7 @@ parameter that is bounded; nothing else distinguishes it, so turning points are 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,6 +29,9 @@ _FAR = 0.3
 _STRAIGHT = 0.8
 #: Share of the longest step below which a sharp turn is a kink, as where sliding sets in.
 _KINK = 0.02
+#: How far ahead, in scaled arc length, the tangent past a kink is taken, and with which shares of
+#: the step it is gone there.
+_AHEAD, _SHARES = (1e-5, 1e-4, 1e-3, 1e-2), (10.0, 1.0)
 #: Most points that the search for an extreme takes.
 _SECANTS = 12
 
@@ -131,8 +135,14 @@ def _grown(problem, branch: Branch, bounds, settings, kept):
             point = correct(problem, z + step * scales * direction, direction, settings, kept)
             small = step <= _KINK * settings.max_step
             why = _bad(point, z, scales, direction, step, small)
+            why = why or (_runs_back(problem, z, point, scales, direction) if small else "")
         except NotFound as failure:
             why = failure.why
+        if why and step <= _KINK * settings.max_step:
+            around = _around(problem, z, scales, direction, step, settings)
+            if around is not None:
+                point, direction = around
+                why = ""
         if not why:
             break
         step /= 2
@@ -159,6 +169,74 @@ def _grown(problem, branch: Branch, bounds, settings, kept):
     effort = point.iterations, point.jacobians
     step = max(step, settings.min_step)
     return branch.with_point(new, tangent, effort, step, False), point.jacobian
+
+
+def _around(problem, z, scales, direction, step, settings):
+    """A point on the other side of a kink, and the direction to it; None if it is not found.
+
+    Where a stop is met the branch may have a corner, sharper than a right angle even, so that no
+    plane across its old direction has a point beyond. The tangent is taken ahead, past the corner.
+    Its sign is that of the determinant of Jacobian and tangent, which corners leave as it is: so
+    neither does the branch run back on itself.
+    """
+    try:
+        sign = _orientation(_jacobian(problem, z), scales, direction)
+        for ahead, share in ((a, s) for a in _AHEAD for s in _SHARES):
+            J = _jacobian(problem, z + ahead * scales * direction)
+            normal = _tangent(J, scales, direction)
+            if normal is None:
+                continue
+            normal = normal * sign * _orientation(J, scales, normal)
+            with suppress(NotFound):
+                start = z + share * step * scales * normal
+                point = correct(problem, start, normal, settings)
+                tangent = point.direction * np.sign(point.direction @ normal)
+                forward = _orientation(point.jacobian, scales, tangent) == sign
+                way = (point.z - z) / scales
+                straight = way @ normal > 0.5 * np.linalg.norm(way)
+                if forward and straight and tangent @ normal > 0.5:
+                    return point, normal
+    except NotFound:
+        return None
+    return None
+
+
+def _runs_back(problem, z, point: Point, scales, direction) -> str:
+    """Why a point beyond a sharp turn is one that the branch came by; empty if it is not."""
+    tangent = point.tangent / scales
+    tangent = tangent / np.linalg.norm(tangent)
+    along = float(tangent @ direction)
+    if abs(along) > 0.5:
+        return ""
+    before = _orientation(_jacobian(problem, z), scales, direction)
+    after = _orientation(point.jacobian, scales, tangent * np.sign(along))
+    return "" if before == after else "the branch turns back at a kink"
+
+
+def _jacobian(problem, z) -> np.ndarray:
+    J = problem.evaluate(z)[1]
+    if not np.isfinite(J).all():
+        raise NotFound("the residual is not finite")
+    return J
+
+
+def _scaled(J, scales, last) -> np.ndarray:
+    rows = J * scales
+    size = np.maximum(np.abs(rows).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    return np.vstack([rows / size, last])
+
+
+def _tangent(J, scales, direction) -> np.ndarray | None:
+    right = np.append(np.zeros(len(J)), 1.0)
+    try:
+        found = np.linalg.solve(_scaled(J, scales, direction), right)
+    except np.linalg.LinAlgError:
+        return None
+    return found / np.linalg.norm(found)
+
+
+def _orientation(J, scales, direction) -> float:
+    return float(np.linalg.slogdet(_scaled(J, scales, direction))[0])
 
 
 def _bad(point: Point, z, scales, direction, step, small: bool) -> str:

@@ -128,12 +128,12 @@ class Periodic:
         """Strain and stress over a cycle at all interfaces, at response ``i``."""
         i = range(len(self))[i]
         if i not in self._loops:
-            self._loops[i] = self._make_loops(self.coefficients[i])
+            self._loops[i] = self._make_loops(i)
         return self._loops[i]
 
-    def _make_loops(self, X: np.ndarray) -> dict[str, Loops]:
-        found, G = {}, self.balance.fourier.derivative
-        stresses = self.balance.stresses(X)
+    def _make_loops(self, i: int) -> dict[str, Loops]:
+        found, G, X = {}, self.balance.fourier.derivative, self.coefficients[i]
+        stresses = self.balance.stresses(X, self.omegas[i])
         for points in self.model.interfaces:
             made = stresses[points.name]
             rate = (points.rows @ X) @ G.T
@@ -153,7 +153,7 @@ class Periodic:
         energy = {points.name: [] for points in self.model.interfaces}
         for i in indices:
             known = self._loops.get(range(len(self))[i])
-            loops = self._make_loops(self.coefficients[i]) if known is None else known
+            loops = self._make_loops(i) if known is None else known
             for name in energy:
                 energy[name].append(loops[name].energy)
         return {name: np.array(values) for name, values in energy.items()}

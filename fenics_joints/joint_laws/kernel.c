@@ -1,7 +1,9 @@
 /* Histories of strain at points, through parallel elements with memory.
- * D components of strain, M numbers of state and NP parameters per element; above this text stand
+ * D components of stress, DI of input e (the strain, and its rate after it if the law asks for it),
+ * M numbers of state and NP parameters per element; above this text stand
  *   element(e, s, p, f, sn):              stress f[D], new state sn[M]
  *   element_d(e, s, p, f, sn, fe, fs, ne, ns): and d f/d e, d f/d s, d sn/d e, d sn/d s, row-major
+ *   switches(e, p, g, ge):  g[NS], whose signs choose between a law's branches, and d g/d e
  * W elements go side by side, so that the compiler can compute them with vector instructions:
  * number i of element l of a group is at [i * W + l].
  */
@@ -27,7 +29,7 @@ static void elements(const double *restrict e, const double *restrict s, const d
 }
 
 typedef struct {
-  double f[D * W], sn[M1 * W], fe[D * D * W], fs[D * M1 * W], ne[M1 * D * W], ns[M1 * M1 * W];
+  double f[D * W], sn[M1 * W], fe[D * DI * W], fs[D * M1 * W], ne[M1 * DI * W], ns[M1 * M1 * W];
 } derived;
 
 static void elements_d(const double *restrict e, const double *restrict s,
@@ -35,15 +37,15 @@ static void elements_d(const double *restrict e, const double *restrict s,
 {
 #pragma GCC ivdep
   for (int l = 0; l < W; ++l) {
-    double s1[M1], p1[NP1], f1[D], sn1[M1], fe[D * D], fs[D * M1], ne[M1 * D], ns[M1 * M1];
+    double s1[M1], p1[NP1], f1[D], sn1[M1], fe[D * DI], fs[D * M1], ne[M1 * DI], ns[M1 * M1];
     for (int i = 0; i < M; ++i) s1[i] = s[i * W + l];
     for (int i = 0; i < NP; ++i) p1[i] = p[i * W + l];
     element_d(e, s1, p1, f1, sn1, fe, fs, ne, ns);
     for (int i = 0; i < D; ++i) to->f[i * W + l] = f1[i];
     for (int i = 0; i < M; ++i) to->sn[i * W + l] = sn1[i];
-    for (int i = 0; i < D * D; ++i) to->fe[i * W + l] = fe[i];
+    for (int i = 0; i < D * DI; ++i) to->fe[i * W + l] = fe[i];
     for (int i = 0; i < D * M; ++i) to->fs[i * W + l] = fs[i];
-    for (int i = 0; i < M * D; ++i) to->ne[i * W + l] = ne[i];
+    for (int i = 0; i < M * DI; ++i) to->ne[i * W + l] = ne[i];
     for (int i = 0; i < M * M; ++i) to->ns[i * W + l] = ns[i];
   }
 }
@@ -71,7 +73,7 @@ static void add(int n, int count, const double *from, double *to)
     for (int l = 0; l < count; ++l) to[i] += from[i * W + l];
 }
 
-/* One step from states s to sn at the P strains e; tangent (P, D, D). Nonzero: out of memory. */
+/* One step from states s to sn at the P inputs e; tangent (P, D, DI). Nonzero: out of memory. */
 int law_step(int P, int E, const double *e, const double *s, const double *p, double *f,
              double *sn, double *tangent)
 {
@@ -80,17 +82,17 @@ int law_step(int P, int E, const double *e, const double *s, const double *p, do
   if (!sw) return 1;
   double *snw = sw + groups * W * M, *pw = snw + groups * W * M;
   memset(f, 0, (size_t)P * D * sizeof(double));
-  memset(tangent, 0, (size_t)P * D * D * sizeof(double));
+  memset(tangent, 0, (size_t)P * D * DI * sizeof(double));
   for (int i = 0; i < P; ++i) {
     group(E, M, s + (size_t)i * E * M, sw);
     group(E, NP, p + (size_t)i * E * NP, pw);
     for (int j = 0; j < groups; ++j) {
       derived now;
       const int count = smaller(W, E - j * W);
-      elements_d(e + i * D, sw + j * W * M, pw + j * W * NP, &now);
+      elements_d(e + (size_t)i * DI, sw + j * W * M, pw + j * W * NP, &now);
       memcpy(snw + j * W * M, now.sn, W * M * sizeof(double));
       add(D, count, now.f, f + i * D);
-      add(D * D, count, now.fe, tangent + i * D * D);
+      add(D * DI, count, now.fe, tangent + (size_t)i * D * DI);
     }
     ungroup(E, M, snw, sn + (size_t)i * E * M);
   }
@@ -98,7 +100,7 @@ int law_step(int P, int E, const double *e, const double *s, const double *p, do
   return 0;
 }
 
-/* Stress (P, T, D) over strain (P, T, D); the states s are carried on. Nonzero: out of memory. */
+/* Stress (P, T, D) over input (P, T, DI); the states s are carried on. Nonzero: out of memory. */
 int law_history(int P, int T, int E, const double *e, double *s, const double *p, double *f)
 {
   const int groups = (E + W - 1) / W;
@@ -113,7 +115,7 @@ int law_history(int P, int T, int E, const double *e, double *s, const double *p
       for (int j = 0; j < groups; ++j) {
         const size_t at = (size_t)i * T + t;
         double fw[D * W], sn[M1 * W];
-        elements(e + at * D, sw + j * W * M, pw + j * W * NP, fw, sn);
+        elements(e + at * DI, sw + j * W * M, pw + j * W * NP, fw, sn);
         memcpy(sw + j * W * M, sn, W * M * sizeof(double));
         add(D, smaller(W, E - j * W), fw, f + at * D);
       }
@@ -122,6 +124,17 @@ int law_history(int P, int T, int E, const double *e, double *s, const double *p
   free(sw);
   return 0;
 }
+
+/* Switches g (P, E, NS) at the P inputs e, and d g/d e (P, E, NS, DI). */
+int law_switches(int P, int E, const double *e, const double *p, double *g, double *ge)
+{
+  for (int i = 0; i < P; ++i)
+    for (size_t j = (size_t)i * E; j < (size_t)(i + 1) * E; ++j)
+      switches(e + (size_t)i * DI, p + j * NP, g + j * NS, ge + j * NS * DI);
+  return 0;
+}
+
+int law_switch_count(void) { return NS; }
 
 /* Derivatives by the harmonics of strain: (numbers, D, B), each B fours of harmonics. */
 
@@ -275,7 +288,7 @@ static void run_point(int E, int K, int T, int cycles, const double *analysis, c
     memcpy(J + (size_t)i * K, r->J + (size_t)i * B, K * sizeof(double));
 }
 
-/* Harmonics F (P, D, K) of the last cycle's stress by those of strain X (P, D, K), and their
+/* For laws without rate. Harmonics F (P, D, K) of the last cycle's stress by those of strain X (P, D, K), and their
  * derivative J (P, D, K, D, K), or none; synthesis (T, K), analysis (K, T). Strain e and stress f
  * are (P, T, D); begun (P, E, M) are the states at the start of the last cycle, s those at its end.
  * Nonzero: out of memory.

@@ -20,10 +20,12 @@ import basix.ufl
 import cffi
 import numpy as np
 import ufl
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.corealg.traversal import unique_pre_traversal
 
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.joint_laws.c_code import assignments, scalar
-from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.joint_laws.law import JointLaw, is_rated
 
 __all__ = ["HarmonicStress", "LawKernel"]
 
@@ -31,12 +33,16 @@ _DECLARATIONS = """
 int law_step(int P, int E, const double *e, const double *s, const double *p, double *f,
              double *sn, double *tangent);
 int law_history(int P, int T, int E, const double *e, double *s, const double *p, double *f);
+int law_switches(int P, int E, const double *e, const double *p, double *g, double *ge);
+int law_switch_count(void);
 int law_harmonic(int P, int E, int K, int T, int cycles, const double *X, const double *synthesis,
                  const double *analysis, const double *p, double *s, double *begun, double *e,
                  double *f, double *F, double *J);
 """
 # Without traps both sides of a conditional may be computed, and so elements side by side.
 _FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
+#: UFL's operators of two numbers whose difference chooses a branch.
+_COMPARISONS = ("LT", "GT", "LE", "GE", "MinValue", "MaxValue")
 _CPU = Path("/proc/cpuinfo")
 _kernels: dict[str, LawKernel] = {}
 
@@ -53,6 +59,8 @@ class HarmonicStress:
         state: States at its end, (P, E, m).
         closure: Change of the states over the last cycle, relative to the largest of them: zero
             when the cycle is closed.
+        by_omega: Derivative of the coefficients by the frequency of the motion, (P, d, K), of a law
+            with the rate of strain; else None.
     """
 
     coefficients: np.ndarray
@@ -61,6 +69,7 @@ class HarmonicStress:
     stress: np.ndarray
     state: np.ndarray
     closure: float
+    by_omega: np.ndarray | None = None
 
 
 class LawKernel:
@@ -79,12 +88,19 @@ class LawKernel:
         d: Components of strain.
         m: Numbers of state per element.
         n_parameters: Number of parameters of an element.
+        rated: Whether the law asks for the rate of strain; then ``strain`` is (strain, rate) side
+            by side in all calls, and tangents are by both.
+        n_switches: Numbers of an element whose signs choose between branches of the law; 0 for a
+            law with memory, where it is not known when they change.
     """
 
     def __init__(self, law: JointLaw, n_slip: int, normal: bool, source: str | None = None):
         self.d, self.m = n_slip + normal, law.state_size(n_slip)
         self.n_parameters = len(law.parameters)
+        self.rated = is_rated(law)
+        self.inputs = self.d * (1 + self.rated)
         self._library = _compile(source or _source(law, n_slip, normal))
+        self.n_switches = int(self._library.lib.law_switch_count())
 
     @staticmethod
     def of(law: JointLaw, n_slip: int, normal: bool) -> LawKernel:
@@ -127,21 +143,21 @@ class LawKernel:
         """Stress after one step of strain.
 
         Args:
-            strain: (P, d).
+            strain: (P, d), or (P, 2 d) with the rate.
             state: States before it, (P, E, m); None for an interface that never moved.
             values: Parameters, (P, E, n_parameters).
 
         Returns:
-            (stress (P, d), new states (P, E, m), algorithmic tangent (P, d, d)).
+            (stress (P, d), new states (P, E, m), algorithmic tangent (P, d, d or 2 d)).
 
         Raises:
             InputError: For an array of the wrong shape.
         """
         strain, state, values = self._begin(strain, 2, state, values)
         P = len(strain)
-        self._expect(strain, (P, self.d))
+        self._expect(strain, (P, self.inputs))
         stress, new = np.empty((P, self.d)), np.empty_like(state)
-        tangent = np.empty((P, self.d, self.d))
+        tangent = np.empty((P, self.d, self.inputs))
         self._run("law_step", (P, values.shape[1]), strain, state, values, stress, new, tangent)
         return stress, new, tangent
 
@@ -152,15 +168,33 @@ class LawKernel:
         """
         strain, state, values = self._begin(strain, 3, state, values)
         P, T, _ = strain.shape
-        self._expect(strain, (P, T, self.d))
-        stress = np.empty_like(strain)
+        self._expect(strain, (P, T, self.inputs))
+        stress = np.empty((P, T, self.d))
         self._run("law_history", (P, T, values.shape[1]), strain, state, values, stress)
         return stress, state
+
+    def switches(self, strain, values):
+        """What chooses between the law's branches by its sign.
+
+        Args:
+            strain: (P, d), or (P, 2 d) with the rate.
+            values: Parameters, (P, E, n_parameters).
+
+        Returns:
+            (switches (P, E n_switches), their derivatives by strain (P, E n_switches, d or 2 d)).
+        """
+        strain, _, values = self._begin(strain, 2, None, values)
+        P, E, _ = values.shape
+        self._expect(strain, (P, self.inputs))
+        g = np.empty((P, E * self.n_switches))
+        slopes = np.empty((*g.shape, self.inputs))
+        self._run("law_switches", (P, E), strain, values, g, slopes)
+        return g, slopes
 
     def harmonic(
         self, coefficients, synthesis, analysis, values, state=None, *, cycles=2, jacobian=True
     ) -> HarmonicStress:
-        """Harmonics of stress by those of strain, through the time domain.
+        """Harmonics of stress by those of strain, through the time domain, of a law without rate.
 
         Args:
             coefficients: Harmonics of strain, (P, d, K).
@@ -177,6 +211,8 @@ class LawKernel:
         """
         X, state, values = self._begin(coefficients, 3, state, values)
         P, d, K = X.shape
+        if self.rated:
+            raise InputError("a law with the rate of strain needs its frequency too: use Balance.")
         synthesis = np.ascontiguousarray(synthesis, dtype=float)
         analysis = np.ascontiguousarray(analysis, dtype=float)
         T = len(synthesis)
@@ -218,34 +254,70 @@ def _source(law: JointLaw, n_slip: int, normal: bool) -> str:
     d, m = n_slip + normal, law.state_size(n_slip)
     # A domain is asked for by UFL's constants; nothing depends on it.
     domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)))
-    strain = ufl.Constant(domain, shape=(d,), count=0)
+    inputs = d * (1 + is_rated(law))
+    strain = ufl.Constant(domain, shape=(inputs,), count=0)
     state = ufl.Constant(domain, shape=(max(m, 1),), count=1)
     p = {key: ufl.Constant(domain, count=2 + i) for i, key in enumerate(law.parameters)}
     names = {strain: "e", state: "s"} | {c: f"p[{i}]" for i, c in enumerate(p.values())}
     # By components: UFL shares what scalars share, and writes out what vectors do.
-    e = [ufl.variable(strain[i]) for i in range(d)]
+    e = [ufl.variable(strain[i]) for i in range(inputs)]
     s = [ufl.variable(state[i]) for i in range(m)]
     slip = ufl.as_vector([e[i] for i in range(int(normal), d)])
     opening = e[0] if normal else ufl.as_ufl(0.0)
-    made = law.element(opening, slip, ufl.as_vector(s) if m else None, p)
+    rate = {"rate": ufl.as_vector(_rates(e, d, normal))} if inputs > d else {}
+    made = law.element(opening, slip, ufl.as_vector(s) if m else None, p, **rate)
     stress, new = _checked(law, made, n_slip, m)
     stress = ([stress[0]] if normal else []) + [stress[1][i] for i in range(n_slip)]
     values = [(f"f[{i}]", scalar(f)) for i, f in enumerate(stress)]
     values += [(f"sn[{i}]", scalar(new[i])) for i in range(m)]
-    slopes = _slopes("fe", stress, e, d) + _slopes("fs", stress, s, m)
-    slopes += _slopes("ne", new, e, d) + _slopes("ns", new, s, m)
-    defines = {"D": d, "M": m, "M1": max(m, 1), "NP": len(p)}
-    inputs = "const double *e, const double *s, const double *p, double *f, double *sn"
+    slopes = _slopes("fe", stress, e, inputs) + _slopes("fs", stress, s, m)
+    slopes += _slopes("ne", new, e, inputs) + _slopes("ns", new, s, m)
+    found = [] if m else _switches(stress, e)
+    changes = [(f"g[{i}]", scalar(g)) for i, g in enumerate(found)]
+    changes += _slopes("ge", found, e, inputs)
+    defines = {"D": d, "DI": inputs, "M": m, "M1": max(m, 1), "NP": len(p), "NS": len(found)}
+    arguments = "const double *e, const double *s, const double *p, double *f, double *sn"
     return "\n".join(
         [
             "#include <math.h>\n#include <stdlib.h>\n#include <string.h>",
             *(f"#define {key} {value}" for key, value in defines.items()),
-            f"static void element({inputs})\n{{{assignments(values, names)}\n}}",
-            f"static void element_d({inputs}, double *fe, double *fs, double *ne, double *ns)",
+            f"static void element({arguments})\n{{{assignments(values, names)}\n}}",
+            f"static void element_d({arguments}, double *fe, double *fs, double *ne, double *ns)",
             f"{{{assignments(values + slopes, names)}\n}}",
+            "static void switches(const double *e, const double *p, double *g, double *ge)",
+            f"{{{assignments(changes, names)}\n}}",
             files("fenics_joints.joint_laws").joinpath("kernel.c").read_text(encoding="utf-8"),
         ]
     )
+
+
+def _rates(e: list, d: int, normal: bool) -> list:
+    """Rates of the strain: of the normal one, zero where there is none, and of the slip."""
+    return ([] if normal else [ufl.as_ufl(0.0)]) + e[d:]
+
+
+def _switches(stress, e: list) -> list:
+    """What the law compares with zero to choose between its branches, each once.
+
+    Operands of comparisons, of the smaller and the larger of two, of absolute values and signs.
+    """
+    found = {}
+    for function in stress:
+        for node in unique_pre_traversal(apply_algebra_lowering(ufl.as_ufl(function))):
+            if type(node).__name__ in _COMPARISONS:
+                first, second = node.ufl_operands
+                g = first - second
+            elif type(node).__name__ in ("Abs", "Sign"):
+                g = node.ufl_operands[0]
+            else:
+                continue
+            if not g.ufl_free_indices and any(_slope(g, x) != 0 for x in e):
+                found[str(g)] = g
+    return list(found.values())
+
+
+def _slope(g, x):
+    return scalar(ufl.diff(g, x))
 
 
 def _checked(law: JointLaw, made, n_slip: int, m: int):

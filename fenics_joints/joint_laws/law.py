@@ -7,6 +7,7 @@ From that one function come the residual and the consistent tangent of a finite-
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from fenics_joints.errors import InputError, reals
 
-__all__ = ["JointLaw", "check_names"]
+__all__ = ["JointLaw", "check_names", "is_rated"]
 
 
 def check_names(what: str, given: Iterable[str], known: Iterable[str]) -> None:
@@ -29,6 +30,21 @@ def check_names(what: str, given: Iterable[str], known: Iterable[str]) -> None:
             raise InputError(
                 f"{what} has no parameter {key!r}; expected one of: {', '.join(known)}."
             )
+
+
+def is_rated(law: JointLaw) -> bool:
+    """Whether a law's `JointLaw.element` takes the rate of strain, as an argument ``rate``.
+
+    Raises:
+        InputError: If it has memory too: of such a law the steps of a cycle say nothing of rates.
+    """
+    rated = "rate" in inspect.signature(law.element).parameters
+    if rated and law.state_size(1):
+        raise InputError(
+            f"{law.label} has memory and asks for the rate of strain; expected one of them, and "
+            "two laws at the same points for both."
+        )
+    return rated
 
 
 class JointLaw(ABC):
@@ -116,6 +132,10 @@ class JointLaw(ABC):
             slip: Shear strain or slip, UFL vector of shape (n_slip,).
             state: What the element remembers, UFL vector of shape (state_size,); None without.
             p: The element's parameters by name, UFL scalars.
+
+        A law without memory may have a fifth argument ``rate``: the rates of normal strain and slip
+        over time, 1/s or m/s, UFL vector of shape (1 + n_slip,), the first zero where the
+        interface has no normal strain.
 
         Returns:
             (normal stress, traction of shape (n_slip,), new state of shape (state_size,) or None).

@@ -1,0 +1,129 @@
+"""Stops with a gap: exact harmonics, and folds against exact motion from contact to contact."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+import ufl
+from oscillators import oscillator
+from scipy.optimize import brentq, fsolve
+
+from fenics_joints.harmonic import Balance, solve_harmonic
+from fenics_joints.interfaces import InterfaceModel, InterfacePoints
+from fenics_joints.joint_laws import JointLaw
+
+GAP, DAMPING, PUSH = 1.0, 0.03, 0.1
+BAND = (0.5 / (2 * np.pi), 0.8 / (2 * np.pi))
+
+
+class Stop(JointLaw):
+    """Met beyond a gap."""
+
+    def element(self, normal, slip, state, p):
+        return 0, ufl.as_vector([p["k"] * ufl.max_value(slip[0] - p["gap"], 0.0)]), None
+
+
+def two_masses(k):
+    """NLvib's example 03: two unit masses, the first with a stop of stiffness k."""
+    K = np.array([[1.0, -1.0], [-1.0, 2.0]])
+    stop = InterfacePoints("stop", Stop(k=k, gap=GAP), np.array([[[1.0, 0.0]]]), np.ones(1))
+    first, second = np.eye(2)
+    return InterfaceModel(
+        np.eye(2), K, (stop,), DAMPING * K, {"push": second}, {"first": first, "second": second}
+    )
+
+
+def test_harmonics_of_a_stop_are_the_closed_form():
+    """Of max(cos - cos c, 0): its mean, and its harmonics by products of cosines."""
+    k, c, h = 3.0, 0.7, np.arange(2, 8)
+    balance = Balance(oscillator(Stop(k=k, gap=2 * np.cos(c)), 0.1), 7)
+    X = np.zeros(balance.shape)
+    X[0, 1] = 2.0
+    F = balance.interface_force(X)[0][0]
+    mean = (np.sin(c) - c * np.cos(c)) / np.pi
+    first = (c - np.sin(c) * np.cos(c)) / np.pi
+    high = 2 * (np.sin(h * c) * np.cos(c) - h * np.cos(h * c) * np.sin(c))
+    high /= np.pi * h * (h**2 - 1)
+    expected = 2 * k * np.array([mean, first, *high])
+    assert np.allclose(F[[0, *range(1, 15, 2)]], expected, rtol=0, atol=1e-9)
+    assert np.abs(F[2::2]).max() < 1e-9
+
+
+def test_a_touch_between_two_samples_is_seen():
+    """A motion that is beyond the gap for a hundredth of a sample's step, and its Jacobian."""
+    balance = Balance(oscillator(Stop(k=1.0, gap=1.0), 0.1), 2)
+    step = 2 * np.pi / balance.fourier.samples
+    c, X = 0.005 * step, np.zeros(balance.shape)
+    X[0, 1:3] = np.array([np.cos(0.4 * step), np.sin(0.4 * step)]) / np.cos(c)
+    F = balance.interface_force(X)[0][0]
+    expected = (np.sin(c) - c * np.cos(c)) / (np.pi * np.cos(c))
+    assert F[0] == pytest.approx(expected, rel=1e-3) and F[0] > 0
+
+
+def linear_flow(k, omega):
+    """State (x, v, cos, sin, 1) over time, in and out of contact, as matrices of its rate."""
+    m = two_masses(k)
+    found = []
+    for touching in (False, True):
+        K = m.K + np.diag([k * touching, 0.0])
+        A = np.zeros((7, 7))
+        A[:2, 2:4], A[2:4, :2], A[2:4, 2:4] = np.eye(2), -K, -m.C
+        A[3, 4], A[2, 6] = PUSH, k * touching * GAP
+        A[4, 5], A[5, 4] = -omega, omega
+        found.append(A)
+    return found
+
+
+def crossing(A, state, longest):
+    """When the first mass is at the stop."""
+    return brentq(lambda t: (scipy.linalg.expm(t * A) @ state)[0] - GAP, 0.0, longest, xtol=1e-15)
+
+
+def period_later(y, k, omega, samples=400):
+    """The state a period later, exact between contacts, and the amplitude of the second mass."""
+    flows = linear_flow(k, omega)
+    step = 2 * np.pi / omega / samples
+    steps = [scipy.linalg.expm(step * A) for A in flows]
+    state, coefficient = np.concatenate([y, [1.0, 0.0, 1.0]]), 0.0
+    for _ in range(samples):
+        left, touching = step, bool(state[0] > GAP)
+        after = steps[touching] @ state
+        while (after[0] > GAP) != touching and left > 1e-13:
+            t = crossing(flows[touching], state, left)
+            state, left = scipy.linalg.expm(t * flows[touching]) @ state, left - t
+            touching = not touching
+            after = scipy.linalg.expm(left * flows[touching]) @ state
+        state = after
+        coefficient += state[1] * (state[4] - 1j * state[5]) * 2 / samples
+    return state[:4], abs(coefficient)
+
+
+@pytest.mark.parametrize("k", [1.0, 100.0])
+def test_a_stop_with_a_gap_goes_through_with_the_folds_of_the_physics(k):
+    """NLvib's example 03 with what it asks for (k = 100, H = 21), by default.
+
+    Two folds: where the stop is first met, and where the branch gives way, which is that of
+    the motion by exact steps from contact to contact.
+    """
+    result = solve_harmonic(
+        two_masses(k), "push", PUSH, BAND, harmonics=21, sensor="second", direction="down"
+    )
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(result.omegas)))) + 1
+    assert len(turns) == 2 and len(result) < 150
+    linear = two_masses(0.0)
+
+    def reach(omega):
+        S = linear.K + 1j * omega * linear.C - omega**2 * linear.M
+        return abs(np.linalg.solve(S, [0.0, PUSH])[0]) - GAP
+
+    assert result.omegas[turns[0]] == pytest.approx(brentq(reach, 0.63, 0.8), rel=5e-4)
+    for i in (turns[1] - 3, turns[1], turns[1] + 3):
+        omega, X = result.omegas[i], result.coefficients[i]
+        h = np.arange(1, 22)
+        start = np.concatenate([X[:, 0] + X[:, 1::2].sum(axis=1), omega * X[:, 2::2] @ h])
+        found, _, flag, words = fsolve(
+            lambda y, w=omega: period_later(y, k, w)[0] - y, start, full_output=True
+        )
+        if i != turns[1]:
+            assert flag == 1, words
+        amplitude = period_later(found, k, omega)[1]
+        assert result.amplitude()[i] == pytest.approx(amplitude, rel=2e-3)
