@@ -359,7 +359,7 @@ def iwan_sliders(
         if not len(edges) or edges[0] != 0 or not np.all(np.diff(edges) > 0):
             raise wanted("edges", edges, "numbers that rise from 0")
     counts = [1] * max(len(edges) - 1, 0)
-    if n >= 3:
+    if n >= 3 and counts:
         counts = [2 + (n % 2 == 0)] + [2] * (len(edges) - 2)
     parts = [_bin(backbone, a, b, k) for a, b, k in zip(edges[:-1], edges[1:], counts, strict=True)]
     stiffness = np.concatenate([k for k, _ in parts]) if parts else np.empty(0)
