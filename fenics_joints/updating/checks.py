@@ -6,16 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.formatting import percent, quantity
+from fenics_joints.formatting import number, percent, quantity
 from fenics_joints.reduction.combined import ModelError
 from fenics_joints.structure.components import Parameter
 from fenics_joints.updating.result import Update
 
-__all__ = ["bound_notes", "is_at", "too_far"]
+__all__ = ["bound_notes", "fit_notes", "is_at", "too_far"]
 
 #: A value as near to a bound has been stopped there: relative to it where the scale is
 #: logarithmic, else to the room between the bounds.
 _AT_BOUND = 2e-3
+#: Widening of standard deviations from which it is said.
+_WIDENED = 1.05
 #: Words for each kind of a reduced model's errors, and their decimals in per cent.
 _ERRORS = {
     "frequencies": ("frequencies by", 3), "frfs": ("functions by up to", 2),
@@ -30,6 +32,37 @@ def too_far(error: ModelError, limits: ModelError) -> list[str]:
         for key, (words, digits) in _ERRORS.items()
         if (getattr(error, key) or 0.0) > getattr(limits, key)
     ]
+
+
+def fit_notes(found: Update, mode_names: Sequence[str]) -> list[str]:
+    """What a reader has to know of the way in which a fit ended."""
+    notes, widths = [], found.widths
+    if not found.converged:
+        notes.append(f"the fit has {found.message}; the values are the best that were found")
+    factors = {
+        "frequencies": [widths.frequencies], "shapes": widths.shapes, "ratios": [widths.damping]
+    }
+    wide = [
+        f"{kind} {_times(min(some), max(some))}" for kind, some in factors.items()
+        if max(some, default=1.0) >= _WIDENED
+    ]  # fmt: skip
+    if wide:
+        notes.append(
+            "the model does not come as near to the test as the data's standard deviations say: "
+            f"the fit takes them wider, those of {', '.join(wide)}"
+        )
+    for i in widths.without:
+        notes.append(
+            f"{mode_names[i]} changes its partner among the model's modes near the answer, so "
+            "that no value was fitted to it; a sharper shape of it would tell which is which"
+        )
+    return notes
+
+
+def _times(low: float, high: float) -> str:
+    """A factor, or the range of several."""
+    low, high = number(low, 2), number(high, 2)
+    return f"{high} times" if low == high else f"{low} to {high} times"
 
 
 def bound_notes(parameters: Sequence[Parameter], found: Update) -> list[str]:

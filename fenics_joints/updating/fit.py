@@ -7,6 +7,9 @@ works in the logarithms of the parameters. It first fits with the lines moved al
 resonances (`fenics_joints.updating.prediction`); from there the fit at the lines themselves starts.
 On frequencies alone it is the bounded, weighted least squares of seed 001, eqs. 17 and 18.
 
+Where that does not converge, ends where a step could still be taken, or leaves residuals far above
+the noise, data without FRFs are fitted again in rounds (`fenics_joints.updating.rounds`).
+
 The same in seed 000's way is `fenics_joints.updating.weighted`.
 """
 
@@ -27,6 +30,7 @@ from fenics_joints.updating.identification import Identification
 from fenics_joints.updating.least_squares import Problem
 from fenics_joints.updating.residuals import raw_rows
 from fenics_joints.updating.result import Update
+from fenics_joints.updating.rounds import in_rounds, is_stuck
 
 __all__ = ["MOVES", "update"]
 
@@ -67,9 +71,10 @@ def update(
             will never have the test's frequencies, with lines that count less where an error of the
             frequencies would change them; ``"never"``.
         regularisation: Standard deviation about ``centre`` of each parameter, of its logarithm if
-            it is a ``log`` one, else of its value over its size at the start; None for none.
+            it is a ``log`` one, else of its value over its size at the start; None for none, unless
+            the fit needs one: then a quarter of the room between the bounds, at most ln 10.
         centre: Values about which it holds the parameters; the start by default.
-        max_evaluations: Sets of values before giving up, in each of the two fits.
+        max_evaluations: Sets of values before giving up, in each of the fits.
         n_modes: Modes to compute; by default enough for the target.
         strict: Whether an iteration that does not converge is an exception; else it is a result.
 
@@ -91,18 +96,25 @@ def update(
     if moved:
         fit.residuals.inflate(problem.predict(0, x, True), fit.predictor.moves)
     done = problem.solve(x, max_evaluations, moved=moved)
-    converged = done.status > 0
+    x, converged, message = done.x, done.status > 0, _WORDS.get(done.status, done.message)
+    if target.frfs is None and fit.needs_rounds(done):
+        x, converged, message = fit.in_rounds(done.x, max_evaluations)
     if strict and not converged:
         raise ConvergenceError(
             f"updating {', '.join(fit.names)} did not converge in {max_evaluations} "
             "evaluations; start nearer, or identify fewer parameters",
-            done.message,
+            message,
         )
-    return fit.finish(done, moved, converged)
+    return fit.finish(x, moved, converged, message)
 
 
-#: Root mean square of residuals, in standard deviations, above which the message speaks of them.
-_MISFIT = 2.0
+#: Root mean square of residuals, in standard deviations, above which the message speaks of them,
+#: and above which the data's standard deviations are widened.
+_MISFIT, _FAR = 2.0, 3.0
+#: Standard deviation of a parameter that needs a prior and has none, at most: a factor of 10.
+_WEAK = np.log(10.0)
+#: The end of rounds, in words.
+_SETTLED = "converged: in rounds, with the data's standard deviations widened to what is left"
 #: What scipy's status says, in words.
 _WORDS = {
     0: "not converged: out of evaluations",
@@ -120,7 +132,9 @@ class _Fit(Identification):
 
     def __init__(self, regularisation, centre, model, parameters, target, start, *args):
         super().__init__(model, parameters, target, start, *args)
-        self.weight = 0.0 if regularisation is None else 1 / regularisation
+        self.weight = np.zeros(len(self.names))
+        if regularisation is not None:
+            self.weight += 1 / regularisation
         about = [{**start, **(centre or {})}[n] for n in self.names]
         self.centre = self._working(np.array(about))
         self.problem = Problem([self.predictor], self.coordinates, self._pull, self._record)
@@ -134,29 +148,48 @@ class _Fit(Identification):
 
     def _pull(self, x) -> tuple[np.ndarray, np.ndarray]:
         """The regularisation's residuals at coordinates, and their derivatives; none without."""
-        if not self.weight:
+        if not self.weight.any():
             return np.empty(0), np.empty((0, len(x)))
         values, by_x = self.coordinates.at(0, x)
         slope = by_x / self.coordinates.working(values)[:, None]
-        return self.weight * (self._working(values) - self.centre), self.weight * slope
+        return self.weight * (self._working(values) - self.centre), self.weight[:, None] * slope
 
     def _record(self, x, moved: bool) -> None:
         values, prediction = self.coordinates.values(x), self.problem.predict(0, x, moved)
         A, _, _ = raw_rows(self.target, prediction, "parts")
         conditions = condition_number(A), condition_number(self.whitened(values, prediction))
-        cost = 0.5 * float(np.sum(self.problem.residual(x, moved) ** 2))
+        residuals = self.residuals.values(prediction, widened=False), self._pull(x)[0]
+        cost = 0.5 * sum(float(part @ part) for part in residuals)
         self.record(values, prediction, conditions, moved=moved, cost=cost)
 
-    def finish(self, done, moved: bool, converged: bool) -> Update:
+    def needs_rounds(self, done) -> bool:
+        """Whether a fit has to be made again in rounds: see the module."""
+        found = self.problem.predict(0, done.x)
+        off = np.sum(self.residuals.values(found) ** 2)
+        freedom = self.residuals.count - len(self.names)
+        many = {"shapes", "damping"} & set(self.target.kinds)
+        far = many and off > _FAR**2 * max(freedom, 1)
+        return bool(done.status <= 0 or far or is_stuck(self.problem, done.x))
+
+    def in_rounds(self, x: np.ndarray, max_evaluations: int) -> tuple[np.ndarray, bool, str]:
+        """The same from the start and from where a fit has ended: coordinates, whether the rounds
+        have settled, and why they ended."""
+        if not self.weight.any():
+            low, high = self.coordinates.bounds()
+            self.weight += 1 / np.minimum((high - low) / 4, _WEAK)
+        end = in_rounds(self.problem, [self.start, x], max_evaluations)
+        return end.x, end.settled, _SETTLED if end.settled else _WORDS[0]
+
+    def finish(self, x: np.ndarray, moved: bool, converged: bool, message: str) -> Update:
         """The result at the end of a fit."""
-        values, by_x = self.coordinates.at(0, done.x)
-        prediction = self.problem.predict(0, done.x, moved)
-        pull, noise = self._pull(done.x)[1], None
+        values, by_x = self.coordinates.at(0, x)
+        prediction = self.problem.predict(0, x, moved)
+        pull, noise = self._pull(x)[1], None
         slope = np.concatenate([self.residuals.slopes(prediction) @ by_x, pull])
         if moved:
             noise = self.residuals.noise(prediction, self.predictor.moves)
             noise = block_diag(noise, np.eye(len(pull)))
-        covariance, message = _covariance(slope, noise, by_x), _WORDS.get(done.status, done.message)
+        covariance = _covariance(slope, noise, by_x)
         found = self.result(values, prediction, covariance, converged, message)
         off = found.chi2 / max(found.degrees_of_freedom, 1)
         if off <= _MISFIT**2:

@@ -81,10 +81,10 @@ class Identification:
         message: str,
     ) -> Update:
         """What was found; see `Update`."""
+        chi2, count = self.residuals.chi2(prediction)
         return Update(
             self.method, self.names, self.first, values, covariance,
             identifiability(self.whitened(values, prediction), self.names), converged, message,
             self.predictor.calls, tuple(self.history), prediction,
-            float(np.sum(self.residuals.values(prediction) ** 2)),
-            self.residuals.count - len(self.names),
+            chi2, count - len(self.names), self.residuals.widths,
         )  # fmt: skip

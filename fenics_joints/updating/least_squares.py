@@ -66,7 +66,7 @@ class Problem:
         region answers with a shorter one. At the start that is an exception."""
         try:
             parts = [r.values(self.predict(k, x, moved)) for k, r in enumerate(self.residuals)]
-        except (InputError, ConvergenceError):
+        except (InputError, ConvergenceError, np.linalg.LinAlgError):
             if self._size is None:
                 raise
             return np.full(self._size, np.inf)
@@ -80,6 +80,14 @@ class Problem:
         """Their derivatives by the coordinates, (r, n); called once at each accepted step."""
         if self.on_step is not None:
             self.on_step(x, moved)
+        found = self.jacobian(x, moved)
+        for k, predictor in enumerate(self.predictors):
+            if predictor.follows:
+                predictor.follow(self.predict(k, x, moved))
+        return found
+
+    def jacobian(self, x: np.ndarray, moved: bool = False) -> np.ndarray:
+        """The same derivatives, wherever they are wanted."""
         parts = [
             r.slopes(self.predict(k, x, moved)) @ self.coordinates.at(k, x)[1]
             for k, r in enumerate(self.residuals)
@@ -88,6 +96,10 @@ class Problem:
             parts.append(self.prior(x)[1])
         return np.concatenate(parts)
 
+    def misfit(self, x: np.ndarray) -> float:
+        """Minus the logarithm of the posterior density, up to a constant; widths count."""
+        return 0.5 * float(np.sum(self.residual(x) ** 2)) + sum(r.volume() for r in self.residuals)
+
     def inside(self, x: np.ndarray) -> np.ndarray:
         """The nearest coordinates a little within the bounds."""
         low, high = self.coordinates.bounds()
@@ -95,8 +107,9 @@ class Problem:
         return np.clip(x, low + margin, high - margin)
 
     def solve(
-        self, x: np.ndarray, max_evaluations: int, *, moved: bool = False, accuracy: float = 1e-8
-    ) -> OptimizeResult:
+        self, x: np.ndarray, max_evaluations: int, *, moved: bool = False, accuracy: float = 1e-8,
+        still: float | None = None,
+    ) -> OptimizeResult:  # fmt: skip
         """Least squares from coordinates ``x``, by a trust region with bounds.
 
         Args:
@@ -104,9 +117,10 @@ class Problem:
             max_evaluations: Most evaluations of the residuals.
             moved: Whether FRF lines are moved with the resonances.
             accuracy: Relative change of the sum of squares, and of the coordinates, at the end.
+            still: That of the coordinates, where it is another.
         """
         return least_squares(
             self.residual, self.inside(x), self.slope, bounds=self.coordinates.bounds(),
-            args=(moved,), x_scale=1.0, ftol=accuracy, xtol=accuracy, gtol=1e-8,
+            args=(moved,), x_scale=1.0, ftol=accuracy, xtol=still or accuracy, gtol=1e-8,
             max_nfev=max_evaluations,
         )  # fmt: skip

@@ -51,6 +51,8 @@ class Prediction:
     Attributes:
         frequencies_hz: Of the paired modes, Hz, (m,).
         frequency_slopes: d ln f / dp, (m, p).
+        pairs: Index of each test mode's among the model's, (m,); None without frequencies or shapes
+            of a test.
         mac: MAC of each pair, (m,); None without shapes.
         shapes: Mass-normalised shapes at the shape sensors, (n_s, m); None without sensors.
         shape_slopes: (n_s, m, p); None unless shapes are data.
@@ -73,6 +75,7 @@ class Prediction:
     frfs: np.ndarray | None = None
     frf_slopes: np.ndarray | None = None
     frf_by_line: np.ndarray | None = None
+    pairs: np.ndarray | None = None
 
     def __repr__(self) -> str:
         frequencies = ", ".join(f"{f:.5g}" for f in self.frequencies_hz[:6])
@@ -94,6 +97,7 @@ class Predictor:
 
     Attributes:
         calls: Number of sets of values that were computed.
+        follows: Whether modes are paired by the shapes last given to `follow`, not by the test's.
         moves: B, the share of each mode's slip by which each line moves, (n_f, m).
     """
 
@@ -116,6 +120,20 @@ class Predictor:
         self.moves = None if target.frfs is None else self._moves()
         self.calls, self._solver = 0, None
         self._last: dict[tuple, Prediction] = {}
+        self._follows, self._followed = False, None
+
+    @property
+    def follows(self) -> bool:
+        return self._follows
+
+    @follows.setter
+    def follows(self, on: bool) -> None:
+        self._follows, self._followed = on, None
+        self._last.clear()
+
+    def follow(self, found: Prediction) -> None:
+        """From now on modes are those that are most like the ones of a prediction."""
+        self._followed = found.shapes
 
     def __call__(self, values: Mapping[str, float], moved: bool = False) -> Prediction:
         """The prediction at values of the parameters, at the test's lines or at ``moved`` ones.
@@ -145,7 +163,7 @@ class Predictor:
             found["frequencies_hz"] = modes.frequencies_hz[pairing.index]
             slopes = frequency_sensitivity(modes, pairing.index)
             found["frequency_slopes"] = slopes[:, self.columns]
-            found |= {"mac": pairing.mac, "shapes": pairing.shapes}
+            found |= {"mac": pairing.mac, "shapes": pairing.shapes, "pairs": pairing.index}
         if "shapes" in target.kinds:
             slopes = shape_gradients(modes, pairing.index, target.shape_sensors)
             found["shape_slopes"] = np.asarray(slopes)[..., self.columns]
@@ -172,12 +190,16 @@ class Predictor:
                 return modes, None
             try:
                 return modes, pair_modes(
-                    modes, len(target), target.shape_sensors, reference=target.shapes
+                    modes, len(target), target.shape_sensors, reference=self._reference()
                 )
             except InputError:
                 if last:
                     raise
                 self._more(spare)
+
+    def _reference(self) -> np.ndarray | None:
+        """Shapes by which modes are paired."""
+        return self.target.shapes if self._followed is None else self._followed
 
     def _more(self, spare: int) -> None:
         if self._solver is not None:

@@ -2,13 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from fenics_joints.measurements.target import Target
 from fenics_joints.updating.equations import real_rows
 from fenics_joints.updating.prediction import Prediction
 
-__all__ = ["Residuals", "raw_rows", "relative_errors", "row_sd"]
+__all__ = ["Residuals", "Widths", "raw_rows", "relative_errors", "row_sd"]
+
+#: Frequencies are widened to this relative standard deviation, no further: what any such model
+#: misses. They are few, and a model that need not meet them would leave them to a prior.
+_MODEL = 0.01
+#: Standard deviations by which a model misses what is left out.
+_MISSED = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Widths:
+    """Factors by which standard deviations are widened to what a fit leaves, 1 or more.
+
+    Attributes:
+        frequencies: Of all frequencies.
+        shapes: Of each shape that is data, in their order.
+        damping: Of all damping ratios.
+        without: Modes that are left out, by their number from 0: their partners change.
+    """
+
+    frequencies: float = 1.0
+    shapes: tuple[float, ...] = ()
+    damping: float = 1.0
+    without: tuple[int, ...] = ()
+
+    @property
+    def factors(self) -> np.ndarray:
+        """All of them, in the order of the residuals."""
+        return np.array([self.frequencies, *self.shapes, self.damping])
+
+    def change(self, other: Widths) -> float:
+        """Largest change of a factor's logarithm."""
+        return float(np.abs(np.log(self.factors / other.factors)).max())
 
 
 class Residuals:
@@ -22,6 +56,7 @@ class Residuals:
 
     Attributes:
         count: Number of independent data: a shape has one less than it has components.
+        widths: Factors of the standard deviations of frequencies, shapes and damping ratios.
     """
 
     def __init__(self, target: Target):
@@ -37,15 +72,81 @@ class Residuals:
                 self.modes.append((int(i), there, shape / np.sqrt(np.mean(shape**2))))
         frfs = 0 if target.frfs is None else 2 * int(target.frfs.used.sum())
         shapes = sum(len(shape) - 1 for _, _, shape in self.modes)
+        self.widths = Widths(shapes=(1.0,) * len(self.modes))
         self.count = int(self.f_used.sum() + self.zeta_used.sum()) + shapes + frfs
 
-    def values(self, found: Prediction) -> np.ndarray:
-        """The residuals, (r,)."""
-        return np.concatenate([part[0] for part in self._parts(found)])
+    def values(self, found: Prediction, *, widened: bool = True) -> np.ndarray:
+        """The residuals, (r,); in the data's own standard deviations unless ``widened``."""
+        values = np.concatenate([part[0] for part in self._parts(found)])
+        return values / self._factors(len(values)) if widened else values
+
+    def chi2(self, found: Prediction) -> tuple[float, int]:
+        """Sum of squares in the data's own standard deviations, and how many independent data it
+        has; modes that are left out do not count."""
+        values = self.values(found, widened=False)
+        counted = np.isfinite(self._factors(len(values)))
+        shapes = sum(i in self.widths.without for i, _, _ in self.modes)
+        return float(np.sum(values[counted] ** 2)), self.count - int(np.sum(~counted)) + shapes
 
     def slopes(self, found: Prediction) -> np.ndarray:
         """Their derivatives by the parameters' values, (r, p)."""
-        return np.concatenate([part[1] for part in self._parts(found)])
+        slopes = np.concatenate([part[1] for part in self._parts(found)])
+        return slopes / self._factors(len(slopes))[:, None]
+
+    def _modes(self) -> list[np.ndarray]:
+        """The mode of each residual, for each part but those of FRFs."""
+        parts = [np.flatnonzero(self.f_used)] * bool(self.f_used.any())
+        parts += [np.full(len(shape), i) for i, _, shape in self.modes]
+        return parts + [np.flatnonzero(self.zeta_used)] * bool(self.zeta_used.any())
+
+    def _factors(self, count: int) -> np.ndarray:
+        """What each residual is divided by, (count,)."""
+        widths = [self.widths.frequencies] * bool(self.f_used.any())
+        widths += [*self.widths.shapes, *[self.widths.damping] * bool(self.zeta_used.any())]
+        factors, at = np.ones(count), 0
+        for width, modes in zip(widths, self._modes(), strict=True):
+            left_out = np.isin(modes, self.widths.without)
+            factors[at : at + len(modes)] = np.where(left_out, np.inf, width)
+            at += len(modes)
+        return factors
+
+    def left(self, found: Prediction, slopes: np.ndarray | None = None) -> Widths:
+        """The widths that what is left has, s^2 = chi^2 / (n - p) of each kind and shape; of
+        frequencies as far as a model's usual error.
+
+        Args:
+            found: What the model says.
+            slopes: Derivatives of the residuals, as they are widened now, and of a prior, by the
+                coordinates, (r, k), from which p is counted; None for p = 0.
+        """
+        values, parts, at, widths = self.values(found, widened=False), self._modes(), 0, []
+        taken = np.zeros(len(values))
+        if slopes is not None:
+            left, s, _ = np.linalg.svd(slopes, full_matrices=False)
+            taken = np.sum(left[: len(taken), s > 1e-10 * s[0]] ** 2, axis=1)
+        for modes in parts:
+            here = at + np.flatnonzero(~np.isin(modes, self.widths.without))
+            free = max(len(here) - float(taken[here].sum()), 1.0)
+            widths.append(max(1.0, float(np.sqrt(np.sum(values[here] ** 2) / free))))
+            at += len(modes)
+        first, last = int(self.f_used.any()), int(self.f_used.any()) + len(self.modes)
+        if first:
+            usual = float(np.median(self.target.log_sd[self.f_used]))
+            widths[0] = min(widths[0], max(1.0, _MODEL / usual))
+        return Widths(
+            widths[0] if first else 1.0, tuple(widths[first:last]),
+            widths[last] if self.zeta_used.any() else 1.0, self.widths.without,
+        )  # fmt: skip
+
+    def volume(self) -> float:
+        """What a density loses by the widths, and by modes that are left out: as much as by a model
+        that misses them, a frequency by three standard deviations and a shape altogether."""
+        widths, lost = self._factors(sum(map(len, self._modes()))), 0.0
+        for i in self.widths.without:
+            lost += 0.5 * _MISSED**2 * (int(self.f_used[i]) + int(self.zeta_used[i]))
+            sizes = [len(shape) for j, _, shape in self.modes if j == i]
+            lost += sum(sizes) * (0.5 - np.log(min(self.target.shape_sd[i], 1.0))) if sizes else 0.0
+        return float(np.sum(np.log(widths[np.isfinite(widths)])) + lost)
 
     def _parts(self, found: Prediction):
         target, used = self.target, self.f_used

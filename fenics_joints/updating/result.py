@@ -9,6 +9,7 @@ import numpy as np
 
 from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.updating.prediction import Prediction
+from fenics_joints.updating.residuals import Widths
 
 __all__ = ["Iteration", "Update"]
 
@@ -65,6 +66,8 @@ class Update:
         chi2: Sum of squared residuals in standard deviations, regularisation left out.
         degrees_of_freedom: What it is expected to be: independent data less parameters. Less where
             lines were moved throughout, since then one error of a frequency counts at many lines.
+        widths: Factors by which the data's standard deviations were widened, where the model cannot
+            come as near to the test as they say; they count in covariance and identifiability.
     """
 
     method: str
@@ -80,6 +83,7 @@ class Update:
     prediction: Prediction
     chi2: float
     degrees_of_freedom: int
+    widths: Widths = Widths()
 
     @property
     def sd(self) -> np.ndarray:

@@ -106,6 +106,8 @@ class _Weighted(Identification):
     def __init__(self, complex_rows: str, *args):
         super().__init__(*args)
         self.how, self.values = complex_rows, self.first
+        #: Sum of squared residuals at the best values so far, and what belongs to these.
+        self._best = (np.inf, None)
         self.prediction = self.predictor(self.coordinates.mapping(self.values))
 
     def equations(self, w_f, w_H) -> WeightedEquations:
@@ -120,6 +122,9 @@ class _Weighted(Identification):
         self.system = weighted_equations(A, b, w_f=w_f, w_H=w_H, n_frequencies=n)
         conditions = self.system.condition_before, self.system.condition_after
         self.record(self.values, self.prediction, conditions)
+        off, _ = self.residuals.chi2(self.prediction)
+        if off < self._best[0]:
+            self._best = off, (self.values, self.prediction, self.system)
         return self.system
 
     def is_reached(self, eps_1: float, eps_2: float) -> bool:
@@ -162,10 +167,12 @@ class _Weighted(Identification):
         return _LARGE * found / np.max(np.abs(found / self.values[:, None]), axis=0, initial=1e-300)
 
     def finish(self, message: str) -> Update:
-        """The result where the iteration stands."""
+        """The result where the iteration stands; if it did not converge, at its best values."""
+        converged = message.startswith("converged")
+        if not converged and self._best[1] is not None:
+            self.values, self.prediction, self.system = self._best[1]
         inverse, sd = self.system.inverse(), row_sd(self.target, self.prediction, self.how)
         scaled = np.hstack([inverse * sd, self._open()])
-        converged = message.startswith("converged")
         return self.result(self.values, self.prediction, scaled @ scaled.T, converged, message)
 
 

@@ -348,8 +348,14 @@ class UpdateReport:
             "iterations": u.evaluations,
             "fit": {
                 "chi2": u.chi2, "degrees_of_freedom": u.degrees_of_freedom,
-                "evaluations": u.evaluations, "message": u.message,
+                "evaluations": u.evaluations, "converged": u.converged, "message": u.message,
+                "reason": None if u.converged else u.message,
                 "regularisation": self.pull,
+                "held_by_prior": [] if self.pull is None else found.undetermined,
+                "widths": {
+                    "frequencies": u.widths.frequencies, "shapes": u.widths.shapes,
+                    "damping": u.widths.damping, "modes_left_out": u.widths.without,
+                },
             },
             "history": [
                 {"values": dict(zip(u.names, i.values, strict=True)), "moved": i.moved}

@@ -37,7 +37,7 @@ from fenics_joints.reduction.tested import tested_models
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.structure import Damping, Sensors, Structure
 from fenics_joints.updating import Update, update, update_weighted
-from fenics_joints.updating.checks import bound_notes, too_far
+from fenics_joints.updating.checks import bound_notes, fit_notes, too_far
 from fenics_joints.updating.weighted import noise_tolerances
 
 __all__ = ["run_update", "update_case"]
@@ -46,6 +46,8 @@ __all__ = ["run_update", "update_case"]
 _SPARE = 4
 #: How often the reduced model is bettered at what was found.
 _ROUNDS = 4
+#: Share of a fit's sum of squares below which one from another start is taken instead.
+_BETTER = 0.95
 #: chi^2 per degree of freedom above which a model has not the test's resonances: lines are then
 #: compared at the same place relative to them.
 _MISFIT = 9.0
@@ -54,9 +56,11 @@ _MISFIT = 9.0
 def run_update(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> Outcome:
     """The ``update`` command: parameters, or the cut-off pressure of contacts. Collective.
 
+    A fit that does not converge is an answer too: its best values, said to be no more.
+
     Raises:
         InputError: If the case does not ask for it.
-        ConvergenceError: If the fit does not converge.
+        ConvergenceError: If the model is not solved at the start.
     """
     progress = progress or Progress(silent=True)
     if case.update is not None and case.update.cutoff is not None:
@@ -71,7 +75,7 @@ def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = Non
 
     Raises:
         InputError: If the case does not ask for it, or has no test.
-        ConvergenceError: If the fit does not converge.
+        ConvergenceError: If the model is not solved at the start.
     """
     if case.update is None or case.update.cutoff is not None:
         raise InputError(f"{case.path}: update is missing, expected a section [update]")
@@ -152,7 +156,7 @@ class _Run:
             kinds=self.data.kinds,
             parameters=self._table(found),
             update=found,
-            modes=self._modes(first, modes, values),
+            modes=self._modes(first, modes, found),
             functions=functions,
             held=held + self._held_always(first, modes, found),
             model=facts,
@@ -170,11 +174,12 @@ class _Run:
             nonlocal found, rounds
             again, rounds = " again, on a better reduced model" if rounds else "", rounds + 1
             self.progress.step(f"fitting {len(self.parameters)} parameters{again}")
-            found = self._fit(self.data.target)
+            found = self._again(self._fit(self.data.target), found)
             return [self._values(found)]
 
         improve(self.model, fitted, 1.0, _ROUNDS)
         error, off = self.model.error, too_far(self.model.error, self.model.limits)
+        self.notes += fit_notes(found, self.data.mode_names)
         if found.method == "log" and found.history[-1].moved:
             self.notes.append(
                 "no values were found that bring the model within the noise of the test, so "
@@ -188,21 +193,31 @@ class _Run:
             )
         return found, self.model.modes(self._values(found)), error
 
-    def _fit(self, target: Target) -> Update:
-        model, common = self.model.arrays, {"damping": self.damping}
+    def _again(self, found: Update, before: Update | None) -> Update:
+        """A fit, or one from where that on the model before ended, if that is clearly better."""
+        if before is None or found.method == "weighted" or found.history[-1].moved:
+            return found
+        other = self._fit(self.data.target, before.mapping())
+        return other if other.history[-1].cost < _BETTER * found.history[-1].cost else found
+
+    def _fit(self, target: Target, near: Mapping[str, float] | None = None) -> Update:
+        """A fit to a target, from the case's start or from values ``near`` the answer."""
+        start = {**self.start, **(near or {})}
+        model, common = self.model.arrays, {"damping": self.damping, "strict": False}
         if self.section.method == "weighted":
             return update_weighted(
                 model, self.parameters, target, self.start, step_limit=self.section.step_limit,
                 **common, **noise_tolerances(target),
             )  # fmt: skip
         common |= {"regularisation": self.section.regularisation, "n_modes": self.n_modes}
-        found = update(model, self.parameters, target, self.start, **common)
+        common["centre"] = self.start
+        found = update(model, self.parameters, target, start, **common)
         both = {"frequencies", "frfs"} <= set(target.kinds)
         misfit = found.chi2 / max(found.degrees_of_freedom, 1)
         if not both or misfit <= _MISFIT:
             return found
         return update(
-            model, self.parameters, target, self.start, moves="always", **common
+            model, self.parameters, target, start, moves="always", **common
         )  # fmt: skip
 
     def _values(self, found: Update) -> dict[str, float]:
@@ -226,6 +241,9 @@ class _Run:
                 self.notes.append(f"{self.data.mode_names[j]} was not held out: {error}")
                 self.progress.advance()
                 continue
+            if not other.converged:
+                name = self.data.mode_names[j]
+                self.notes.append(f"the fit without {name} is {other.message}")
             values = self._values(other)
             # The full model's frequency, so that the reduced one's error is none of the test's.
             modes = self.model.modes(values)
@@ -274,10 +292,12 @@ class _Run:
     def _row(self) -> int:
         return self.case.measurements().row(self.section.at)
 
-    def _modes(self, first: Modes, modes: Modes, values) -> ModeTable | None:
-        target = self.data.target
+    def _modes(self, first: Modes, modes: Modes, found: Update) -> ModeTable | None:
+        target, values = self.data.target, self._values(found)
         if not len(target):
             return None
+        fitted = np.isfinite(target.frequencies_hz)
+        fitted[list(found.widths.without)] = False
         before, after = self._pair(first), self._pair(modes)
         shapes = None if self.case.measurements().shapes is None else target.shapes
         macs = (None, None) if shapes is None else tuple(
@@ -285,7 +305,7 @@ class _Run:
         )  # fmt: skip
         return ModeTable(
             self._measured_hz(), first.frequencies_hz[before.index],
-            modes.frequencies_hz[after.index], np.isfinite(target.frequencies_hz),
+            modes.frequencies_hz[after.index], fitted,
             self.data.mode_names, *macs, self._ratios(first, modes, values),
         )  # fmt: skip
 

@@ -36,7 +36,8 @@ _PARAMETERS, _MODES = 8, 10
 def show_update(console: Console, r: UpdateReport) -> None:
     """Print the result on one screen."""
     at, found = at_words(r), r.update.identifiability
-    say(console, f"{r.title}: update{' at ' + at if at else ''} on {data_words(r)}", "bold")
+    end = "" if r.update.converged else ": NOT CONVERGED"
+    say(console, f"{r.title}: update{' at ' + at if at else ''} on {data_words(r)}{end}", "bold")
     gaps = ", ".join(f"{what} {before} -> {after}" for what, before, after in r.changes())
     gaps += f" in {r.update.evaluations} evaluations of the model; {r.update.message}"
     console.print(gaps, markup=False, highlight=False)
