@@ -21,7 +21,7 @@ from fenics_joints.commands.arguments import (
 )
 from fenics_joints.commands.database import app as database_app
 from fenics_joints.commands.line import new_app
-from fenics_joints.commands.start import check, schema, show
+from fenics_joints.commands.start import check, new, schema, show
 from fenics_joints.progress import LAUNCHED, loudness
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ app = new_app(
     "Where a model of a bolted structure and its vibration test disagree, why, and how far the gap "
     "shrinks."
 )
-for _first in (check, schema):
+for _first in (new, check, schema):
     app.command()(_first)
 app.add_typer(database_app, name="database")
 

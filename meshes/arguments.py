@@ -203,7 +203,8 @@ def _demands(kind: Any, value: Any):
     """Whether a value is what its type says, and the same in words."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         options = [k for k in typing.get_args(kind) if k is not type(None)]
-        if value is not None:
+        # One of several, such as radii: what they must be is checked by the class.
+        if value is not None and (len(options) == 1 or np.ndim(value) == 0):
             yield from _demands(options[0], value)
     elif typing.get_origin(kind) is Literal:
         words = typing.get_args(kind)

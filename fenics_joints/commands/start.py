@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,13 +14,99 @@ from fenics_joints.commands.arguments import (
     JsonOption,
     LargeOption,
     ReportOption,
+    named_path,
     tell,
 )
 
 if TYPE_CHECKING:
     from fenics_joints.commands.outcome import Outcome
 
-__all__ = ["check", "schema", "show"]
+__all__ = ["check", "new", "schema", "show"]
+
+
+def _file(option: str, words: str):
+    """The type of an option that names a file that is read."""
+    return typer.Option(option, metavar="FILE", parser=named_path, help=words)
+
+
+def new(
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="FOLDER", parser=named_path, help="Where case.toml is written."),
+    ],
+    step: Annotated[Path | None, _file("--step", "An assembly from CAD.")] = None,
+    msh: Annotated[Path | None, _file("--msh", "A gmsh mesh with named groups.")] = None,
+    beams: Annotated[bool, typer.Option("--beams", help="Lapped beams, without a mesh.")] = False,
+    builder: Annotated[
+        str | None, typer.Option("--builder", metavar="NAME", help="Such as half_lap_beam.")
+    ] = None,
+    frequencies: Annotated[
+        Path | None, _file("--frequencies", "A table with a column for each mode.")
+    ] = None,
+    shapes: Annotated[
+        Path | None, _file("--shapes", "Mode shapes: a universal file, or a table.")
+    ] = None,
+    frfs: Annotated[
+        list[Path] | None, _file("--frfs", "Measured functions; may be given several times.")
+    ] = None,
+    uff: Annotated[
+        list[Path] | None, _file("--uff", "Universal files of shapes or functions; several times.")
+    ] = None,
+    material: Annotated[
+        str, typer.Option(metavar="NAME", help="Of parts whose label names none: steel, aluminium, "
+                          "cast-iron, ductile-iron, stainless, titanium or brass.")
+    ] = "steel",
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Ask nothing: guesses stand in the case with a \"?\".")
+    ] = False,
+    debug: DebugOption = False,
+) -> None:
+    """Write a case from the files of a test lab, with all that they say and comments on guesses.
+
+    Solids or groups, what touches, holes and bolts with their thread, sensors, modes and units.
+    Files in FOLDER or beside it are referred to, others copied. Then it is checked.
+    """
+    from fenics_joints.parallel import guarded
+
+    with guarded(debug):
+        from mpi4py import MPI
+        from rich.console import Console
+
+        from fenics_joints.commands.new.run import Source, run_new, show_new
+        from fenics_joints.commands.new.tests import TestFiles
+        from fenics_joints.parallel import on_root
+        from fenics_joints.progress import Progress
+
+        comm = MPI.COMM_WORLD
+        if beams and builder is not None:
+            raise typer.BadParameter("has a builder of its own", param_hint="--beams")
+        source = Source(step, msh, "offset_beams" if beams else builder)
+        tests = TestFiles(frequencies, shapes, tuple(frfs or ()), tuple(uff or ()))
+        ask = _prompt if not yes and comm.size == 1 and sys.stdin.isatty() else _silent
+
+        def write() -> None:
+            with Progress(silent=ask is _prompt) as progress:
+                written = run_new(folder, source, tests, ask, progress, material)
+            show_new(Console(), folder, written)
+
+        on_root(comm, write)
+
+
+def _silent(question: str, answer: str, check) -> str:
+    """The answer that is taken for granted."""
+    return answer
+
+
+def _prompt(question: str, answer: str, check) -> str:
+    """What the user says on the terminal, once it can be used."""
+    while True:
+        said = str(typer.prompt(question, default=answer)).strip()
+        try:
+            check(said)
+        except ValueError as error:  # an InputError is one
+            typer.echo(str(error), err=True)
+        else:
+            return said
 
 
 def check(

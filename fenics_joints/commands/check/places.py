@@ -166,6 +166,7 @@ def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
     listed = [
         Place("bolt", f"mesh.bolts{'' if given is None else '.at'}[{i}]", _three(point))
         for i, point in enumerate(asked)
+        if isinstance(point, list | tuple)  # a builder may want their number
     ]
     errors = []
     for found in (listed, [b for b in bolts if b.name in case.bolts],

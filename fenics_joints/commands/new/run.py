@@ -1,0 +1,173 @@
+"""The ``new`` command: from the files of a test lab to a case that runs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from mpi4py import MPI
+from rich.console import Console
+
+from fenics_joints.commands.check.result import Checked
+from fenics_joints.commands.check.run import check_case
+from fenics_joints.commands.check.summary import show_check
+from fenics_joints.commands.new.meshed import builder_sketch, msh_sketch
+from fenics_joints.commands.new.sketch import MATERIALS, Ask, Sketch, TestSketch, text_of
+from fenics_joints.commands.new.step import step_sketches
+from fenics_joints.commands.new.tests import TestFiles, test_sketch
+from fenics_joints.errors import InputError, member
+from fenics_joints.files import is_file, shown_path, writable_folder, write_text
+from fenics_joints.progress import Progress
+from fenics_joints.report.terminal import say, tell
+
+__all__ = ["Source", "Written", "run_new", "show_new"]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the structure of a case comes from, one of them."""
+
+    step: Path | None = None
+    msh: Path | None = None
+    builder: str | None = None
+
+    def file(self) -> Path | None:
+        """Its file, if it has one."""
+        return self.step or self.msh
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """A case that was written.
+
+    Attributes:
+        sketch: Its structure.
+        test: Its test.
+        checked: What `check` says of it.
+        copied: Files that were copied beside it.
+    """
+
+    sketch: Sketch
+    test: TestSketch
+    checked: Checked
+    copied: tuple[Path, ...]
+
+
+def run_new(
+    folder: Path, source: Source, tests: TestFiles, ask: Ask, progress: Progress,
+    material: str = "steel",
+) -> Written:
+    """Look into files and write ``case.toml`` into a folder. Needs one process.
+
+    Files in the folder or beside it are referred to, others copied. Of several cases that the
+    files may mean, the first in which `check` finds no error is written.
+
+    Args:
+        folder: Made if it is not there.
+        source: The structure.
+        tests: The test.
+        ask: Asks the user.
+        progress: Told what is being done.
+        material: Of parts of which nothing says it.
+
+    Raises:
+        InputError: If there is a case already, or for what is wrong in a file.
+    """  # fmt: skip
+    member("material", material, MATERIALS)
+    given = [option for option in vars(source).values() if option is not None]
+    if len(given) != 1:
+        raise InputError("expected one of --step FILE, --msh FILE, --beams and --builder NAME")
+    case = folder / "case.toml"
+    if case.exists():
+        raise InputError(f"{shown_path(case)}: is there already; expected a folder without a case")
+    for path in (source.file(), *tests.all()):
+        if path is not None and not is_file(path):
+            raise InputError(f"{shown_path(path)}: no such file")
+    progress.step("looking into the files")
+    files = _Files(folder)
+    test = test_sketch(tests, files.name, ask)
+    sketches = _sketches(source, files, test, material, ask)
+    made = not folder.exists()
+    writable_folder(folder, "FOLDER")
+    try:
+        return _first_good(folder, sketches, test, files, progress)
+    except BaseException:
+        case.unlink(missing_ok=True)
+        files.undo()
+        if made and not any(folder.iterdir()):
+            folder.rmdir()
+        raise
+
+
+def _sketches(source: Source, files, test, material: str, ask: Ask) -> Iterator[Sketch]:
+    if source.step is not None:
+        return step_sketches(source.step, files.name(source.step), material, ask)
+    if source.msh is not None:
+        name = files.name(source.msh)
+        return iter([msh_sketch(source.msh, name, test.places, material, ask)])
+    return iter([builder_sketch(source.builder, material, ask)])
+
+
+def _first_good(folder: Path, sketches, test: TestSketch, files: _Files, progress) -> Written:
+    """Write the first case that has no errors, or else the first of all."""
+    files.copy()
+    tried = []
+    for sketch in sketches:
+        text = text_of(folder.resolve().name, sketch, test)
+        write_text(folder / "case.toml", text)
+        checked = check_case(folder, MPI.COMM_SELF, progress)
+        tried.append((text, Written(sketch, test, checked, tuple(files.copied))))
+        if not checked.errors:
+            return tried[-1][1]
+    text, written = tried[0]
+    write_text(folder / "case.toml", text)
+    return written
+
+
+class _Files:
+    """Names of files in a case: relative where they are near, else those of copies."""
+
+    def __init__(self, folder: Path):
+        self.folder, self.near = folder.resolve(), folder.resolve().parent
+        self._wanted: dict[Path, Path] = {}
+        self.copied: list[Path] = []
+
+    def name(self, path: Path) -> str:
+        """The name of a file in the case; to be copied if it is far."""
+        path = path.resolve()
+        if path.is_relative_to(self.folder) or path.parent == self.near:
+            return Path(os.path.relpath(path, self.folder)).as_posix()
+        for source, copy in self._wanted.items():
+            if source != path and copy.name == path.name:
+                raise InputError(f"{source} and {path}: expected files of different names")
+        self._wanted[path] = self.folder / path.name
+        return path.name
+
+    def copy(self) -> None:
+        """Copy what is far."""
+        for source, copy in self._wanted.items():
+            if copy.exists():
+                raise InputError(f"{shown_path(copy)}: is there already; expected no such file")
+            shutil.copyfile(source, copy)
+            self.copied.append(copy)
+
+    def undo(self) -> None:
+        """Take the copies away again."""
+        for copy in self.copied:
+            copy.unlink(missing_ok=True)
+
+
+def show_new(console: Console, folder: Path, written: Written) -> None:
+    """Print what was found, what was guessed, and what `check` says."""
+    say(console, f"{shown_path(folder / 'case.toml')}: written", "bold")
+    for words in (*written.sketch.found, *written.test.found):
+        tell(console, words)
+    for path in written.copied:
+        tell(console, f"copied {shown_path(path)}")
+    for question in (*written.sketch.questions, *written.test.questions):
+        tell(console, f"? {question}", "yellow")
+    console.print()
+    show_check(console, written.checked)

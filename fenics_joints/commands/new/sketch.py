@@ -1,0 +1,224 @@
+"""A case in the making: what was found in files, and what was guessed, as lines of TOML."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+__all__ = [
+    "MATERIALS", "Ask", "JointSketch", "Material", "PartSketch", "Sketch", "TestSketch",
+    "ask_materials", "material_of", "millimetres", "text_of", "toml",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material of handbooks: E, nu and rho as a case has them, and words that name it."""
+
+    E: str
+    nu: float
+    rho: str
+    words: tuple[str, ...]
+
+
+#: Handbook values; the words are looked for in the labels of parts.
+MATERIALS = {
+    "steel": Material("210 GPa", 0.3, "7850 kg/m3", ("steel", "stahl", "acier", "s235", "s355")),
+    "stainless": Material("195 GPa", 0.29, "7950 kg/m3", ("stainless", "inox", "1.43", "304")),
+    "aluminium": Material("70 GPa", 0.33, "2700 kg/m3", ("alu", "almg", "6061", "7075", "6082")),
+    "cast-iron": Material("110 GPa", 0.26, "7200 kg/m3", ("cast", "iron", "guss", "gjl", "en-gj")),
+    "ductile-iron": Material("170 GPa", 0.28, "7100 kg/m3", ("ductile", "gjs", "ggg")),
+    "titanium": Material("110 GPa", 0.34, "4430 kg/m3", ("titan", "ti6", "ti-6")),
+    "brass": Material("105 GPa", 0.34, "8500 kg/m3", ("brass", "messing", "cuzn")),
+}
+
+
+@dataclass(frozen=True)
+class PartSketch:
+    """A section of ``[parts]``: its name, cells, what the file says of it, and its material."""
+
+    name: str
+    cells: tuple[str, ...]
+    words: str
+    material: str
+
+
+@dataclass(frozen=True)
+class JointSketch:
+    """A section of ``[joints]``: a layer of the mesh, its thickness in m, and words on it."""
+
+    name: str
+    cells: tuple[str, ...]
+    normal: tuple[float, ...]
+    thickness: float
+    words: str
+    bolted: bool = False
+
+
+@dataclass(frozen=True)
+class TestSketch:
+    """The test of a case.
+
+    Attributes:
+        lines: Of ``[test]``.
+        found: What the files hold, in words.
+        n_modes: How many modes were measured.
+        at: The condition that an update would take; None for one condition.
+        places: Sensors, m, shape (n, 3).
+        questions: What was guessed.
+    """
+
+    __test__ = False
+
+    lines: tuple[str, ...] = ()
+    found: tuple[str, ...] = ()
+    n_modes: int = 0
+    at: float | None = None
+    places: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    questions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """The structure of a case.
+
+    Attributes:
+        mesh: Lines of ``[mesh]`` and its tables.
+        parts: Its parts.
+        joints: Its joints.
+        more: Lines of contacts and bolts.
+        faces: Names of faces that could be held.
+        found: What was found, in words.
+        questions: What was guessed.
+    """
+
+    mesh: tuple[str, ...]
+    parts: tuple[PartSketch, ...]
+    joints: tuple[JointSketch, ...] = ()
+    more: tuple[str, ...] = ()
+    faces: tuple[str, ...] = ()
+    found: tuple[str, ...] = ()
+    questions: tuple[str, ...] = ()
+
+
+#: Asks: a question, an answer that is taken for granted, and what refuses a wrong one.
+Ask = Callable[[str, str, Callable[[str], object]], str]
+
+
+def material_of(words: str, default: str) -> str:
+    """The material that a label names, or the default."""
+    low = words.lower()
+    for name, material in MATERIALS.items():
+        if any(word in low for word in material.words):
+            return name
+    return default
+
+
+def ask_materials(parts: Sequence[PartSketch], ask: Ask) -> tuple[PartSketch, ...]:
+    """The parts with the materials that the user says."""
+
+    def known(answer: str) -> None:
+        if answer not in MATERIALS:
+            raise ValueError(f"{answer!r}: expected one of {', '.join(MATERIALS)}")
+
+    return tuple(
+        replace(part, material=ask(_material_of(part), part.material, known)) for part in parts
+    )
+
+
+def _material_of(part: PartSketch) -> str:
+    return f"Material of {part.name}" + (f" ({part.words})" if part.words else "")
+
+
+def millimetres(value: float, digits: int = 6) -> str:
+    """A length as a case has it."""
+    return f"{1e3 * value:.{digits}g} mm"
+
+
+def toml(value: object) -> str:
+    """A value in TOML; texts, numbers, truth values, and lists of them."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, int | np.integer):
+        return str(int(value))
+    if isinstance(value, float | np.floating):
+        return repr(round(float(value), 12) + 0.0)
+    return f"[{', '.join(toml(item) for item in value)}]"
+
+
+def text_of(title: str, sketch: Sketch, test: TestSketch) -> str:
+    """The whole case file."""
+    asked = (*sketch.questions, *test.questions)
+    lines = [
+        "# Written by fenics-joints new from the files named below. A number with a unit is a",
+        '# text; a bare number is in SI units. What was guessed has a "?" behind it:',
+        *(f"# ? {question}" for question in asked),
+        "# fenics-joints check says what else is wrong or unlikely.",
+        "", f"title = {toml(title)}", "", *sketch.mesh, "",
+    ]  # fmt: skip
+    for part in sketch.parts:
+        lines += _part(part)
+    for joint in sketch.joints:
+        lines += _joint(joint)
+    lines += [*sketch.more, *_supports(sketch.faces)]
+    lines += [*test.lines, ""] if test.lines else _no_test()
+    lines += _work(sketch, test)
+    return "\n".join(lines) + "\n"
+
+
+def _part(part: PartSketch) -> list[str]:
+    material = MATERIALS[part.material]
+    return [
+        f"[parts.{part.name}]" + (f"  # {part.words}" if part.words else ""),
+        f"cells = {toml(part.cells)}",
+        f"E = {toml(material.E)}  # ? {part.material}, handbook",
+        f"nu = {material.nu}", f"rho = {toml(material.rho)}",
+        '# mass = "1 kg"  # what it weighs, for check', "",
+    ]  # fmt: skip
+
+
+def _joint(joint: JointSketch) -> list[str]:
+    normal = [float(f"{c:.9f}") + 0.0 for c in joint.normal]
+    return [
+        f"[joints.{joint.name}]  # {joint.words}",
+        f"cells = {toml(joint.cells)}", 'law = "transition"',
+        'E = "6111 MPa"  # ? identified for M12 at 120 N·m in plates of 25 mm, Ra 1.6 µm',
+        "nu = 0.253",
+        f"h = {toml(millimetres(joint.thickness))}", f"normal = {toml(normal)}", "",
+    ]  # fmt: skip
+
+
+def _supports(faces: Sequence[str]) -> list[str]:
+    there = f"one of {', '.join(faces)}" if faces else "a face that [mesh.faces] names"
+    return [
+        "# ? Free in space, as on soft ropes. If it is held:",
+        "# [supports.ground]", f'# facets = "..."  # {there}', "",
+    ]  # fmt: skip
+
+
+def _no_test() -> list[str]:
+    return [
+        "# No test yet. With a table, a column for each mode and a row for each torque:",
+        "# [test]", '# frequencies = "frequencies.csv"  # or shapes = "shapes.uff"',
+        '# noise = "0.2 %"', "",
+    ]  # fmt: skip
+
+
+def _work(sketch: Sketch, test: TestSketch) -> list[str]:
+    """What update and diagnose are to do."""
+    if not test.n_modes:
+        return []
+    names = [f"{joint.name}.E" for joint in sketch.joints][:3]
+    lines = []
+    if names:
+        at = [] if test.at is None else [f"at = {toml(test.at)}"]
+        lines = [
+            "[update]", *at, f"parameters = {toml(names)}  # ? what is known least", "",
+        ]  # fmt: skip
+    more = max(20, 2 * test.n_modes + 6)
+    return [*lines, "[diagnose]", f"n_modes = {more}", ""]

@@ -1,0 +1,265 @@
+"""A case from a STEP file: its solids, what touches, and the bolts that its holes are for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.commands.new.sketch import (
+    Ask,
+    JointSketch,
+    PartSketch,
+    Sketch,
+    ask_materials,
+    material_of,
+    millimetres,
+    toml,
+)
+from fenics_joints.formatting import quantity
+from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole, survey_step
+from fenics_joints.preload.clearance import ThreadGuess, guess_thread
+from fenics_joints.preload.threads import thread
+
+__all__ = ["step_sketches"]
+
+#: Vertices of the parts that a first mesh is to have; a mesh of degree 2 has 24 DOFs for each.
+_VERTICES = 300
+#: Half angle of the cone in which a bolt presses plates (Rötscher; VDI 2230: at most 30).
+_CONE = math.tan(math.radians(30.0))
+#: Thickness of a layer in the mesh, m: that of seed 000, Table 11.
+_LAYER = 0.72e-3
+#: Edges of a circle: a ring's area is short by 10 %, twelve: by 5 %.
+_CIRCLE = 8
+
+
+def step_sketches(path: Path, file: str, material: str, ask: Ask) -> Iterator[Sketch]:
+    """Cases of a STEP file, the likeliest first: rings at bolts, then layers on all that touches.
+
+    Args:
+        path: The file.
+        file: Its name in the case.
+        material: Of parts whose label names none.
+        ask: Asks the user.
+
+    Raises:
+        MeshError: If it cannot be read.
+    """
+    survey = survey_step(path)
+    bolts = [hole for hole in survey.holes if hole.room > 0]
+    base = _base(survey, file, material, ask)
+    if bolts:
+        yield _with_rings(survey, base, bolts, ask)
+    yield _with_layers(survey, base)
+
+
+def _base(survey: StepSurvey, file: str, material: str, ask: Ask) -> Sketch:
+    """What is the same for any kind of joint."""
+    parts, lines = [], []
+    for number, solid in enumerate(survey.solids, start=1):
+        words = f"{solid.label!r}, {_cubic(solid.volume)}" if solid.label else _cubic(solid.volume)
+        guess = material_of(solid.label, material)
+        parts.append(PartSketch(solid.name, (solid.name,), words, guess))
+        lines.append(f"{solid.name} = {number}  # {words}")
+    size = _size(survey.solids)
+    mesh = (
+        "[mesh]", f"file = {toml(file)}",
+        f"size = {toml(millimetres(size, 2))}  # ? of the largest cells; smaller is finer",
+        f"circle = {_CIRCLE}  # edges of a circle", "",
+        "[mesh.parts]  # our names for the solids, by their number in the file", *lines,
+    )  # fmt: skip
+    found = (
+        f"{len(survey.solids)} solids: " + ", ".join(s.name for s in survey.solids),
+        *(_touch_words(survey, i) for i in range(len(survey.touching))),
+    )
+    return Sketch(
+        mesh, ask_materials(parts, ask), found=found,
+        questions=("The materials: a STEP file has none.",
+                   "The size of the cells: halve it and see what the frequencies do."),
+    )  # fmt: skip
+
+
+def _cubic(volume: float) -> str:
+    return f"{1e6 * volume:.4g} cm3"
+
+
+def _touch_words(survey: StepSurvey, index: int) -> str:
+    touch = survey.touching[index]
+    a, b = (survey.solids[i].name for i in touch.solids)
+    apart = f", {millimetres(touch.gap, 3)} apart" if touch.gap > 1e-6 else ""
+    count = sum(hole.touch == index for hole in survey.holes)
+    return f"{a} and {b} touch on {1e4 * touch.area:.3g} cm2{apart}, {count} holes through both"
+
+
+def _size(solids: Sequence[Solid]) -> float:
+    """Size of cells with which the solids have about `_VERTICES`: on the surface and inside."""
+    area, volume = sum(s.area for s in solids), sum(s.volume for s in solids)
+    low, high = 1e-5, max(float(np.ptp(s.box, axis=0).max()) for s in solids)
+    for _ in range(60):
+        size = math.sqrt(low * high)
+        count = 0.58 * area / size**2 + 1.41 * volume / size**3
+        low, high = (size, high) if count > _VERTICES else (low, size)
+    return size
+
+
+# -- rings -----------------------------------------------------------------------------------------
+
+
+def _with_rings(
+    survey: StepSurvey, base: Sketch, bolts: Sequence[ThroughHole], ask: Ask
+) -> Sketch:
+    guesses = _threads(bolts, ask)
+    radii = [_radius(bolt, guess) for bolt, guess in zip(bolts, guesses, strict=True)]
+    bonded = _bonded(survey, {survey.touching[bolt.touch].solids for bolt in bolts})
+    layer = _layer(survey)
+    names = {guess.thread.name for guess in guesses if guess}
+    each = [millimetres(math.floor(1e4 * radius) / 1e4) for radius in radii]
+    lines = [
+        "", "[mesh.bolts]  # a ring of the joint's layer around each bolt",
+        *([f"thread = {toml(*names)}  # ? {guesses[0].why}{_or(guesses[0])}"]
+          if len(names) == 1 and all(guesses) else []),
+        "# Outer radii of the rings, where the pressure ends: a cone of 30 degrees from the head,",
+        "# as far as there is room on the faces. Or in place of r_wai, from the database:",
+        '# torque = "..." and thickness = "...", with the thread.',
+        f"r_wai = {toml(each[0] if len(set(each)) == 1 else each)}", "at = [",
+        *(_bolt_line(i, survey, bolt, guess)
+          for i, (bolt, guess) in enumerate(zip(bolts, guesses, strict=True), start=1)),
+        "]",
+    ]  # fmt: skip
+    joints = _ring_joints(survey, bolts, layer)
+    mesh = [*base.mesh]
+    head = [f"layer = {toml(millimetres(layer))}  # thickness of the joints' layer in the mesh"]
+    widths = [r - max(b.diameters) / 2 for r, b in zip(radii, bolts, strict=True)]
+    head.append(f"ring_size = {toml(millimetres(min(widths), 2))}  # of the cells in the rings")
+    if bonded:
+        pairs = [[survey.solids[i].name for i in pair] for pair in bonded]
+        head.append(f"bonded = {toml(pairs)}  # ? they touch and have no bolt: welded?")
+    mesh[4:4] = head
+    skipped = len(survey.holes) - len(bolts)
+    questions = [
+        "The threads of the bolts, by the holes (ISO 273).",
+        "The joints' stiffness: it is what a test is to find.",
+        *(["Parts that touch without bolts are taken as welded."] if bonded else []),
+        *([f"Holes through two parts without room for a ring, taken as no bolts: {skipped}."]
+          if skipped else []),
+    ]  # fmt: skip
+    there = [f"{len(bolts)} bolts: {', '.join(sorted(names)) or 'no standard thread'}"]
+    return replace(
+        base, mesh=tuple([*mesh, *lines]), joints=tuple(joints), found=(*base.found, *there),
+        questions=(*base.questions, *questions),
+    )  # fmt: skip
+
+
+def _threads(bolts: Sequence[ThroughHole], ask: Ask) -> list[ThreadGuess | None]:
+    """The thread of each bolt; asked for once for each pair of diameters."""
+    answers: dict[tuple[float, float], ThreadGuess | None] = {}
+    found = []
+    for bolt in bolts:
+        low, high = sorted(round(1e6 * d) / 1e6 for d in bolt.diameters)
+        if (low, high) not in answers:
+            guess = guess_thread(high, low)
+            if guess is not None:
+                holes = f"{1e3 * low:.4g} and {1e3 * high:.4g} mm" if low < high else \
+                    f"{1e3 * low:.4g} mm"  # fmt: skip
+                name = ask(f"Thread of the bolts in holes of {holes}", guess.thread.name, thread)
+                if thread(name) != guess.thread:
+                    guess = ThreadGuess(thread(name), "as you said", ())
+            answers[low, high] = guess
+        found.append(answers[low, high])
+    return found
+
+
+def _radius(bolt: ThroughHole, guess: ThreadGuess | None) -> float:
+    """Where a bolt's pressure ends, by the cone from its head; not beyond the room there is."""
+    hole = max(bolt.diameters) / 2
+    head = 1.6 * hole if guess is None else guess.thread.width_across_flats / 2
+    depths = [d for d in bolt.depths if d > 0]
+    cone = head + _CONE * min(depths, default=hole)
+    return min(bolt.room, max(cone, 1.2 * hole))
+
+
+def _or(guess: ThreadGuess) -> str:
+    return f"; or {' or '.join(guess.others)}" if guess.others else ""
+
+
+def _bolt_line(number: int, survey: StepSurvey, bolt: ThroughHole, guess) -> str:
+    a, b = (survey.solids[i].name for i in survey.touching[bolt.touch].solids)
+    holes = " and ".join(f"{1e3 * d:.4g}" for d in dict.fromkeys(np.round(bolt.diameters, 7)))
+    name = f"{guess.thread.name}{_or(guess)}?" if guess else "no standard thread"
+    at = toml([millimetres(c) for c in bolt.centre + 0.0])
+    return f"  {at},  # {number}: {a} and {b}, {holes} mm, {name}"
+
+
+def _layer(survey: StepSurvey) -> float:
+    """Thickness of the layer: also what closes a gap in the drawing."""
+    gap = max((touch.gap for touch in survey.touching), default=0.0)
+    return max(_LAYER, round(1.1e5 * gap) / 1e5)
+
+
+def _bonded(survey: StepSurvey, bolted: set[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Pairs that must hang together by something else than bolts, as no bolts do it."""
+    group = list(range(len(survey.solids)))
+
+    def join(a: int, b: int) -> bool:
+        old, new = group[b], group[a]
+        group[:] = [new if g == old else g for g in group]
+        return old != new
+
+    for pair in sorted(bolted):
+        join(*pair)
+    largest = sorted(survey.touching, key=lambda touch: -touch.area)
+    return [t.solids for t in largest if t.gap < 1e-6 and join(*t.solids)]
+
+
+def _ring_joints(survey, bolts: Sequence[ThroughHole], layer: float) -> list[JointSketch]:
+    """A section for all bolts between two parts that look the same way."""
+    groups: dict[tuple, list[int]] = {}
+    for number, bolt in enumerate(bolts, start=1):
+        touch = survey.touching[bolt.touch]
+        way = touch.normal * (1 if touch.normal[np.abs(touch.normal).argmax()] > 0 else -1)
+        groups.setdefault((touch.solids, tuple(np.round(way, 6) + 0.0)), []).append(number)
+    found, used = [], set()
+    for (solids, _), numbers in groups.items():
+        a, b = (survey.solids[i].name for i in solids)
+        name = _free("joint" if len(groups) == 1 else f"joint_{a}_{b}", used, survey)
+        normal = survey.touching[bolts[numbers[0] - 1].touch].normal
+        words = f"{len(numbers)} bolt{'s' if len(numbers) > 1 else ''} between {a} and {b}"
+        cells = tuple(f"ring_{n}" for n in numbers)
+        found.append(JointSketch(name, cells, tuple(normal), layer, words, bolted=True))
+    return found
+
+
+def _free(name: str, used: set[str], survey: StepSurvey) -> str:
+    taken = used | {solid.name for solid in survey.solids}
+    free, number = name, 1
+    while free in taken:
+        number += 1
+        free = f"{name}_{number}"
+    used.add(free)
+    return free
+
+
+# -- layers ----------------------------------------------------------------------------------------
+
+
+def _with_layers(survey: StepSurvey, base: Sketch) -> Sketch:
+    layer, several = _layer(survey), len(survey.touching) > 1
+    joints, used = [], set()
+    for number, touch in enumerate(survey.touching, start=1):
+        a, b = (survey.solids[i].name for i in touch.solids)
+        cells = f"joint_{number}" if several else "joint"
+        name = _free(f"joint_{a}_{b}" if several else "joint", used, survey)
+        words = f"{a} and {b}, {quantity(1e4 * touch.area)} cm2"
+        joints.append(JointSketch(name, (cells,), tuple(touch.normal), layer, words))
+    mesh = [*base.mesh]
+    mesh[4:4] = [
+        'joint = "layer"  # on all that touches',
+        f"layer = {toml(millimetres(layer))}  # its thickness in the mesh",
+    ]
+    asked = "No bolts were found: a layer joins all that touches; is it clamped, glued, welded?"
+    return replace(
+        base, mesh=tuple(mesh), joints=tuple(joints), questions=(*base.questions, asked)
+    )

@@ -1,0 +1,195 @@
+"""The test of a case from the files of a lab: tables, universal files, measured functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.commands.new.sketch import Ask, TestSketch, toml
+from fenics_joints.errors import InputError
+from fenics_joints.measurements import read_frfs, read_shapes, read_table
+from fenics_joints.measurements.files import UFF_SUFFIXES
+from fenics_joints.measurements.tables import Table
+from fenics_joints.measurements.uff_sets import read_sets
+from fenics_joints.units import factor_to_si, to_si
+
+__all__ = ["TestFiles", "test_sketch"]
+
+#: Units that files leave out, and the largest extent with which each is likely.
+_SMALL = 15.0
+_NODES = {15, 2411}
+
+
+@dataclass(frozen=True)
+class TestFiles:
+    """The files that are there: tables of frequencies and shapes, functions, universal files."""
+
+    __test__ = False
+
+    frequencies: Path | None = None
+    shapes: Path | None = None
+    frfs: tuple[Path, ...] = ()
+    uff: tuple[Path, ...] = ()
+
+    def all(self) -> list[Path]:
+        """All of them."""
+        one = [path for path in (self.frequencies, self.shapes) if path is not None]
+        return [*one, *self.frfs, *self.uff]
+
+
+def test_sketch(files: TestFiles, refer: Callable[[Path], str], ask: Ask) -> TestSketch:
+    """The ``[test]`` of some files.
+
+    Args:
+        files: The files.
+        refer: The name that a file has in the case.
+        ask: Asks the user.
+
+    Raises:
+        InputError: For what is wrong in a file.
+    """
+    if not files.all():
+        return TestSketch()
+    modal, functions = _sorted(files)
+    lines, tables, found, questions = ["[test]"], [], [], []
+    n_modes, at, places = 0, None, np.empty((0, 3))
+    if files.frequencies is not None:
+        head, n_modes, at = _frequencies(files.frequencies, refer)
+        lines += head
+        found.append(f"{n_modes} modes in {files.frequencies.name}")
+    if modal:
+        shapes, unit = _universal(modal)
+        places, n_modes = shapes.sensors.points, n_modes or len(shapes.frequencies_hz)
+        found.append(repr(shapes).removeprefix("MeasuredShapes(").removesuffix(")"))
+        names = [refer(path) for path in modal]
+        if unit is None:
+            lines.append(f"shapes = {toml(names[0] if len(names) == 1 else names)}")
+        else:
+            tables += ["", "[test.shapes]", f"files = {toml(names)}",
+                       f"length_unit = {toml(unit)}  # ? the files do not say it"]  # fmt: skip
+            questions.append("The unit of the sensors' places.")
+    elif files.shapes is not None:
+        head, sees, asked, places = _shape_table(files.shapes, refer)
+        lines += head
+        tables += sees
+        questions += asked
+    if functions:
+        more, words = _functions(functions, refer, identify=not n_modes)
+        (tables if more[0] == "" else lines).extend(more)
+        found.append(words)
+        n_modes = n_modes or 1
+    noise = ask("Scatter of the measured frequencies", "0.2 %", lambda text: to_si(text, ""))
+    lines.append(f"noise = {toml(noise)}  # ? how much frequencies differ from test to test")
+    lines.append('# mass = "1 kg"  # what all of it weighs, for check')
+    questions.append("The scatter of the test: take it apart and test again.")
+    return TestSketch((*lines, *tables), tuple(found), n_modes, at, places, tuple(questions))
+
+
+#: Not a test, whatever pytest thinks of the name.
+test_sketch.__test__ = False
+
+
+def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
+    """Universal files with shapes, and files with functions; those of nodes alone go with both."""
+    modal, functions = [], list(files.frfs)
+    uff = list(files.uff)
+    if files.shapes is not None and files.shapes.suffix.lower() in UFF_SUFFIXES:
+        uff.append(files.shapes)
+    nodes = []
+    for path in dict.fromkeys(uff):
+        kinds = {int(data["type"]) for _, data in read_sets(path, (55, 58, *_NODES))}
+        if 55 in kinds:
+            modal.append(path)
+        if 58 in kinds and path not in functions:
+            functions.append(path)
+        if kinds and kinds <= _NODES:
+            nodes.append(path)
+        elif not kinds & {55, 58}:
+            raise InputError(
+                f"{path}: holds neither mode shapes (datasets 55) nor functions (58): expected one"
+            )
+    universal = [p for p in functions if p.suffix.lower() in UFF_SUFFIXES]
+    return modal + nodes * bool(modal), functions + nodes * bool(universal)
+
+
+def _frequencies(path: Path, refer) -> tuple[list[str], int, float | None]:
+    """Lines for a table of frequencies; the number of modes; the last condition."""
+    table = read_table(path)
+    conditions = [name for name in table.names if _is_condition(table, name)]
+    lines = [f"frequencies = {toml(refer(path))}"]
+    if not conditions:
+        at = None if len(table.values) == 1 else float(len(table.values))
+        return lines, len(table.names), at
+    name = conditions[0]
+    modes = [other for other in table.names if other not in conditions]
+    unit = f"  # in {table.unit(name)}" if table.unit(name) else "  # ? without a unit"
+    lines += [f"condition = {toml(name)}{unit}", f"modes = {toml(modes)}"]
+    values = table.column(name)
+    return lines, len(modes), float(values[-1]) if len(values) > 1 else None
+
+
+def _is_condition(table: Table, name: str) -> bool:
+    """Whether a column is what the test was repeated at, by its unit, or its name."""
+    unit = table.unit(name)
+    if not unit:
+        return name.lower() in ("torque", "level", "force", "preload", "amplitude", "run", "test")
+    try:
+        factor_to_si(unit, "Hz")
+    except InputError:
+        return True
+    return False
+
+
+def _universal(paths: Sequence[Path]):
+    """The shapes, and the unit of length that the files leave out, or None."""
+    shapes = read_shapes(paths)
+    kinds = {data["type"] for path in paths for _, data in read_sets(path, (164,))}
+    span = float(np.ptp(shapes.sensors.points, axis=0).max())
+    if 164 in kinds or span <= _SMALL:
+        return shapes, None
+    return read_shapes(paths, length_unit="mm"), "mm"
+
+
+def _shape_table(path: Path, refer) -> tuple[list[str], list[str], list[str], np.ndarray]:
+    """Lines for a table of shapes, whose places may stand in it as columns x, y and z."""
+    table = read_table(path)
+    names = {name.lower(): name for name in table.names}
+    file = toml(refer(path))
+    if not {"x", "y", "z"} <= names.keys():
+        lines = [f"# shapes = {file}  # ? with the places of its rows, the sensors:",
+                 "# [test.sees]", '# points = [["0 mm", "0 mm", "0 mm"], ...]',
+                 "# direction = [0, 0, 1]"]  # fmt: skip
+        asked = (f"Where the sensors of {path.name} are: columns 'x [mm]', 'y [mm]', 'z [mm]' in it"
+                 " are enough.")  # fmt: skip
+        return [lines[0]], ["", *lines[1:]], [asked], np.empty((0, 3))
+    points = np.column_stack([
+        table.column(names[axis], "m" if table.unit(names[axis]) else None) for axis in "xyz"
+    ])  # fmt: skip
+    sees = ["", "[test.sees]", "points = [", *(f"  {toml(p.tolist())}," for p in points), "]"]
+    ways = [names.get(f"d{axis}") for axis in "xyz"]
+    if all(ways):
+        directions = np.column_stack([table.column(way) for way in ways])
+        sees += ["directions = [", *(f"  {toml(d.tolist())}," for d in directions), "]"]
+        return [f"shapes = {file}"], sees, [], points
+    thin = np.eye(3, dtype=int)[int(np.ptp(points, axis=0).argmin())]
+    sees.append(f"direction = {toml(thin.tolist())}  # ? columns dx, dy, dz would say it")
+    return [f"shapes = {file}"], sees, ["Which way the sensors look."], points
+
+
+def _functions(paths: Sequence[Path], refer, identify: bool) -> tuple[list[str], str]:
+    """Lines for measured functions; with modes from them where nothing else gives any."""
+    frfs = read_frfs(paths)
+    names = [refer(path) for path in paths]
+    words = (
+        f"{int(frfs.measured.sum())} functions, {frfs.frequencies_hz[0]:g} to "
+        f"{frfs.frequencies_hz[-1]:g} Hz"
+    )
+    if not identify:
+        return [f"frfs = {toml(names)}"], words
+    return [
+        "", "[test.frfs]", f"files = {toml(names)}", "", "[test.frfs.identify]",
+        '# near = ["100 Hz", "200 Hz"]  # ? about where the modes are; else all that are stable',
+    ], words  # fmt: skip

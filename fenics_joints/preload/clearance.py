@@ -1,0 +1,86 @@
+"""Which thread a bolt has, by the holes that it goes through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fenics_joints.errors import real
+from fenics_joints.preload.threads import Thread, thread, thread_names
+
+__all__ = ["ThreadGuess", "guess_thread"]
+
+#: Clearance holes in mm, fine and coarse series of ISO 273; the medium one is in `Thread`.
+_SERIES = {
+    "M3": (3.2, 3.6), "M3.5": (3.7, 4.2), "M4": (4.3, 4.8), "M5": (5.3, 5.8), "M6": (6.4, 7.0),
+    "M8": (8.4, 10.0), "M10": (10.5, 12.0), "M12": (13.0, 14.5), "M14": (15.0, 16.5),
+    "M16": (17.0, 18.5), "M18": (19.0, 21.0), "M20": (21.0, 24.0), "M22": (23.0, 26.0),
+    "M24": (25.0, 28.0), "M27": (28.0, 32.0), "M30": (31.0, 35.0), "M33": (34.0, 38.0),
+    "M36": (37.0, 42.0), "M39": (40.0, 45.0), "M42": (43.0, 48.0), "M45": (46.0, 52.0),
+    "M48": (50.0, 56.0), "M52": (54.0, 62.0), "M56": (58.0, 66.0), "M64": (66.0, 74.0),
+}  # fmt: skip
+#: Sizes of the second choice (ISO 262), rarely used.
+_SECOND = {"M3.5", "M14", "M18", "M22", "M27", "M33", "M39", "M45", "M52"}
+#: What speaks against a reading, as a relative error of a diameter.
+_FINE, _COARSE, _TIGHT, _INCH, _RARE, _FAR = 0.01, 0.02, 0.035, 0.03, 0.01, 0.08
+#: Holes that differ by a larger share are a clearance hole and a tapped one.
+_TAPPED = 0.05
+
+
+@dataclass(frozen=True)
+class ThreadGuess:
+    """A thread that fits holes.
+
+    Attributes:
+        thread: It.
+        why: What the holes are for it, in words.
+        others: Names of others that fit nearly as well.
+    """
+
+    thread: Thread
+    why: str
+    others: tuple[str, ...]
+
+
+def guess_thread(widest: float, narrowest: float | None = None) -> ThreadGuess | None:
+    """The standard thread for a hole, metric or inch; None if none is near.
+
+    Clearance holes of ISO 273 (metric) and free-fit drills (inch), or a hole of the thread's own
+    diameter; with a narrower hole on the same axis, tapped, that of diameter less pitch.
+
+    Args:
+        widest: Diameter of the widest hole on the bolt's axis, m.
+        narrowest: Of the narrowest, m; the same by default.
+    """
+    widest = real("widest", widest, "m", above=0)
+    narrow = widest if narrowest is None else real("narrowest", narrowest, "m", above=0)
+    names = [n for n in thread_names() if thread(n).series in ("metric coarse", "UNC")]
+    found = sorted(
+        ((*_fit(thread(name), widest, narrow), name) for name in names), key=lambda f: f[0]
+    )
+    error, why, best = found[0]
+    if error > _FAR:
+        return None
+    others = [name for other, _, name in found[1:] if other < error + 0.03]
+    return ThreadGuess(thread(best), why, tuple(others))
+
+
+def _fit(t: Thread, widest: float, narrow: float) -> tuple[float, str]:
+    """How far holes are from those of a thread, relative, and what they are then."""
+    readings = [(0.0, t.hole_diameter, "a clearance hole of the medium series")]
+    if t.name in _SERIES:
+        fine, coarse = (1e-3 * d for d in _SERIES[t.name])
+        readings += [(_FINE, fine, "a clearance hole of the fine series"),
+                     (_COARSE, coarse, "a clearance hole of the coarse series")]  # fmt: skip
+    readings.append((_TIGHT, t.diameter, "a hole without clearance"))
+    error, words = min(
+        (cost + abs(widest / size - 1), words) for cost, size, words in readings
+    )
+    if not t.series.startswith("metric"):
+        error += _INCH
+        words = words.replace("a clearance hole of the medium series", "a free-fit hole")
+    error += _RARE * (t.name in _SECOND)
+    if narrow < (1 - _TAPPED) * widest:
+        drill = t.diameter - t.pitch
+        error += abs(narrow / drill - 1)
+        words += f" and a tapped one of {1e3 * narrow:.4g} mm"
+    return error, words

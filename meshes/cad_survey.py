@@ -1,0 +1,208 @@
+"""What a STEP file holds, before anything is meshed: solids, what touches, and holes for bolts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.errors import MeshError, located
+from fenics_joints.meshes.cad_shapes import (
+    TOUCH,
+    Contact,
+    Hole,
+    circle_points,
+    find_contacts,
+    holes,
+    import_solids,
+    nearest,
+)
+from fenics_joints.meshes.gmsh_model import gmsh_model
+
+__all__ = ["Solid", "StepSurvey", "ThroughHole", "Touch", "survey_step"]
+
+_MM = 1e3
+#: How far faces that belong together may be apart, mm: a gasket, paint, a drawing's gap.
+_REACH = 1.0
+#: Points on a circle, and shares of the next smaller one, when a ring is fitted into faces.
+_AROUND, _STEP = 32, 0.93
+#: A ring is at least so much wider than its hole.
+_LEAST = 1.15
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A solid of a file; lengths in m.
+
+    Attributes:
+        label: What the file calls it; empty if nothing a person wrote.
+        name: A name for a case.
+        volume: m3.
+        area: Of its surface, m2.
+        box: Lowest and highest corner, m, shape (2, 3).
+    """
+
+    label: str
+    name: str
+    volume: float
+    area: float
+    box: np.ndarray
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Two flat faces, one upon the other; lengths in m.
+
+    Attributes:
+        solids: Indices of the two solids.
+        normal: Unit normal from the first to the second, shape (3,).
+        gap: Distance of the faces.
+        area: That they have in common, m2.
+    """
+
+    solids: tuple[int, int]
+    normal: np.ndarray
+    gap: float
+    area: float
+
+
+@dataclass(frozen=True)
+class ThroughHole:
+    """Two round holes with one axis in two faces that touch: a bolt's; lengths in m.
+
+    Attributes:
+        touch: Index of the faces that touch.
+        centre: On the first solid's face, shape (3,).
+        diameters: Of the hole in the first solid and in the second.
+        depths: How deep the two holes are.
+        room: Largest radius of a ring around the hole that stays on both faces and meets no other
+            hole, nor half way to the next bolt; 0 if there is none.
+    """
+
+    touch: int
+    centre: np.ndarray
+    diameters: tuple[float, float]
+    depths: tuple[float, float]
+    room: float
+
+
+@dataclass(frozen=True)
+class StepSurvey:
+    """A STEP file.
+
+    Attributes:
+        solids: In the order of the file.
+        touching: Flat faces that touch, or nearly.
+        holes: Those that a bolt may go through.
+    """
+
+    solids: tuple[Solid, ...]
+    touching: tuple[Touch, ...]
+    holes: tuple[ThroughHole, ...]
+
+
+def survey_step(path: str | Path) -> StepSurvey:
+    """Look into a STEP file. Needs gmsh, and no MPI.
+
+    Raises:
+        MeshError: As `read_step` for a file that it cannot read; or solids overlap.
+    """
+    path = Path(path)
+    with gmsh_model(path, {"Geometry.OCCTargetUnit": "MM"}) as model, located(path):
+        found = import_solids(path, model, {})
+        solids = tuple(
+            _solid(model, tag, i, name)
+            for i, (tag, name) in enumerate(zip(found.tags, found.names, strict=True), start=1)
+        )
+        contacts = find_contacts(model, found, _REACH)
+        if not contacts:
+            why = nearest(model, found, _REACH)
+            if "overlap" in why:
+                raise MeshError(why.removeprefix("; "))
+        through = _through(model, contacts)
+    touching = tuple(
+        Touch((c.lower, c.upper), c.normal, c.gap / _MM, c.area / _MM**2) for c in contacts
+    )
+    return StepSurvey(solids, touching, tuple(through))
+
+
+def _solid(model, tag: int, number: int, name: str) -> Solid:
+    label = model.getEntityName(3, tag).rpartition("/")[2].strip()
+    plain = "" if "CASCADE" in label or not any(c.isalpha() for c in label) else label
+    faces = model.getBoundary([(3, tag)], oriented=False)
+    area = sum(model.occ.getMass(2, face) for _, face in faces)
+    box = np.array(model.getBoundingBox(3, tag)).reshape(2, 3) / _MM
+    name = name if plain else f"solid_{number}"
+    return Solid(plain, name, model.occ.getMass(3, tag) / _MM**3, area / _MM**2, box)
+
+
+def _through(model, contacts: list[Contact]) -> list[ThroughHole]:
+    """Pairs of holes with one axis, and how large rings around them may be."""
+    of_face = {face: holes(model, face) for c in contacts for face in c.faces}
+    pairs = [
+        (i, a, b)
+        for i, c in enumerate(contacts)
+        for a in of_face[c.faces[0]]
+        for b in of_face[c.faces[1]]
+        if np.linalg.norm(b.centre - c.gap * c.normal - a.centre) <= TOUCH
+    ]
+    found = []
+    for i, a, b in pairs:
+        contact, apart = contacts[i], [np.inf]
+        for _, other, _ in pairs:
+            between = other.centre - a.centre
+            flat = abs(contact.normal @ between) < TOUCH
+            if flat and np.linalg.norm(between) > TOUCH:
+                apart.append(float(np.linalg.norm(between)) / 2)
+        room = _room(model, contact, a, b, 0.98 * min(apart))
+        depths = tuple(
+            _depth(model, face, hole, contact.normal)
+            for face, hole in zip(contact.faces, (a, b), strict=True)
+        )
+        diameters = 2 * a.radius / _MM, 2 * b.radius / _MM
+        found.append(
+            ThroughHole(i, a.centre / _MM, diameters, tuple(d / _MM for d in depths), room / _MM)
+        )
+    return found
+
+
+def _room(model, contact: Contact, a: Hole, b: Hole, most: float) -> float:
+    """Largest radius of a ring on both faces, mm; it meets no edge and no other hole."""
+    inner = max(a.radius, b.radius)
+    radius, best = inner * 1.05, 0.0
+    least = _LEAST * inner
+    ways = circle_points(contact.normal, _AROUND)
+    while radius < min(most, 6 * inner):
+        for face, lift in zip(contact.faces, (0.0, contact.gap), strict=True):
+            around = a.centre + lift * contact.normal + 1.02 * radius * ways
+            if not all(model.isInside(2, face, p.tolist()) for p in around):
+                return best if best >= least else 0.0
+        best, radius = radius, radius / _STEP
+    best = max(best, min(most, 6 * inner) * _STEP) if best else 0.0
+    return best if best >= least else 0.0
+
+
+def _depth(model, face: int, hole: Hole, normal: np.ndarray) -> float:
+    """How deep a hole is: the extent along the normal of the walls that meet its edge, mm."""
+    deep = 0.0
+    for _, curve in model.getBoundary([(2, face)], oriented=False):
+        if model.getType(1, curve) != "Circle":
+            continue
+        (low,), (high,) = model.getParametrizationBounds(1, curve)
+        point = np.array(model.getValue(1, curve, [(low + high) / 2]))
+        if abs(np.linalg.norm(point - hole.centre) - hole.radius) > TOUCH:
+            continue
+        for wall in model.getAdjacencies(1, curve)[0]:
+            if wall != face and model.getType(2, int(wall)) == "Cylinder":
+                deep = max(deep, _extent(model, int(wall), normal))
+    return deep
+
+
+def _extent(model, wall: int, normal: np.ndarray) -> float:
+    heights = []
+    for _, curve in model.getBoundary([(2, wall)], oriented=False):
+        (low,), (high,) = model.getParametrizationBounds(1, curve)
+        for t in (low, (low + high) / 2, high):
+            heights.append(np.array(model.getValue(1, curve, [t])) @ normal)
+    return float(max(heights) - min(heights)) if heights else 0.0

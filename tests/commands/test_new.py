@@ -1,0 +1,220 @@
+"""``fenics-joints new``: from files alone to a case that is clean and runs without editing."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from step_files import bores, bracket, spigot, write_step
+from uff_files import mode_55, nodes_2411, units_164
+
+from fenics_joints.case import build_structure, load_case
+from fenics_joints.cli import main
+from fenics_joints.commands.modes.run import run_modes
+from fenics_joints.commands.new.run import Source, run_new
+from fenics_joints.commands.new.tests import TestFiles
+from fenics_joints.errors import InputError
+from fenics_joints.modal import solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.structure import Sensors
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="new is for one process")
+
+ROOT = Path(__file__).resolve().parents[2]
+LEFT, RIGHT = [(20, 15), (20, 65), (55, 40)], [(140, 15), (140, 65), (105, 40)]
+
+
+def silent(question, answer, check):
+    """The answer that is taken for granted, which must be one that can be used."""
+    check(answer)
+    return answer
+
+
+def written(folder, source, tests=None, ask=silent, **more):
+    """What `new` writes, and the case that stands there then."""
+    found = run_new(folder, source, tests or TestFiles(), ask, Progress(silent=True), **more)
+    return found, load_case(folder)
+
+
+def frequencies(case, n=8):
+    """Of the case's modes, as the command finds them; the first six are of a free body."""
+    outcome = run_modes(case, MPI.COMM_SELF, Progress(silent=True), n_modes=n)
+    return outcome.result.modes.frequencies_hz
+
+
+def three_parts(occ):
+    """A base, and two blocks on it with three bolts each, M8 and M10."""
+    base = occ.addBox(0, 0, 0, 160, 80, 10)
+    left, right = occ.addBox(0, 0, 10, 70, 80, 12), occ.addBox(90, 0, 10, 70, 80, 15)
+    occ.cut([(3, base)], bores(occ, LEFT, -1, 11, 4.5) + bores(occ, RIGHT, -1, 11, 4.25))
+    occ.cut([(3, left)], bores(occ, LEFT, 9, 23, 4.5))
+    occ.cut([(3, right)], bores(occ, RIGHT, 9, 26, 5.5))
+
+
+def test_step_of_three_parts_and_six_bolts(tmp_path):
+    """Solids by their labels, six bolts where they were drawn, their threads, and modes."""
+    labels = ("Base, EN AW-6061", "Left block", "right")
+    step = write_step(tmp_path / "three.step", three_parts, labels=labels)
+    found, case = written(tmp_path / "case", Source(step=step))
+    assert found.checked.errors == () and found.checked.notes == ()
+    assert found.copied == () and case.mesh.file == "../three.step"
+    at = sorted(tuple(np.round(1e3 * np.array(point[:2])).astype(int)) for point in
+                case.mesh.bolts.at)  # fmt: skip
+    assert at == sorted(LEFT + RIGHT)
+    text = (tmp_path / "case" / "case.toml").read_text(encoding="utf-8")
+    assert text.count("9 mm, M8?") == 3 and text.count("8.5 and 11 mm, M10?") == 3
+    assert [part.rho for part in case.parts.values()] == [2700, 7850, 7850]
+    assert [len(joint.cells) for joint in case.joints.values()] == [3, 3]
+    modes = frequencies(case, 7)
+    assert np.all(modes[:6] < 1e-3 * modes[6]) and 500 < modes[6] < 3000
+
+
+def test_step_of_a_demo(tmp_path):
+    """The bracket: its four M12 with tapped holes; its first mode is near the demo's."""
+    step = ROOT / "demos" / "cad_bracket" / "bracket.step"
+    found, case = written(tmp_path / "case", Source(step=step), material="cast-iron")
+    assert found.checked.errors == () and found.checked.notes == ()
+    assert [path.name for path in found.copied] == ["bracket.step"]
+    assert case.mesh.bolts.thread == "M12" and len(case.mesh.bolts.at) == 4
+    assert {"Base_plate", "Bracket"} == set(case.parts)
+    demo = build_structure(load_case(step.parent), MPI.COMM_SELF).volumes()[0]
+    own = build_structure(case, MPI.COMM_SELF)
+    assert own.volumes()[:2].sum() == pytest.approx(demo, rel=0.01)
+
+
+@pytest.mark.parametrize("draw, bolts, normal", [
+    (bracket, 2, (0.540, -0.326, 0.776)), (spigot, 3, (0, 0, 1)),
+])  # fmt: skip
+def test_steps_that_are_turned_or_centred(tmp_path, draw, bolts, normal):
+    """Bolts of other directions; the hole of a spigot is no bolt's."""
+    step = write_step(tmp_path / "drawn.step", draw)
+    found, case = written(tmp_path / "case", Source(step=step))
+    assert found.checked.errors == () and len(found.checked.bolts) == bolts
+    assert np.allclose(case.joints["joint"].normal, normal, atol=2e-3)
+
+
+def write_msh(path, unit=1e3, layer=True):
+    """Two plates, lapped, with a layer or without, in some unit (by a metre)."""
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    occ, u = gmsh.model.occ, unit
+    t = 0.001 * layer
+    low = occ.addBox(0, 0, 0, 0.1 * u, 0.06 * u, 0.01 * u)
+    up = occ.addBox(0.04 * u, 0, (0.01 + t) * u, 0.1 * u, 0.06 * u, 0.01 * u)
+    parts = {"lower plate": low, "upper-alu": up}
+    if layer:
+        parts["joint"] = occ.addBox(0.04 * u, 0, 0.01 * u, 0.06 * u, 0.06 * u, t * u)
+    occ.fragment([(3, tag) for tag in parts.values()], [])
+    occ.synchronize()
+    for name, tag in parts.items():
+        gmsh.model.addPhysicalGroup(3, [tag], name=name)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.03 * u)
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(path))
+    gmsh.finalize()
+    return path
+
+
+@pytest.mark.parametrize("unit, scale", [(1e3, 1e-3), (1.0, 1.0)])
+def test_msh(tmp_path, unit, scale):
+    """Its unit by its size, a layer by its name and thickness; masses are those by hand."""
+    folder = tmp_path / "case"
+    found, case = written(folder, Source(msh=write_msh(tmp_path / "plates.msh", unit)))
+    assert found.checked.errors == () and found.checked.notes == ()
+    assert case.mesh.scale == pytest.approx(scale)
+    assert case.joints["joint"].h == pytest.approx(1e-3)
+    assert found.checked.mass == pytest.approx(0.1 * 0.06 * 0.01 * (7850 + 2700))
+    assert frequencies(case, 7)[6] > 100
+
+
+def test_shapes_of_a_builder(tmp_path):
+    """A universal file of a model's own shapes: sensors, modes; found again with a MAC of one."""
+    written(tmp_path / "plain", Source(builder="dumbbell"))
+    model = build_structure(load_case(tmp_path / "plain"), MPI.COMM_SELF)
+    modes = solve_modes(model, n_modes=10)
+    points = np.array([[x, y, z] for x in (-0.12, 0.12) for y in (-0.09, 0.09)
+                       for z in (-0.13, 0.13)])  # fmt: skip
+    ways = np.eye(3)
+    shapes = np.array([modes.at(Sensors(points, way))[:, 6:10] for way in ways])
+    nodes = {i + 1: 1e3 * point for i, point in enumerate(points)}
+    text = units_164() + nodes_2411(nodes)
+    for j, hz in enumerate(modes.frequencies_hz[6:10]):
+        shape = {n: shapes[:, n - 1, j] for n in nodes}
+        text += mode_55(j + 1, hz, shape, ratio=0.01)
+    (tmp_path / "lab.uff").write_text(text, encoding="utf-8")
+    tests = TestFiles(uff=(tmp_path / "lab.uff",))
+    found, case = written(tmp_path / "tested", Source(builder="dumbbell"), tests)
+    assert found.checked.errors == () and found.checked.notes == ()
+    assert case.test.shapes.files == ["../lab.uff"] and case.measured.shapes.shape == (24, 4)
+    assert case.update.parameters == ["joint.E"]
+    outcome = run_modes(case, MPI.COMM_SELF, Progress(silent=True), n_modes=12)
+    assert np.all(outcome.result.beside.mac > 0.999) and outcome.result.beside.rms < 1e-4
+
+
+@pytest.mark.parametrize("builder", ["half_lap_beam", "engraving_machine", "offset_beams"])
+def test_builders(tmp_path, builder):
+    """Contacts with bolts, rings, beams: all are built."""
+    found, case = written(tmp_path / "case", Source(builder=builder))
+    assert found.checked.errors == () and found.checked.notes == ()
+    assert len(found.checked.bolts) == {"half_lap_beam": 3, "engraving_machine": 16}.get(builder, 0)
+    if builder != "engraving_machine":
+        assert frequencies(case, 8)[7] > 10
+
+
+def test_frequencies(tmp_path):
+    """The column of the torque by its unit; the last torque is that of the update."""
+    shutil.copy(ROOT / "demos" / "lap_plates" / "frequencies.csv", tmp_path)
+    tests = TestFiles(frequencies=tmp_path / "frequencies.csv")
+    found, case = written(tmp_path / "case", Source(builder="lap_plates"), tests)
+    assert found.checked.errors == ()
+    assert case.test.condition == "torque" and len(case.measured.mode_names) == 4
+    assert case.update.at == case.measured.conditions[-1] and case.test.noise == [0.002]
+
+
+def test_answers(tmp_path):
+    """What the user says goes before what was guessed."""
+    def ask(question, answer, check):
+        said = {"Material": "titanium", "Unit": "cm"}.get(question.split()[0], answer)
+        check(said)
+        with pytest.raises(ValueError):
+            check("nonsense")
+        return said
+
+    _, case = written(tmp_path / "case", Source(msh=write_msh(tmp_path / "a.msh")), ask=ask)
+    assert case.mesh.scale == 0.01 and {part.rho for part in case.parts.values()} == {4430}
+
+
+def test_refusals(tmp_path):
+    """What is there stays, and nothing is left of what failed."""
+    folder = tmp_path / "case"
+    with pytest.raises(InputError, match="expected one of --step"):
+        written(folder, Source())
+    (tmp_path / "no.step").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="not a STEP file"):
+        written(folder, Source(step=tmp_path / "no.step"))
+    with pytest.raises(InputError, match="no such file"):
+        written(folder, Source(builder="dumbbell"), TestFiles(frequencies=tmp_path / "no.csv"))
+    assert not folder.exists()
+    written(folder, Source(builder="offset_beams"))
+    before = (folder / "case.toml").read_bytes()
+    with pytest.raises(InputError, match="is there already"):
+        written(folder, Source(builder="dumbbell"))
+    assert (folder / "case.toml").read_bytes() == before
+
+
+def test_command(tmp_path, monkeypatch, capfd):
+    """From the shell, silent; what was guessed is said, and what `check` finds."""
+    folder = tmp_path / "case"
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "argv", ["fenics-joints", "new", str(folder), "--beams", "--yes"])
+        with pytest.raises(SystemExit) as end:
+            main()
+    said = capfd.readouterr().out
+    assert not end.value.code and (folder / "case.toml").is_file()
+    assert "? The stiffness of the lap." in said and "nothing is wrong or unlikely" in said
