@@ -70,12 +70,12 @@ def new(
 
     with guarded(debug):
         from mpi4py import MPI
-        from rich.console import Console
 
         from fenics_joints.commands.new.run import Source, run_new, show_new
         from fenics_joints.commands.new.tests import TestFiles
         from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
+        from fenics_joints.report.terminal import new_console
 
         comm = MPI.COMM_WORLD
         if beams and builder is not None:
@@ -87,7 +87,7 @@ def new(
         def write() -> None:
             with Progress(silent=ask is _prompt) as progress:
                 written = run_new(folder, source, tests, ask, progress, material)
-            show_new(Console(), folder, written)
+            show_new(new_console(), folder, written)
 
         on_root(comm, write)
 
