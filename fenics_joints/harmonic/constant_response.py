@@ -14,14 +14,13 @@ import numpy as np
 from fenics_joints.errors import ConvergenceError, InputError, member, real
 from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.corrector import Settings, check_settings
-from fenics_joints.harmonic.fourier import KINDS
+from fenics_joints.harmonic.fourier import KINDS, moving_size
 from fenics_joints.harmonic.frf import (
     ForcedResponse,
     check_band,
     first_response,
     follow_band,
     linear_response,
-    moving_size,
     responses,
     telling,
     with_extremes,

@@ -62,7 +62,7 @@ def follow(
         checkpoint: File (npz) that the branch is written to as it grows.
         resume: Go on from ``checkpoint`` if it is there.
         name: What is being solved, kept in the file: one of another name is not gone on from.
-        on_point: Called with every new point.
+        on_point: Called with every new point; a ConvergenceError of it stops the branch.
         writes: Whether this rank writes the file.
 
     Raises:
@@ -94,7 +94,11 @@ def follow(
         except NotFound as failure:
             _save(checkpoint, branch, name, writes)
             raise _stopped(branch, failure.why) from None
-        on_point(branch.z[-1])
+        try:
+            on_point(branch.z[-1])
+        except ConvergenceError as error:  # it may have seen that there is no end
+            error.branch = branch
+            raise
         if branch.complete or len(branch) % settings.save_every == 0:
             _save(checkpoint, branch, name, writes)
     return branch

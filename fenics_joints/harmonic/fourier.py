@@ -13,7 +13,7 @@ import numpy as np
 
 from fenics_joints.errors import InputError, whole
 
-__all__ = ["KINDS", "MEASURES", "Fourier", "amplitude", "amplitude_gradient"]
+__all__ = ["KINDS", "MEASURES", "Fourier", "amplitude", "amplitude_gradient", "moving_size"]
 
 #: Time derivatives by name.
 KINDS = {"displacement": 0, "velocity": 1, "acceleration": 2}
@@ -129,6 +129,11 @@ def amplitude_gradient(c: np.ndarray, measure: str = "first") -> np.ndarray:
         return gradient
     # The time of an extreme may be held: there the velocity vanishes.
     return 0.5 * (_extreme(c, 1) - _extreme(c, -1))
+
+
+def moving_size(X: np.ndarray) -> float:
+    """Norm of the coefficients (n, K) without the mean; 1 at rest."""
+    return float(np.linalg.norm(X[:, 1:])) or 1.0
 
 
 def _check_measure(measure: str) -> None:

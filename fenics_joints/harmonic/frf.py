@@ -15,8 +15,9 @@ from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow, locate
 from fenics_joints.harmonic.corrector import Settings, check_settings, correct
-from fenics_joints.harmonic.fourier import amplitude_gradient
+from fenics_joints.harmonic.fourier import amplitude_gradient, moving_size
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
+from fenics_joints.harmonic.unbounded import BoundWatch, unbounded
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.progress import Progress
 
@@ -74,7 +75,7 @@ def solve_harmonic(
     Raises:
         InputError: For an unknown name, or a value out of range.
         ConvergenceError: If the branch cannot be followed; its points so far are the error's
-            ``branch``.
+            ``branch``. A resonance without bound is named as such.
     """
     amplitude = real("amplitude", amplitude, "N", above=0)
     if at is not None:
@@ -148,12 +149,16 @@ def follow_band(
         InputError, ConvergenceError: As `follow`.
     """
     low, high = (2 * np.pi * f for f in band)
-    return follow(
-        problem, start(low if direction == "up" else high), (low, high),
-        direction=1 if direction == "up" else -1,
-        name=fingerprint(problem.balance, *words, *band, direction),
-        writes=problem.balance.comm.rank == 0, **options,
-    )  # fmt: skip
+    watch = BoundWatch(problem.balance.shape, options.pop("on_point"))
+    try:
+        return follow(
+            problem, start(low if direction == "up" else high), (low, high),
+            direction=1 if direction == "up" else -1,
+            name=fingerprint(problem.balance, *words, *band, direction),
+            writes=problem.balance.comm.rank == 0, on_point=watch, **options,
+        )  # fmt: skip
+    except ConvergenceError as error:
+        raise unbounded(error, problem.balance.shape) from error
 
 
 def telling(
@@ -205,11 +210,6 @@ class ForcedResponse:
         """The motion's size without its mean, and the width."""
         size = max(moving_size(z[:-1].reshape(self.balance.shape)), self.least)
         return np.append(np.full(len(z) - 1, size), self.width)
-
-
-def moving_size(X: np.ndarray) -> float:
-    """Norm of the coefficients (n, K) without the mean; 1 at rest."""
-    return float(np.linalg.norm(X[:, 1:])) or 1.0
 
 
 def first_response(problem: ForcedResponse, omega: float, settings: Settings) -> np.ndarray:

@@ -13,13 +13,17 @@ from oscillators import (
     SLIDE,
     STICK,
     VISCOUS,
+    Cubic,
+    Jenkins,
     block,
     duffing,
     jenkins,
+    oscillator,
 )
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve, minimize_scalar
 
+from fenics_joints.errors import ConvergenceError
 from fenics_joints.harmonic import (
     solve_constant_response,
     solve_harmonic,
@@ -236,3 +240,12 @@ def test_results_for_people(tmp_path):
     assert np.allclose(
         result.frf("mass", "acceleration"), -(result.omegas**2) * result.frf("mass"), rtol=1e-12
     )
+
+
+@pytest.mark.parametrize("law", [Cubic(k=0.0), Jenkins(k=STICK, s=SLIDE)], ids=["linear", "slides"])
+def test_a_resonance_without_bound_is_named(law):
+    """No damping at all; or a force above 4/pi of the friction, which is all that takes energy."""
+    with pytest.raises(ConvergenceError, match=r"resonance at 0\.159\d* Hz has no bound"):
+        solve_harmonic(oscillator(law, 0.0), "push", 0.3, BAND, harmonics=1)
+    found = solve_harmonic(jenkins(), "push", 0.3, BAND, harmonics=1)
+    assert found.peak.amplitude < 10
