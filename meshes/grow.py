@@ -360,12 +360,17 @@ def _named_faces(lists: MeshLists, seam: _Seam, found, layers, sides) -> MeshLis
     return add_faces(lists, new)
 
 
+def _extent(area: float, touch: Touch) -> str:
+    """An area, or in the plane a length, in words."""
+    return f"{1e6 * area:.4g} mm2" if touch.middles.shape[1] == 3 else f"{1e3 * area:.4g} mm"
+
+
 def _said(layers, size: float) -> list[str]:
     if not layers:
         return []
     names = list(layers)
     pairs = "; ".join(
-        f"{name} between {t.parts[0]} and {t.parts[1]}, {1e6 * t.areas[rows].sum():.4g} mm2"
+        f"{name} between {t.parts[0]} and {t.parts[1]}, {_extent(t.areas[rows].sum(), t)}"
         for name, (t, rows) in list(layers.items())[:12]
     )
     more = f"; and {len(names) - 12} more" if len(names) > 12 else ""

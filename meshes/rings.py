@@ -11,12 +11,14 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.tagged import TaggedMesh
 
 __all__ = [
     "Ring",
     "check_normal",
+    "layer_normal",
     "layer_thickness",
     "measure_layer",
     "measure_ring",
@@ -192,6 +194,21 @@ def measure_layer(
     dx = ufl.Measure("dx", tagged.mesh, subdomain_data=[(1, here[here < own])])(1)
     volume = fem.assemble_scalar(fem.form(fem.Constant(tagged.mesh, 1.0) * dx))
     return float(2 * tagged.mesh.comm.allreduce(volume) / along[~off].sum()), n
+
+
+def layer_normal(tagged: TaggedMesh, cells: Sequence[str]) -> tuple[float, ...]:
+    """Normal of a straight layer of cells in the plane, shape (3,): across its corners' best line.
+
+    Collective.
+    """
+    mesh = tagged.mesh
+    found = np.concatenate([tagged.cell_tags.find(tagged.cell_tag(name)) for name in cells])
+    corners = mesh.geometry.x[geometry_dofmap(mesh)[found]].reshape(-1, 3)[:, :2]
+    # Each once: below each stands one above, so that the line is not tilted by a layer's thickness.
+    corners = np.unique(np.concatenate(mesh.comm.allgather(corners)), axis=0)
+    nx, ny = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[2][1]
+    sign = np.sign(nx if abs(nx) > abs(ny) else ny)
+    return float(sign * nx), float(sign * ny), 0.0
 
 
 def check_normal(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[float]) -> None:

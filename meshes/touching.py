@@ -19,8 +19,8 @@ __all__ = [
 
 #: Vertices of two parts nearer than this share of the shortest edge are one.
 _ONE = 1e-3
-#: Cosine of the angle between neighbouring facets of one contact: 8 degrees.
-_SMOOTH = 0.99
+#: Cosine of the angle between neighbouring facets of one contact: 31 degrees, a circle of twelve.
+_SMOOTH = 0.855
 #: Sine by which the normals of a flat contact may differ.
 _FLAT = 1e-3
 #: A loop is a circle if its corners miss it by less than this share of its radius.

@@ -16,7 +16,7 @@ from fenics_joints.case.sections import Joint, MassSection, SupportSection
 from fenics_joints.case.values import AXES
 from fenics_joints.errors import InputError, MeshError, located
 from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
-from fenics_joints.meshes.rings import check_normal, measure_layer
+from fenics_joints.meshes.rings import check_normal, layer_normal, measure_layer
 from fenics_joints.preload import Contact, PreloadModel
 from fenics_joints.structure.components import (
     ElasticSupport,
@@ -54,7 +54,8 @@ def build_mesh(case: Case, comm: MPI.Intracomm) -> TaggedMesh:
         raise InputError(f"{case.path}: {error}") from error
     missing = unknown_groups(case, tagged.cell_names, tagged.facet_names)
     if missing:
-        raise MeshError("\n  ".join([f"{case.path}: names groups of the mesh:", *missing]))
+        lines = [f"{case.path}: names groups of the mesh:", *missing, *tagged.notes]
+        raise MeshError("\n  ".join(lines))
     return tagged
 
 
@@ -186,7 +187,7 @@ def measured_joints(case: Case, tagged: TaggedMesh) -> Case:
                 meshed, normal = measure_layer(tagged, cells, normal)
                 normal = tuple(normal.tolist())
             else:
-                normal = normal or section.normal
+                normal = normal or layer_normal(tagged, cells)
                 meshed = extent(tagged, cells, normal)
         update = {"cells": list(cells), "meshed": section.meshed or meshed, "normal": normal}
         joints[name] = section.model_copy(update=update)

@@ -183,6 +183,68 @@ def test_rings_of_both_kinds_of_files(tmp_path):
     assert found["step"][0] == pytest.approx(found["msh"][0], rel=0.15)
 
 
+def _step_in_a_block(occ):
+    block, corner = occ.addBox(0, 0, 0, 40, 20, 20), occ.addBox(20, 0, 10, 20, 20, 10)
+    block, _ = occ.cut([(3, block)], [(3, corner)], removeTool=False)
+    occ.fragment(block, [(3, corner)])
+
+
+def _two_on_one(occ):
+    boxes = [(3, occ.addBox(*box)) for box in (
+        (0, 0, 0, 40, 20, 10), (0, 0, 10, 20, 20, 10), (20, 0, 10, 20, 20, 10)
+    )]  # fmt: skip
+    occ.fragment(boxes[:1], boxes[1:])
+
+
+def _shaft_in_a_hub(occ):
+    hub, shaft = occ.addBox(-30, -30, 0, 60, 60, 20), occ.addCylinder(0, 0, -10, 0, 0, 40, 10)
+    hub, _ = occ.cut([(3, hub)], [(3, shaft)], removeTool=False)
+    occ.fragment(hub, [(3, shaft)])
+
+
+def _plates_in_the_plane(occ):
+    plates = [(2, occ.addRectangle(0, y, 0, 40, 10)) for y in (0, 10)]
+    occ.fragment(plates[:1], plates[1:])
+    occ.rotate(occ.getEntities(2), 0, 0, 0, 0, 0, 1, 0.4)
+
+
+STIFF = '[joints.{0}]\nlaw = "springs"\ncells = "{0}"\nk_n = 9e16\nk_t = 3e16\n'
+METAL = '[joints.{0}]\nlaw = "isotropic"\ncells = "{0}"\nE = 7e10\nG = 26.923e9\n'
+
+
+@pytest.mark.parametrize(
+    ("draw", "law", "joints"),
+    [
+        (_step_in_a_block, STIFF, ["joint_1", "joint_2"]),
+        (_two_on_one, STIFF, ["joint_1", "joint_2", "joint_3"]),
+        (_shaft_in_a_hub, METAL, ["joint"]),
+        (_plates_in_the_plane, STIFF, ["joint"]),
+    ],
+)
+def test_as_stiff_as_metal(tmp_path, draw, law, joints):
+    """Layers in corners, where three parts meet, on a curved face and in the plane vanish."""
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 8)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 16)
+    draw(gmsh.model.occ)
+    gmsh.model.occ.synchronize()
+    dim = gmsh.model.getDimension()
+    names = [f"p{i + 1}" for i, _ in enumerate(gmsh.model.getEntities(dim))]
+    for (_, tag), name in zip(gmsh.model.getEntities(dim), names, strict=True):
+        gmsh.model.addPhysicalGroup(dim, [tag], tag, name)
+    gmsh.model.mesh.generate(dim)
+    gmsh.write(str(tmp_path / "bar.msh"))
+    gmsh.finalize()
+    part = PART.replace('["one", "two"]', str(names)).replace("nu = 0.0", "nu = 0.3")
+    text = MESH + f"degree = 1\ngdim = {dim}\n" + part
+    whole = first_modes(tmp_path, text.replace('joint = "layer"\n', ""), 9)
+    glued = first_modes(tmp_path, text + "".join(law.format(name) for name in joints), 9)
+    assert glued[6:] == pytest.approx(whole[6:], rel=2e-4)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
