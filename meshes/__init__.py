@@ -14,6 +14,7 @@ from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.contact import ContactMatch, check_contact
 from fenics_joints.meshes.dumbbell import Dumbbell, dumbbell
 from fenics_joints.meshes.engraving_machine import EngravingMachine, engraving_machine
+from fenics_joints.meshes.grow import Grown, RingPlaces
 from fenics_joints.meshes.half_lap_beam import (
     HalfLapBeam,
     HalfLapBeamSection,
@@ -29,8 +30,9 @@ from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [
-    "CBeams", "ContactMatch", "Dumbbell", "EngravingMachine", "HalfLapBeam", "HalfLapBeamSection",
-    "LapBeam", "LapBeamSection", "LapPlates", "MeshQuality", "Ring", "RoundPlates",
+    "CBeams", "ContactMatch", "Dumbbell", "EngravingMachine", "Grown", "HalfLapBeam",
+    "HalfLapBeamSection", "LapBeam", "LapBeamSection", "LapPlates", "MeshQuality", "Ring",
+    "RingPlaces", "RoundPlates",
     "RoundPlatesSection", "StepAssembly", "TaggedMesh", "bolted_plates", "bolted_plates_section",
     "box", "c_beams", "check_contact", "check_mesh", "dumbbell", "engraving_machine", "extent",
     "graded_lines", "grid_lines", "half_lap_beam", "half_lap_beam_section", "lap_beam",
