@@ -19,6 +19,7 @@ from fenics_joints.commands.new.sketch import (
     PartSketch,
     Sketch,
     ask_materials,
+    force_of,
     material_of,
     millimetres,
     toml,
@@ -45,9 +46,6 @@ _BEAMS = (
     'width = "21 mm"  # ?', 'thickness = "10.6 mm"  # ?', "elements = [30, 20]",
     "lap_elements = 5",
 )  # fmt: skip
-#: Force of a bolt whose thread is not known, and stress in one whose thread is: 60 % of the proof
-#: stress of property class 8.8 (ISO 898-1: 580 MPa).
-_FORCE, _STRESS = 10e3, 0.6 * 580e6
 
 
 def msh_sketch(path: Path, file: str, places: np.ndarray, material: str, ask: Ask) -> Sketch:
@@ -207,8 +205,7 @@ def _joints(tagged: TaggedMesh, volumes) -> tuple[list[JointSketch], list[str]]:
             continue
         words = f"{', '.join(ring.lower)} and {', '.join(ring.upper)}, {1e4 * ring.area:.3g} cm2"
         found.append(
-            JointSketch(_plain(name), (name,), tuple(ring.normal), ring.thickness, words,
-                        name in rings)
+            JointSketch(_plain(name), (name,), words, tuple(ring.normal), ring.thickness)
         )  # fmt: skip
     return found, odd
 
@@ -266,11 +263,11 @@ def _contact_lines(contacts, bolts, hole: float | None) -> tuple[list[str], list
     for name, lower, upper in bolts:
         lines += [f"[bolts.{_plain(name)}]"]
         if guess is None:
-            kind, force = ['kind = "washers"'], _FORCE
+            kind = ['kind = "washers"']
         else:
             t = guess.thread
             kind = ['kind = "beam"', f"thread = {toml(t.name)}  # ? {guess.why}"]
-            force = float(f"{_STRESS * t.stress_area:.2g}")
+        force = force_of(guess and guess.thread)
         lines += [
             *kind, f"lower = {toml(lower)}", f"upper = {toml(upper)}",
             f'force = "{force / 1e3:g} kN"  # ? or torque with thread and nut_factor', "",

@@ -8,9 +8,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fenics_joints.preload.threads import Thread
+
 __all__ = [
     "MATERIALS", "Ask", "JointSketch", "Material", "PartSketch", "Sketch", "TestSketch",
-    "ask_materials", "material_of", "millimetres", "text_of", "toml",
+    "ask_materials", "force_of", "material_of", "millimetres", "text_of", "toml",
 ]  # fmt: skip
 
 
@@ -48,14 +50,18 @@ class PartSketch:
 
 @dataclass(frozen=True)
 class JointSketch:
-    """A section of ``[joints]``: a layer of the mesh, its thickness in m, and words on it."""
+    """A section of ``[joints]``, and words on it.
+
+    A layer that the mesh has is of a transition material, of its thickness, m. One that is to be
+    grown has none, but springs by roughness and pressure: that of its bolts, or a given one, Pa.
+    """
 
     name: str
     cells: tuple[str, ...]
-    normal: tuple[float, ...]
-    thickness: float
     words: str
-    bolted: bool = False
+    normal: tuple[float, ...] = ()
+    thickness: float | None = None
+    pressure: float | None = None
 
 
 @dataclass(frozen=True)
@@ -102,6 +108,16 @@ class Sketch:
     faces: tuple[str, ...] = ()
     found: tuple[str, ...] = ()
     questions: tuple[str, ...] = ()
+
+
+#: Stress in a bolt of which only the thread is known: 60 % of the proof stress of property class
+#: 8.8 (ISO 898-1: 580 MPa); force of one of which not even that is known, N.
+STRESS, FORCE = 0.6 * 580e6, 10e3
+
+
+def force_of(thread: Thread | None) -> float:
+    """A likely force of a bolt, N."""
+    return FORCE if thread is None else float(f"{STRESS * thread.stress_area:.2g}")
 
 
 #: Asks: a question, an answer that is taken for granted, and what refuses a wrong one.
@@ -183,10 +199,18 @@ def _part(part: PartSketch) -> list[str]:
 
 
 def _joint(joint: JointSketch) -> list[str]:
+    head = [f"[joints.{joint.name}]  # {joint.words}", f"cells = {toml(joint.cells)}"]
+    if joint.thickness is None:
+        pressure = [] if joint.pressure is None else [
+            f'pressure = "{1e-6 * joint.pressure:.3g} MPa"  # ? between the faces, mean'
+        ]  # fmt: skip
+        return [
+            *head, 'law = "springs"  # where to start from: rough faces under this pressure',
+            'roughness = "1.6 um"  # ? Ra of the faces, milled', *pressure, "",
+        ]  # fmt: skip
     normal = [float(f"{c:.9f}") + 0.0 for c in joint.normal]
     return [
-        f"[joints.{joint.name}]  # {joint.words}",
-        f"cells = {toml(joint.cells)}", 'law = "transition"',
+        *head, 'law = "transition"',
         'E = "6111 MPa"  # ? identified for M12 at 120 N·m in plates of 25 mm, Ra 1.6 µm',
         "nu = 0.253",
         f"h = {toml(millimetres(joint.thickness))}", f"normal = {toml(normal)}", "",
@@ -213,7 +237,10 @@ def _work(sketch: Sketch, test: TestSketch) -> list[str]:
     """What update and diagnose are to do."""
     if not test.n_modes:
         return []
-    names = [f"{joint.name}.E" for joint in sketch.joints][:3]
+    keys = ["E" if joint.thickness else "k_n" for joint in sketch.joints]
+    names = [f"{j.name}.{key}" for j, key in zip(sketch.joints, keys, strict=True)][:3]
+    if keys == ["k_n"]:
+        names.append(f"{sketch.joints[0].name}.k_t")
     lines = []
     if names:
         at = [] if test.at is None else [f"at = {toml(test.at)}"]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 
@@ -15,11 +16,11 @@ from fenics_joints.commands.new.sketch import (
     PartSketch,
     Sketch,
     ask_materials,
+    force_of,
     material_of,
     millimetres,
     toml,
 )
-from fenics_joints.formatting import quantity
 from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole, survey_step
 from fenics_joints.preload.clearance import ThreadGuess, guess_thread
 from fenics_joints.preload.threads import thread
@@ -30,8 +31,8 @@ __all__ = ["step_sketches"]
 _VERTICES = 300
 #: Half angle of the cone in which a bolt presses plates (Rötscher; VDI 2230: at most 30).
 _CONE = math.tan(math.radians(30.0))
-#: Thickness of a layer in the mesh, m: that of seed 000, Table 11.
-_LAYER = 0.72e-3
+#: Gaps between faces that a layer closes by itself, m; and pressure where no bolt is, Pa.
+_GAP, _PRESSURE = 0.7e-3, 1e6
 #: Edges of a circle: a ring's area is short by 10 %, twelve: by 5 %.
 _CIRCLE = 8
 
@@ -114,24 +115,27 @@ def _with_rings(
     guesses = _threads(bolts, ask)
     radii = [_radius(bolt, guess) for bolt, guess in zip(bolts, guesses, strict=True)]
     bonded = _bonded(survey, {survey.touching[bolt.touch].solids for bolt in bolts})
-    layer = _layer(survey)
     names = {guess.thread.name for guess in guesses if guess}
+    one = guesses[0] if len(names) == 1 and all(guesses) else None
     each = [millimetres(math.floor(1e4 * radius) / 1e4) for radius in radii]
     lines = [
         "", "[mesh.bolts]  # a ring of the joint's layer around each bolt",
-        *([f"thread = {toml(*names)}  # ? {guesses[0].why}{_or(guesses[0])}"]
-          if len(names) == 1 and all(guesses) else []),
+        *([f"thread = {toml(*names)}  # ? {one.why}{_or(one)}",
+           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? of each bolt, class 8.8']
+          if one else []),
         "# Outer radii of the rings, where the pressure ends: a cone of 30 degrees from the head,",
-        "# as far as there is room on the faces. Or in place of r_wai, from the database:",
-        '# torque = "..." and thickness = "...", with the thread.',
+        "# as far as there is room on the faces.",
         f"r_wai = {toml(each[0] if len(set(each)) == 1 else each)}", "at = [",
         *(_bolt_line(i, survey, bolt, guess)
           for i, (bolt, guess) in enumerate(zip(bolts, guesses, strict=True), start=1)),
         "]",
     ]  # fmt: skip
-    joints = _ring_joints(survey, bolts, layer)
-    mesh = [*base.mesh]
-    head = [f"layer = {toml(millimetres(layer))}  # thickness of the joints' layer in the mesh"]
+    pressures = None if one else [
+        force_of(guess and guess.thread) / (math.pi * (r**2 - (max(bolt.diameters) / 2) ** 2))
+        for bolt, guess, r in zip(bolts, guesses, radii, strict=True)
+    ]  # fmt: skip
+    joints = _ring_joints(survey, bolts, pressures)
+    mesh, head = [*base.mesh], _layer(survey)
     widths = [r - max(b.diameters) / 2 for r, b in zip(radii, bolts, strict=True)]
     head.append(f"ring_size = {toml(millimetres(min(widths), 2))}  # of the cells in the rings")
     if bonded:
@@ -140,8 +144,8 @@ def _with_rings(
     mesh[4:4] = head
     skipped = len(survey.holes) - len(bolts)
     questions = [
-        "The threads of the bolts, by the holes (ISO 273).",
-        "The joints' stiffness: it is what a test is to find.",
+        "The threads of the bolts, by the holes (ISO 273), and their force.",
+        "The joints' stiffness, by roughness and pressure: it is what a test is to find.",
         *(["Parts that touch without bolts are taken as welded."] if bonded else []),
         *([f"Holes through two parts without room for a ring, taken as no bolts: {skipped}."]
           if skipped else []),
@@ -193,10 +197,12 @@ def _bolt_line(number: int, survey: StepSurvey, bolt: ThroughHole, guess) -> str
     return f"  {at},  # {number}: {a} and {b}, {holes} mm, {name}"
 
 
-def _layer(survey: StepSurvey) -> float:
-    """Thickness of the layer: also what closes a gap in the drawing."""
+def _layer(survey: StepSurvey) -> list[str]:
+    """A line for the layer's thickness where the drawing has a gap that needs one."""
     gap = max((touch.gap for touch in survey.touching), default=0.0)
-    return max(_LAYER, round(1.1e5 * gap) / 1e5)
+    if gap <= _GAP:
+        return []
+    return [f"layer = {toml(millimetres(1.05 * gap, 3))}  # of the joints; closes a gap"]
 
 
 def _bonded(survey: StepSurvey, bolted: set[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -214,7 +220,9 @@ def _bonded(survey: StepSurvey, bolted: set[tuple[int, int]]) -> list[tuple[int,
     return [t.solids for t in largest if t.gap < 1e-6 and join(*t.solids)]
 
 
-def _ring_joints(survey, bolts: Sequence[ThroughHole], layer: float) -> list[JointSketch]:
+def _ring_joints(
+    survey, bolts: Sequence[ThroughHole], pressures: Sequence[float] | None
+) -> list[JointSketch]:
     """A section for all bolts between two parts that look the same way."""
     groups: dict[tuple, list[int]] = {}
     for number, bolt in enumerate(bolts, start=1):
@@ -225,10 +233,10 @@ def _ring_joints(survey, bolts: Sequence[ThroughHole], layer: float) -> list[Joi
     for (solids, _), numbers in groups.items():
         a, b = (survey.solids[i].name for i in solids)
         name = _free("joint" if len(groups) == 1 else f"joint_{a}_{b}", used, survey)
-        normal = survey.touching[bolts[numbers[0] - 1].touch].normal
         words = f"{len(numbers)} bolt{'s' if len(numbers) > 1 else ''} between {a} and {b}"
         cells = tuple(f"ring_{n}" for n in numbers)
-        found.append(JointSketch(name, cells, tuple(normal), layer, words, bolted=True))
+        mean = None if pressures is None else fmean(pressures[n - 1] for n in numbers)
+        found.append(JointSketch(name, cells, words, pressure=mean))
     return found
 
 
@@ -246,19 +254,16 @@ def _free(name: str, used: set[str], survey: StepSurvey) -> str:
 
 
 def _with_layers(survey: StepSurvey, base: Sketch) -> Sketch:
-    layer, several = _layer(survey), len(survey.touching) > 1
+    several = len(survey.touching) > 1
     joints, used = [], set()
     for number, touch in enumerate(survey.touching, start=1):
         a, b = (survey.solids[i].name for i in touch.solids)
         cells = f"joint_{number}" if several else "joint"
         name = _free(f"joint_{a}_{b}" if several else "joint", used, survey)
-        words = f"{a} and {b}, {quantity(1e4 * touch.area)} cm2"
-        joints.append(JointSketch(name, (cells,), tuple(touch.normal), layer, words))
+        words = f"{a} and {b}, {1e4 * touch.area:.3g} cm2"
+        joints.append(JointSketch(name, (cells,), words, pressure=_PRESSURE))
     mesh = [*base.mesh]
-    mesh[4:4] = [
-        'joint = "layer"  # on all that touches',
-        f"layer = {toml(millimetres(layer))}  # its thickness in the mesh",
-    ]
+    mesh[4:4] = ['joint = "layer"  # on all that touches', *_layer(survey)]
     asked = "No bolts were found: a layer joins all that touches; is it clamped, glued, welded?"
     return replace(
         base, mesh=tuple(mesh), joints=tuple(joints), questions=(*base.questions, asked)
