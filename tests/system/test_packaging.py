@@ -23,15 +23,17 @@ pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processe
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FILES = (
-    "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "README.md", "pyproject.toml", "setup.py",
-    "with-fenicsx",
+    "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "README.md",
+    "pyproject.toml", "setup.py", "with-fenicsx",
 )  # fmt: skip
 #: Folders of the package, and where an installation has them.
 PACKAGES = {
     "fenics_joints": "fenics_joints", "forms": "fenics_joints/forms",
     "meshes": "fenics_joints/meshes",
 }  # fmt: skip
-FOLDERS = (*PACKAGES, ".ci", "benchmarks", "demos", "docs", "tests")
+FOLDERS = (
+    *PACKAGES, ".ci", ".github", "benchmarks", "conda.recipe", "demos", "docs", "tests",
+)  # fmt: skip
 
 IMPORT_ALL = """
 import importlib, json, pkgutil
