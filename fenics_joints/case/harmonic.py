@@ -51,6 +51,8 @@ class Hysteretic(Section):
     ``stress`` is what yields: the shear of the interface (the seed's c55 and c66), or the
     ``equivalent`` stress of tension and shear together, of a layer. ``thickness`` is that of the
     layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
+    ``amplitudes``, least and largest, of that strain, or of a contact's slip in m, are those that
+    the ``sliders`` are placed for; 0.1 and 2 times the strain at the knee without them.
     """
 
     #: The law's curve, its arguments with their units, and which is its modulus at rest.
@@ -61,6 +63,7 @@ class Hysteretic(Section):
     stress: Literal["shear", "equivalent"] = "shear"
     sliders: Annotated[int, Field(ge=1, le=200, strict=True)] = 24
     thickness: Size | None = None
+    amplitudes: ascending(quantity("", 0, above=True)) | None = None
 
     def make(self, E: float | None, G: float | None, meshed: float) -> JointLaw:
         """The law.
@@ -73,9 +76,11 @@ class Hysteretic(Section):
         ratio = 1.0 if self.thickness is None else self.thickness / meshed
         if self.stress == "shear":
             backbone = self.backbone(None if G is None else G * ratio)
-            return Iwan(backbone, self.sliders, thickness=ratio)
+            return Iwan(backbone, self.sliders, thickness=ratio, amplitudes=self.amplitudes)
         backbone = self.backbone(E * ratio)
-        return IwanLayer(backbone, G * ratio, self.sliders, thickness=ratio)
+        return IwanLayer(
+            backbone, G * ratio, self.sliders, thickness=ratio, amplitudes=self.amplitudes
+        )
 
     def backbone(self, modulus: float | None) -> Backbone:
         """The curve; ``modulus``, Pa, is that of the joint, for one that gives none here."""

@@ -19,14 +19,16 @@ from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
 from fenics_joints.harmonic.predict import CurvePrediction, predict
 from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
 from fenics_joints.harmonic.sensitivity import ResponseGradient
+from fenics_joints.harmonic.sliders import SliderRange, fitted_sliders, slider_ranges
 from fenics_joints.harmonic.stability import floquet_exponents, stable
 
 __all__ = [
     "Backbone", "Balance", "Branch", "CurvePrediction", "Fourier", "HarmonicResult",
     "IdentificationResult",
-    "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem",
-    "ResponseGradient", "Settings", "default_samples", "floquet_exponents", "follow", "identify",
+    "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem", "SliderRange",
+    "ResponseGradient", "Settings", "default_samples", "fitted_sliders",
+    "floquet_exponents", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
     "solve_backbone", "solve_constant_response", "solve_harmonic",
-    "stable",
+    "slider_ranges", "stable",
 ]  # fmt: skip

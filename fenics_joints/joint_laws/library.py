@@ -116,6 +116,18 @@ class Iwan(JointLaw):
         other._make(self.backbone.change(**values))
         return other
 
+    def with_amplitudes(self, amplitudes: tuple[float, float]) -> Iwan:
+        """The same law with its sliders for other amplitudes, least and largest, of strain.
+
+        Raises:
+            InputError: As the constructor.
+        """
+        other = object.__new__(type(self))
+        edges = slider_edges(self.backbone, self.n_sliders, amplitudes)
+        other.__dict__.update(self.__dict__, edges=edges / self.backbone.reference)
+        other._make(self.backbone)
+        return other
+
     def state_size(self, n_slip: int) -> int:
         return n_slip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,13 @@ from fenics_joints.case import Case
 from fenics_joints.case.harmonic import identifiable
 from fenics_joints.commands.harmonic.model import SENSOR, HarmonicModel
 from fenics_joints.formatting import percent, quantity
-from fenics_joints.harmonic import Backbone, CurvePrediction, HarmonicResult, IdentificationResult
+from fenics_joints.harmonic import (
+    Backbone,
+    CurvePrediction,
+    HarmonicResult,
+    IdentificationResult,
+    slider_ranges,
+)
 from fenics_joints.measurements.curves import UNITS, MeasuredCurves
 
 __all__ = ["HarmonicReport", "LevelFacts"]
@@ -131,12 +138,22 @@ class HarmonicReport:
         top = quantity(float(np.max(self.backbone.amplitude(SENSOR))), "m")
         return f"the backbone {_ENDS[self.backbone.end]}; its highest amplitude is {top}"
 
+    @cached_property
+    def slider_notes(self) -> list[str]:
+        """Joints whose sliders are for other amplitudes than the levels' peaks met."""
+        return [
+            f"at {quantity(f.level, 'N')}, {found.note}"
+            for f, response in zip(self.facts, self.responses, strict=True)
+            for found in slider_ranges(response)
+            if found.note
+        ]
+
     def to_json(self) -> dict[str, object]:
         """What ``--json`` writes.
 
         Keys: ``version``, ``title``, ``dofs``, ``basis``, ``interface_points``,
         ``frequencies_at_rest_hz``, ``response``, ``levels`` (each with the facts of `LevelFacts`
-        and its ``branch``), ``backbone``, ``identified`` and ``predictions``.
+        and its ``branch``), ``backbone``, ``identified``, ``predictions`` and ``notes``.
         """
         model = self.built.model
         return {
@@ -154,4 +171,5 @@ class HarmonicReport:
             "backbone": None if self.backbone is None else self.backbone.to_dict(),
             "identified": [found.to_dict() for found in self.identified],
             "predictions": [made.to_dict() for made in self.predictions],
+            "notes": self.slider_notes,
         }

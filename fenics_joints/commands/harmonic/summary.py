@@ -43,6 +43,8 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
         say(console, "some responses turn back in frequency: a swept test would jump there")
     if r.backbone_note is not None:
         say(console, r.backbone_note)
+    for note in r.slider_notes:
+        say(console, note)
 
 
 def _identified(console: Console, r: HarmonicReport) -> None:
