@@ -20,7 +20,7 @@ from fenics_joints.meshes.rings import ring_centres
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
-__all__ = ["read_msh"]
+__all__ = ["read_lists", "read_msh"]
 
 # gmsh's type of element -> our name, and its vertices in DOLFINx's order.
 _CELLS = {
@@ -80,7 +80,7 @@ def read_msh(
     require(is_positive(scale), "scale", scale, "a length above 0 m")
 
     def build() -> MeshLists:
-        lists = _read(path, gdim, scale)
+        lists = read_lists(path, gdim, scale)
         _check_required(path, "part", required_cells, lists.cell_names)
         _check_required(path, "face", required_facets, lists.facet_names)
         if grown is None:
@@ -97,7 +97,8 @@ def read_msh(
     return tagged if bolts is None else replace(tagged, points={"bolts": bolts})
 
 
-def _read(path: Path, gdim: int, scale: float) -> MeshLists:
+def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
+    """The whole mesh of a file, on one rank; raises as `read_msh`."""
     _check_header(path)
     with _opened(path) as model:
         cell_groups = _groups(path, model, gdim)

@@ -98,8 +98,8 @@ def test_steps_that_are_turned_or_centred(tmp_path, draw, bolts, normal):
     assert np.allclose(np.abs(ways), np.abs(normal), atol=2e-3)
 
 
-def write_msh(path, unit=1e3, layer=True):
-    """Two plates, lapped, with a layer or without, in some unit (by a metre)."""
+def write_msh(path, unit=1e3, layer=True, holes=()):
+    """Two plates, lapped, with a layer or holes of 6.6 mm, in some unit (by a metre)."""
     import gmsh
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -111,11 +111,15 @@ def write_msh(path, unit=1e3, layer=True):
     parts = {"lower plate": low, "upper-alu": up}
     if layer:
         parts["joint"] = occ.addBox(0.04 * u, 0, 0.01 * u, 0.06 * u, 0.06 * u, t * u)
+    for x, y in holes:
+        for tag in (low, up):
+            hole = occ.addCylinder(x * u, y * u, -u, 0, 0, 2 * u, 0.0033 * u)
+            occ.cut([(3, tag)], [(3, hole)])
     occ.fragment([(3, tag) for tag in parts.values()], [])
     occ.synchronize()
     for name, tag in parts.items():
         gmsh.model.addPhysicalGroup(3, [tag], name=name)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.03 * u)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", (0.005 if holes else 0.03) * u)
     gmsh.model.mesh.generate(3)
     gmsh.write(str(path))
     gmsh.finalize()
@@ -132,6 +136,20 @@ def test_msh(tmp_path, unit, scale):
     assert case.joints["joint"].h == pytest.approx(1e-3)
     assert found.checked.mass == pytest.approx(0.1 * 0.06 * 0.01 * (7850 + 2700))
     assert frequencies(case, 7)[6] > 100
+
+
+def test_msh_without_joints(tmp_path):
+    """Plates that touch get a layer where they do; with holes, rings round the bolts in them."""
+    bare = write_msh(tmp_path / "bare.msh", layer=False)
+    found, case = written(tmp_path / "layer", Source(msh=bare))
+    assert found.checked.errors == () and case.mesh.joint == "layer"
+    assert case.joints["contact"].k_n > 1e11 and frequencies(case, 7)[6] > 100
+    holed = write_msh(tmp_path / "holed.msh", layer=False, holes=[(0.055, 0.02), (0.085, 0.04)])
+    found, case = written(tmp_path / "rings", Source(msh=holed))
+    assert found.checked.errors == () and len(found.checked.bolts) == 2
+    assert case.mesh.bolts.thread == "M6" and np.allclose(
+        np.array(case.mesh.bolts.at), [(0.055, 0.02, 0.01), (0.085, 0.04, 0.01)], atol=1e-4
+    )
 
 
 def test_shapes_of_a_builder(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from fenics_joints.case.mesh import BUILDERS, OffsetBeamsMesh
 from fenics_joints.commands.check.body import body_of
+from fenics_joints.commands.new.grown import with_joints
 from fenics_joints.commands.new.sketch import (
     Ask,
     JointSketch,
@@ -31,7 +32,7 @@ from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.preload.clearance import guess_thread
 
-__all__ = ["builder_sketch", "msh_sketch"]
+__all__ = ["builder_sketch", "msh_sketches"]
 
 #: Names that layers of joints have.
 _JOINT = re.compile(r"joint|ring|layer|lap\b|zone|interface|contact|glue|fuge|naht|gasket", re.I)
@@ -48,8 +49,10 @@ _BEAMS = (
 )  # fmt: skip
 
 
-def msh_sketch(path: Path, file: str, places: np.ndarray, material: str, ask: Ask) -> Sketch:
-    """A case of a gmsh file.
+def msh_sketches(
+    path: Path, file: str, places: np.ndarray, material: str, ask: Ask
+) -> Iterator[Sketch]:
+    """Cases of a gmsh file, the likeliest first: with its own layers, or with joints grown.
 
     Args:
         path: The file.
@@ -86,7 +89,11 @@ def msh_sketch(path: Path, file: str, places: np.ndarray, material: str, ask: As
         tagged = read_msh(path, MPI.COMM_SELF, gdim=gdim, scale=scale)
     found = _sketch(tagged, lines, material, ask, None)
     questions = "The unit of the mesh, which a .msh file does not say.", *found.questions
-    return replace(found, questions=questions)
+    found = replace(found, questions=questions)
+    if found.joints or found.more or len(found.parts) < 2:
+        yield found
+    else:
+        yield from with_joints(found, path, gdim, scale)
 
 
 def _unit(size: float, places: np.ndarray) -> str:

@@ -14,7 +14,7 @@ from rich.console import Console
 from fenics_joints.commands.check.result import Checked
 from fenics_joints.commands.check.run import check_case
 from fenics_joints.commands.check.summary import show_check
-from fenics_joints.commands.new.meshed import builder_sketch, msh_sketch
+from fenics_joints.commands.new.meshed import builder_sketch, msh_sketches
 from fenics_joints.commands.new.sketch import MATERIALS, Ask, Sketch, TestSketch, text_of
 from fenics_joints.commands.new.step import step_sketches
 from fenics_joints.commands.new.tests import TestFiles, test_sketch
@@ -107,7 +107,7 @@ def _sketches(source: Source, files, test, material: str, ask: Ask) -> Iterator[
         return step_sketches(source.step, files.name(source.step), material, ask)
     if source.msh is not None:
         name = files.name(source.msh)
-        return iter([msh_sketch(source.msh, name, test.places, material, ask)])
+        return msh_sketches(source.msh, name, test.places, material, ask)
     return iter([builder_sketch(source.builder, material, ask)])
 
 
