@@ -34,6 +34,11 @@ def floquet_exponents(balance: Balance, X: np.ndarray, omega: float) -> np.ndarr
                 f"{points.name}: the law {points.law.label} has memory; expected laws without for "
                 "Hill's method."
             )
+        if points.kernel.rated:
+            raise InputError(
+                f"{points.name}: the law {points.law.label} asks for the rate of strain; expected "
+                "laws of the strain alone for Hill's method."
+            )
     one, G = np.eye(balance.fourier.size), balance.fourier.derivative
     J = balance.evaluate(X, omega)[1]
     damping = np.kron(model.C, one) + 2 * omega * np.kron(model.M, G)

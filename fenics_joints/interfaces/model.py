@@ -74,7 +74,8 @@ class InterfacePoints(LawPoints):
     def tangent(self) -> np.ndarray:
         """Stress by strain at rest, Pa, (P, d, d)."""
         P, d, _ = self.rows.shape
-        return self.kernel.step(np.zeros((P, d)), None, self.law.values(P))[2]
+        still = np.zeros((P, self.kernel.inputs))
+        return self.kernel.step(still, None, self.law.values(P))[2][..., :d]
 
 
 @dataclass(frozen=True, repr=False)
@@ -256,8 +257,10 @@ class DenseMotion(Motion):
     def _strain(self, i: int, u: PETSc.Vec) -> np.ndarray:
         return self._flat[i] @ u.array_r
 
-    def step(self, u: PETSc.Vec, states) -> list[tuple]:
+    def step(self, u: PETSc.Vec, states, v=None, shift_v: float = 0.0) -> list[tuple]:
         """See `Motion.step`."""
+        if self.rated:
+            return super().step(u, states, v, shift_v)
         # A solver asks for residual and Jacobian, and at last the step itself, at the same place.
         known = self._last
         if known is None or known[0] is not states or not np.array_equal(known[1], u.array_r):
@@ -268,16 +271,16 @@ class DenseMotion(Motion):
         """M a + C v + K u + f(u, states) - load into ``out``; loads are arrays or None."""
         m = self.model
         r = m.M @ a.array_r + m.C @ v.array_r + m.K @ u.array_r
-        for rows, (_, stress, _, _) in zip(self._loads, self.step(u, states), strict=True):
+        for rows, (_, stress, _, _) in zip(self._loads, self.step(u, states, v), strict=True):
             r += rows @ stress.ravel()
         out.array[:] = r - load.array_r
 
-    def jacobian(self, u, states, shift_v: float, shift_a: float, out: PETSc.Mat) -> None:
-        """K + d f/d u + shift_v C + shift_a M into ``out``."""
+    def jacobian(self, u, states, shift_v: float, shift_a: float, out: PETSc.Mat, v=None) -> None:
+        """K + d f/d u + shift_v C + shift_a M into ``out``, at the velocity v."""
         m = self.model
         J = m.K + shift_v * m.C + shift_a * m.M
         for rows, points, (_, _, _, tangent) in zip(
-            self._loads, m.interfaces, self.step(u, states), strict=True
+            self._loads, m.interfaces, self.step(u, states, v, shift_v), strict=True
         ):
             moved = np.matmul(tangent, points.rows).reshape(-1, m.n_dofs)
             J += rows @ moved

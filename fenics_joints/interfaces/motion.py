@@ -73,18 +73,35 @@ class Motion(ABC):
         self.interfaces, self.comm = interfaces, comm
         self._kernels = [p.kernel for p in interfaces]
         self._values = [p.law.values(len(p)) for p in interfaces]
+        self.rated = any(kernel.rated for kernel in self._kernels)
 
     def rest(self) -> list[np.ndarray]:
         """States of interfaces that never moved, of this rank's points."""
         pairs = zip(self._kernels, self._values, strict=True)
         return [np.zeros((*values.shape[:2], kernel.m)) for kernel, values in pairs]
 
-    def step(self, u: PETSc.Vec, states: Sequence[np.ndarray]) -> list[tuple]:
-        """(strain, stress, new state, tangent) of this rank's points after a step to u."""
+    def step(
+        self,
+        u: PETSc.Vec,
+        states: Sequence[np.ndarray],
+        v: PETSc.Vec | None = None,
+        shift_v: float = 0.0,
+    ) -> list[tuple]:
+        """(strain, stress, new state, tangent) of this rank's points after a step to u.
+
+        Of a law with the rate of strain at the velocity v, none without; its tangent is by u, with
+        dv = shift_v du.
+        """
         found = []
         for i, (kernel, values) in enumerate(zip(self._kernels, self._values, strict=True)):
-            strain = self._strain(i, u).reshape(-1, kernel.d)
-            found.append((strain, *kernel.step(strain, states[i], values)))
+            strain = asked = self._strain(i, u).reshape(-1, kernel.d)
+            if kernel.rated:
+                rate = np.zeros_like(strain) if v is None else self._strain(i, v)
+                asked = np.hstack([strain, rate.reshape(strain.shape)])
+            stress, new, tangent = kernel.step(asked, states[i], values)
+            if kernel.rated:
+                tangent = tangent[..., : kernel.d] + shift_v * tangent[..., kernel.d :]
+            found.append((strain, stress, new, tangent))
         return found
 
     @abstractmethod
@@ -109,11 +126,11 @@ class Motion(ABC):
 
     @abstractmethod
     def residual(self, u, v, a, load, states, out: PETSc.Vec) -> None:
-        """M a + C v + K u + f(u, states) - load into ``out``. Collective."""
+        """M a + C v + K u + f(u, v, states) - load into ``out``. Collective."""
 
     @abstractmethod
-    def jacobian(self, u, states, shift_v: float, shift_a: float, out: PETSc.Mat) -> None:
-        """K + d f/d u + shift_v C + shift_a M into ``out``. Collective."""
+    def jacobian(self, u, states, shift_v: float, shift_a: float, out: PETSc.Mat, v=None) -> None:
+        """K + d f/d u + shift_v C + shift_a M into ``out``, at the velocity v. Collective."""
 
     @abstractmethod
     def drag(self, v: PETSc.Vec) -> PETSc.Vec:

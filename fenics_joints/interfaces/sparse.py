@@ -118,15 +118,15 @@ class SparseMotion(Motion):
         if m.C is not None:
             m.C.multAdd(v, out, out)
         for p, work, (_, stress, _, _) in zip(
-            m.interfaces, self._strains, self.step(u, states), strict=True
+            m.interfaces, self._strains, self.step(u, states, v), strict=True
         ):
             work.array[:] = (p.weights[:, None] * stress).ravel()
             p.rows.multTranspose(work, self._work)
             out.axpy(1.0, self._work)
         out.axpy(-1.0, load)
 
-    def jacobian(self, u, states, shift_v: float, shift_a: float, out: PETSc.Mat) -> None:
-        """K + d f/d u + shift_v C + shift_a M into ``out``. Collective."""
+    def jacobian(self, u, states, shift_v: float, shift_a: float, out: PETSc.Mat, v=None) -> None:
+        """K + d f/d u + shift_v C + shift_a M into ``out``, at the velocity v. Collective."""
         m = self.model
         out.zeroEntries()
         out.axpy(1.0, m.K, structure=_SUBSET)
@@ -134,7 +134,7 @@ class SparseMotion(Motion):
         if m.C is not None:
             out.axpy(shift_v, m.C, structure=_SUBSET)
         for p, block, (_, _, _, tangent) in zip(
-            m.interfaces, self._blocks, self.step(u, states), strict=True
+            m.interfaces, self._blocks, self.step(u, states, v, shift_v), strict=True
         ):
             _fill(block, p.weights[:, None, None] * tangent)
             product = block.ptap(p.rows)

@@ -2,8 +2,8 @@
 
 A law is made of parallel elements, each written once, as UFL. Those here are `Iwan` (sliders that
 follow a backbone: `RichardAbbott`, seed 003's eq. 4; `Segalman`; `Bilinear`; or one of one's own),
-`IwanLayer`, `CoulombStick`, `DilatantCoulomb` (seed 003's eqs. 1-2), `BoucWen`, `Valanis` and
-`CubicSpring`.
+`IwanLayer`, `CoulombStick`, `DilatantCoulomb` (seed 003's eqs. 1-2), `BoucWen`, `Valanis`,
+`CubicSpring` and `RateDamping`.
 
 In a finite-element model, on a layer of cells or on facets, 2-D or 3-D, serial or parallel::
 
@@ -36,6 +36,7 @@ whatever UFL can say, ready-made steps of `fenics_joints.forms.hysteresis` inclu
 
     law = WornSlider(stiffness=1e9, strength=1e5, wear=1e6)
 
+A law without memory may ask for the rate of strain, as a fifth argument ``rate`` of its element.
 It may also tell its energies: ``stored(normal, slip, state, p)``, with the state after the step,
 and ``dissipated(normal, slip, old, new, p)`` of the step. A backbone of one's own is a subclass of
 `Backbone` with ``value``, ``slope`` and ``reference``. Parameters may be arrays over parallel
@@ -62,6 +63,7 @@ from fenics_joints.joint_laws.library import (
     CubicSpring,
     DilatantCoulomb,
     Iwan,
+    RateDamping,
     Valanis,
 )
 from fenics_joints.joint_laws.quasi_static import (
@@ -88,6 +90,7 @@ __all__ = [
     "LawKernel",
     "QuasiStatic",
     "QuasiStaticHistory",
+    "RateDamping",
     "RichardAbbott",
     "Segalman",
     "Valanis",

@@ -28,7 +28,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.forms.kinematics import layer_strain, stretched_gradient
-from fenics_joints.joint_laws.law import JointLaw, check_names
+from fenics_joints.joint_laws.law import JointLaw, check_names, is_rated
 from fenics_joints.joint_laws.point_values import PointValues
 
 __all__ = ["JointField", "integral", "tangents"]
@@ -71,6 +71,8 @@ class JointField:
             Pa/m (interface).
         unilateral: Whether that modulus meets compression only.
         values: Parameters of the law that vary in space, UFL scalars by name.
+        step: Length of the steps, s, a number or UFL scalar such as a constant that changes, for a
+            law with the rate of strain: that of the step.
 
     Attributes:
         law: The law.
@@ -98,6 +100,7 @@ class JointField:
         normal_modulus=None,
         unilateral: bool = False,
         values: Mapping[str, object] | None = None,
+        step=None,
     ):
         if law.n_points is not None:
             raise InputError(
@@ -106,7 +109,9 @@ class JointField:
             )
         if law.coupled and normal_modulus is not None:
             raise InputError(f"{law.label} has a normal stress of its own: expected no modulus.")
-        self.law, self.u, self.dx, self.jacobian = law, u, dx, jacobian
+        if is_rated(law) and step is None:
+            raise InputError(f"{law.label} asks for the rate of strain: expected a step, s.")
+        self.law, self.u, self.dx, self.jacobian, self._step = law, u, dx, jacobian, step
         self._side, self._comm = side, u.function_space.mesh.comm
         self._modulus, self._unilateral = normal_modulus, unilateral
         self.opening, slip = strains(u)
@@ -149,7 +154,8 @@ class JointField:
             dx: Cell measure over the layer, one subdomain.
             degree: Degree that the quadrature is exact for.
             stretch: Actual over meshed thickness; None is 1.
-            options: ``normal_modulus`` (c33, Pa), ``unilateral``, ``values``, see the class.
+            options: ``normal_modulus`` (c33, Pa), ``unilateral``, ``values``, ``step``, see the
+                class.
         """
         mesh = u.function_space.mesh
         normal = _normal(normal, mesh)
@@ -183,7 +189,8 @@ class JointField:
                 ``GhostMode.shared_facet``.
             degree: Degree of the points on a facet: 1 its vertices, 2 middles too, and so on;
                 1 in tetrahedra.
-            options: ``normal_modulus`` (k_n, Pa/m), ``unilateral``, ``values``, see the class.
+            options: ``normal_modulus`` (k_n, Pa/m), ``unilateral``, ``values``, ``step``, see the
+                class.
 
         Raises:
             InputError: For a degree that the cells do not have.
@@ -252,7 +259,7 @@ class JointField:
         stress, traction, new = ufl.as_ufl(0.0), [ufl.as_ufl(0.0)] * n, []
         stored, heat = [], []
         for old, p in zip(self._slices(self.state), self._parameters, strict=True):
-            sigma, tau, made = law.element(self.opening, self.slip, old, p)
+            sigma, tau, made = law.element(self.opening, self.slip, old, p, **self._rate())
             stress += sigma
             traction = [traction[i] + tau[i] for i in range(n)]
             new += [made[i] for i in range(self._m)]
@@ -268,6 +275,14 @@ class JointField:
             "stored": None if told is None else sum(told, pressed),
             "heat": None if None in heat else sum(heat, ufl.as_ufl(0.0)),
         }
+
+    def _rate(self) -> dict:
+        """Rate of strain of the step, for a law that asks for it."""
+        if not is_rated(self.law):
+            return {}
+        last, step = self._on(self._last), self._on(ufl.as_ufl(self._step))
+        now = [self.opening, *(self.slip[i] for i in range(self.slip.ufl_shape[0]))]
+        return {"rate": ufl.as_vector([(e - last[i]) / step for i, e in enumerate(now)])}
 
     def _pressed(self):
         """Stress and energy of the normal modulus."""
@@ -300,10 +315,11 @@ class JointField:
         }
         heat = self._energies["work" if self._energies["heat"] is None else "heat"]
         self._points = {
-            "state": self._at(self._new, self.state.function_space),
             "last": self._at(ufl.as_vector(self._present()), self._last.function_space),
             "heat": self._at(ufl.as_vector([heat]), self._heat.function_space),
         }
+        if self._m:
+            self._points["state"] = self._at(self._new, self.state.function_space)
         self._before = self.stored() or 0.0
 
     def _sum(self, key: str) -> float | None:

@@ -21,7 +21,9 @@ from fenics_joints.forms.hysteresis import (
 from fenics_joints.joint_laws.iwan import Backbone, check_backbone, iwan_sliders, slider_edges
 from fenics_joints.joint_laws.law import JointLaw
 
-__all__ = ["BoucWen", "CoulombStick", "CubicSpring", "DilatantCoulomb", "Iwan", "Valanis"]
+__all__ = [
+    "BoucWen", "CoulombStick", "CubicSpring", "DilatantCoulomb", "Iwan", "RateDamping", "Valanis",
+]  # fmt: skip
 
 
 def _positive(law: JointLaw, *keys: str) -> None:
@@ -349,3 +351,39 @@ class CubicSpring(JointLaw):
         """Energy per area in the spring."""
         square = ufl.dot(slip, slip)
         return 0.5 * p["k1"] * square + 0.25 * p["k3"] * square**2
+
+
+class RateDamping(JointLaw):
+    """Damping by the rate of slip, without memory: c1 v + c3 |v|^2 v + s tanh(v / v0) v / |v|.
+
+    Args:
+        c1: Viscous damping.
+        c3: Cubic damping.
+        strength: Friction, smoothed; 0 for none.
+        smoothing: Rate v0 of slip below which friction falls off.
+    """
+
+    name = "rate_damping"
+
+    def __init__(
+        self,
+        c1: ArrayLike = 0.0,
+        c3: ArrayLike = 0.0,
+        strength: ArrayLike = 0.0,
+        smoothing: ArrayLike = 1.0,
+    ):
+        super().__init__(c1=c1, c3=c3, strength=strength, smoothing=smoothing)
+
+    def check(self) -> None:
+        _not_negative(self, "c1", "c3", "strength")
+        _positive(self, "smoothing")
+
+    def element(self, normal, slip, state, p, rate):
+        n = slip.ufl_shape[0]
+        v = [rate[1 + i] for i in range(n)]
+        square = sum(w**2 for w in v)
+        small = (1e-4 * p["smoothing"]) ** 2
+        speed = ufl.sqrt(square + small)
+        friction = p["strength"] * ufl.tanh(speed / p["smoothing"]) / speed
+        factor = p["c1"] + p["c3"] * square + friction
+        return ufl.as_ufl(0.0), ufl.as_vector([factor * w for w in v]), None

@@ -192,7 +192,7 @@ class _Integration:
         self.motion.residual(u, v, a, self._loaded(t), self.states, out)
 
     def _i2jacobian(self, ts, t, u, v, a, shift_v, shift_a, J, P) -> None:
-        self.motion.jacobian(u, self.states, shift_v, shift_a, P)
+        self.motion.jacobian(u, self.states, shift_v, shift_a, P, v)
 
     def solve(self, record, initial, start, step, n_steps, progress) -> TransientResult:
         ts, (u, v, states) = self.solver, (initial or (None, None, None))
@@ -200,12 +200,13 @@ class _Integration:
         if states is not None:
             self.states = states
         acceleration = self._acceleration(u, v, start, step)
-        record.add(start, u, v, acceleration, self._loaded(start), self.motion.step(u, self.states))
+        points = self.motion.step(u, self.states, v)
+        record.add(start, u, v, acceleration, self._loaded(start), points)
         before, gamma = (v.copy(), acceleration), self._gamma
 
         def after(ts):
             t, (x, w) = ts.getTime(), ts.getSolution2()
-            points = self.motion.step(x, self.states)
+            points = self.motion.step(x, self.states, w)
             self.states = [new for _, _, new, _ in points]
             # Newmark's relation of the velocities gives the acceleration that TS keeps to itself.
             a = w.copy()

@@ -19,6 +19,7 @@ from fenics_joints.joint_laws import (
     IwanLayer,
     JointField,
     JointLaw,
+    RateDamping,
     RichardAbbott,
     Valanis,
     solve_quasi_static,
@@ -344,3 +345,20 @@ def test_bad_input_is_named():
             JointField.layer(law, blocks.u, [0, 1], dx, **options)
     with pytest.raises(InputError, match="normal"):
         JointField.layer(Iwan(CURVE, 1), blocks.u, [0, 0, 1], dx)
+
+
+def test_a_law_with_the_rate_takes_that_of_the_step():
+    """Simple shear of a square in one step of 0.5 s: cubic damping, and work by the trapezoid."""
+    msh = mesh.create_unit_square(MPI.COMM_WORLD, 2, 2)
+    u = fem.Function(fem.functionspace(msh, ("Lagrange", 1, (2,))))
+    law, dx = RateDamping(c1=1.0, c3=2.0), ufl.Measure("dx", msh)
+    with pytest.raises(InputError, match="expected a step"):
+        JointField.layer(law, u, [0, 1], dx)
+    joint = JointField.layer(law, u, [0, 1], dx, step=0.5)
+    u.interpolate(lambda x: np.array([0.1 * x[1], 0.0 * x[0]]))
+    rate, traction = 0.2, 0.2 + 2 * 0.2**3
+    virtual = fem.assemble_scalar(fem.form(ufl.action(joint.residual, u)))
+    virtual = msh.comm.allreduce(virtual)
+    assert virtual == pytest.approx(traction * rate * 0.5, rel=1e-4)
+    joint.update()
+    assert joint.work == pytest.approx(0.5 * traction * 0.1, rel=1e-4)
