@@ -29,6 +29,8 @@ _ROUNDS, _SETTLED = 10, 0.05
 #: Change of the logarithm of the density in a step at which a round ends, and the coarsest relative
 #: accuracy of its sum of squares.
 _LITTLE, _COARSEST = 0.01, 1e-3
+#: Largest share of the modes that is left out; where more change partners nothing has settled.
+_LEFT_OUT = 0.2
 #: Difference of that logarithm between ends that are as good.
 _SAME = 0.5
 #: Decrease of the sum of squares, as a share of one datum's part, that is worth a step.
@@ -101,6 +103,8 @@ def _chain(problem: Problem, x: np.ndarray, max_evaluations: int) -> list[End]:
             break
         if number > 0:
             without = tuple(sorted({*before.without, *other}))
+            if len(without) > max(1, int(_LEFT_OUT * len(found.frequencies_hz))):
+                break
             residuals.widths = replace(own, without=without)
     return ends
 
