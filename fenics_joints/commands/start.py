@@ -99,8 +99,13 @@ def _silent(question: str, answer: str, check) -> str:
 
 def _prompt(question: str, answer: str, check) -> str:
     """What the user says on the terminal, once it can be used."""
+    from fenics_joints.errors import InputError
+
     while True:
-        said = str(typer.prompt(question, default=answer)).strip()
+        try:
+            said = str(typer.prompt(question, default=answer)).strip()
+        except typer.Abort:
+            raise InputError("no answer, so no case; --yes takes what is guessed") from None
         try:
             check(said)
         except ValueError as error:  # an InputError is one

@@ -101,6 +101,17 @@ def test_bolts_at_one_place(tmp_path):
     assert found.mass == pytest.approx(7850 * (solid - holes), rel=0.01)
 
 
+def test_sensors_of_another_unit(tmp_path, write_case):
+    """Numbers of inches read as mm lie within the structure, but see a corner of it."""
+    places = '"0.4 mm", "2.4 mm", "4.3 mm", "8.3 mm", "12.2 mm"'
+    write_case(
+        tmp_path, ('"10 mm", "60 mm", "110 mm", "210 mm", "310 mm"', places),
+        ('z = ["8 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm"]', 'z = "8 mm"'),
+    )  # fmt: skip
+    found = checked(tmp_path)
+    assert found.errors == () and "span 11.8 mm of a structure of 320 mm" in found.notes[0]
+
+
 @pytest.mark.parametrize("text, words", [
     ("", "mesh is missing"), ("[mesh", "cannot be read as TOML"), ("x = 1\n", "x = 1: unknown key"),
 ])  # fmt: skip

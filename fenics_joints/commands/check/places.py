@@ -16,10 +16,12 @@ from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.structure.nearest import far_points, nearest, too_close_together
 
-__all__ = ["Place", "bolts_of", "far_places", "places_of", "same_bolts", "twice"]
+__all__ = ["Place", "bolts_of", "close_together", "far_places", "places_of", "same_bolts", "twice"]
 
 #: Nearer than this, m, a point is on the mesh but for round-off.
 _ON = 1e-8
+#: Sensors that span a smaller share of the structure are unlikely.
+_SPAN = 0.1
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,20 @@ def twice(places: Sequence[Place]) -> list[str]:
         f"{' and '.join(names)} are at one place, {list(key[:3])} m, and look the same way"
         for key, names in seen.items()
         if len(names) > 1
+    ]
+
+
+def close_together(places: Sequence[Place], size: float) -> list[str]:
+    """A sentence where the sensors see a small part of a structure of this size, m, alone."""
+    points = {place.point for place in places if place.kind == "sensor"}
+    if len(points) < 3:
+        return []
+    span = float(np.ptp(np.array(list(points)), axis=0).max())
+    if span >= _SPAN * size:
+        return []
+    return [
+        f"the {len(points)} places of sensors span {1e3 * span:.3g} mm of a structure of "
+        f"{1e3 * size:.3g} mm: is the unit of their coordinates right?"
     ]
 
 

@@ -25,6 +25,7 @@ from fenics_joints.commands.check.costs import costs_of, known, too_much
 from fenics_joints.commands.check.page import check_page
 from fenics_joints.commands.check.places import (
     bolts_of,
+    close_together,
     far_places,
     places_of,
     same_bolts,
@@ -148,7 +149,8 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
         found, places=tuple(places), bolts=tuple(bolts), weights=weights, body=body,
         size_m=high - low,
     )  # fmt: skip
-    found = _more(found, [*far, *same_bolts(case, bolts)], doubtful(case, weights))
+    small = close_together(places, float(np.max(high - low)))
+    found = _more(found, [*far, *same_bolts(case, bolts)], [*doubtful(case, weights), *small])
     moved = found.moved()
     if moved and not far:
         most = max(moved, key=lambda p: p.off)
