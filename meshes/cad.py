@@ -22,7 +22,7 @@ from fenics_joints.meshes.arguments import (
 )
 from fenics_joints.meshes.cad_bolts import BoltPlace, check_rings, given_bolts, hole_bolts
 from fenics_joints.meshes.cad_glue import Glued, Sizes, glue
-from fenics_joints.meshes.cad_layer import Opened
+from fenics_joints.meshes.cad_layer import Opened, open_thin
 from fenics_joints.meshes.cad_moves import bodies, closing, opening
 from fenics_joints.meshes.cad_shapes import (
     TOUCH,
@@ -35,7 +35,6 @@ from fenics_joints.meshes.cad_shapes import (
 )
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.gmsh_model import gmsh_model
-from fenics_joints.meshes.grow import thin_layer
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
@@ -234,30 +233,14 @@ class _Assembly:
         opened = Opened(glued, body, moves)
         if not self.stays:
             return self._named(solids, glued, opened, body, moves, shifts, bolts)
-        thin = self._spread(glued, opened, contacts, bolts)
+        filled = [i for found in self._layers(glued).values() for i in found]
+        of = [contacts[i.contact] if i.ring is None else bolts[i.ring].contact for i in filled]
+        thin = open_thin(opened, glued.solid, filled, of)
         lists = self._named(solids, glued, opened, body, moves, shifts, bolts)
         return replace(lists, notes=(
             f"no part was moved for a layer: the layers are {1e3 * thin:.3g} um thick, half of "
             "that taken from each part, or as thick as the gap in the file",
         ))  # fmt: skip
-
-    def _spread(self, glued: Glued, opened: Opened, contacts, bolts) -> float:
-        """Open the contacts that are to be filled by a thin layer; returns its thickness."""
-        filled = [i for found in self._layers(glued).values() for i in found]
-        ends = opened.x[opened.cells[:, [0, 0, 0, 1, 1, 2]]] - opened.x[
-            opened.cells[:, [1, 2, 3, 2, 3, 3]]
-        ]
-        sizes = [
-            np.ptp(opened.x[opened.cells[glued.solid == solid]], axis=(0, 1)).min()
-            for solid in {solid for i in filled for solid in i.solids}
-        ]
-        thin = thin_layer(min(sizes), float(np.linalg.norm(ends, axis=2).min()))
-        of = [contacts[i.contact] if i.ring is None else bolts[i.ring].contact for i in filled]
-        for contact in contacts:
-            here = [i for i, own in zip(filled, of, strict=True) if own is contact]
-            if here and contact.gap < thin:
-                opened.spread(here, (thin - contact.gap) * contact.normal)
-        return thin
 
     def _pairs(self, solids: Solids, key: str, pairs) -> list[tuple[int, int]]:
         found = []

@@ -10,8 +10,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.meshes.cad_glue import Glued, Interface
+from fenics_joints.meshes.cad_shapes import Contact
 
-__all__ = ["Opened", "prisms_to_tetrahedra"]
+__all__ = ["OF_EDGE", "Opened", "open_thin", "prisms_to_tetrahedra", "thin_layer"]
+
+#: Thickness of a layer that moves nothing as a share of the smallest extent of the parts, and its
+#: most as a share of the shortest edge of a cell, so that none is turned inside out.
+_THIN, OF_EDGE = 1e-4, 0.1
 
 
 class Opened:
@@ -89,6 +94,39 @@ class Opened:
         cells = cells.copy()
         cells[volume < 0] = cells[volume < 0][:, [0, 1, 3, 2]]
         return cells
+
+
+def thin_layer(smallest: float, edge: float) -> float:
+    """Thickness of a layer that moves nothing.
+
+    Args:
+        smallest: Least extent of the parts.
+        edge: Shortest edge of the mesh.
+    """
+    return min(_THIN * smallest, OF_EDGE * edge)
+
+
+def open_thin(
+    opened: Opened, solid: np.ndarray, filled: Sequence[Interface], contacts: Sequence[Contact]
+) -> float:
+    """Open interfaces by a thin layer, or as far as their contact has a gap; the thickness.
+
+    Args:
+        opened: The mesh, with the gaps of the file.
+        solid: Solid of each cell, shape (n_cells,).
+        filled: The interfaces.
+        contacts: The contact that each is on.
+    """
+    x = opened.x[opened.cells]
+    edges = np.linalg.norm(x[:, [0, 0, 0, 1, 1, 2]] - x[:, [1, 2, 3, 2, 3, 3]], axis=2)
+    touching = {number for i in filled for number in i.solids}
+    smallest = min(np.ptp(x[solid == number], axis=(0, 1)).min() for number in touching)
+    thin = thin_layer(float(smallest), float(edges.min()))
+    for contact in {id(contact): contact for contact in contacts}.values():
+        here = [i for i, own in zip(filled, contacts, strict=True) if own is contact]
+        if contact.gap < thin:
+            opened.spread(here, (thin - contact.gap) * contact.normal)
+    return thin
 
 
 def prisms_to_tetrahedra(bottom: np.ndarray, top: np.ndarray, order: np.ndarray) -> np.ndarray:

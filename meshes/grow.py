@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes.cad_layer import prisms_to_tetrahedra
+from fenics_joints.meshes.arguments import is_positive, requirement
+from fenics_joints.meshes.cad_layer import OF_EDGE, prisms_to_tetrahedra, thin_layer
 from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.skin import FACETS, add_faces, row_numbers
 from fenics_joints.meshes.tagged import MeshLists
@@ -28,11 +29,10 @@ from fenics_joints.meshes.touching import (
     touches,
 )
 
-__all__ = ["THIN", "Grown", "RingPlaces", "grow", "thin_layer"]
+__all__ = ["Grown", "RingPlaces", "grow"]
 
-#: Thickness of a layer as a share of the smallest extent of the parts, and the most it may be; and
-#: its most as a share of the shortest edge of a cell, so that none is turned inside out.
-THIN, _MOST, _OF_EDGE = 1e-4, 5e-2, 0.1
+#: Most thickness of a layer as a share of the smallest extent of the parts.
+_MOST = 5e-2
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,15 @@ class RingPlaces:
     at: np.ndarray | None = None
     hole: tuple[float, float] | None = None
 
+    def __post_init__(self):
+        require, radii = requirement("grow"), np.atleast_1d(np.asarray(self.r_wai, dtype=object))
+        fits = radii.ndim == 1 and len(radii) and all(map(is_positive, radii))
+        require(bool(fits), "r_wai", self.r_wai, "the outer radius of the rings, above 0 m")
+        n = 1 if self.at is None else len(self.at)
+        require(len(radii) in (1, n), "r_wai", self.r_wai, f"one radius, or {n}")
+        fits = self.r_nei == 0 or is_positive(self.r_nei)
+        require(fits and self.r_nei < min(radii), "r_nei", self.r_nei, "a radius below r_wai")
+
 
 @dataclass(frozen=True)
 class Grown:
@@ -59,10 +68,13 @@ class Grown:
     Attributes:
         joint: ``"layer"`` on all that touches, ``"rings"`` round bolts, or ``"contact"``: none,
             but separate parts whose faces match vertex by vertex.
-        thickness: Of the layers, m; None: `THIN` times the smallest extent of a part.
+        thickness: Of the layers, m; None: a ten-thousandth of the smallest extent of a part.
         rings: Where the rings are.
         bonded: Pairs of parts that stay one body where they touch.
         between: Pairs of parts that are joined; None: all that touch.
+
+    Raises:
+        MeshError: A value makes no sense.
     """
 
     joint: str
@@ -70,6 +82,14 @@ class Grown:
     rings: RingPlaces | None = None
     bonded: Sequence[tuple[str, str]] = ()
     between: Sequence[tuple[str, str]] | None = None
+
+    def __post_init__(self):
+        require, kinds = requirement("grow"), ("layer", "rings", "contact")
+        require(self.joint in kinds, "joint", self.joint, " or ".join(map(repr, kinds)))
+        fits = self.thickness is None or is_positive(self.thickness)
+        require(fits, "thickness", self.thickness, "a thickness above 0 m, or None")
+        fits = isinstance(self.rings, RingPlaces) or self.joint != "rings"
+        require(fits, "rings", self.rings, "RingPlaces with joint = 'rings'")
 
 
 def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
@@ -110,16 +130,6 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
     return replace(grown, notes=(*grown.notes, *_said(layers, size), *notes))
 
 
-def thin_layer(smallest: float, edge: float) -> float:
-    """Thickness of a layer that moves nothing.
-
-    Args:
-        smallest: Least extent of the parts.
-        edge: Shortest edge of the mesh.
-    """
-    return min(THIN * smallest, _OF_EDGE * edge)
-
-
 def _check_pairs(lists: MeshLists, wanted: Grown) -> None:
     for key in ("bonded", "between"):
         for pair in getattr(wanted, key) or ():
@@ -150,7 +160,7 @@ def _thickness(lists: MeshLists, wanted: Grown, found: Sequence[Touch]) -> float
     smallest, edge = float(min(extents)), shortest_edge(lists)
     if wanted.thickness is None:
         return thin_layer(smallest, edge)
-    most = min(_MOST * smallest, _OF_EDGE * edge)
+    most = min(_MOST * smallest, OF_EDGE * edge)
     if wanted.thickness > most:
         raise MeshError(
             f"layer is {1e3 * wanted.thickness:g} mm, which is grown into the parts, half into "
