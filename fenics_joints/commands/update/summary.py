@@ -115,7 +115,7 @@ def _compared(
         errors = found.error_before[j], found.error_after[j]
         cells += [percent(e, digits, sign=True) for e in errors]
         cells += [] if macs is None else [f"{macs[j]:.2f}"]
-        table.add_row(Text(name, no_wrap=True), *cells)
+        table.add_row(Text(name), *cells)
     return table
 
 
