@@ -224,7 +224,9 @@ def read_test_data(
     """Read a test from its tables; rows are put in the order of the condition.
 
     Args:
-        frequencies: Table with a column for each mode, and one for the condition.
+        frequencies: Table with a column for each mode, and one for the condition; beside it may
+            stand columns of damping ratios, ``MODE damping``, or ``damping`` of a single mode, so
+            that a backbone (level, frequency, damping) is one table.
         condition: Name of the condition's column; None if there is none, then rows are numbered.
         modes: Names of the modes' columns, in the order of the model's modes; all by default.
         damping: Table of damping ratios with the same columns; rows and cells may be missing.
@@ -237,7 +239,8 @@ def read_test_data(
     """
     table = read_table(frequencies)
     conditions, unit = _conditions(table, condition)
-    measured = [name for name in table.names if name != condition]
+    beside = _beside(table, condition)
+    measured = [name for name in table.names if name not in (condition, *beside)]
     modes = list(measured if modes is None else modes)
     _check_size(table, modes, condition)
     f = np.column_stack([_frequencies(table, name, condition) for name in modes])
@@ -250,12 +253,51 @@ def read_test_data(
     _check_values(table, modes, f > 0, "a frequency above 0 Hz")
     _check_measured(table, condition, conditions, modes, np.isfinite(f))
     ratios = None if damping is None else _damping(damping, condition, unit, conditions, modes)
+    if beside:
+        ratios = _damping_beside(table, beside, modes, damping)
     order = np.argsort(conditions)
     return TestData(
         conditions[order], f[order], tuple(modes), condition or "row", unit,
         None if ratios is None else ratios[order], resolution_hz, noise, sensors,
         notes=table.notes,
     )  # fmt: skip
+
+
+def _beside(table: Table, condition: str | None) -> list[str]:
+    """Columns of damping ratios beside those of frequencies."""
+    names = [name for name in table.names if name != condition]
+    return [
+        name for name in names
+        if name.lower().endswith("damping") and table.unit(name) in ("", "%")
+        and (name.lower() == "damping" or name[: -len("damping")].strip() in names)
+    ]  # fmt: skip
+
+
+def _damping_beside(table: Table, columns: Sequence[str], modes, damping) -> np.ndarray:
+    """Damping ratios that stand in the table of frequencies, (n, m)."""
+    if damping is not None:
+        raise InputError(
+            f"{table.path}: has damping in column {columns[0]!r}, expected it there or in "
+            f"{damping}, not in both"
+        )
+    ratios = np.full((len(table.values), len(modes)), np.nan)
+    for name in columns:
+        mode = name[: -len("damping")].strip()
+        if not mode and len(modes) > 1:
+            raise InputError(
+                f"{table.path}: column {name!r} is of one mode, expected 'MODE damping' for each "
+                f"of: {', '.join(modes[:LISTED])}"
+            )
+        if mode and mode not in modes:
+            continue
+        ratios[:, modes.index(mode) if mode else 0] = table.column(name, "")
+    _check_values(table, columns, (read := _columns(table, columns)) >= 0, "a ratio from 0")
+    _check_values(table, columns, read < 1, "a damping ratio below 1 (or a unit [%] in its head)")
+    return ratios
+
+
+def _columns(table: Table, names: Sequence[str]) -> np.ndarray:
+    return np.column_stack([table.column(name, "") for name in names])
 
 
 def _check_size(table: Table, modes: Sequence[str], condition: str | None) -> None:

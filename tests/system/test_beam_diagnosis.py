@@ -337,7 +337,8 @@ def test_two_ranks_say_the_same(tmp_path_factory):
     comm.barrier()
     case = load_case(folder)
     ours, alone = diagnose(case, comm), diagnose(case, MPI.COMM_SELF)
-    assert ours.verdict == alone.verdict == "cause"
+    # One mode of few tells it: held out, the best wrong effect does nearly as well.
+    assert ours.verdict == alone.verdict == "likely"
     for a, b in zip(ours.hypotheses, alone.hypotheses, strict=True):
         assert a.label == b.label and a.log_evidence == pytest.approx(b.log_evidence, abs=1e-6)
     shares = ours.location.patches.share

@@ -29,7 +29,10 @@ import numpy as np
 from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.errors import flag, real, text, whole
 
-__all__ = ["Effect", "Prior", "Silent", "in_series", "relative_error"]
+__all__ = ["DESCRIPTION", "Effect", "Prior", "Silent", "in_series", "relative_error"]
+
+#: Prior odds of a law that describes what is seen without a physical reason for it.
+DESCRIPTION = 0.25
 
 
 @dataclass(frozen=True)

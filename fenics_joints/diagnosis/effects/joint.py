@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.effects.effect import DESCRIPTION, Effect, Prior
 from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone, ZoneInterface
 
 __all__ = [
@@ -27,8 +27,6 @@ EXPONENT = (0.5, 0.3, "", False, (0.0, 1.5))
 _LOST, _HALFWAY = 1e-9, 1e-3
 _SCAN = 60
 _POWER = np.log2(np.log(_LOST) / np.log(_HALFWAY))
-#: Prior odds of a law that describes a distribution of stiffness without a physical reason for it.
-_DESCRIPTION = 0.25
 #: Share of the reach squared that stays in contact at any torque, or the bodies part.
 _LAST_CONTACT = 0.05
 #: Cut-off relative to the largest pressure: a tenth, within a factor of 3 either way (one standard
@@ -227,7 +225,7 @@ def graded(
     """
     law, what = PRIORS[next(iter(groups.values()))[0].interface.name], " and ".join(kinds)
     name, words = (text.format(what=what, how=how) for text in law.graded)
-    return gives_way(name, "joint", groups, kinds, reference, words, weight=_DESCRIPTION)
+    return gives_way(name, "joint", groups, kinds, reference, words, weight=DESCRIPTION)
 
 
 # -- by pressure -----------------------------------------------------------------------------------

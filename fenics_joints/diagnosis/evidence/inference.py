@@ -15,7 +15,7 @@ from scipy.integrate import trapezoid
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.evidence import DAMPING, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import log_evidence, whiten
 from fenics_joints.diagnosis.evidence.prediction import predict
@@ -26,6 +26,8 @@ __all__ = ["Fit", "fit"]
 
 #: Standard deviations of the prior beyond which a scanned parameter is not looked for.
 _FARTHEST = 4.0
+#: Step of differences, in standard deviations of the prior.
+_STEP = 1e-4
 
 
 @dataclass(frozen=True, repr=False)
@@ -168,12 +170,31 @@ class _Problem:
         self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
         self.baseline, self.lower = baseline, lower
         self._last: tuple | None = None
+        self._slips = hypothesis.damped and any(e.by_level and e.loss for e in hypothesis.effects)
 
     def predict(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self._last is None or not np.array_equal(self._last[0], z):
             found = predict(self.hypothesis, self.forward, self.evidence, z, self.baseline)
+            if self._slips:
+                found = found[0], self._with_differences(z, *found)
             self._last = (z.copy(), *found)
         return self._last[1:]
+
+    def _with_differences(self, z, predicted, jacobian) -> np.ndarray:
+        """Slopes in which those of damping by the effects' own parameters are differences.
+
+        `RowPrediction` takes a joint's share of the energy for that of one spring in series: with
+        compliances across and along, what slips may have the other sign.
+        """
+        damping = self.evidence.entries.kind == DAMPING
+        jacobian = jacobian.copy()
+        for j in range(*self.hypothesis.own.indices(len(z))):
+            step = np.where(np.arange(len(z)) == j, _STEP if z[j] < 0 else -_STEP, 0.0)
+            moved, _ = predict(
+                self.hypothesis, self.forward, self.evidence, z + step, self.baseline
+            )
+            jacobian[damping, j] = ((moved - predicted) / step[j])[damping]
+        return jacobian
 
     def residual(self, z):
         predicted, _ = self.predict(z)
