@@ -15,6 +15,7 @@ from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.identify import IdentificationResult, identify
 from fenics_joints.harmonic.kept import kept_model
+from fenics_joints.harmonic.loads import Load
 from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
 from fenics_joints.harmonic.predict import CurvePrediction, predict
 from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
@@ -25,7 +26,7 @@ from fenics_joints.harmonic.stability import floquet_exponents, stable
 __all__ = [
     "Backbone", "Balance", "Branch", "CurvePrediction", "Fourier", "HarmonicResult",
     "IdentificationResult",
-    "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem", "SliderRange",
+    "Load", "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem", "SliderRange",
     "ResponseGradient", "Settings", "default_samples", "fitted_sliders",
     "floquet_exponents", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",

@@ -16,6 +16,7 @@ from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow, locate
 from fenics_joints.harmonic.corrector import Settings, check_settings, correct
 from fenics_joints.harmonic.fourier import amplitude_gradient, moving_size
+from fenics_joints.harmonic.loads import Load, load_coefficients
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
 from fenics_joints.harmonic.unbounded import BoundWatch, unbounded
 from fenics_joints.interfaces.model import InterfaceModel
@@ -39,6 +40,7 @@ def solve_harmonic(
     sensor: str | None = None,
     measure: str = "first",
     direction: str = "up",
+    more: Sequence[Load] = (),
     settings: Settings | None = None,
     initial: HarmonicResult | None = None,
     checkpoint: str | Path | None = None,
@@ -63,6 +65,7 @@ def solve_harmonic(
         measure: Amplitude that is largest there: ``first`` harmonic, or ``peak``, half of peak to
             peak.
         direction: ``up`` or ``down`` the band.
+        more: Further loads, of any harmonic, phase and place.
         settings: Steps and tolerances of the continuation.
         initial: Responses of a near model at the same frequencies (``at``), to start from.
         checkpoint: File (npz) that the branch is written to as it grows.
@@ -89,22 +92,24 @@ def solve_harmonic(
     amplitude_gradient(np.zeros(3), measure)  # raises for an unknown one
     balance = Balance(model, **equations)
     settings = check_settings(settings)
-    load = balance.load(amplitude * row)
+    more = tuple(more)
+    load = balance.load(amplitude * row) + load_coefficients(balance, more)
+    named = {"force": force, "sensor": sensor, "measure": measure, "more": more}
     tell = telling(progress, f"response to {amplitude:g} N at {force}")
     if at is not None:
         found = _at_frequencies(balance, load, at, settings, initial, tell)
-        return responses(balance, *found, amplitude, force=force, sensor=sensor, measure=measure)
+        return responses(balance, *found, amplitude, **named)
     band = check_band(band, direction)
     problem = ForcedResponse(balance, load, 2 * np.pi * (band[1] - band[0]))
     branch = follow_band(
         problem, lambda omega: first_response(problem, omega, settings), band, direction,
-        words=("force", force, amplitude), settings=settings, checkpoint=checkpoint, resume=resume,
-        on_point=tell,
+        words=("force", force, amplitude, *more), settings=settings, checkpoint=checkpoint,
+        resume=resume, on_point=tell,
     )  # fmt: skip
     branch = with_maxima(problem, branch, model.row("sensors", sensor), measure, settings)
     return responses(
         balance, branch.z, branch.iterations, branch.jacobians, amplitude,
-        tangents=branch.tangents, force=force, sensor=sensor, measure=measure,
+        tangents=branch.tangents, **named,
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.files import write_text
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import amplitude, differentiated
+from fenics_joints.harmonic.loads import Load, load_work
 from fenics_joints.harmonic.sensitivity import ResponseGradient, response_gradient
 from fenics_joints.interfaces.model import InterfaceModel, check_interfaces
 
@@ -203,11 +204,13 @@ class HarmonicResult(Periodic):
         force_amplitudes: Amplitude of the force, N, (N,).
         tangents: Tangents of the branch, coefficients first and omega last; None if the responses
             are not points of a branch.
+        more: Further loads.
     """
 
     force: str
     force_amplitudes: np.ndarray
     tangents: np.ndarray | None = None
+    more: tuple[Load, ...] = ()
 
     def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
         """First harmonic at a sensor over the force, complex, per N, (N,)."""
@@ -231,9 +234,10 @@ class HarmonicResult(Periodic):
         return Peak(i, float(self.frequencies_hz[i]), float(a[i]))
 
     def force_work(self) -> np.ndarray:
-        """Work of the force per cycle, J, (N,): all that interfaces and viscous damping take."""
+        """Work of the loads per cycle, J, (N,): all that interfaces and viscous damping take."""
         row = self.model.row("forces", self.force)
-        return np.pi * self.force_amplitudes * (self.coefficients[:, :, 2] @ row)
+        work = np.pi * self.force_amplitudes * (self.coefficients[:, :, 2] @ row)
+        return work + load_work(self.balance, self.more, self.coefficients)
 
     def by_parameters(
         self,

@@ -15,6 +15,7 @@ import scipy.linalg
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import amplitude_gradient, differentiated
+from fenics_joints.harmonic.loads import load_coefficients
 from fenics_joints.interfaces.model import InterfaceModel
 
 __all__ = ["ResponseGradient", "response_gradient"]
@@ -95,6 +96,7 @@ def response_gradient(
     for i, index in enumerate(indices):
         X, omega = result.coefficients[index], result.omegas[index]
         load = balance.load(result.force_amplitudes[index] * row)
+        load += load_coefficients(balance, result.more)
         J = balance.evaluate(X, omega, load)[1]
         by_values = np.empty((X.size, len(values)))
         for j, (key, (up, down)) in enumerate(pairs.items()):
