@@ -188,7 +188,8 @@ class PlannedTest(Section):
 
     @model_validator(mode="after")
     def _clear(self) -> PlannedTest:
-        if self.condition is not None and not column_head(self.condition)[0]:
+        name = "condition" if self.condition is None else column_head(self.condition)[0]
+        if not name or "[" in name or "]" in name:
             raise ValueError(f"condition = {self.condition!r}: expected 'NAME [UNIT]'")
         if self.condition is None and len(self.conditions) > 1:
             raise ValueError("expected condition too, such as 'torque [N·m]'")
