@@ -131,7 +131,9 @@ def test_readme_effect(run_script, tmp_path):
     assert set(printed) == {
         "sealant film", "joint normal compliance", "none of these", "no gap",
     }  # fmt: skip
-    assert sum(numbers(text)[0] for text in printed.values()) == pytest.approx(100, abs=1)
+    # What is surer than 90 % is shown as that, what is less than 1 % as that.
+    shown = [numbers(text)[0] for text in printed.values()]
+    assert min(shown) >= 1 and max(shown) <= 90 and 80 <= sum(shown) <= 104
 
 
 def test_readme_frf(run_script, tmp_path):

@@ -97,7 +97,7 @@ class Demand:
 #: A length, a thickness that may be none, a coordinate; a number of elements; shapes of cells.
 Size = Annotated[
     float,
-    Demand(is_positive, "a length above 0 m", "m"),
+    Demand(is_positive, "a length above 0 m, from 1e-12 to 1e9 m", "m"),
     Demand(lambda v: 1e-12 <= v <= 1e9, "a length from 1e-12 to 1e9 m"),
 ]
 Gap = Annotated[

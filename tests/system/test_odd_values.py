@@ -210,7 +210,7 @@ def of_laws():
         "backbone": MODEL, "G": ABOVE_0, "n_sliders": COUNT,
     }  # fmt: skip
     yield joint_laws.iwan_sliders, {"backbone": CURVE, "n": 6}, sliders | {
-        "backbone": MODEL, "n": COUNT, "edges": ("ab", 1.0, [], [0.0], [0.0, -1.0], [1.0, 2.0]),
+        "backbone": MODEL, "n": COUNT, "edges": ("ab", 1.0, [], [0.0, -1.0], [1.0, 2.0]),
     }  # fmt: skip
     yield joint_laws.slider_edges, {"backbone": CURVE, "n": 6}, sliders | {"n": COUNT}
     arrays = tuple(v for v in ABOVE_0 if v != [])
