@@ -43,3 +43,9 @@ form.addEventListener("submit", event => {
   event.preventDefault();
   ask();
 });
+
+// What was typed or chosen before this script was there.
+const options = [...form.querySelectorAll("option")];
+if (options.some(o => o.selected !== o.defaultSelected) || [...form.elements].some(
+  e => e instanceof HTMLInputElement &&
+    (e.value !== e.defaultValue || e.checked !== e.defaultChecked))) ask();

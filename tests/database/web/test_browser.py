@@ -19,7 +19,7 @@ pytest.importorskip("choreographer", reason="drives the browser")
 import choreographer.browsers
 from mpi4py import MPI
 
-from fenics_joints.database import Surfaces, query, seed_database
+from fenics_joints.database import Surfaces, query, seed_database, web
 from fenics_joints.database.tables import in_words
 
 _NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
@@ -163,6 +163,18 @@ def test_two_browsers_do_not_write_into_each_other_and_closing_one_ends_nothing(
 
     for _ in range(2):
         _in_browser(page_url, steps, browsers=2)
+
+
+def test_what_is_typed_before_the_script_is_there_is_answered_too(page_url):
+    script = (Path(web.__file__).with_name("page.js")).read_text(encoding="utf-8")
+
+    async def steps(page: Page) -> None:
+        await page.until("force-value", "50.0 kN")
+        await page.js("document.getElementById('input-torque').value = '60'")  # nobody listens
+        await page.js(f"{{ {script} }}")
+        await page.until("force-value", "25.0 kN")
+
+    _in_browser(page_url, steps)
 
 
 def test_another_web_site_cannot_use_the_page_even_if_it_knows_the_secret(page_url):
