@@ -1,6 +1,6 @@
 """Draw the BARC's box, feet and beam with gmsh and write them as a STEP file, as CAD would.
 
-    python3 demos/barc/draw_barc.py [FILE]
+    ./with-fenicsx python3 demos/barc/draw_barc.py [FILE]
 
 Lengths in millimetres, read off the nodes of the test's public model (inches: box 6 x 6 x 3 of 1/4
 with a slot of 1/2 across its roof, channels 2 x 1 of 1/8, 1 long, beam 5 x 1 of 1/8). The screws'
@@ -10,11 +10,10 @@ most of the mesh.
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 
-import gmsh
+from fenics_joints.meshes.step_writer import write_step
 
 LABELS = ("Box", "Foot left", "Foot right", "Beam")
 IN = 25.4
@@ -33,24 +32,6 @@ def draw(occ) -> None:
     occ.addBox(-2.5 * IN, 5 * IN, IN, 5 * IN, 0.125 * IN, IN)
 
 
-def main(path: Path) -> None:
-    """Write the file."""
-    gmsh.initialize(readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("barc")
-    draw(gmsh.model.occ)
-    gmsh.model.occ.synchronize()
-    gmsh.write(str(path))
-    gmsh.finalize()
-    # gmsh numbers the products; a CAD program writes their names.
-    text = path.read_text(encoding="utf-8")
-    products = dict.fromkeys(re.findall(r"PRODUCT\('([^']*)'", text))
-    for number, label in enumerate(LABELS, start=1):
-        for name in products:
-            if name.endswith(f".{number}"):
-                text = text.replace(f"'{name}'", f"'{label}'")
-    path.write_text(text, encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("barc.step"))
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("barc.step")
+    write_step(file, draw, LABELS)

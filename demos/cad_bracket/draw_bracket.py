@@ -1,6 +1,6 @@
 """Draw the demo's bracket with gmsh and write it as a STEP file, as a CAD program would.
 
-    python3 demos/cad_bracket/draw_bracket.py [FILE]
+    ./with-fenicsx python3 demos/cad_bracket/draw_bracket.py [FILE]
 
 A plate of 200 x 160 x 20 mm with four tapped holes for M12 (10.2 mm), and on it an L-shaped
 bracket with a foot of 160 x 120 x 12 mm, holes of 13.5 mm and a rib. Lengths in millimetres.
@@ -8,11 +8,10 @@ bracket with a foot of 160 x 120 x 12 mm, holes of 13.5 mm and a rib. Lengths in
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 
-import gmsh
+from fenics_joints.meshes.step_writer import write_step
 
 LABELS = ("Base plate", "Bracket")
 BOLTS = [(x, y) for x in (-50, 50) for y in (30, 90)]
@@ -32,24 +31,6 @@ def draw(occ) -> None:
         occ.cut(solid, drills)
 
 
-def main(path: Path) -> None:
-    """Write the file."""
-    gmsh.initialize(readConfigFiles=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("bracket")
-    draw(gmsh.model.occ)
-    gmsh.model.occ.synchronize()
-    gmsh.write(str(path))
-    gmsh.finalize()
-    # gmsh numbers the products; a CAD program writes their names.
-    text = path.read_text(encoding="utf-8")
-    products = dict.fromkeys(re.findall(r"PRODUCT\('([^']*)'", text))
-    for number, label in enumerate(LABELS, start=1):
-        for name in products:
-            if name.endswith(f".{number}"):
-                text = text.replace(f"'{name}'", f"'{label}'")
-    path.write_text(text, encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("bracket.step"))
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("bracket.step")
+    write_step(file, draw, LABELS)

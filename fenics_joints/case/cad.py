@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,11 +24,12 @@ from fenics_joints.database import Surfaces, TorqueToForce, query, seed_database
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh, read_step
 from fenics_joints.parallel import on_root
+from fenics_joints.preload.clearance import cone_radius
 from fenics_joints.preload.threads import thread
 from fenics_joints.preload.torque import nut_factor_force
 from fenics_joints.units import to_si
 
-__all__ = ["STEP_SUFFIXES", "BoltsSection", "JoinedMesh", "MeshFile", "StepMesh", "cone_radius"]
+__all__ = ["STEP_SUFFIXES", "BoltsSection", "JoinedMesh", "MeshFile", "StepMesh"]
 
 STEP_SUFFIXES = (".step", ".stp", ".p21")
 #: Least and largest hole of a thread as shares of its diameter: tapped, and coarse (ISO 273).
@@ -60,16 +60,6 @@ _Place = Annotated[Any, BeforeValidator(_place)]
 _Points = Annotated[list[_Space], BeforeValidator(_points), Field(min_length=1)]
 
 
-def cone_radius(name: str, thickness: float) -> float:
-    """Radius, m, to which a bolt presses two plates together under one of a thickness, m.
-
-    A cone from the edge of the head at 30 degrees to the axis, as Shigley's Mechanical Engineering
-    Design takes it, since Osgood reports 25 to 33 (Roetscher's cone; VDI 2230 has one that depends
-    on the parts' width, too).
-    """
-    return thread(name).width_across_flats / 2 + thickness * math.tan(math.pi / 6)
-
-
 class MeshFile(Section):
     """``[mesh]`` with a file."""
 
@@ -91,8 +81,9 @@ class BoltsSection(Section):
     diameter is ``hole``, or within [low, high], or fits the ``thread``.
 
     Without ``r_wai`` and ``torque``, or with ``spread = "cone"``, it is that of a cone under the
-    bolt's head through a plate of that ``thickness``: `cone_radius`. ``force``, or ``torque``, of
-    one bolt is also what the joints' starting stiffness is from (`fenics_joints.case.starting`).
+    bolt's head through a plate of that ``thickness``
+    (`fenics_joints.preload.clearance.cone_radius`). ``force``, or ``torque``, of one bolt is also
+    what the joints' starting stiffness is from (`fenics_joints.case.starting`).
     """
 
     r_wai: _Sizes | None = None
@@ -138,7 +129,8 @@ class BoltsSection(Section):
             return self.r_wai, "as given"
         if self.torque is None or self.spread == "cone":
             words = f"a cone of 30 degrees under the head of {self.thread}, Shigley, after Osgood"
-            return [cone_radius(self.thread, self.thickness)], words
+            head = thread(self.thread).width_across_flats / 2
+            return [cone_radius(head, self.thickness)], words
         return [self.radius()], "contact radius from the package's database, seed 000, Table 2"
 
     def inner(self) -> float:

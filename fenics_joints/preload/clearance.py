@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from fenics_joints.errors import real
 from fenics_joints.preload.threads import Thread, thread, thread_names
 
-__all__ = ["ThreadGuess", "guess_thread"]
+__all__ = ["ThreadGuess", "cone_radius", "guess_thread", "head_radius"]
 
 #: Clearance holes in mm, fine and coarse series of ISO 273; the medium one is in `Thread`.
 _SERIES = {
@@ -39,6 +40,24 @@ class ThreadGuess:
     thread: Thread
     why: str
     others: tuple[str, ...]
+
+
+def head_radius(hole: float, guess: ThreadGuess | None) -> float:
+    """Radius of the head of a bolt in a hole of a radius, m: half its width across flats.
+
+    Without a thread 1.6 times the hole's, as metric heads have it.
+    """
+    return 1.6 * hole if guess is None else guess.thread.width_across_flats / 2
+
+
+def cone_radius(head: float, thickness: float) -> float:
+    """Radius, m, to which a head of a radius presses two plates, under one of a thickness, m.
+
+    A cone from the edge of the head at 30 degrees to the axis, as Shigley's Mechanical Engineering
+    Design takes it, since Osgood reports 25 to 33 (Roetscher's cone; VDI 2230 has one that depends
+    on the parts' width, too).
+    """
+    return head + thickness * math.tan(math.pi / 6)
 
 
 def guess_thread(widest: float, narrowest: float | None = None) -> ThreadGuess | None:

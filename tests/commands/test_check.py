@@ -9,11 +9,12 @@ import sys
 import pytest
 from mpi4py import MPI
 from rich.console import Console
-from step_files import flanges, write_step
+from step_files import flanges
 
 from fenics_joints.case import examine_case
 from fenics_joints.cli import main
 from fenics_joints.commands.check.run import check_case, run_check
+from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.progress import Progress
 
 PLATES = 2 * 0.2 * 0.08 * 0.008 * 2750  # kg: two plates by hand

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from step_files import bores, bracket, spigot, write_step
+from step_files import bores, bracket, spigot
 from uff_files import mode_55, nodes_2411, units_164
 
 from fenics_joints.case import build_structure, load_case
@@ -18,6 +18,7 @@ from fenics_joints.commands.modes.run import run_modes
 from fenics_joints.commands.new.run import Source, run_new
 from fenics_joints.commands.new.tests import TestFiles
 from fenics_joints.errors import InputError
+from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Sensors

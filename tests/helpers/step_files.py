@@ -2,34 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
+from collections.abc import Iterable
 
 FLANGE_BOLTS = [(45, 15), (45, 45), (85, 15), (85, 45)]
-
-
-def write_step(path: Path, draw: Callable, labels: Sequence[str] = ()) -> Path:
-    """Write what ``draw(occ)`` draws, its solids called by ``labels`` in the order of their tags.
-
-    gmsh gives products numbers in place of names; the names are put into the file's text.
-    """
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("drawn")
-    draw(gmsh.model.occ)
-    gmsh.model.occ.synchronize()
-    gmsh.write(str(path))
-    gmsh.finalize()
-    text = path.read_text(encoding="utf-8")
-    for number, label in enumerate(labels, start=1):
-        (old,) = {name for name in re.findall(r"PRODUCT\('([^']*)'", text)
-                  if name.endswith(f".{number}")}  # fmt: skip
-        text = text.replace(f"'{old}'", f"'{label}'")
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 def bores(occ, centres: Iterable[tuple[float, float]], low: float, high: float, radius: float):

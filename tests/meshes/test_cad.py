@@ -9,10 +9,11 @@ import pytest
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from step_files import FLANGE_BOLTS, bores, bracket, dumbbell_halves, flanges, spigot, write_step
+from step_files import FLANGE_BOLTS, bores, bracket, dumbbell_halves, flanges, spigot
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import check_contact, check_mesh, dumbbell, measure_ring, read_step
+from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.modal import solve_modes
 from fenics_joints.structure import Structure, part, transition
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 from mpi4py import MPI
-from step_files import FLANGE_BOLTS, flanges, write_step
+from step_files import FLANGE_BOLTS, flanges
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import read_step
+from fenics_joints.meshes.step_writer import write_step
 
 MM, MM2, MM3 = 1e-3, 1e-6, 1e-9
 

@@ -7,7 +7,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from mpi4py import MPI
-from step_files import flanges, write_step
+from step_files import flanges
 from touching_blocks import HALF, PART, WIDTH, E, bar_frequency, write_bar
 
 from fenics_joints.case import build_structure, load_case, test_notes
@@ -15,6 +15,7 @@ from fenics_joints.commands.update.run import run_update
 from fenics_joints.diagnosis.model.subject import subject_of
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import measure_ring
+from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.modal import solve_modes
 
 COMM = MPI.COMM_WORLD

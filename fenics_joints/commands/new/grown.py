@@ -9,16 +9,27 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.commands.new.sketch import JointSketch, Sketch, force_of, millimetres, toml
+from fenics_joints.commands.new.sketch import (
+    UNBOLTED,
+    JointSketch,
+    Sketch,
+    force_of,
+    millimetres,
+    toml,
+)
 from fenics_joints.meshes.msh import read_lists
 from fenics_joints.meshes.touching import Touch, glued, round_holes, touches
-from fenics_joints.preload.clearance import ThreadGuess, guess_thread
+from fenics_joints.preload.clearance import (
+    ThreadGuess,
+    cone_radius,
+    guess_thread,
+    head_radius,
+)
 
 __all__ = ["with_joints"]
 
-#: Pressure between faces where no bolt is, Pa; the half angle of a bolt's cone; and the largest
-#: radius of a ring as a multiple of the hole's.
-_PRESSURE, _CONE, _MOST = 1e6, math.tan(math.pi / 6), 4.0
+#: Largest radius of a ring as a multiple of the hole's.
+_MOST = 4.0
 #: A ring is at least so much wider than its hole.
 _LEAST = 1.2
 
@@ -59,8 +70,8 @@ def _bolts(x: np.ndarray, touch: Touch) -> Iterator[_Bolt]:
     rim = x[np.unique(touch.facets)]
     for hole in holes:
         guess = guess_thread(2 * hole.radius)
-        head = 1.6 * hole.radius if guess is None else guess.thread.width_across_flats / 2
-        wanted = min(head + _CONE * 2 * hole.radius, _MOST * hole.radius)
+        cone = cone_radius(head_radius(hole.radius, guess), 2 * hole.radius)
+        wanted = min(cone, _MOST * hole.radius)
         for other in holes:
             apart = float(np.linalg.norm(other.centre - hole.centre))
             if apart > hole.radius:
@@ -119,7 +130,7 @@ def _with_layers(sketch: Sketch, found: list[Touch]) -> Sketch:
     lines = ['joint = "layer"  # on all that touches']
     cells = "joint" if len(found) == 1 else "joint_*"
     pairs = ", ".join(dict.fromkeys(" and ".join(touch.parts) for touch in found))
-    joint = JointSketch("contact", (cells,), pairs, pressure=_PRESSURE)
+    joint = JointSketch("contact", (cells,), pairs, pressure=UNBOLTED)
     asked = "No bolts were found: a layer joins all that touches; is it clamped, glued, welded?"
     return _joined(sketch, lines, joint, f"touching: {pairs}", asked)
 

@@ -11,9 +11,12 @@ import numpy as np
 from fenics_joints.preload.threads import Thread
 
 __all__ = [
-    "MATERIALS", "Ask", "JointSketch", "Material", "PartSketch", "Sketch", "TestSketch",
+    "MATERIALS", "UNBOLTED", "Ask", "JointSketch", "Material", "PartSketch", "Sketch", "TestSketch",
     "ask_materials", "force_of", "material_of", "millimetres", "text_of", "toml",
 ]  # fmt: skip
+
+#: Pressure between faces where no bolt is, Pa.
+UNBOLTED = 1e6
 
 
 @dataclass(frozen=True)

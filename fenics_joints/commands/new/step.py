@@ -11,6 +11,7 @@ from statistics import fmean
 import numpy as np
 
 from fenics_joints.commands.new.sketch import (
+    UNBOLTED,
     Ask,
     JointSketch,
     PartSketch,
@@ -22,17 +23,20 @@ from fenics_joints.commands.new.sketch import (
     toml,
 )
 from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole, survey_step
-from fenics_joints.preload.clearance import ThreadGuess, guess_thread
+from fenics_joints.preload.clearance import (
+    ThreadGuess,
+    cone_radius,
+    guess_thread,
+    head_radius,
+)
 from fenics_joints.preload.threads import thread
 
 __all__ = ["step_sketches"]
 
 #: Vertices of the parts that a first mesh is to have; a mesh of degree 2 has 24 DOFs for each.
 _VERTICES = 300
-#: Half angle of the cone in which a bolt presses plates (Rötscher; VDI 2230: at most 30).
-_CONE = math.tan(math.radians(30.0))
-#: Gaps between faces that a layer closes by itself, m; and pressure where no bolt is, Pa.
-_GAP, _PRESSURE = 0.7e-3, 1e6
+#: Gaps between faces that a layer closes by itself, m.
+_GAP = 0.7e-3
 #: Edges of a circle: a ring's area is short by 10 %, twelve: by 5 %.
 _CIRCLE = 8
 
@@ -179,9 +183,8 @@ def _threads(bolts: Sequence[ThroughHole], ask: Ask) -> list[ThreadGuess | None]
 def _radius(bolt: ThroughHole, guess: ThreadGuess | None) -> float:
     """Where a bolt's pressure ends, by the cone from its head; not beyond the room there is."""
     hole = max(bolt.diameters) / 2
-    head = 1.6 * hole if guess is None else guess.thread.width_across_flats / 2
     depths = [d for d in bolt.depths if d > 0]
-    cone = head + _CONE * min(depths, default=hole)
+    cone = cone_radius(head_radius(hole, guess), min(depths, default=hole))
     return min(bolt.room, max(cone, 1.2 * hole))
 
 
@@ -261,7 +264,7 @@ def _with_layers(survey: StepSurvey, base: Sketch) -> Sketch:
         cells = f"joint_{number}" if several else "joint"
         name = _free(f"joint_{a}_{b}" if several else "joint", used, survey)
         words = f"{a} and {b}, {1e4 * touch.area:.3g} cm2"
-        joints.append(JointSketch(name, (cells,), words, pressure=_PRESSURE))
+        joints.append(JointSketch(name, (cells,), words, pressure=UNBOLTED))
     mesh = [*base.mesh]
     mesh[4:4] = ['joint = "layer"  # on all that touches', *_layer(survey)]
     asked = "No bolts were found: a layer joins all that touches; is it clamped, glued, welded?"
