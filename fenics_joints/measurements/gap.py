@@ -39,10 +39,16 @@ def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
             "shape, and as many rows, one for each sensor"
         )
     there = np.isfinite(a)
-    a = np.where(there, a, 0.0)
+    a, b = _scaled(np.where(there, a, 0.0)), _scaled(b)
     cross = np.abs(np.conj(a).T @ b) ** 2
     norms = np.sum(np.abs(a) ** 2, axis=0)[:, None] * (there.T.astype(float) @ np.abs(b) ** 2)
     return np.divide(cross, norms, out=np.zeros_like(cross), where=norms > 0)
+
+
+def _scaled(shapes: np.ndarray) -> np.ndarray:
+    """Columns by their largest entries: squares neither overflow nor vanish, whatever the unit."""
+    most = np.abs(shapes).max(axis=0, initial=0.0)
+    return shapes / np.where(most > 0, most, 1.0)
 
 
 @dataclass(frozen=True)

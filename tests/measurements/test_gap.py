@@ -93,6 +93,12 @@ def test_mac_by_hand():
     assert mac(turned * np.exp(0.7j), -turned) == pytest.approx(1.0)
 
 
+def test_mac_is_that_of_the_same_shapes_in_any_unit():
+    a, b = np.array([[1.0, 0.2], [2.0, -1.0]]), np.array([[1.0, 0.0], [1.5, 0.0]])
+    for unit in (1e-200, 1e200):
+        assert mac(unit * a, b / unit) == pytest.approx(mac(a, b), rel=1e-12)
+
+
 def test_mac_leaves_missing_sensors_out_mode_by_mode():
     """As if each shape had been compared over the sensors that measured it alone."""
     rng = np.random.default_rng(4)
