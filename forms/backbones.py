@@ -59,7 +59,7 @@ def segalman_limits(F_S, K_T, chi, beta):
     """
     for name, size in (("F_S", F_S), ("K_T", K_T)):
         check(name, size, above=0)
-    check("chi", chi, above=-1, most=0)
+    check("chi", chi, above=-1)
     check("beta", beta, least=0)
     share = beta + (chi + 1) / (chi + 2)
     phi_max = F_S * (1 + beta) / (K_T * share)
@@ -73,7 +73,8 @@ def segalman(slip, F_S, K_T, chi, beta):
         slip: Relative displacement, m, scalar or array.
         F_S: Force of macroslip, N.
         K_T: Stiffness at rest, N/m.
-        chi: Exponent, -1 < chi <= 0: dissipation grows with amplitude to the power 3 + chi.
+        chi: Exponent > -1: dissipation grows with amplitude to the power 3 + chi, of metals' joints
+            with one between 2 and 3. At -1 the sliders that slip at once would be infinitely stiff.
         beta: Ratio of the stiffness that goes at macroslip to that which went before, >= 0.
     """
     phi_max, R = segalman_limits(F_S, K_T, chi, beta)

@@ -27,6 +27,7 @@ __all__ = [
     "slider_dissipation",
     "slider_energy",
     "valanis",
+    "vector_length",
 ]
 
 
@@ -42,8 +43,12 @@ def _square(parts):
     return sum(x * x for x in parts)
 
 
+def vector_length(vector):
+    """Euclidean length of a UFL vector, with a derivative of zero where all parts are zero."""
+    return _length(_parts(vector))
+
+
 def _length(parts):
-    """Euclidean length, with a derivative of zero where all parts are zero."""
     square = _square(parts)
     positive = ufl.gt(square, 0.0)
     return ufl.conditional(positive, ufl.sqrt(ufl.conditional(positive, square, 1.0)), 0.0)

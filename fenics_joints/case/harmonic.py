@@ -42,7 +42,7 @@ __all__ = [
 Force = quantity("N", 0, above=True)
 Frequency = quantity("Hz", 0, above=True)
 PerLength = quantity("Pa/m", 0, above=True)
-Shape = quantity("", -0.99, 0)
+Shape = quantity("", -0.99, 10)
 
 
 class Hysteretic(Section):

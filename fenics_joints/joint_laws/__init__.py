@@ -2,8 +2,9 @@
 
 A law is made of parallel elements, each written once, as UFL. Those here are `Iwan` (sliders that
 follow a backbone: `RichardAbbott`, seed 003's eq. 4; `Segalman`; `Bilinear`; or one of one's own),
-`IwanLayer`, `CoulombStick`, `DilatantCoulomb` (seed 003's eqs. 1-2), `BoucWen`, `Valanis`,
-`CubicSpring` and `RateDamping`.
+`IwanLayer`, `ElasticFriction` (Jenkins), `CoulombStick` (friction under a normal load that varies),
+`DilatantCoulomb` (seed 003's eqs. 1-2), `BoucWen` and `Valanis`; without memory `CubicSpring`,
+`UnilateralSpring`, `Gap` and `RateDamping`.
 
 In a finite-element model, on a layer of cells or on facets, 2-D or 3-D, serial or parallel::
 
@@ -60,12 +61,12 @@ from fenics_joints.joint_laws.layer import IwanLayer
 from fenics_joints.joint_laws.library import (
     BoucWen,
     CoulombStick,
-    CubicSpring,
     DilatantCoulomb,
+    ElasticFriction,
     Iwan,
-    RateDamping,
     Valanis,
 )
+from fenics_joints.joint_laws.memoryless import CubicSpring, Gap, RateDamping, UnilateralSpring
 from fenics_joints.joint_laws.quasi_static import (
     QuasiStatic,
     QuasiStaticHistory,
@@ -82,6 +83,8 @@ __all__ = [
     "CoulombStick",
     "CubicSpring",
     "DilatantCoulomb",
+    "ElasticFriction",
+    "Gap",
     "HarmonicStress",
     "Iwan",
     "IwanLayer",
@@ -93,6 +96,7 @@ __all__ = [
     "RateDamping",
     "RichardAbbott",
     "Segalman",
+    "UnilateralSpring",
     "Valanis",
     "iwan_sliders",
     "slider_edges",

@@ -175,7 +175,7 @@ class Segalman(Backbone):
     Attributes:
         F_S: Force of macroslip, N.
         K_T: Stiffness at rest, N/m.
-        chi: Exponent of the density, -1 < chi <= 0.
+        chi: Exponent of the density, > -1; of metals' joints below 0.
         beta: Stiffness lost at macroslip over that lost before, >= 0.
     """
 
@@ -186,8 +186,8 @@ class Segalman(Backbone):
 
     def __post_init__(self):
         _check(
-            self, "F_S > 0, K_T > 0, -1 < chi <= 0 and beta >= 0",
-            lambda: self.F_S > 0 and self.K_T > 0 and -1 < self.chi <= 0 and self.beta >= 0,
+            self, "F_S > 0, K_T > 0, chi > -1 and beta >= 0",
+            lambda: self.F_S > 0 and self.K_T > 0 and self.chi > -1 and self.beta >= 0,
         )  # fmt: skip
 
     @property

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from fenics_joints.errors import InputError, reals
 
-__all__ = ["JointLaw", "check_names", "is_rated"]
+__all__ = ["JointLaw", "check_names", "is_rated", "not_negative", "positive"]
 
 
 def check_names(what: str, given: Iterable[str], known: Iterable[str]) -> None:
@@ -45,6 +45,28 @@ def is_rated(law: JointLaw) -> bool:
             "two laws at the same points for both."
         )
     return rated
+
+
+def positive(law: JointLaw, *keys: str) -> None:
+    """Refuse values of some parameters that are not above zero.
+
+    Raises:
+        InputError: For the first of them.
+    """
+    for key in keys:
+        if np.any(law.parameters[key] <= 0):
+            raise InputError(f"{law.label}.{key} = {law.parameters[key]}: expected numbers > 0.")
+
+
+def not_negative(law: JointLaw, *keys: str) -> None:
+    """Refuse values of some parameters that are below zero.
+
+    Raises:
+        InputError: For the first of them.
+    """
+    for key in keys:
+        if np.any(law.parameters[key] < 0):
+            raise InputError(f"{law.label}.{key} = {law.parameters[key]}: expected numbers >= 0.")
 
 
 class JointLaw(ABC):

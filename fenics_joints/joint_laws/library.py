@@ -1,4 +1,4 @@
-"""The joint laws that come with the suite."""
+"""The joint laws with memory that come with the suite."""
 
 from __future__ import annotations
 
@@ -19,23 +19,9 @@ from fenics_joints.forms.hysteresis import (
     valanis,
 )
 from fenics_joints.joint_laws.iwan import Backbone, check_backbone, iwan_sliders, slider_edges
-from fenics_joints.joint_laws.law import JointLaw
+from fenics_joints.joint_laws.law import JointLaw, not_negative, positive
 
-__all__ = [
-    "BoucWen", "CoulombStick", "CubicSpring", "DilatantCoulomb", "Iwan", "RateDamping", "Valanis",
-]  # fmt: skip
-
-
-def _positive(law: JointLaw, *keys: str) -> None:
-    for key in keys:
-        if np.any(law.parameters[key] <= 0):
-            raise InputError(f"{law.label}.{key} = {law.parameters[key]}: expected numbers > 0.")
-
-
-def _not_negative(law: JointLaw, *keys: str) -> None:
-    for key in keys:
-        if np.any(law.parameters[key] < 0):
-            raise InputError(f"{law.label}.{key} = {law.parameters[key]}: expected numbers >= 0.")
+__all__ = ["BoucWen", "CoulombStick", "DilatantCoulomb", "ElasticFriction", "Iwan", "Valanis"]
 
 
 def _split(state, n: int):
@@ -147,6 +133,42 @@ class Iwan(JointLaw):
         return slider_dissipation(slip, old, new, p["stiffness"])
 
 
+class ElasticFriction(JointLaw):
+    """Elastic dry friction under a constant normal load: Jenkins' element.
+
+    A spring that slides at its strength, in one direction or in two of a plane. `CoulombStick` has
+    a normal load that varies.
+
+    Args:
+        stiffness: Stiffness of sticking, k.
+        strength: Traction, or force, of sliding: friction times the normal load; >= 0.
+    """
+
+    name = "elastic_friction"
+
+    def __init__(self, stiffness: ArrayLike, strength: ArrayLike):
+        super().__init__(stiffness=stiffness, strength=strength)
+
+    def check(self) -> None:
+        positive(self, "stiffness")
+        not_negative(self, "strength")
+
+    def state_size(self, n_slip: int) -> int:
+        return n_slip
+
+    def element(self, normal, slip, state, p):
+        traction, state = slider(slip, state, p["stiffness"], p["strength"])
+        return ufl.as_ufl(0.0), traction, state
+
+    def stored(self, normal, slip, state, p):
+        """Energy per area in the spring, with the state after the step."""
+        return slider_energy(slip, state, p["stiffness"])
+
+    def dissipated(self, normal, slip, old, new, p):
+        """Energy per area turned to heat in a step."""
+        return slider_dissipation(slip, old, new, p["stiffness"])
+
+
 class CoulombStick(JointLaw):
     """Elastic sticking and Coulomb friction under a varying, one-sided pressure.
 
@@ -180,8 +202,8 @@ class CoulombStick(JointLaw):
         )
 
     def check(self) -> None:
-        _positive(self, "normal_stiffness", "tangential_stiffness")
-        _not_negative(self, "friction")
+        positive(self, "normal_stiffness", "tangential_stiffness")
+        not_negative(self, "friction")
 
     def state_size(self, n_slip: int) -> int:
         return n_slip
@@ -272,8 +294,8 @@ class BoucWen(JointLaw):
         self.substeps = whole("bouc_wen.substeps", substeps)
 
     def check(self) -> None:
-        _positive(self, "stiffness", "beta")
-        _not_negative(self, "ratio")
+        positive(self, "stiffness", "beta")
+        not_negative(self, "ratio")
         p = self.parameters
         if np.any(p["ratio"] > 1) or np.any(p["n"] < 1) or np.any(abs(p["gamma"]) > p["beta"]):
             raise InputError("bouc_wen: expected ratio <= 1, n >= 1 and |gamma| <= beta.")
@@ -307,8 +329,8 @@ class Valanis(JointLaw):
         super().__init__(E_0=E_0, E_t=E_t, rate=rate)
 
     def check(self) -> None:
-        _positive(self, "E_0", "rate")
-        _not_negative(self, "E_t")
+        positive(self, "E_0", "rate")
+        not_negative(self, "E_t")
         if np.any(self.parameters["E_t"] >= self.parameters["E_0"]):
             raise InputError("valanis: expected E_t < E_0.")
 
@@ -328,62 +350,3 @@ class Valanis(JointLaw):
         _, z = _split(state, slip.ufl_shape[0])
         spring = 0.5 * p["E_t"] * ufl.dot(slip, slip)
         return spring + 0.5 * (p["E_0"] - p["E_t"]) * ufl.dot(z, z)
-
-
-class CubicSpring(JointLaw):
-    """Spring without memory: (k1 + k3 |x|^2) x.
-
-    Args:
-        k1: Stiffness at rest.
-        k3: Cubic stiffness; negative softens.
-    """
-
-    name = "cubic"
-
-    def __init__(self, k1: ArrayLike, k3: ArrayLike):
-        super().__init__(k1=k1, k3=k3)
-
-    def element(self, normal, slip, state, p):
-        square = ufl.dot(slip, slip)
-        return ufl.as_ufl(0.0), (p["k1"] + p["k3"] * square) * slip, None
-
-    def stored(self, normal, slip, state, p):
-        """Energy per area in the spring."""
-        square = ufl.dot(slip, slip)
-        return 0.5 * p["k1"] * square + 0.25 * p["k3"] * square**2
-
-
-class RateDamping(JointLaw):
-    """Damping by the rate of slip, without memory: c1 v + c3 |v|^2 v + s tanh(v / v0) v / |v|.
-
-    Args:
-        c1: Viscous damping.
-        c3: Cubic damping.
-        strength: Friction, smoothed; 0 for none.
-        smoothing: Rate v0 of slip below which friction falls off.
-    """
-
-    name = "rate_damping"
-
-    def __init__(
-        self,
-        c1: ArrayLike = 0.0,
-        c3: ArrayLike = 0.0,
-        strength: ArrayLike = 0.0,
-        smoothing: ArrayLike = 1.0,
-    ):
-        super().__init__(c1=c1, c3=c3, strength=strength, smoothing=smoothing)
-
-    def check(self) -> None:
-        _not_negative(self, "c1", "c3", "strength")
-        _positive(self, "smoothing")
-
-    def element(self, normal, slip, state, p, rate):
-        n = slip.ufl_shape[0]
-        v = [rate[1 + i] for i in range(n)]
-        square = sum(w**2 for w in v)
-        small = (1e-4 * p["smoothing"]) ** 2
-        speed = ufl.sqrt(square + small)
-        friction = p["strength"] * ufl.tanh(speed / p["smoothing"]) / speed
-        factor = p["c1"] + p["c3"] * square + friction
-        return ufl.as_ufl(0.0), ufl.as_vector([factor * w for w in v]), None

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 import scipy.linalg
-import ufl
 from oscillators import oscillator
 from scipy.optimize import brentq, fsolve
 
 from fenics_joints.harmonic import Balance, solve_harmonic
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints
-from fenics_joints.joint_laws import JointLaw, RateDamping
+from fenics_joints.joint_laws import CubicSpring, RateDamping, UnilateralSpring
 from fenics_joints.transient import solve_transient, steady_harmonics
 
 GAP, DAMPING, PUSH = 1.0, 0.03, 0.1
@@ -17,17 +16,11 @@ BOTH = RateDamping(c1=0.1, c3=0.2, strength=0.3, smoothing=0.5)
 BAND = (0.5 / (2 * np.pi), 0.8 / (2 * np.pi))
 
 
-class Stop(JointLaw):
-    """Met beyond a gap."""
-
-    def element(self, normal, slip, state, p):
-        return 0, ufl.as_vector([p["k"] * ufl.max_value(slip[0] - p["gap"], 0.0)]), None
-
-
 def two_masses(k):
     """NLvib's example 03: two unit masses, the first with a stop of stiffness k."""
     K = np.array([[1.0, -1.0], [-1.0, 2.0]])
-    stop = InterfacePoints("stop", Stop(k=k, gap=GAP), np.array([[[1.0, 0.0]]]), np.ones(1))
+    law = UnilateralSpring(k, GAP) if k else CubicSpring(0.0, 0.0)
+    stop = InterfacePoints("stop", law, np.array([[[1.0, 0.0]]]), np.ones(1))
     first, second = np.eye(2)
     return InterfaceModel(
         np.eye(2), K, (stop,), DAMPING * K, {"push": second}, {"first": first, "second": second}
@@ -37,7 +30,7 @@ def two_masses(k):
 def test_harmonics_of_a_stop_are_the_closed_form():
     """Of max(cos - cos c, 0): its mean, and its harmonics by products of cosines."""
     k, c, h = 3.0, 0.7, np.arange(2, 8)
-    balance = Balance(oscillator(Stop(k=k, gap=2 * np.cos(c)), 0.1), 7)
+    balance = Balance(oscillator(UnilateralSpring(stiffness=k, gap=2 * np.cos(c)), 0.1), 7)
     X = np.zeros(balance.shape)
     X[0, 1] = 2.0
     F = balance.interface_force(X)[0][0]
@@ -52,7 +45,7 @@ def test_harmonics_of_a_stop_are_the_closed_form():
 
 def test_a_touch_between_two_samples_is_seen():
     """A motion that is beyond the gap for a hundredth of a sample's step, and its Jacobian."""
-    balance = Balance(oscillator(Stop(k=1.0, gap=1.0), 0.1), 2)
+    balance = Balance(oscillator(UnilateralSpring(stiffness=1.0, gap=1.0), 0.1), 2)
     step = 2 * np.pi / balance.fourier.samples
     c, X = 0.005 * step, np.zeros(balance.shape)
     X[0, 1:3] = np.array([np.cos(0.4 * step), np.sin(0.4 * step)]) / np.cos(c)

@@ -177,7 +177,7 @@ def of_forms():
         "E_e": ABOVE_0, "E_p": ANY, "S_y": ABOVE_0, "n": ABOVE_0,
     }  # fmt: skip
     yield forms.segalman, {"slip": 0.1, "F_S": 1.0, "K_T": 1.0, "chi": -0.5, "beta": 1.0}, {
-        "F_S": ABOVE_0, "K_T": ABOVE_0, "chi": (*ANY, -1.0, 0.5), "beta": FROM_0,
+        "F_S": ABOVE_0, "K_T": ABOVE_0, "chi": (*ANY, -1.0), "beta": FROM_0,
     }  # fmt: skip
     slide = {"slip": VEC, "position": VEC}
     yield forms.slider, slide | {"stiffness": 1.0, "strength": 1.0}, {
@@ -197,7 +197,7 @@ def of_laws():
         "E_e": (*ABOVE_0, 0.5), "E_p": (*FROM_0, 3.0), "S_y": ABOVE_0, "n": ABOVE_0,
     }  # fmt: skip
     yield joint_laws.Segalman, {"F_S": 1.0, "K_T": 1.0, "chi": -0.5, "beta": 1.0}, {
-        "F_S": ABOVE_0, "K_T": ABOVE_0, "chi": (*ANY, -1.0, 0.5), "beta": FROM_0,
+        "F_S": ABOVE_0, "K_T": ABOVE_0, "chi": (*ANY, -1.0), "beta": FROM_0,
     }  # fmt: skip
     yield joint_laws.Bilinear, {"E_e": 2.0, "S_y": 1.0}, {
         "E_e": ABOVE_0, "S_y": ABOVE_0, "E_p": (*FROM_0, 3.0),
