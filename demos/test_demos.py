@@ -1,4 +1,4 @@
-"""The demos, and what the README tells people to type."""
+"""The demos, and the scripts of README and documentation."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 DEMOS = sorted(Path(__file__).parent.glob("*/demo_*.py"))
 #: Compared on one and two ranks whenever tests run; the others by `.ci/run` and with `-m slow`.
 QUICK = ("demo_bolted_plates", "demo_random_field")
-README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+DOCS = sorted((REPOSITORY / "docs").glob("*.md"))
 
 # They start ranks of their own.
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes itself")
 
 
-def blocks(language: str) -> list[str]:
-    """The README's blocks of code in a language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.DOTALL | re.MULTILINE)
+def blocks(language: str, *pages: Path) -> list[str]:
+    """The pages' blocks of code in a language; without pages, those of the documentation."""
+    text = "".join(page.read_text(encoding="utf-8") for page in pages or DOCS)
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
 
 
 def numbers(text: str) -> list[float]:
@@ -77,20 +78,23 @@ def test_demo_prints_the_same_on_two_ranks(demo, run_script, tmp_path):
 
 
 @pytest.mark.smoke
-def test_readme_form(run_script, tmp_path):
-    """The README's form gives the stiffness that E A / h says, and prints what the README says."""
-    (script,) = [b for b in blocks("python") if "uncoupled_layer" in b]
-    path = tmp_path / "readme_form.py"
-    path.write_text(script, encoding="utf-8")
-    found, by_hand = numbers(run_script(path).replace("E A / h", ""))
-    assert found == pytest.approx(863e6 * 0.08 * 0.08 / 0.5e-3, rel=1e-5)
-    assert by_hand == pytest.approx(found, rel=1e-5)
+def test_form(run_script, tmp_path):
+    """README's form, and the documentation's, give the stiffness that E A / h says."""
+    (whole,) = [b for b in blocks("python") if "uncoupled_layer" in b]
+    (short,) = [b for b in blocks("python", REPOSITORY / "README.md") if "uncoupled_layer" in b]
+    _, lift = whole.split("K.assemble()")
+    path = tmp_path / "form.py"
+    for script in (whole, f"import numpy as np\n{short}{lift}"):
+        path.write_text(script, encoding="utf-8")
+        found, by_hand = numbers(run_script(path).replace("E A / h", ""))
+        assert found == pytest.approx(863e6 * 0.08 * 0.08 / 0.5e-3, rel=1e-5)
+        assert by_hand == pytest.approx(found, rel=1e-5)
 
 
-def test_readme_preload(run_script, tmp_path):
-    """The README's bolted plates carry the bolt's force, and touch as receding contact does."""
+def test_page_preload(run_script, tmp_path):
+    """Its bolted plates carry the bolt's force, and touch as receding contact does."""
     (script,) = [b for b in blocks("python") if "solve_preload(" in b]
-    path = tmp_path / "readme_preload.py"
+    path = tmp_path / "page_preload.py"
     path.write_text(script, encoding="utf-8")
     _, radius, mean, force = numbers(run_script(path))
     # Two independent studies of a loaded radius of 12 mm: 23.5 to 23.9 mm.
@@ -99,10 +103,10 @@ def test_readme_preload(run_script, tmp_path):
     assert mean * np.pi * (radius**2 - 6.75**2) == pytest.approx(25e3, rel=0.02)
 
 
-def test_readme_slip(run_script, tmp_path):
-    """Between rigid plates the README's layer dissipates what its backbone says."""
+def test_page_slip(run_script, tmp_path):
+    """Between rigid plates the documentation's layer dissipates what its backbone says."""
     (script,) = [b for b in blocks("python") if "solve_quasi_static(" in b]
-    path = tmp_path / "readme_slip.py"
+    path = tmp_path / "page_slip.py"
     path.write_text(script, encoding="utf-8")
     edit(path, ("69e9", "69e13"))
     dissipated, stored = numbers(run_script(path))
@@ -117,14 +121,14 @@ def test_readme_slip(run_script, tmp_path):
     assert 1e-3 * stored == pytest.approx(work - loop / 4, rel=0.04)
 
 
-def test_readme_effect(run_script, tmp_path):
-    """The README's own effect takes part in a diagnosis; on a coarse mesh, to be quick."""
+def test_page_effect(run_script, tmp_path):
+    """Its own effect takes part in a diagnosis; on a coarse mesh, to be quick."""
     (script,) = [b for b in blocks("python") if "Effect(" in b]
     shutil.copytree(REPOSITORY / "demos" / "lap_plates", tmp_path / "case")
     few = 'effects = ["joint normal compliance"]\nsamples = 4\nmax_effects = 1'
     changes = ('element_size = "5 mm"', 'element_size = "20 mm"'), ("max_effects = 2", few)
     edit(tmp_path / "case" / "case.toml", *changes)
-    path = tmp_path / "readme_effect.py"
+    path = tmp_path / "page_effect.py"
     path.write_text(script, encoding="utf-8")
     edit(path, ('"demos/lap_plates"', repr(str(tmp_path / "case"))))
     printed = dict(line.split(": ") for line in run_script(path).splitlines())
@@ -136,10 +140,10 @@ def test_readme_effect(run_script, tmp_path):
     assert min(shown) >= 1 and max(shown) <= 90 and 80 <= sum(shown) <= 104
 
 
-def test_readme_frf(run_script, tmp_path):
-    """The README's slope of two shapes by the layer's thickness is that of remeshed layers."""
+def test_page_frf(run_script, tmp_path):
+    """Its slope of two shapes by the layer's thickness is that of remeshed layers."""
     (script,) = [b for b in blocks("python") if "shape_gradients(" in b]
-    path = tmp_path / "readme_frf.py"
+    path = tmp_path / "page_frf.py"
     path.write_text(script, encoding="utf-8")
     shapes, slopes = run_script(path).split("\n", 1)
     assert numbers(shapes) == [40, 2, 2, 40, 2, 2, 3]
@@ -166,8 +170,8 @@ def test_readme_frf(run_script, tmp_path):
     assert slopes * turned == pytest.approx(difference, rel=3e-3)
 
 
-def test_readme_mesh(run_script, tmp_path):
-    """The README's case of a mesh of one's own: bolts found, start from cone and roughness; modes.
+def test_page_mesh(run_script, tmp_path):
+    """Its case of a mesh of one's own: bolts found, start from cone and roughness; modes.
 
     On springs less stiff all frequencies are lower.
     """
@@ -216,23 +220,12 @@ def _draw_plates(path):
     gmsh.finalize()
 
 
-def test_readme_beams(run_script, tmp_path):
-    """Functions of the README's beams, line by line, peak where its modes are."""
+def test_page_beams(run_script, tmp_path):
+    """Functions of the documentation's beams, line by line, peak where its modes are."""
     (script,) = [b for b in blocks("python") if "BeamStructure(" in b]
-    path = tmp_path / "readme_beams.py"
+    path = tmp_path / "page_beams.py"
     path.write_text(script, encoding="utf-8")
     modes, peaks = (numbers(part) for part in run_script(path).split("]", 1))
     # Its damping is small, and its lines are 1 Hz apart.
     assert len(modes) == 6
     assert peaks == pytest.approx(modes, abs=1.0)
-
-
-def test_readme_commands():
-    """What the README says to type first is what CI runs, and exists."""
-    commands = [line for block in blocks("sh") for line in block.splitlines()]
-    first = ["./with-fenicsx fenics-joints diagnose demos/lap_plates", "./with-fenicsx pytest -n 2"]
-    assert commands[:2] == first
-    assert first[1] in (REPOSITORY / ".ci" / "run").read_text(encoding="utf-8")
-    assert (REPOSITORY / "demos" / "lap_plates" / "case.toml").exists()
-    for link in re.findall(r"\]\((?!https?:)([^)#]+)", README):
-        assert (REPOSITORY / link).exists(), f"README links to {link}, which does not exist"

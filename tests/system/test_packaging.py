@@ -148,15 +148,16 @@ def test_tests_of_the_sdist_collect_beside_the_installed_wheel(sdist, python, tm
     assert "error" not in said.lower().splitlines()[-1]
 
 
-def test_scripts_of_the_readme_pass_mypy(python, tmp_path):
+def test_scripts_of_the_pages_pass_mypy(python, tmp_path):
     """Against the installed wheel, as a user's would; each takes from at most three modules."""
-    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-    scripts = re.findall(r"^```python\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
+    pages = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    scripts = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
     assert len(scripts) > 5
     for i, script in enumerate(scripts):
         assert len(set(re.findall(r"^from (fenics_joints[.\w]*)", script, re.MULTILINE))) <= 3
-        (tmp_path / f"readme_{i}.py").write_text(script, encoding="utf-8")
+        (tmp_path / f"script_{i}.py").write_text(script, encoding="utf-8")
     run(
         sys.executable, "-m", "mypy", "--python-executable", python, "--ignore-missing-imports",
-        "--cache-dir", tmp_path / "cache", *sorted(tmp_path.glob("readme_*.py")), cwd=tmp_path,
+        "--cache-dir", tmp_path / "cache", *sorted(tmp_path.glob("script_*.py")), cwd=tmp_path,
     )  # fmt: skip

@@ -1,0 +1,174 @@
+"""Pages say what exists: links, anchors, imports, commands and options, keys of case files."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("dolfinx")
+
+import tomllib
+import typer
+from mpi4py import MPI
+
+from fenics_joints.case import Case
+from fenics_joints.cli import app
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="reads text files")
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PAGES = sorted(
+    path
+    for pattern in ("*.md", "docs/*.md", "demos/**/*.md", "benchmarks/**/*.md")
+    for path in REPOSITORY.glob(pattern)
+)
+SHELLS = ("sh", "")
+LINK = re.compile(r"(?<!`)\]\((?!https?:|mailto:)([^)\s]*)\)")
+
+
+def name(path: Path) -> str:
+    return str(path.relative_to(REPOSITORY))
+
+
+def prose(text: str) -> str:
+    """A page without its blocks and spans of code."""
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r"`[^`\n]+`", "", text)
+
+
+def blocks(page: Path, *languages: str) -> list[str]:
+    text = page.read_text(encoding="utf-8")
+    found = re.findall(r"^```([\w-]*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    return [body for language, body in found if language in languages]
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as GitHub makes them."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.M)
+    titles = re.findall(r"^#+ +(.+)$", text, re.MULTILINE)
+    plain = (re.sub(r"[`*]|\[([^\]]*)\]\([^)]*\)", r"\1", title) for title in titles)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in plain}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_links_lead_somewhere(page):
+    for link in LINK.findall(prose(page.read_text(encoding="utf-8"))):
+        place, _, anchor = link.partition("#")
+        target = (page.parent / place).resolve() if place else page
+        assert target.exists(), f"{name(page)} links to {link}, which does not exist"
+        if anchor:
+            assert target.suffix == ".md" and anchor in anchors(target), link
+
+
+def test_every_page_is_reached_from_the_readme():
+    """By links of Markdown pages alone, as one who reads on the web finds them."""
+    reached, ahead = set(), [REPOSITORY / "README.md"]
+    while ahead:
+        page = ahead.pop()
+        if page in reached:
+            continue
+        reached.add(page)
+        for link in LINK.findall(prose(page.read_text(encoding="utf-8"))):
+            target = (page.parent / link.partition("#")[0]).resolve()
+            if target.suffix == ".md" and target.is_file():
+                ahead.append(target)
+    assert set(PAGES) <= reached
+
+
+def test_the_readme_is_short_and_says_what_to_type_first():
+    text = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert text.count("\n") <= 150
+    typed = "".join(blocks(REPOSITORY / "README.md", "sh")).splitlines()
+    assert typed[0] == "./with-fenicsx fenics-joints diagnose demos/lap_plates"
+    assert typed[1] == "./with-fenicsx pytest -n 2"
+    assert typed[1] in (REPOSITORY / ".ci" / "run").read_text(encoding="utf-8")
+
+
+def test_sources_are_named_by_author_year_or_title():
+    """"Seed 000" is a file name of ours; readers know papers."""
+    for page in PAGES:
+        assert not re.search(r"\bseeds? 00\d", page.read_text(encoding="utf-8"), re.I), name(page)
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=name)
+def test_python_imports_what_exists(page):
+    for script in blocks(page, "python"):
+        for node in ast.walk(ast.parse(script)):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("fenics_joints"):
+                module = importlib.import_module(node.module)
+                missing = [a.name for a in node.names if not hasattr(module, a.name)]
+                assert not missing, f"{node.module} has no {missing}"
+
+
+def shell_lines(page: Path) -> list[list[str]]:
+    """Words of every shell line that starts this project's launcher or command."""
+    lines = "\n".join(blocks(page, *SHELLS)).replace("\\\n", " ").splitlines()
+    starts = ("./with-fenicsx ", "fenics-joints ", "FENICSX_SUITE=")
+    return [shlex.split(line, comments=True) for line in lines if line.startswith(starts)]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if shell_lines(p)], ids=name)
+def test_shell_lines_name_commands_options_and_files_that_exist(page):
+    for words in shell_lines(page):
+        for word in words:
+            if re.match(r"(demos|tests|benchmarks|docs)/", word) and "*" not in word:
+                assert (REPOSITORY / word).exists(), f"{name(page)}: no {word}"
+        if "fenics-joints" in words:
+            _check_command(words[words.index("fenics-joints") + 1 :])
+
+
+def _check_command(words: list[str]) -> None:
+    """A command of the tree, down to where there are no more, and its options."""
+    command = typer.main.get_command(app)
+    while hasattr(command, "commands") and words and not words[0].startswith("-"):
+        assert words[0] in command.commands, f"no command {words[0]}"
+        command, words = command.commands[words[0]], words[1:]
+    known = {option for parameter in command.params for option in parameter.opts}
+    known |= set(command.context_settings.get("help_option_names", [])) | {"--help"}
+    for word in words:
+        if word.startswith("-") and len(word) > 1:
+            assert word.partition("=")[0] in known, f"{command.name} has no {word}"
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml")], ids=name)
+def test_case_files_in_pages_have_keys_that_exist(page):
+    schema = Case.model_json_schema()
+    for text in blocks(page, "toml"):
+        _check_keys(tomllib.loads(text), schema, schema["$defs"], name(page))
+
+
+def _check_keys(table: dict, schema: dict, kinds: dict, where: str) -> None:
+    """Keys that a part of the schema names, through references and alternatives."""
+    choices = _choices(schema, kinds)
+    tables = [choice for choice in choices if choice.get("properties")]
+    free = [c["additionalProperties"] for c in choices if c.get("additionalProperties")]
+    for key, value in table.items():
+        found = [choice["properties"][key] for choice in tables if key in choice["properties"]]
+        found += [kind for kind in free if isinstance(kind, dict)]
+        assert found or not tables or any(kind is True for kind in free), f"{where}: {key}"
+        if isinstance(value, dict) and found:
+            _check_keys(value, {"anyOf": found}, kinds, f"{where}: {key}")
+
+
+def _choices(schema: dict, kinds: dict) -> list[dict]:
+    if "$ref" in schema:
+        return _choices(kinds[schema["$ref"].rsplit("/", 1)[1]], kinds)
+    several = schema.get("anyOf") or schema.get("oneOf") or []
+    return [choice for one in several for choice in _choices(one, kinds)] or [schema]
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path):
+    """Without a network and without running demos; the whole site, links between its pages too."""
+    pytest.importorskip("sphinx")
+    command = [sys.executable, REPOSITORY / "docs" / "build.py", tmp_path / "site", "--static"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "site" / "index.html").stat().st_size > 1000
