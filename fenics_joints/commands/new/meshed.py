@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from fenics_joints.case.mesh import BUILDERS, OffsetBeamsMesh
 from fenics_joints.commands.check.body import body_of
+from fenics_joints.commands.new.extents import UNITS, likely_unit
 from fenics_joints.commands.new.grown import with_joints
 from fenics_joints.commands.new.sketch import (
     Ask,
@@ -36,10 +37,6 @@ __all__ = ["builder_sketch", "msh_sketches"]
 
 #: Names that layers of joints have.
 _JOINT = re.compile(r"joint|ring|layer|lap\b|zone|interface|contact|glue|fuge|naht|gasket", re.I)
-#: Factors to metres of units that a .msh file may be in, and largest extents of which each is
-#: likely, in the file's numbers: structures are between a decimetre and some metres.
-_UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254, "cm": 1e-2}
-_METRES = (1e-3, 15.0)
 #: Numbers of lapped beams that a case must have, where a builder has no defaults.
 _BEAMS = (
     'lengths = ["360 mm", "260 mm"]  # ? of each beam, in a row',
@@ -75,11 +72,11 @@ def msh_sketches(
     size = float(np.ptp(np.array(limits(tagged)), axis=0).max())
 
     def known(answer: str) -> None:
-        member("unit", answer, _UNITS)
+        member("unit", answer, UNITS)
 
     guess = _unit(size, places)
     unit = ask(f"Unit of the lengths in {path.name} (its extent is {size:.6g})", guess, known)
-    scale = _UNITS[unit]
+    scale = UNITS[unit]
     lines = [
         "[mesh]", f"file = {toml(file)}",
         f'scale = "{scale:g} m"  # ? the file is in {unit}: it is {size * scale:.4g} m long',
@@ -99,11 +96,11 @@ def msh_sketches(
 def _unit(size: float, places: np.ndarray) -> str:
     """The unit with which sensors span the mesh, or else with which it is of a usual size."""
     if len(places) > 2 and (span := float(np.ptp(places, axis=0).max())) > 0:
-        near = {unit: abs(np.log(size * scale / span)) for unit, scale in _UNITS.items()}
+        near = {unit: abs(np.log(size * scale / span)) for unit, scale in UNITS.items()}
         best = min(near, key=near.get)
         if near[best] < np.log(2.0):
             return best
-    return "m" if _METRES[0] <= size <= _METRES[1] else "mm"
+    return likely_unit([size], None)
 
 
 def builder_sketch(name: str, material: str, ask: Ask) -> Sketch:

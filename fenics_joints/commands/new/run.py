@@ -8,18 +8,27 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints.commands.check.result import Checked
 from fenics_joints.commands.check.run import check_case
 from fenics_joints.commands.check.summary import show_check
+from fenics_joints.commands.new.extents import (
+    UNITS,
+    extents_of_builder,
+    extents_of_msh,
+    extents_of_step,
+    likely_unit,
+)
 from fenics_joints.commands.new.meshed import builder_sketch, msh_sketches
 from fenics_joints.commands.new.sketch import MATERIALS, Ask, Sketch, TestSketch, text_of
 from fenics_joints.commands.new.step import step_sketches
 from fenics_joints.commands.new.tests import TestFiles, test_sketch
 from fenics_joints.errors import InputError, member
 from fenics_joints.files import is_file, shown_path, writable_folder, write_text
+from fenics_joints.meshes.cad_survey import StepSurvey, survey_step
 from fenics_joints.progress import Progress
 from fenics_joints.report.terminal import say, tell
 
@@ -88,8 +97,9 @@ def run_new(
             raise InputError(f"{shown_path(path)}: no such file")
     progress.step("looking into the files")
     files = _Files(folder)
-    test = test_sketch(tests, files.name, ask)
-    sketches = _sketches(source, files, test, material, ask)
+    survey = None if source.step is None else survey_step(source.step)
+    test = test_sketch(tests, files.name, ask, lambda: _extents(source, survey))
+    sketches = _sketches(source, survey, files, test, material, ask)
     made = not folder.exists()
     writable_folder(folder, "FOLDER")
     try:
@@ -102,9 +112,21 @@ def run_new(
         raise
 
 
-def _sketches(source: Source, files, test, material: str, ask: Ask) -> Iterator[Sketch]:
-    if source.step is not None:
-        return step_sketches(source.step, files.name(source.step), material, ask)
+def _extents(source: Source, survey: StepSurvey | None) -> np.ndarray | None:
+    """Of the structure, m, as far as they can be known."""
+    if survey is not None:
+        return extents_of_step(survey)
+    if source.msh is None:
+        return extents_of_builder(source.builder)
+    extents = extents_of_msh(source.msh)
+    return None if extents is None else UNITS[likely_unit(extents, None)] * extents
+
+
+def _sketches(
+    source: Source, survey: StepSurvey | None, files, test, material: str, ask: Ask
+) -> Iterator[Sketch]:
+    if survey is not None:
+        return step_sketches(survey, files.name(source.step), material, ask)
     if source.msh is not None:
         name = files.name(source.msh)
         return msh_sketches(source.msh, name, test.places, material, ask)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from statistics import fmean
 
 import numpy as np
@@ -22,7 +21,7 @@ from fenics_joints.commands.new.sketch import (
     millimetres,
     toml,
 )
-from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole, survey_step
+from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole
 from fenics_joints.preload.clearance import (
     ThreadGuess,
     cone_radius,
@@ -41,19 +40,15 @@ _GAP = 0.7e-3
 _CIRCLE = 8
 
 
-def step_sketches(path: Path, file: str, material: str, ask: Ask) -> Iterator[Sketch]:
+def step_sketches(survey: StepSurvey, file: str, material: str, ask: Ask) -> Iterator[Sketch]:
     """Cases of a STEP file, the likeliest first: rings at bolts, then layers on all that touches.
 
     Args:
-        path: The file.
+        survey: What is in the file.
         file: Its name in the case.
         material: Of parts whose label names none.
         ask: Asks the user.
-
-    Raises:
-        MeshError: If it cannot be read.
     """
-    survey = survey_step(path)
     bolts = [hole for hole in survey.holes if hole.room > 0]
     base = _base(survey, file, material, ask)
     if bolts:

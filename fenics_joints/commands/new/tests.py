@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from fenics_joints.commands.new.extents import UNITS, likely_unit
 from fenics_joints.commands.new.sketch import Ask, TestSketch, toml
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, member
 from fenics_joints.measurements import read_frfs, read_shapes, read_table
 from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import Table
@@ -18,9 +19,11 @@ from fenics_joints.units import factor_to_si, to_si
 
 __all__ = ["TestFiles", "test_sketch"]
 
-#: Units that files leave out, and the largest extent with which each is likely.
-_SMALL = 15.0
 _NODES = {15, 2411}
+_NO_UNIT = "The unit of the sensors' places, which the files do not say."
+
+#: Extents of the structure, m, or None; looked for where a file does not say its unit.
+Extents = Callable[[], np.ndarray | None]
 
 
 @dataclass(frozen=True)
@@ -40,13 +43,16 @@ class TestFiles:
         return [*one, *self.frfs, *self.uff]
 
 
-def test_sketch(files: TestFiles, refer: Callable[[Path], str], ask: Ask) -> TestSketch:
+def test_sketch(
+    files: TestFiles, refer: Callable[[Path], str], ask: Ask, extents: Extents = lambda: None
+) -> TestSketch:
     """The ``[test]`` of some files.
 
     Args:
         files: The files.
         refer: The name that a file has in the case.
         ask: Asks the user.
+        extents: Of the structure; called where a file does not say the unit of its places.
 
     Raises:
         InputError: For what is wrong in a file.
@@ -61,7 +67,7 @@ def test_sketch(files: TestFiles, refer: Callable[[Path], str], ask: Ask) -> Tes
         lines += head
         found.append(f"{n_modes} modes in {files.frequencies.name}")
     if modal:
-        shapes, unit = _universal(modal)
+        shapes, unit = _universal(modal, ask, extents)
         places, n_modes = shapes.sensors.points, n_modes or len(shapes.frequencies_hz)
         found.append(repr(shapes).removeprefix("MeasuredShapes(").removesuffix(")"))
         names = [refer(path) for path in modal]
@@ -70,16 +76,21 @@ def test_sketch(files: TestFiles, refer: Callable[[Path], str], ask: Ask) -> Tes
         else:
             tables += ["", "[test.shapes]", f"files = {toml(names)}",
                        f"length_unit = {toml(unit)}  # ? the files do not say it"]  # fmt: skip
-            questions.append("The unit of the sensors' places.")
+            questions.append(_NO_UNIT)
     elif files.shapes is not None:
-        head, sees, asked, places = _shape_table(files.shapes, refer)
+        head, sees, asked, places = _shape_table(files.shapes, refer, ask, extents)
         lines += head
         tables += sees
         questions += asked
     if functions:
-        more, words = _functions(functions, refer, identify=not n_modes)
+        frfs, unit = _read_functions(functions, ask, extents)
+        more = _functions([refer(path) for path in functions], unit, identify=not n_modes)
         (tables if more[0] == "" else lines).extend(more)
-        found.append(words)
+        found.append(
+            f"{int(frfs.measured.sum())} functions, {frfs.frequencies_hz[0]:g} to "
+            f"{frfs.frequencies_hz[-1]:g} Hz"
+        )
+        questions += [_NO_UNIT] * (unit is not None and _NO_UNIT not in questions)
         n_modes = n_modes or 1
     noise = ask("Scatter of the measured frequencies", "0.2 %", lambda text: to_si(text, ""))
     lines.append(f"noise = {toml(noise)}  # ? how much frequencies differ from test to test")
@@ -143,17 +154,36 @@ def _is_condition(table: Table, name: str) -> bool:
     return False
 
 
-def _universal(paths: Sequence[Path]):
+def _universal(paths: Sequence[Path], ask: Ask, extents: Extents):
     """The shapes, and the unit of length that the files leave out, or None."""
-    shapes = read_shapes(paths)
-    kinds = {data["type"] for path in paths for _, data in read_sets(path, (164,))}
-    span = float(np.ptp(shapes.sensors.points, axis=0).max())
-    if 164 in kinds or span <= _SMALL:
-        return shapes, None
-    return read_shapes(paths, length_unit="mm"), "mm"
+    if _says_unit(paths):
+        return read_shapes(paths), None
+    points = read_shapes(paths, length_unit="m").sensors.points
+    unit = _asked_unit(paths, points, ask, extents)
+    return read_shapes(paths, length_unit=unit), unit
 
 
-def _shape_table(path: Path, refer) -> tuple[list[str], list[str], list[str], np.ndarray]:
+def _says_unit(paths: Sequence[Path]) -> bool:
+    """Whether universal files say the unit of their nodes' places, or have none."""
+    kinds = {data["type"] for path in paths for _, data in read_sets(path, (164, *_NODES))}
+    return 164 in kinds or not kinds
+
+
+def _asked_unit(paths: Sequence[Path], points: np.ndarray, ask: Ask, extents: Extents) -> str:
+    """The unit of places, by the size of the structure."""
+    spans = np.ptp(points, axis=0)
+
+    def known(answer: str) -> None:
+        member("unit", answer, UNITS)
+
+    names, across = ", ".join(p.name for p in paths), " x ".join(f"{s:.6g}" for s in spans)
+    question = f"Unit of the sensors' places in {names} (they span {across})"
+    return ask(question, likely_unit(spans, extents()), known)
+
+
+def _shape_table(
+    path: Path, refer, ask: Ask, extents: Extents
+) -> tuple[list[str], list[str], list[str], np.ndarray]:
     """Lines for a table of shapes, whose places may stand in it as columns x, y and z."""
     table = read_table(path)
     names = {name.lower(): name for name in table.names}
@@ -165,31 +195,49 @@ def _shape_table(path: Path, refer) -> tuple[list[str], list[str], list[str], np
         asked = (f"Where the sensors of {path.name} are: columns 'x [mm]', 'y [mm]', 'z [mm]' in it"
                  " are enough.")  # fmt: skip
         return [lines[0]], ["", *lines[1:]], [asked], np.empty((0, 3))
+    said = [bool(table.unit(names[axis])) for axis in "xyz"]
     points = np.column_stack([
-        table.column(names[axis], "m" if table.unit(names[axis]) else None) for axis in "xyz"
+        table.column(names[axis], "m" if given else None)
+        for axis, given in zip("xyz", said, strict=True)
     ])  # fmt: skip
-    sees = ["", "[test.sees]", "points = [", *(f"  {toml(p.tolist())}," for p in points), "]"]
+    asked, guess = [], ""
+    if not any(said):
+        unit = _asked_unit([path], points, ask, extents)
+        points, asked = UNITS[unit] * points, [_NO_UNIT]
+        guess = f"  # ? m, the table's numbers taken as {unit}"
+    sees = ["", "[test.sees]", f"points = [{guess}", *(f"  {toml(p.tolist())}," for p in points),
+            "]"]  # fmt: skip
     ways = [names.get(f"d{axis}") for axis in "xyz"]
     if all(ways):
         directions = np.column_stack([table.column(way) for way in ways])
         sees += ["directions = [", *(f"  {toml(d.tolist())}," for d in directions), "]"]
-        return [f"shapes = {file}"], sees, [], points
+        return [f"shapes = {file}"], sees, asked, points
     thin = np.eye(3, dtype=int)[int(np.ptp(points, axis=0).argmin())]
     sees.append(f"direction = {toml(thin.tolist())}  # ? columns dx, dy, dz would say it")
-    return [f"shapes = {file}"], sees, ["Which way the sensors look."], points
+    return [f"shapes = {file}"], sees, [*asked, "Which way the sensors look."], points
 
 
-def _functions(paths: Sequence[Path], refer, identify: bool) -> tuple[list[str], str]:
+def _read_functions(paths: Sequence[Path], ask: Ask, extents: Extents):
+    """The functions, and the unit of length that the files leave out, or None."""
+    universal = [path for path in paths if path.suffix.lower() in UFF_SUFFIXES]
+    if _says_unit(universal):
+        return read_frfs(paths), None
+    frfs = read_frfs(paths, length_unit="m")
+    points = np.vstack([frfs.response_points, frfs.reference_points])
+    unit = _asked_unit(universal, points, ask, extents)
+    return read_frfs(paths, length_unit=unit), unit
+
+
+def _functions(names: Sequence[str], unit: str | None, identify: bool) -> list[str]:
     """Lines for measured functions; with modes from them where nothing else gives any."""
-    frfs = read_frfs(paths)
-    names = [refer(path) for path in paths]
-    words = (
-        f"{int(frfs.measured.sum())} functions, {frfs.frequencies_hz[0]:g} to "
-        f"{frfs.frequencies_hz[-1]:g} Hz"
-    )
-    if not identify:
-        return [f"frfs = {toml(names)}"], words
-    return [
-        "", "[test.frfs]", f"files = {toml(names)}", "", "[test.frfs.identify]",
-        '# near = ["100 Hz", "200 Hz"]  # ? about where the modes are; else all that are stable',
-    ], words  # fmt: skip
+    if not identify and unit is None:
+        return [f"frfs = {toml(names)}"]
+    lines = ["", "[test.frfs]", f"files = {toml(names)}"]
+    if unit is not None:
+        lines.append(f"length_unit = {toml(unit)}  # ? the files do not say it")
+    if identify:
+        lines += [
+            "", "[test.frfs.identify]",
+            '# near = ["100 Hz", "200 Hz"]  # ? about where they are; else all that are stable',
+        ]  # fmt: skip
+    return lines
