@@ -14,6 +14,10 @@ OF_MODEL = "model: "
 
 #: A sensor that was moved less, m, stood where the mesh ends, but for the digits of its file.
 _MOVED = 1e-6
+_NO_SENSORS = (
+    "it does not say where its sensors were and which way they looked ([test.sees], points and "
+    "direction): its modes are taken as the model's lowest in their order, whatever moves in them"
+)
 
 
 def test_notes(case: Case, model: object) -> tuple[str, ...]:
@@ -30,7 +34,8 @@ def test_notes(case: Case, model: object) -> tuple[str, ...]:
         return tuple(notes)
     notes += [f"{OF_MODEL}{note}" for note in structure.tagged.notes]
     if sensors is None:
-        return tuple(notes)
+        blind = case.measured is not None and structure.tagged.mesh.geometry.dim == 3
+        return (*notes, _NO_SENSORS) if blind else tuple(notes)
     moved = structure.rows(sensors.points, "sensor", sensors.names).moved
     count, far = int(np.sum(moved > _MOVED)), int(np.argmax(moved))
     if count:

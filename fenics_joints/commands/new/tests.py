@@ -20,6 +20,11 @@ from fenics_joints.units import factor_to_si, to_si
 __all__ = ["TestFiles", "test_sketch"]
 
 _NODES = {15, 2411}
+_NO_SENSORS = (
+    "# [test.sees]  # ? where the sensors were and which way they looked: modes that they cannot",
+    "# see are then left out; without it the test's modes are the model's lowest, in their order",
+    '# points = [["0 mm", "0 mm", "0 mm"]]', "# direction = [0, 0, 1]",
+)  # fmt: skip
 _NO_UNIT = "The unit of the sensors' places, which the files do not say."
 
 #: Extents of the structure, m, or None; looked for where a file does not say its unit.
@@ -92,6 +97,9 @@ def test_sketch(
         )
         questions += [_NO_UNIT] * (unit is not None and _NO_UNIT not in questions)
         n_modes = n_modes or 1
+    if not (modal or functions or files.shapes):
+        tables += _NO_SENSORS
+        questions.append("What the test saw: without sensors its modes are the model's lowest.")
     noise = ask("Scatter of the measured frequencies", "0.2 %", lambda text: to_si(text, ""))
     lines.append(f"noise = {toml(noise)}  # ? how much frequencies differ from test to test")
     lines.append('# mass = "1 kg"  # what all of it weighs, for check')
@@ -195,13 +203,17 @@ def _shape_table(
         asked = (f"Where the sensors of {path.name} are: columns 'x [mm]', 'y [mm]', 'z [mm]' in it"
                  " are enough.")  # fmt: skip
         return [lines[0]], ["", *lines[1:]], [asked], np.empty((0, 3))
-    said = [bool(table.unit(names[axis])) for axis in "xyz"]
-    points = np.column_stack([
-        table.column(names[axis], "m" if given else None)
-        for axis, given in zip("xyz", said, strict=True)
-    ])  # fmt: skip
+    said = [table.unit(names[axis]) for axis in "xyz"]
+    if any(said) and not all(said):
+        raise InputError(
+            f"{path}: units of x, y and z are {', '.join(unit or 'none' for unit in said)}; "
+            "expected all three, such as 'x [mm]', or none"
+        )
+    points = np.column_stack(
+        [table.column(names[axis], "m" if said[0] else None) for axis in "xyz"]
+    )
     asked, guess = [], ""
-    if not any(said):
+    if not said[0]:
         unit = _asked_unit([path], points, ask, extents)
         points, asked = UNITS[unit] * points, [_NO_UNIT]
         guess = f"  # ? m, the table's numbers taken as {unit}"
