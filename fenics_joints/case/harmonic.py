@@ -199,7 +199,8 @@ class HarmonicSection(Section):
     one for all further modes; ``measured`` a table with the columns ``level``, ``frequency`` and
     ``amplitude``, of the ``response`` at the sensor. ``interface_modes`` go into the reduced model
     beside the ``modes``: none in layers, which show how they give way under static load instead,
-    and 60 in contacts, or all they have, unless the case says so.
+    and 60 in contacts, or all they have, unless the case says so. ``quasi_static`` asks for the
+    mode over its amplitude from static loads too, of the ``reduced`` model or the ``full`` one.
     """
 
     force: Place
@@ -210,6 +211,7 @@ class HarmonicSection(Section):
     response: Literal["displacement", "velocity", "acceleration"] = "acceleration"
     measured: File | None = None
     backbone: bool = True
+    quasi_static: Literal["no", "reduced", "full"] = "no"
     harmonics: Annotated[int, Field(ge=1, le=51, strict=True)] = 5
     samples: Annotated[int, Field(ge=8, le=65_536, strict=True)] = 128
     modes: ModeCount = 12

@@ -1,8 +1,9 @@
 """Periodic vibration of structures with nonlinear interfaces, by harmonic balance.
 
 `solve_harmonic` makes frequency responses at constant force, `solve_constant_response` those at
-constant response, `solve_backbone` frequency and damping against amplitude; `identify` finds the
-laws' numbers from measured responses.
+constant response, `solve_backbone` frequency and damping against amplitude, and
+`solve_static_backbone` the same from static loads; `identify` finds the laws' numbers from measured
+responses.
 """
 
 from fenics_joints.harmonic.backbone import Backbone, solve_backbone
@@ -22,14 +23,15 @@ from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
 from fenics_joints.harmonic.sensitivity import ResponseGradient
 from fenics_joints.harmonic.sliders import SliderRange, fitted_sliders, slider_ranges
 from fenics_joints.harmonic.stability import floquet_exponents, stable
+from fenics_joints.harmonic.static_mode import StaticBackbone, solve_static_backbone
 
 __all__ = [
     "Backbone", "Balance", "Branch", "CurvePrediction", "Fourier", "HarmonicResult",
     "IdentificationResult",
     "Load", "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem", "SliderRange",
-    "ResponseGradient", "Settings", "default_samples", "fitted_sliders",
+    "ResponseGradient", "Settings", "StaticBackbone", "default_samples", "fitted_sliders",
     "floquet_exponents", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
-    "solve_backbone", "solve_constant_response", "solve_harmonic",
-    "slider_ranges", "stable",
+    "slider_ranges", "solve_backbone", "solve_constant_response", "solve_harmonic",
+    "solve_static_backbone", "stable",
 ]  # fmt: skip

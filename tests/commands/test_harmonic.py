@@ -77,8 +77,10 @@ stiffness = "300 N/m"
 @pytest.mark.smoke
 @pytest.mark.parallel
 def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(shared_tmp_path):
-    case = load_case(write(shared_tmp_path))
-    report = run_harmonic(case, MPI.COMM_WORLD, QUIET).result
+    static = 'samples = 64', 'samples = 64\nquasi_static = "full"'
+    case = load_case(write(shared_tmp_path, LAYER, static))
+    outcome = run_harmonic(case, MPI.COMM_WORLD, QUIET)
+    report = outcome.result
     assert len(repr(report)) <= 120
     small, large = report.facts
     built = harmonic_model(case, SELF, QUIET)
@@ -101,6 +103,13 @@ def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(s
     b = report.backbone
     at = np.interp(large.displacement, b.amplitude("sensor"), b.frequencies_hz)
     assert large.frequency_hz == pytest.approx(at, rel=1e-3)
+    # And static loads of the full model say the same of the mode, in the same table.
+    for (displacement, (periodic, still)), f in zip(report.mode_rows(), report.facts, strict=True):
+        assert displacement == f.displacement
+        assert still[0] == pytest.approx(periodic[0], rel=1e-3)
+        assert still[1] == pytest.approx(periodic[1], rel=0.02)
+    page = outcome.page()
+    assert MPI.COMM_WORLD.rank > 0 or "quasi-static, full, Hz" in page
 
 
 @pytest.mark.parallel
@@ -193,7 +202,11 @@ method = "gradient"
 def test_contact_with_friction_under_preload(tmp_path):
     # 120 N on beams of 6 mm open gaps of nanometres, which the smaller force must not close.
     levels = 'levels = ["0.01 N", "10 N"]', 'levels = ["0.00002 N", "3 N"]'
-    case = load_case(write(tmp_path, CONTACT, levels))
+    full = "interface_modes = 30", 'interface_modes = 30\nquasi_static = "full"'
+    with pytest.raises(InputError, match="quasi_static = 'full': expected layers"):
+        run_harmonic(load_case(write(tmp_path, CONTACT, full)), SELF, QUIET)
+    static = full[0], full[1].replace("full", "reduced")
+    case = load_case(write(tmp_path, CONTACT, levels, static))
     report = run_harmonic(case, SELF, QUIET).result
     (small, large), built = report.facts, report.built
     # Not all of the lap is pressed: the mode at rest is that of the closed part.
@@ -206,6 +219,8 @@ def test_contact_with_friction_under_preload(tmp_path):
     most = 4 * points.weights @ (0.02 * pressure * loops.slip_amplitude)
     assert 0.02 * most < large.joint_energy["lap"] < most
     assert large.damping_ratio > small.damping_ratio
+    periodic, still = report.mode_rows()[-1][1]
+    assert still[0] == pytest.approx(periodic[0], rel=0.01)
 
 
 @serial

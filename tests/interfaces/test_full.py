@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.harmonic import solve_harmonic
+from fenics_joints.harmonic import solve_harmonic, solve_static_backbone
 from fenics_joints.interfaces import (
     FullModel,
     InterfaceModel,
@@ -241,3 +241,14 @@ def test_time_integration_converges_to_harmonic_balance(beam, reduced):
     coarse, fine = errors(runs, exact)
     assert coarse / fine == pytest.approx(4.0, rel=0.25)
     assert fine < 0.015
+
+
+def test_static_backbones_of_the_full_and_the_reduced_beam_agree(beam, reduced):
+    """By the same static loads, where the joint has begun to yield."""
+    span = (1e-3, 3e-2)
+    full = solve_static_backbone(beam.full, span, per_decade=6)
+    small = solve_static_backbone(reduced, span, per_decade=6)
+    assert full.frequencies_hz[0] == pytest.approx(beam.modes.frequencies_hz[0], rel=1e-3)
+    assert full.damping_ratios[-1] > 1.1 * full.damping_ratios[0]
+    assert np.allclose(small.frequencies_hz, full.frequencies_hz, rtol=1e-3)
+    assert np.allclose(small.damping_ratios, full.damping_ratios, rtol=0.02)

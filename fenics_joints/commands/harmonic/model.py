@@ -12,6 +12,7 @@ from fenics_joints.case.checks.beams import refuse_beams
 from fenics_joints.case.harmonic import CoulombSection
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces import (
+    FullModel,
     ReducedInterfaceModel,
     reduce_contacts,
     reduce_layers,
@@ -43,12 +44,14 @@ class HarmonicModel:
         n_dofs: Degrees of freedom of the full one.
         frequencies_hz: Its modes at rest, Hz.
         mode: The mode that the band holds, by number, rigid-body modes counted.
+        full: The full model, without damping; None unless the case asks for it.
     """
 
     model: ReducedInterfaceModel
     n_dofs: int
     frequencies_hz: np.ndarray
     mode: int
+    full: FullModel | None = None
 
 
 def joint_laws(case: Case, structure: Structure) -> dict[str, JointLaw]:
@@ -79,12 +82,18 @@ def harmonic_model(case: Case, comm: MPI.Intracomm, progress: Progress) -> Harmo
             f"{case.path}: nonlinear: expected layers or contacts, not both: "
             f"{', '.join(case.nonlinear)}"
         )
+    if contacts and case.harmonic.quasi_static == "full":
+        raise InputError(
+            f"{case.path}: harmonic.quasi_static = 'full': expected layers; of contacts there is "
+            "the 'reduced' model"
+        )
     make = _with_contacts if contacts else _with_layers
-    model, full, modes = make(case, comm, progress)
+    model, n_dofs, modes, full = make(case, comm, progress)
     damping = case.harmonic.damping
     model = with_modal_damping(model, damping, damping[-1])
     mode = _mode_in_band(case, modes)
-    return HarmonicModel(model, full, modes.frequencies_hz, mode)
+    kept = full if case.harmonic.quasi_static == "full" else None
+    return HarmonicModel(model, n_dofs, modes.frequencies_hz, mode, kept)
 
 
 def _places(case: Case) -> dict:
@@ -115,18 +124,18 @@ def _with_layers(case: Case, comm, progress: Progress):
     h, places, laws = case.harmonic, _places(case), joint_laws(case, structure)
     modes = solve_modes(structure, n_modes=h.modes)
     progress.step("how the joints give way under static load")
-    shapes = _loadings(case, structure, laws, places, modes)
+    full = full_layers(structure, laws, **places)
+    shapes = _loadings(case, full, modes)
     progress.step(f"reducing {structure.n_dofs} degrees of freedom")
     model = reduce_layers(
         structure, laws, n_modes=h.modes, interface_modes=h.interface_modes or 0, extra=shapes,
         **places,
     )  # fmt: skip
-    return model, structure.n_dofs, modes
+    return model, structure.n_dofs, modes, full
 
 
-def _loadings(case: Case, structure: Structure, laws, places, modes: Modes) -> list:
+def _loadings(case: Case, full: FullModel, modes: Modes) -> list:
     """Static shapes up to what a linear joint would do at resonance at the highest level."""
-    full = full_layers(structure, laws, **places)
     i = _mode_in_band(case, modes)
     shape, eigenvalue = modes.shapes[i], float(modes.eigenvalues[i])
     load = full.M.createVecLeft()
@@ -163,7 +172,7 @@ def _with_contacts(case: Case, comm, progress: Progress):
     kept = min(jumps, _CONTACT_MODES) if h.interface_modes is None else h.interface_modes
     model = reduce_contacts(joint, laws, n_modes=h.modes, interface_modes=kept, **_places(case))
     modes = solve_modes(model, n_modes=min(h.modes, model.n_dofs))
-    return model, preload.jumps.n, modes
+    return model, preload.jumps.n, modes, None
 
 
 def _pressure(state: ContactState, section: CoulombSection) -> np.ndarray:

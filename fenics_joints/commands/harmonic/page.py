@@ -23,7 +23,7 @@ def harmonic_html(r: HarmonicReport) -> str:
     if r.rank != 0:
         return ""
     pictures = [("Response at the levels of force", responses_chart(r))]
-    if r.backbone is not None:
+    if r.backbone is not None or r.static_backbone is not None:
         pictures.append(("Frequency and damping over amplitude", over_amplitude(r)))
     top = loops[-1]
     for name, made in top.items():
@@ -74,13 +74,21 @@ def _cycle():
 
 def over_amplitude(r: HarmonicReport) -> str:
     """Frequency and damping of the mode over its amplitude, with the levels' peaks."""
-    b = r.backbone
-    x = b.amplitude(SENSOR)
+    both = [r.backbone, r.static_backbone]
+    b = next(found for found in both if found is not None)
+    x = b.amplitude()
     with drawing(7.6, 3.2) as figure:
         left, right = figure.subplots(1, 2)
-        for axes, y in ((left, b.frequencies_hz), (right, 100 * b.damping_ratios)):
-            axes.semilogx(x, y, color="#2b7bba", lw=1.6)
+        lines = {"color": "#2b7bba"}, {"color": "#14181d", "ls": "--"}
+        for found, line in zip(both, lines, strict=True):
+            if found is not None:
+                a, name = found.amplitude(), found.method.replace("epmc", "periodic")
+                left.semilogx(a, found.frequencies_hz, lw=1.6, label=name, **line)
+                right.semilogx(a, 100 * found.damping_ratios, lw=1.6, **line)
+        for axes in (left, right):
             axes.set_xlabel("displacement at the sensor, m")
+        if None not in both:
+            left.legend(loc="best")
         for shade, f in zip(_cycle(), r.facts, strict=False):
             left.plot(f.displacement, f.frequency_hz, "o", color=shade, ms=4.5)
             right.plot(f.displacement, 100 * f.damping_ratio, "o", color=shade, ms=4.5)

@@ -17,6 +17,7 @@ from fenics_joints.harmonic import (
     CurvePrediction,
     HarmonicResult,
     IdentificationResult,
+    StaticBackbone,
     slider_ranges,
 )
 from fenics_joints.measurements.curves import UNITS, MeasuredCurves
@@ -91,6 +92,7 @@ class HarmonicReport:
         identified: Parameters from the curve of one level, by each method; the responses are those
             of the last.
         predictions: What that model makes of every measured curve.
+        static_backbone: Frequency and damping over amplitude from static loads, or None.
     """
 
     case: Case
@@ -103,6 +105,7 @@ class HarmonicReport:
     rank: int
     identified: tuple[IdentificationResult, ...] = ()
     predictions: tuple[CurvePrediction, ...] = ()
+    static_backbone: StaticBackbone | None = None
 
     def __repr__(self) -> str:
         peaks = ", ".join(f"{f.level:g} N: {f.frequency_hz:.4g} Hz" for f in self.facts[:4])
@@ -130,6 +133,19 @@ class HarmonicReport:
             for name, value in found.values.items()
         ]  # fmt: skip
 
+    def mode_rows(self) -> list[tuple[float, list[tuple[float, float] | None]]]:
+        """Displacements of the levels' peaks, m, and at each frequency, Hz, and damping of the mode
+        by `mode_methods`; None where one does not reach."""
+        found = [b for b in (self.backbone, self.static_backbone) if b is not None]
+        return [(f.displacement, [_at(b, f.displacement) for b in found]) for f in self.facts]
+
+    @property
+    def mode_methods(self) -> list[str]:
+        """How the mode's frequency and damping were found."""
+        static = f"quasi-static, {self.case.harmonic.quasi_static}"
+        pairs = (self.backbone, "periodic (EPMC)"), (self.static_backbone, static)
+        return [words for found, words in pairs if found is not None]
+
     @property
     def backbone_note(self) -> str | None:
         """What to know of a backbone that does not reach the amplitude that it was to."""
@@ -153,7 +169,8 @@ class HarmonicReport:
 
         Keys: ``version``, ``title``, ``dofs``, ``basis``, ``interface_points``,
         ``frequencies_at_rest_hz``, ``response``, ``levels`` (each with the facts of `LevelFacts`
-        and its ``branch``), ``backbone``, ``identified``, ``predictions`` and ``notes``.
+        and its ``branch``), ``backbone``, ``static_backbone``, ``identified``, ``predictions`` and
+        ``notes``.
         """
         model = self.built.model
         return {
@@ -169,7 +186,18 @@ class HarmonicReport:
                 for facts, response in zip(self.facts, self.responses, strict=True)
             ],
             "backbone": None if self.backbone is None else self.backbone.to_dict(),
+            "static_backbone": self.static_backbone and self.static_backbone.to_dict(),
             "identified": [found.to_dict() for found in self.identified],
             "predictions": [made.to_dict() for made in self.predictions],
             "notes": self.slider_notes,
         }
+
+
+def _at(found: Backbone | StaticBackbone, displacement: float) -> tuple[float, float] | None:
+    """Frequency, Hz, and damping ratio of a mode at a displacement, or None out of its range."""
+    a = found.amplitude()
+    if not a.min() <= displacement <= a.max():
+        return None
+    order, x = np.argsort(a), np.log(displacement)
+    columns = (found.frequencies_hz, found.damping_ratios)
+    return tuple(float(np.interp(x, np.log(a[order]), y[order])) for y in columns)

@@ -18,7 +18,13 @@ from fenics_joints.commands.harmonic.result import HarmonicReport, LevelFacts
 from fenics_joints.commands.harmonic.summary import show_harmonic
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.files import writable_folder
-from fenics_joints.harmonic import HarmonicResult, solve_backbone, solve_harmonic
+from fenics_joints.harmonic import (
+    HarmonicResult,
+    StaticBackbone,
+    solve_backbone,
+    solve_harmonic,
+    solve_static_backbone,
+)
 from fenics_joints.harmonic.identify import IdentificationResult, identify
 from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.loops import read_loops
@@ -32,6 +38,8 @@ __all__ = ["run_harmonic"]
 #: The backbone reaches down to this share of the smallest response at resonance, and up to this
 #: multiple of the largest.
 _BELOW, _ABOVE = 0.1, 1.2
+#: Static steps of half a loop of a contact, whose pressure changes.
+_LOOP_STEPS = 24
 
 
 def run_harmonic(
@@ -85,6 +93,7 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
             built.model, (_BELOW * min(reach), _ABOVE * max(reach)),
             near=float(built.frequencies_hz[built.mode]), **common, **_kept(branches, "backbone"),
         )  # fmt: skip
+    static = _static_backbone(case, built, facts, progress)
     predictions = ()
     if curves is not None:
         progress.step("responses at the measured frequencies", len(curves.levels))
@@ -92,8 +101,33 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
         predictions = predict(built.model, curves, points=points, **_equations(case, comm))
     seconds = time.perf_counter() - started
     return HarmonicReport(
-        case, built, responses, facts, backbone, curves, seconds, comm.rank, identified, predictions
-    )
+        case, built, responses, facts, backbone, curves, seconds, comm.rank, identified,
+        predictions, static,
+    )  # fmt: skip
+
+
+def _static_backbone(
+    case: Case, built: HarmonicModel, facts, progress: Progress
+) -> StaticBackbone | None:
+    """The mode over its amplitude from static loads, if the case wants it. Collective."""
+    kind = case.harmonic.quasi_static
+    if kind == "no":
+        return None
+    progress.step(f"quasi-static modal analysis of the {kind} model")
+    hz, reach = float(built.frequencies_hz[built.mode]), [f.displacement for f in facts]
+    span, coupled = (_BELOW * min(reach), _ABOVE * max(reach)), False
+    for points in built.model.interfaces:
+        coupled |= points.law.coupled
+    found = solve_static_backbone(
+        built.full or built.model, span, near=hz, sensor=SENSOR, per_decade=10,
+        loop_steps=_LOOP_STEPS if coupled and built.full is None else 0,
+    )  # fmt: skip
+    if built.full is None:
+        return found
+    # The full model has no damping: that of the mode, as the reduced one's.
+    damping = case.harmonic.damping
+    viscous = damping[min(built.mode, len(damping) - 1)] * hz / found.frequencies_hz
+    return replace(found, damping_ratios=found.damping_ratios + viscous)
 
 
 def _equations(case: Case, comm) -> dict:

@@ -33,6 +33,8 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
             percent(f.damping_ratio), quantity(sum(f.joint_energy.values()), "J"),
         )  # fmt: skip
     console.print(rows)
+    if r.static_backbone is not None:
+        _modes(console, r)
     if r.identified:
         _identified(console, r)
     if r.predictions:
@@ -45,6 +47,19 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
         say(console, r.backbone_note)
     for note in r.slider_notes:
         say(console, note)
+
+
+def _modes(console: Console, r: HarmonicReport) -> None:
+    """The mode at the peaks' displacements, by each method."""
+    console.print()
+    say(console, f"mode over amplitude: {'; '.join(r.mode_methods)}", "bold")
+    rows = new_table(">displacement", *(">Hz", ">damping") * len(r.mode_methods))
+    for displacement, found in r.mode_rows():
+        words = [(f"{at[0]:.3f}", percent(at[1])) if at else ("-", "-") for at in found]
+        rows.add_row(quantity(displacement, "m"), *(word for pair in words for word in pair))
+    console.print(rows)
+    if r.static_backbone.end != "reached":
+        say(console, "under static loads the joint gives way before the highest amplitude")
 
 
 def _identified(console: Console, r: HarmonicReport) -> None:
