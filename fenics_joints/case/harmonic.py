@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -23,6 +23,7 @@ from fenics_joints.case.values import (
     listed,
     quantity,
 )
+from fenics_joints.errors import InputError
 from fenics_joints.joint_laws import (
     Backbone,
     Bilinear,
@@ -35,20 +36,22 @@ from fenics_joints.joint_laws import (
 from fenics_joints.units import to_si
 
 __all__ = [
-    "CoulombSection", "HarmonicSection", "IdentifySection", "NonlinearSection", "Place",
-    "identifiable",
+    "BaseSection", "CoulombSection", "HarmonicSection", "IdentifySection", "LoadSection",
+    "NonlinearSection", "Place", "identifiable",
 ]  # fmt: skip
 
 Force = quantity("N", 0, above=True)
 Frequency = quantity("Hz", 0, above=True)
 PerLength = quantity("Pa/m", 0, above=True)
 Shape = quantity("", -0.99, 10)
+#: Unit of the levels of a base's motion.
+_LEVEL_UNITS = {"acceleration": "m/s2", "displacement": "m"}
 
 
 class Hysteretic(Section):
     """A backbone with Masing's rule, as parallel sliders.
 
-    ``stress`` is what yields: the shear of the interface (the paper's c55 and c66), or the
+    ``stress`` is what yields: the shear of the interface (the seed's c55 and c66), or the
     ``equivalent`` stress of tension and shear together, of a layer. ``thickness`` is that of the
     layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
     ``amplitudes``, least and largest, of that strain, or of a contact's slip in m, are those that
@@ -93,7 +96,7 @@ class Hysteretic(Section):
 
 
 class RichardAbbottSection(Hysteretic):
-    """``[nonlinear.NAME]`` with ``law = "richard_abbott"`` (Iranzad and Ahmadian 2012, eq. 4)."""
+    """``[nonlinear.NAME]`` with ``law = "richard_abbott"`` (seed 003, eq. 4)."""
 
     curve: ClassVar = RichardAbbott
     stiffness: ClassVar = "E_e"
@@ -165,10 +168,33 @@ class Place(Section):
     direction: Direction
 
 
+class BaseSection(Section):
+    """``[harmonic.base]``: the base that holds the supports moves, instead of a force.
+
+    ``levels`` are then amplitudes of its ``motion``, m/s2 or m, and responses are relative to it.
+    """
+
+    direction: Direction
+    motion: Literal["acceleration", "displacement"] = "acceleration"
+
+
+class LoadSection(Section):
+    """``[[harmonic.loads]]``: a further force, as a ``share`` of the level, of any ``harmonic``.
+
+    With a positive ``phase_degrees`` it comes earlier than the first force or the base.
+    """
+
+    point: Point
+    direction: Direction
+    share: quantity("", -1e6, 1e6) = 1.0
+    harmonic: Annotated[int, Field(ge=1, le=51, strict=True)] = 1
+    phase_degrees: quantity("", -360, 360) = 0.0
+
+
 class IdentifySection(Section):
     """``[harmonic.identify]``: parameters of the laws from the curves of one level.
 
-    The objective is the paper's eq. 6, or with ``method = "gradient"`` its squares. Loops of force
+    The objective is the seed's eq. 6, or with ``method = "gradient"`` its squares. Loops of force
     against response, in a table of their own, enter beside the curve. ``start`` is the case's own
     numbers by default.
     """
@@ -195,7 +221,8 @@ class IdentifySection(Section):
 class HarmonicSection(Section):
     """``[harmonic]``: what `fenics-joints harmonic` computes.
 
-    ``levels`` are amplitudes of the force; ``damping`` the ratios of the modes at rest, the last
+    ``levels`` are amplitudes of the ``force``, or of the motion of a ``base`` in its place, and
+    ``loads`` come beside it; ``damping`` are the ratios of the modes at rest, the last
     one for all further modes; ``measured`` a table with the columns ``level``, ``frequency`` and
     ``amplitude``, of the ``response`` at the sensor. ``interface_modes`` go into the reduced model
     beside the ``modes``: none in layers, which show how they give way under static load instead,
@@ -203,7 +230,9 @@ class HarmonicSection(Section):
     mode over its amplitude from static loads too, of the ``reduced`` model or the ``full`` one.
     """
 
-    force: Place
+    force: Place | None = None
+    base: BaseSection | None = None
+    loads: list[LoadSection] = []
     sensor: Place
     levels: Annotated[list[Force], BeforeValidator(listed), Field(min_length=1)]
     band: ascending(Frequency)
@@ -217,6 +246,39 @@ class HarmonicSection(Section):
     modes: ModeCount = 12
     interface_modes: Annotated[int, Field(ge=0, le=10_000, strict=True)] = 24
     identify: IdentifySection | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _levels(cls, data: Any) -> Any:
+        """Levels of a base in its own unit, as bare numbers."""
+        base = data.get("base") if isinstance(data, dict) else None
+        if not isinstance(base, dict) or "levels" not in data:
+            return data
+        unit = _LEVEL_UNITS.get(base.get("motion", "acceleration"), "m/s2")
+        try:
+            levels = [to_si(level, unit) for level in listed(data["levels"])]
+        except InputError as error:
+            raise ValueError(f"levels of a base: {error}") from error
+        return {**data, "levels": levels}
+
+    @model_validator(mode="after")
+    def _one_excitation(self) -> HarmonicSection:
+        if (self.force is None) == (self.base is None):
+            raise ValueError("expected either force = {...} or [harmonic.base]")
+        if self.measured is not None and (self.base is not None or self.loads):
+            raise ValueError("measured: expected one force alone, without a base or further loads")
+        for load in self.loads:
+            if load.harmonic > self.harmonics:
+                raise ValueError(
+                    f"loads: harmonic = {load.harmonic}: expected at most {self.harmonics}, the "
+                    "case's harmonics"
+                )
+        return self
+
+    @property
+    def level_unit(self) -> str:
+        """SI unit of the levels."""
+        return "N" if self.base is None else _LEVEL_UNITS[self.base.motion]
 
     @model_validator(mode="after")
     def _enough_samples(self) -> HarmonicSection:

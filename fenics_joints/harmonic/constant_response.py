@@ -25,6 +25,7 @@ from fenics_joints.harmonic.frf import (
     telling,
     with_extremes,
 )
+from fenics_joints.harmonic.loads import Loading
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.progress import Progress
@@ -148,9 +149,10 @@ class ConstantResponse:
         if not self._compliance:
             raise InputError("the sensor does not move with the force; expected another sensor.")
         force = self.amplitude / (self._compliance * omega**self.order)
-        forced = ForcedResponse(self.balance, self.balance.load(force * self.force), self.width)
+        load = self.balance.load(force * self.force)
+        forced = ForcedResponse(self.balance, Loading({0: load}), self.width)
         try:
             X = first_response(forced, omega, settings)[:-1]
         except ConvergenceError:
-            X = linear_response(self.balance, omega, forced.load).reshape(-1)
+            X = linear_response(self.balance, omega, load).reshape(-1)
         return np.concatenate([X, [force, omega]])

@@ -16,7 +16,7 @@ from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow, locate
 from fenics_joints.harmonic.corrector import Settings, check_settings, correct
 from fenics_joints.harmonic.fourier import amplitude_gradient, moving_size
-from fenics_joints.harmonic.loads import Load, load_coefficients
+from fenics_joints.harmonic.loads import Load, Loading
 from fenics_joints.harmonic.result import HarmonicResult, check_sensor
 from fenics_joints.harmonic.unbounded import BoundWatch, unbounded
 from fenics_joints.interfaces.model import InterfaceModel
@@ -41,6 +41,7 @@ def solve_harmonic(
     measure: str = "first",
     direction: str = "up",
     more: Sequence[Load] = (),
+    power: int = 0,
     settings: Settings | None = None,
     initial: HarmonicResult | None = None,
     checkpoint: str | Path | None = None,
@@ -51,8 +52,9 @@ def solve_harmonic(
     """Steady response to amplitude * cos(w t), over a band or at given frequencies.
 
     Over a band the branch is followed through its turning points, and the maxima of one sensor's
-    amplitude are points of it. A base that shakes with constant acceleration is a force too: one
-    whose row is -M times the rigid motion, with the acceleration as its amplitude.
+    amplitude are points of it. A base that shakes is a force too, on the motion relative to it: one
+    whose row is -M times the rigid motion, as `reduce_layers` makes of a place without a point. Its
+    amplitude is the base's acceleration, m/s2, or with ``power`` 2 its displacement against it, m.
 
     Args:
         model: The structure.
@@ -66,6 +68,7 @@ def solve_harmonic(
             peak.
         direction: ``up`` or ``down`` the band.
         more: Further loads, of any harmonic, phase and place.
+        power: Of the frequency, rad/s, that the force is multiplied by, as `Load` has it.
         settings: Steps and tolerances of the continuation.
         initial: Responses of a near model at the same frequencies (``at``), to start from.
         checkpoint: File (npz) that the branch is written to as it grows.
@@ -88,22 +91,21 @@ def solve_harmonic(
     if (band is None) == (at is None):
         raise InputError("expected either band = (low, high), Hz, or at = [frequencies], Hz.")
     sensor = check_sensor(model, sensor)
-    row = model.row("forces", force)
     amplitude_gradient(np.zeros(3), measure)  # raises for an unknown one
     balance = Balance(model, **equations)
     settings = check_settings(settings)
     more = tuple(more)
-    load = balance.load(amplitude * row) + load_coefficients(balance, more)
-    named = {"force": force, "sensor": sensor, "measure": measure, "more": more}
+    loading = Loading.of(balance, (Load(force, amplitude, power=power), *more))
+    named = {"force": force, "sensor": sensor, "measure": measure, "more": more, "power": power}
     tell = telling(progress, f"response to {amplitude:g} N at {force}")
     if at is not None:
-        found = _at_frequencies(balance, load, at, settings, initial, tell)
+        found = _at_frequencies(balance, loading, at, settings, initial, tell)
         return responses(balance, *found, amplitude, **named)
     band = check_band(band, direction)
-    problem = ForcedResponse(balance, load, 2 * np.pi * (band[1] - band[0]))
+    problem = ForcedResponse(balance, loading, 2 * np.pi * (band[1] - band[0]))
     branch = follow_band(
         problem, lambda omega: first_response(problem, omega, settings), band, direction,
-        words=("force", force, amplitude, *more), settings=settings, checkpoint=checkpoint,
+        words=("force", force, amplitude, *more, power), settings=settings, checkpoint=checkpoint,
         resume=resume, on_point=tell,
     )  # fmt: skip
     branch = with_maxima(problem, branch, model.row("sensors", sensor), measure, settings)
@@ -183,7 +185,7 @@ class ForcedResponse:
 
     Args:
         balance: The equations.
-        load: Coefficients of the load, (n, K).
+        loading: The load.
         width: Notable change of the parameter: of omega, rad/s, or of the share.
         omega: Angular frequency, rad/s, at which the load grows; None for omega as the parameter.
         least: Least size of the motion to scale it by.
@@ -192,23 +194,27 @@ class ForcedResponse:
     def __init__(
         self,
         balance: Balance,
-        load: np.ndarray,
+        loading: Loading,
         width: float,
         *,
         omega: float | None = None,
         least: float = 0.0,
     ):
-        self.balance, self.load, self.width = balance, load, width
+        self.balance, self.loading, self.width = balance, loading, width
         self.omega, self.least = omega, least
 
     def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
         """Residual and its derivative by the coefficients and the parameter."""
         X = z[:-1].reshape(self.balance.shape)
-        omega, load = (z[-1], self.load) if self.omega is None else (self.omega, z[-1] * self.load)
-        R, J = self.balance.evaluate(X, omega, load, jacobian=jacobian)
+        omega, share = (z[-1], 1.0) if self.omega is None else (self.omega, z[-1])
+        load = self.loading.at(omega)
+        R, J = self.balance.evaluate(X, omega, share * load, jacobian=jacobian)
         if not jacobian:
             return R.reshape(-1), None
-        last = self.balance.by_omega(X, omega) if self.omega is None else -self.load
+        if self.omega is None:
+            last = self.balance.by_omega(X, omega) - self.loading.slope(omega)
+        else:
+            last = -load
         return R.reshape(-1), np.hstack([J, last.reshape(-1, 1)])
 
     def scales(self, z: np.ndarray) -> np.ndarray:
@@ -223,7 +229,7 @@ def first_response(problem: ForcedResponse, omega: float, settings: Settings) ->
     Raises:
         ConvergenceError: If neither converges.
     """
-    linear = linear_response(problem.balance, omega, problem.load)
+    linear = linear_response(problem.balance, omega, problem.loading.at(omega))
     start = np.append(linear.reshape(-1), omega)
     try:
         return correct(problem, start, None, settings).z
@@ -231,7 +237,7 @@ def first_response(problem: ForcedResponse, omega: float, settings: Settings) ->
         pass
     balance = problem.balance
     growing = ForcedResponse(
-        balance, problem.load, 1.0, omega=omega, least=1e-3 * moving_size(linear)
+        balance, problem.loading, 1.0, omega=omega, least=1e-3 * moving_size(linear)
     )
     share = 0.01
     first = np.append((balance.rest + share * (linear - balance.rest)).reshape(-1), share)
@@ -281,7 +287,7 @@ def with_extremes(problem, branch: Branch, slope, settings: Settings) -> Branch:
     return branch
 
 
-def _at_frequencies(balance, load, at, settings, initial, tell):
+def _at_frequencies(balance, loading, at, settings, initial, tell):
     """Responses at given frequencies, each from that of the frequency below it.
 
     Returns:
@@ -291,7 +297,7 @@ def _at_frequencies(balance, load, at, settings, initial, tell):
     starts = _starts(balance, initial, frequencies)
     omegas = 2 * np.pi * frequencies
     order = np.argsort(omegas)
-    problem = ForcedResponse(balance, load, float(np.ptp(omegas)) or omegas[0])
+    problem = ForcedResponse(balance, loading, float(np.ptp(omegas)) or omegas[0])
     z = np.empty((len(omegas), balance.size + 1))
     iterations, jacobians = np.zeros((2, len(omegas)), dtype=int)
     last = None

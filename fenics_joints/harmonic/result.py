@@ -205,12 +205,14 @@ class HarmonicResult(Periodic):
         tangents: Tangents of the branch, coefficients first and omega last; None if the responses
             are not points of a branch.
         more: Further loads.
+        power: Of the frequency that the force is multiplied by.
     """
 
     force: str
     force_amplitudes: np.ndarray
     tangents: np.ndarray | None = None
     more: tuple[Load, ...] = ()
+    power: int = 0
 
     def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
         """First harmonic at a sensor over the force, complex, per N, (N,)."""
@@ -236,8 +238,9 @@ class HarmonicResult(Periodic):
     def force_work(self) -> np.ndarray:
         """Work of the loads per cycle, J, (N,): all that interfaces and viscous damping take."""
         row = self.model.row("forces", self.force)
-        work = np.pi * self.force_amplitudes * (self.coefficients[:, :, 2] @ row)
-        return work + load_work(self.balance, self.more, self.coefficients)
+        forces = self.force_amplitudes * self.omegas**self.power
+        work = np.pi * forces * (self.coefficients[:, :, 2] @ row)
+        return work + load_work(self.balance, self.more, self.coefficients, self.omegas)
 
     def by_parameters(
         self,

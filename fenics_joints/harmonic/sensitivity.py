@@ -15,7 +15,6 @@ import scipy.linalg
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import amplitude_gradient, differentiated
-from fenics_joints.harmonic.loads import load_coefficients
 from fenics_joints.interfaces.model import InterfaceModel
 
 __all__ = ["ResponseGradient", "response_gradient"]
@@ -92,15 +91,12 @@ def response_gradient(
             _changed(balance, change, values, key, value * (1 + s * step)) for s in (1, -1)
         ]
     found = np.empty((len(indices), *balance.shape, len(values)))
-    row = result.model.row("forces", result.force)
     for i, index in enumerate(indices):
         X, omega = result.coefficients[index], result.omegas[index]
-        load = balance.load(result.force_amplitudes[index] * row)
-        load += load_coefficients(balance, result.more)
-        J = balance.evaluate(X, omega, load)[1]
+        J = balance.evaluate(X, omega)[1]  # the loads are the same ones
         by_values = np.empty((X.size, len(values)))
         for j, (key, (up, down)) in enumerate(pairs.items()):
-            difference = _residual(up, X, omega, load) - _residual(down, X, omega, load)
+            difference = _residual(up, X, omega) - _residual(down, X, omega)
             by_values[:, j] = difference.reshape(-1) / (2 * step * values[key])
         try:
             found[i] = -scipy.linalg.solve(J, by_values).reshape(*X.shape, -1)
@@ -112,8 +108,8 @@ def response_gradient(
     return found
 
 
-def _residual(balance: Balance, X, omega, load) -> np.ndarray:
-    return balance.evaluate(X, omega, load, jacobian=False)[0]
+def _residual(balance: Balance, X, omega) -> np.ndarray:
+    return balance.evaluate(X, omega, jacobian=False)[0]
 
 
 def _changed(balance: Balance, change, values, key: str, value: float) -> Balance:

@@ -10,6 +10,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+import ufl
+from dolfinx import fem
 from harmonic_case import CONTACT, LAYER, write
 from mpi4py import MPI
 from typer.testing import CliRunner
@@ -166,6 +168,52 @@ def test_a_free_beam_resonates_as_its_linear_modes_say_and_slips(tmp_path, chang
     assert np.abs(mean @ free.inertia).max() < 1e-9
 
 
+FORCE_LINE = 'force = { point = ["100 mm", "0 mm", "-6 mm"], direction = [0, 0, 1] }\n'
+SMALL = (
+    ('measured = "frf.csv"\n', "backbone = false\n"), ('["0.01 N", "10 N"]', '["0.001 N"]'),
+    ("harmonics = 3", "harmonics = 1"),
+)  # fmt: skip
+
+
+@serial
+def test_a_base_that_shakes_is_the_inertia_of_the_mode(tmp_path):
+    """Of acceleration, and of the displacement that is the same at the peak."""
+    base = "harmonics = 1", "harmonics = 1\nbase = { direction = [0, 0, 1] }"
+    edits = (*SMALL[:1], (FORCE_LINE, ""), (SMALL[1][0], '["1 mm/s2"]'), SMALL[2], base)
+    case = load_case(write(tmp_path, LAYER, *edits))
+    outcome = run_harmonic(case, SELF, QUIET)
+    (fact,) = outcome.result.facts
+    structure = build_structure(case, SELF)
+    modes = solve_modes(structure, n_modes=3)
+    i = outcome.result.built.mode
+    shape = modes.shape(i)
+    cells = [structure.tagged.cell_tag(name) for name in ("beam_1", "beam_2")]
+    dx = ufl.Measure("dx", structure.mesh, subdomain_data=structure.tagged.cell_tags)
+    push = 7800.0 * fem.assemble_scalar(fem.form(shape[2] * dx(tuple(cells))))
+    sensor = modes.at(Sensors([case.harmonic.sensor.point], [0, 0, 1]))[0, i]
+    expected = 1e-3 * abs(push * sensor) / (2 * 0.01 * modes.eigenvalues[i])
+    assert fact.displacement == pytest.approx(expected, rel=2e-3)
+    assert outcome.json()["level_unit"] == "m/s2" and "base acceleration" in outcome.page()
+    moved = 1e-3 / (2 * np.pi * fact.frequency_hz) ** 2
+    edits = (*edits[:2], (SMALL[1][0], f'["{1e9 * moved:.9g} nm"]'), SMALL[2],
+             (base[0], base[1].replace("}", ', motion = "displacement" }')))  # fmt: skip
+    (by_way,) = run_harmonic(load_case(write(tmp_path, LAYER, *edits)), SELF, QUIET).result.facts
+    assert by_way.displacement == pytest.approx(fact.displacement, rel=1e-3)
+
+
+@serial
+@pytest.mark.slow
+def test_loads_of_a_case_add_up_with_their_phases(tmp_path):
+    """A second one at the same place, a quarter of a cycle later, is as much again."""
+    one = run_harmonic(load_case(write(tmp_path, LAYER, *SMALL)), SELF, QUIET).result.facts[0]
+    load = "loads = [{" + FORCE_LINE.strip()[9:-1] + "phase_degrees = -90 }]"
+    load = "harmonics = 1\n" + load.replace("1] phase", "1], phase")
+    edits = (*SMALL[:2], (SMALL[2][0], load))
+    two = run_harmonic(load_case(write(tmp_path, LAYER, *edits)), SELF, QUIET).result.facts[0]
+    assert two.displacement == pytest.approx(np.sqrt(2) * one.displacement, rel=1e-4)
+    assert two.frequency_hz == pytest.approx(one.frequency_hz, rel=1e-4)
+
+
 @serial
 def test_identification_finds_the_strength_that_made_the_curves(tmp_path):
     """Curves of one strength, with other sliders; the level that is not fitted is met as well."""
@@ -235,6 +283,8 @@ def test_contact_with_friction_under_preload(tmp_path):
         ("samples = 64", "samples = 8", "four for each harmonic"),
         ('measured = "frf.csv"', 'measured = "frs.csv"', "harmonic.measured: .*no such file"),
         ('stress = "equivalent"', 'stress = "peel"', "nonlinear.lap.stress"),
+        (FORCE_LINE, "", "either force = {...} or .harmonic.base."),
+        ("harmonics = 3", 'harmonics = 3\nbase = { direction = [0, 0, 1] }', "levels of a base"),
         (
             'measured = "frf.csv"',
             'measured = "frf.csv"\n[harmonic.identify]\nlevel = "10 N"\nparameters = "lap.S_z"',

@@ -11,6 +11,7 @@ import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.case.cad import JoinedMesh
+from fenics_joints.case.harmonic import HarmonicSection
 from fenics_joints.case.sections import ONE_BOLT
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
@@ -69,15 +70,22 @@ def _places(case: Case) -> Iterator[Place]:
         ):
             yield Place("force", f"force {i + 1}", _three(point), _three(way))
     if case.harmonic is not None:
-        for kind in ("force", "sensor"):
-            at = getattr(case.harmonic, kind)
-            yield Place(kind, f"harmonic.{kind}", tuple(at.point), tuple(at.direction))
+        yield from _harmonic(case.harmonic)
     tables = {"mass": case.masses, "spring": case.springs, "attached": case.attached}
     for kind, table in tables.items():
         for name, section in table.items():
             way = getattr(section, "direction", None)
             for label, point in section.labelled(name):
                 yield Place(kind, label, tuple(point), way)
+
+
+def _harmonic(section: HarmonicSection) -> Iterator[Place]:
+    """Its forces, those that are at a place, and its sensor."""
+    found = [(kind, f"harmonic.{kind}", getattr(section, kind)) for kind in ("force", "sensor")]
+    found += [("force", f"harmonic.loads[{i}]", load) for i, load in enumerate(section.loads)]
+    for kind, label, at in found:
+        if at is not None:
+            yield Place(kind, label, tuple(at.point), tuple(at.direction))
 
 
 def _three(vector: Sequence[float]) -> tuple[float, ...]:

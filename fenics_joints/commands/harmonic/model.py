@@ -26,7 +26,7 @@ from fenics_joints.preload import ContactState, LinearJoint, PreloadSolver
 from fenics_joints.progress import Progress
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["FORCE", "SENSOR", "HarmonicModel", "harmonic_model"]
+__all__ = ["FORCE", "SENSOR", "HarmonicModel", "harmonic_model", "level_power", "load_name"]
 
 FORCE, SENSOR = "force", "sensor"
 #: Static loads whose shapes go into the basis: as many, the least as a share of the largest.
@@ -98,10 +98,23 @@ def harmonic_model(case: Case, comm: MPI.Intracomm, progress: Progress) -> Harmo
 
 def _places(case: Case) -> dict:
     h = case.harmonic
+    first = (None, h.base.direction) if h.force is None else (h.force.point, h.force.direction)
+    more = {load_name(i): (load.point, load.direction) for i, load in enumerate(h.loads)}
     return {
-        "forces": {FORCE: (h.force.point, h.force.direction)},
+        "forces": {FORCE: first, **more},
         "sensors": {SENSOR: (h.sensor.point, h.sensor.direction)},
     }
+
+
+def load_name(i: int) -> str:
+    """Name of the place of the i-th further load."""
+    return f"load {i + 1}"
+
+
+def level_power(case: Case) -> int:
+    """Power of the frequency that a level is multiplied by to be a force."""
+    base = case.harmonic.base
+    return 2 if base is not None and base.motion == "displacement" else 0
 
 
 def _mode_in_band(case: Case, modes: Modes) -> int:
@@ -143,6 +156,7 @@ def _loadings(case: Case, full: FullModel, modes: Modes) -> list:
     load.scale(eigenvalue)
     zeta = case.harmonic.damping[min(i, len(case.harmonic.damping) - 1)]
     push = abs(full.forces[FORCE].dot(shape)) * max(case.harmonic.levels)
+    push *= eigenvalue ** (level_power(case) / 2)
     largest = push / (2 * max(zeta, 1e-4) * eigenvalue)
     return loading_shapes(full, load, largest * np.geomspace(_LEAST, 1.0, _LOADINGS))
 
@@ -167,6 +181,12 @@ def _with_contacts(case: Case, comm, progress: Progress):
         else:
             laws[name] = section.make(None, None, 1.0)
     joint = LinearJoint(preload)
+    own = preload.structure.total_mass()
+    if h.base is not None and abs(joint.total_mass() - own) > 1e-9 * own:
+        raise InputError(
+            f"{case.path}: harmonic.base: the bolts have mass, which the base does not shake; "
+            "expected bolts without, or a force"
+        )
     progress.step(f"reducing {preload.jumps.n} degrees of freedom")
     jumps = sum(len(c) * preload.structure.gdim for c in preload.jumps.contacts if c.name in laws)
     kept = min(jumps, _CONTACT_MODES) if h.interface_modes is None else h.interface_modes

@@ -44,7 +44,7 @@ def responses_chart(r: HarmonicReport) -> str:
         axes = figure.subplots()
         for shade, response, f in zip(_cycle(), r.responses, r.facts, strict=False):
             amplitude = response.amplitude(SENSOR, r.kind)
-            label = quantity(f.level, "N")
+            label = quantity(f.level, r.level_unit)
             axes.plot(response.frequencies_hz, amplitude, color=shade, lw=1.6, label=label)
             axes.plot(f.frequency_hz, f.amplitude, "o", color=shade, ms=4)
             if f.measured is not None:
@@ -60,7 +60,7 @@ def responses_chart(r: HarmonicReport) -> str:
             )  # fmt: skip
         axes.set(
             xlim=(low, high), ylim=(0, top), xlabel="frequency, Hz",
-            ylabel=f"{r.kind} at the sensor, {r.unit}",
+            ylabel=f"{r.kind} at the sensor{r.relative}, {r.unit}",
         )  # fmt: skip
         axes.legend(loc="best", title="x: measured" if r.curves is not None else None)
         peaks = "; ".join(f"{f.level:g} N: {f.frequency_hz:.3f} Hz" for f in r.facts)
@@ -121,7 +121,8 @@ def loops_chart(r: HarmonicReport, loops: list[dict], name: str) -> str:
                 np.append(a[at, :, component], a[at, 0, component]) for a in
                 (level[name].strain, level[name].stress)
             )  # fmt: skip
-            axes.plot(strain, stress / 1e3, color=shade, lw=1.5, label=quantity(f.level, "N"))
+            label = quantity(f.level, r.level_unit)
+            axes.plot(strain, stress / 1e3, color=shade, lw=1.5, label=label)
         layer = name in r.case.joints
         words = ("normal strain", "shear strain") if layer else ("opening, m", "slip, m")
         axes.set(

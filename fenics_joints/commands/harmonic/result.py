@@ -37,7 +37,7 @@ class LevelFacts:
     """What is said of one level.
 
     Attributes:
-        level: Amplitude of the force, N.
+        level: Amplitude of the force, N, or of the base's motion, m/s2 or m.
         frequency_hz: Of the highest response, Hz.
         amplitude: The highest response, in SI units of the case's kind.
         displacement: The same as a displacement, m.
@@ -108,7 +108,8 @@ class HarmonicReport:
     static_backbone: StaticBackbone | None = None
 
     def __repr__(self) -> str:
-        peaks = ", ".join(f"{f.level:g} N: {f.frequency_hz:.4g} Hz" for f in self.facts[:4])
+        unit, facts = self.level_unit, self.facts[:4]
+        peaks = ", ".join(f"{f.level:g} {unit}: {f.frequency_hz:.4g} Hz" for f in facts)
         return f"HarmonicReport({self.case.name!r}, {len(self.facts)} levels, {peaks})"
 
     @property
@@ -120,6 +121,29 @@ class HarmonicReport:
     def unit(self) -> str:
         """Unit of the responses, as people write it."""
         return UNITS[self.kind].replace("s2", "s²")
+
+    @property
+    def level_unit(self) -> str:
+        """SI unit of the levels: N, or that of a base's motion."""
+        return self.case.harmonic.level_unit
+
+    @property
+    def drive(self) -> str:
+        """What the levels are amplitudes of."""
+        base = self.case.harmonic.base
+        return "force" if base is None else f"base {base.motion}"
+
+    @property
+    def title(self) -> str:
+        """What the structure responds to."""
+        if self.case.harmonic.base is None:
+            return "sinusoidal forces"
+        return "a base that shakes, relative to it"
+
+    @property
+    def relative(self) -> str:
+        """What a response is relative to, for an axis."""
+        return "" if self.case.harmonic.base is None else " relative to the base"
 
     def parameter_rows(self, found: IdentificationResult) -> list[tuple[str, str, str, str]]:
         """Name, start, value and standard deviation of the parameters found, in words."""
@@ -158,19 +182,24 @@ class HarmonicReport:
     def slider_notes(self) -> list[str]:
         """Joints whose sliders are for other amplitudes than the levels' peaks met."""
         return [
-            f"at {quantity(f.level, 'N')}, {found.note}"
+            f"at {quantity(f.level, self.level_unit)}, {found.note}"
             for f, response in zip(self.facts, self.responses, strict=True)
             for found in slider_ranges(response)
             if found.note
         ]
 
+    def _level(self, facts: LevelFacts) -> dict:
+        made = facts.to_json()
+        level = made.pop("level_n")
+        return {"level_n" if self.level_unit == "N" else "level": level, **made}
+
     def to_json(self) -> dict[str, object]:
         """What ``--json`` writes.
 
         Keys: ``version``, ``title``, ``dofs``, ``basis``, ``interface_points``,
-        ``frequencies_at_rest_hz``, ``response``, ``levels`` (each with the facts of `LevelFacts`
-        and its ``branch``), ``backbone``, ``static_backbone``, ``identified``, ``predictions`` and
-        ``notes``.
+        ``frequencies_at_rest_hz``, ``level_unit``, ``response``, ``levels`` (each with the facts of
+        `LevelFacts`, of a base ``level`` instead of ``level_n``, and its ``branch``), ``backbone``,
+        ``static_backbone``, ``identified``, ``predictions`` and ``notes``.
         """
         model = self.built.model
         return {
@@ -180,9 +209,10 @@ class HarmonicReport:
             "basis": model.n_dofs,
             "interface_points": {points.name: len(points) for points in model.interfaces},
             "frequencies_at_rest_hz": self.built.frequencies_hz.tolist(),
+            "level_unit": self.level_unit,
             "response": {"kind": self.kind, "unit": UNITS[self.kind]},
             "levels": [
-                {**facts.to_json(), "branch": response.to_dict()}
+                {**self._level(facts), "branch": response.to_dict()}
                 for facts, response in zip(self.facts, self.responses, strict=True)
             ],
             "backbone": None if self.backbone is None else self.backbone.to_dict(),

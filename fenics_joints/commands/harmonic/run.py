@@ -12,7 +12,14 @@ from threadpoolctl import threadpool_limits
 
 from fenics_joints.case import Case
 from fenics_joints.case.harmonic import IdentifySection
-from fenics_joints.commands.harmonic.model import FORCE, SENSOR, HarmonicModel, harmonic_model
+from fenics_joints.commands.harmonic.model import (
+    FORCE,
+    SENSOR,
+    HarmonicModel,
+    harmonic_model,
+    level_power,
+    load_name,
+)
 from fenics_joints.commands.harmonic.page import harmonic_html
 from fenics_joints.commands.harmonic.result import HarmonicReport, LevelFacts
 from fenics_joints.commands.harmonic.summary import show_harmonic
@@ -20,6 +27,7 @@ from fenics_joints.commands.outcome import Outcome
 from fenics_joints.files import writable_folder
 from fenics_joints.harmonic import (
     HarmonicResult,
+    Load,
     StaticBackbone,
     solve_backbone,
     solve_harmonic,
@@ -81,8 +89,9 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
     }  # fmt: skip
     responses = tuple(
         solve_harmonic(
-            built.model, FORCE, level, h.band, **common, **_kept(branches, f"{level:g}N")
-        )
+            built.model, FORCE, level, h.band, power=level_power(case), more=_more(case, level),
+            **common, **_kept(branches, f"{level:g}N"),
+        )  # fmt: skip
         for level in sorted(h.levels)
     )
     facts = tuple(_facts(r, h.response, curves) for r in responses)
@@ -104,6 +113,14 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
         case, built, responses, facts, backbone, curves, seconds, comm.rank, identified,
         predictions, static,
     )  # fmt: skip
+
+
+def _more(case: Case, level: float) -> list[Load]:
+    """The further loads at a level."""
+    return [
+        Load(load_name(i), load.share * level, load.harmonic, float(np.radians(load.phase_degrees)))
+        for i, load in enumerate(case.harmonic.loads)
+    ]
 
 
 def _static_backbone(

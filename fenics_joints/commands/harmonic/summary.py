@@ -15,7 +15,7 @@ __all__ = ["show_harmonic"]
 def show_harmonic(console: Console, r: HarmonicReport) -> None:
     """Print the peaks of all levels, beside the measured ones."""
     model = r.built.model
-    say(console, f"{r.case.name}: response to sinusoidal forces", "bold")
+    say(console, f"{r.case.name}: response to {r.title}", "bold")
     points = ", ".join(f"{p.name} {len(p)}" for p in model.interfaces)
     say(
         console,
@@ -25,11 +25,11 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
     say(console, f"{model.n_dofs} after reduction; points of joints: {points}")
     console.print()
     rows = new_table(
-        ">force", ">peak, Hz", f">{r.kind}, {r.unit}", ">damping", ">in joints, per cycle"
+        f">{r.drive}", ">peak, Hz", f">{r.kind}, {r.unit}", ">damping", ">in joints, per cycle"
     )
     for f in r.facts:
         rows.add_row(
-            quantity(f.level, "N"), f"{f.frequency_hz:.3f}", number(f.amplitude, 4),
+            quantity(f.level, r.level_unit), f"{f.frequency_hz:.3f}", number(f.amplitude, 4),
             percent(f.damping_ratio), quantity(sum(f.joint_energy.values()), "J"),
         )  # fmt: skip
     console.print(rows)

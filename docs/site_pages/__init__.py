@@ -1,1 +1,0 @@
-"""What the web site is assembled from: Markdown pages, docstrings, schema, demos."""
