@@ -4,9 +4,9 @@
     ./with-fenicsx env OMP_NUM_THREADS=1 python3 benchmarks/bayes.py plates
     ./with-fenicsx env OMP_NUM_THREADS=1 python3 benchmarks/bayes.py --quick
 
-beams: seed 002's structure with the paper's likelihood and length of a chain, 20,000 samples of
-which 5,000 are thrown away, four chains of it over the ranks: seconds against the 30 that are
-allowed, and a sample against the peer, SciPy's `eigh` of the whole beams.
+beams: Jalali et al. 2019's structure with the paper's likelihood and length of a chain, 20,000
+samples of which 5,000 are thrown away, four chains of it over the ranks: seconds against the 30
+that are allowed, and a sample against the peer, SciPy's `eigh` of the whole beams.
 plates: the lap plates, a solid model, with four parameters: a sample of the reduced model against a
 full solution in the same run, in pairs, and the reduced model's error at 50 random points of the
 prior beside what its own estimate says there and elsewhere.

@@ -25,7 +25,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve()
 PLATES = {"E": 69e9, "G": 26.9e9, "rho": 2750.0}
-LAYER = {"E": 3.00e9, "G": 1.15e9, "rho": 0.0}  # seed 001's initial values, in both zones
+LAYER = {"E": 3.00e9, "G": 1.15e9, "rho": 0.0}  # Tian et al. 2021's initial values, in both zones
 SINGLE_SOLVES = 36  # a Krylov basis without restart for 12 modes: 2 n + 12
 
 

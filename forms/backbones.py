@@ -24,7 +24,7 @@ __all__ = [
 
 
 def richard_abbott(strain, E_e, E_p, S_y, n):
-    """Stress, Pa, of Richard and Abbott's curve (seed 003, eq. 4).
+    """Stress, Pa, of Richard and Abbott's curve (Iranzad and Ahmadian 2012, eq. 4).
 
     (E_p + (E_e - E_p) (1 + |(E_e - E_p) e / S_y|^n)^(-1/n)) e: the slope falls from E_e to E_p,
     and the asymptote meets the axis of stress at S_y.

@@ -46,7 +46,7 @@ def lame_parameters(E, nu):
 def lame_from_moduli(E, G):
     """Lamé parameters (lambda, mu), Pa, from Young's modulus and shear modulus, Pa.
 
-    Seed 001, eq. 7, whose denominator is printed ``E - 3G``: that has the wrong sign; it is
+    Tian et al. 2021, eq. 7, whose denominator is printed ``E - 3G``: that has the wrong sign; it is
     ``3G - E``. Positive definite for 0 < E < 3G.
 
     Raises:

@@ -146,13 +146,13 @@ def coulomb_stick(opening, slip, position, k_n, k_s, mu, pressure=0.0):
 
 
 def dilatant_coulomb(opening, slip, position, opened, k_n, k_s, mu, pressure=0.0):
-    """The same with sliding that opens the interface by mu times its way (seed 003, eqs. 1-2).
+    """The same with sliding that opens by mu times its way (Iranzad and Ahmadian 2012, eqs. 1-2).
 
     Associated plasticity with f = |tau| + mu sigma, and its closest-point return in closed form:
     with H = k_n mu^2 + k_s (eq. 2) and f of the trial stress, tau falls by k_s f / H along itself
     and sigma by k_n mu f / H. Where that would turn tau around, the stress is at the apex: zero.
-    What has opened stays open, as in the seed's equations, and sliding dissipates nothing: its work
-    tau dz + sigma dw is f times the way, which is zero, so that what friction takes goes into
+    What has opened stays open, as in the paper's equations, and sliding dissipates nothing: its
+    work tau dz + sigma dw is f times the way, which is zero, so that what friction takes goes into
     pressing the sides apart. A joint that damps, or comes apart and closes again, wants
     `coulomb_stick`.
 
@@ -186,12 +186,12 @@ def dilatant_coulomb(opening, slip, position, opened, k_n, k_s, mu, pressure=0.0
 
 
 def coulomb_matrix(traction, k_n, k_s, mu):
-    """Increments of (sigma, tau) by those of (opening, slip) while sliding (seed 003, eq. 1).
+    """Increments of stress by opening and slip in sliding (Iranzad and Ahmadian 2012, eq. 1).
 
     C - C n n^T C / H with C = diag(k_n, k_s, k_s), n = (mu, beta_1, beta_2) and H = n^T C n =
     k_n mu^2 + k_s: the continuum tangent of `dilatant_coulomb`. Worked out, the first term is
     k_n (1 - mu^2 k_n / H); eq. 1 prints mu^2 k_n^2 / H, which is not of the right dimension. In
-    eq. 2, beta_i is tau_i / sqrt(tau_1^2 + tau_2^2), where the seed lost subscript and squares.
+    eq. 2, beta_i is tau_i / sqrt(tau_1^2 + tau_2^2), where the paper lost subscript and squares.
 
     Args:
         traction: Present traction, not zero, shape (1,) or (2,).

@@ -1,4 +1,4 @@
-"""Zero-thickness spring interface on interior facets (seed 001, eq. 1 and ref. 21, Goodman)."""
+"""Zero-thickness spring interface on interior facets (Tian et al. 2021, eq. 1; Goodman)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["spring_interface", "spring_traction"]
 
 
 def spring_traction(jump, normal, k_n, k_t):
-    """Traction, Pa, that a displacement jump, m, meets (seed 001, eq. 1).
+    """Traction, Pa, that a displacement jump, m, meets (Tian et al. 2021, eq. 1).
 
     Args:
         jump: Displacement jump across the interface, shape (gdim,).

@@ -53,9 +53,9 @@ def strain(gradient):
 
 
 def layer_strain(gradient, normal):
-    """Normal and tangential strain of a thin layer (seed 001, before eq. 5).
+    """Normal and tangential strain of a thin layer (Tian et al. 2021, before eq. 5).
 
-    The in-plane strains are left out, as the seed does; the in-plane gradient of the normal
+    The in-plane strains are left out, as the paper does; the in-plane gradient of the normal
     displacement stays in the shear strain, since without it a rigid rotation would strain the
     layer.
 

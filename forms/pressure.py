@@ -1,4 +1,4 @@
-"""Pressure under a bolt and the layer graded by it (seed 001, eqs. 19 to 25)."""
+"""Pressure under a bolt and the layer graded by it (Tian et al. 2021, eqs. 19 to 25)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def peak_pressure(force, r_hole, r_contact, *, open_hole=False):
     """Peak pressure P_max, Pa, of the linear cone that carries the bolt force (eq. 19).
 
     Eq. 19 is the volume of a full frustum: it counts the pressure P_max over the hole as well,
-    in line with the seed's model, which has no hole. With ``open_hole`` the pressure acts on the
+    in line with the paper's model, which has no hole. With ``open_hole`` the pressure acts on the
     ring r_hole < r < r_contact alone and the force is balanced by that.
 
     Args:

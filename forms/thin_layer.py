@@ -1,4 +1,4 @@
-"""Thin-layer joint materials (seed 001, eqs. 5 to 8) in any direction of the layer's normal.
+"""Thin-layer joint materials (Tian et al. 2021, eqs. 5 to 8) in any direction of the normal.
 
 What thin elements do, and how far to trust them. ``tests/forms/test_thin_layer_limits.py`` proves
 each line on lapped plates, for aspect ratios (in-plane size over thickness) from 10 to 1000 and
@@ -38,7 +38,7 @@ __all__ = ["constrained_layer", "isotropic_layer", "uncoupled_layer", "uncoupled
 
 
 def uncoupled_layer_stress(eps_n, gamma_t, E_n, G_t):
-    """Normal and tangential stress, Pa, of the uncoupled layer (seed 001, eq. 5).
+    """Normal and tangential stress, Pa, of the uncoupled layer (Tian et al. 2021, eq. 5).
 
     Args:
         eps_n: Normal strain, scalar.

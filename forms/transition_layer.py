@@ -1,4 +1,4 @@
-"""Three-dimensional transition-interface material of a bolted joint (seed 000, sections 2 and 4).
+"""Transition-interface material of a bolted joint in 3-D (Machines 2022, sections 2 and 4).
 
 The joint of one bolt is a ring of material, R_nei < r < R_wai and h thick (Figure 3c), fixed to
 both bodies: displacement and traction are continuous there (eqs. 2, 3), so that nothing but the
@@ -14,8 +14,8 @@ are upright, and if nothing but layers of the same h joins the bodies, so that t
 Rings of several h between the same two faces fit no geometry; h is then the thickness of each
 ring's own material. Springs, masses and supports move with the body that has them.
 
-The graded form, which the seed calls right and replaces by the uniform one, is E and mu as UFL
-expressions of the place in the same forms. The seed says of it that the properties follow the
+The graded form, which the paper calls right and replaces by the uniform one, is E and mu as UFL
+expressions of the place in the same forms. The paper says of it that the properties follow the
 contact pressure (eqs. 7 to 9) and "shall change smoothly through its thickness as a gradient way",
 and gives no law. The one here is a choice, `transition_modulus`: along the radius a power of the
 contact pressure over its mean, so that E is that of a ring under its mean pressure; through the
@@ -84,7 +84,7 @@ def transition_layer(u, v, E, mu, dx=ufl.dx, *, normal=None, thickness=None, mes
 def transition_mass(u, v, rho, dx=ufl.dx, *, thickness=None, meshed=None):
     """Consistent mass form of the layer.
 
-    ``rho`` in kg/m3 is `average_density` or zero: the seed takes the average of the connected
+    ``rho`` in kg/m3 is `average_density` or zero: the paper takes the average of the connected
     bodies (section 2, end), and allows zero, "because the density of the connecting bodies is
     assumed to unchanged" (after eq. 9), which fits where the layer is thin or its volume is counted
     in the bodies. Thicknesses as in `transition_layer`.
@@ -93,7 +93,7 @@ def transition_mass(u, v, rho, dx=ufl.dx, *, thickness=None, meshed=None):
 
 
 def average_density(rho_1, rho_2):
-    """Density of the layer, kg/m3, as the mean of the two bodies' (seed 000, section 2, end)."""
+    """Density of the layer, kg/m3: the mean of the bodies' (Machines 2022, section 2, end)."""
     check("rho_1", rho_1, "kg/m3", least=0)
     check("rho_2", rho_2, "kg/m3", least=0)
     return 0.5 * (rho_1 + rho_2)
@@ -117,7 +117,7 @@ def layer_position(x, middle, normal, meshed):
 def ring_pressure(r, force, r_nei, r_wai, limit=1e6):
     """Contact pressure, Pa, on a ring: linear from its peak at R_nei to ``limit`` at R_wai.
 
-    R_wai is by definition where the pressure falls to P_lim (eq. 10), 1 MPa in the seed; that it
+    R_wai is by definition where the pressure falls to P_lim (eq. 10), 1 MPa in the paper; that it
     falls linearly is the simplest shape with that end that carries the bolt's force. 0 elsewhere.
 
     Args:

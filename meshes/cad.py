@@ -74,10 +74,10 @@ class StepAssembly(Arguments):
     thick as the gap, 0.7 mm at most, or where there is none as one that
     `fenics_joints.meshes.grow` grows. The parts' meshes match on the contacts, where they share no
     vertex. With ``joint="rings"`` they hang together by the rings alone: around each
-    bolt the layer between R_nei and R_wai (seed 000, section 2), one triangle of the contact below
-    and above, cut into three tetrahedra. Its circles are polygons whose corners lie on them, as
-    all curved faces have straight-sided cells: with ``circle`` edges to a circle, a ring's area is
-    short by a share of about 6.6 / circle^2.
+    bolt the layer between R_nei and R_wai (Machines 2022, section 2), one triangle of the contact
+    below and above, cut into three tetrahedra. Its circles are polygons whose corners lie on them,
+    as all curved faces have straight-sided cells: with ``circle`` edges to a circle, a ring's area
+    is short by a share of about 6.6 / circle^2.
 
     Parts: the solids, and ``ring_1``, ``ring_2``, ... or with ``joint="layer"`` ``joint`` (numbered
     if there are several contacts). Faces: ``joint_lower`` and ``joint_upper``, between all rings

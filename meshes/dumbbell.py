@@ -1,4 +1,4 @@
-"""Two equal dumbbell halves joined by a layer, or by rings of it around bolts (seed 000)."""
+"""Two equal dumbbell halves joined by a layer, or by rings of it around bolts (Machines 2022)."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ Sides = Annotated[
 class Dumbbell(Builder):
     """Two blocks with a neck each, neck to neck with a joint layer between.
 
-    The defaults are the specimen of seed 000, section 4.3 (Figure 11): its heads, 240 x 180 mm,
-    necks, 120 x 63 mm, and layer are printed, and that the contact is on all of the necks' faces,
-    so that the joint is the whole layer. The heads' thickness and the necks' length were in a lost
-    figure: they are reconstructed, by a fit to the frequencies that the paper computed (Table 9).
-    With the default cells it gives 90.0 and 40.0 mm, which leave 0.8 % (root mean square); with
-    cells of 20 mm 91.0 and 38.0 mm. The dumbbells of section 4.2 (Figure 9, lost too) are taken as
-    the same blocks with ``layer=0.01``.
+    The defaults are the specimen of Machines 2022, section 4.3 (Figure 11): its heads, 240 x 180
+    mm, necks, 120 x 63 mm, and layer are printed, and that the contact is on all of the necks'
+    faces, so that the joint is the whole layer. The heads' thickness and the necks' length were
+    in a lost figure: they are reconstructed, by a fit to the frequencies that the paper computed
+    (Table 9). With the default cells it gives 90.0 and 40.0 mm, which leave 0.8 % (root mean
+    square); with cells of 20 mm 91.0 and 38.0 mm. The dumbbells of section 4.2 (Figure 9, lost too)
+    are taken as the same blocks with ``layer=0.01``.
 
     Body 1 lies below z = 0, its neck up; the layer from 0 to ``layer``; body 2 above, its neck
     down. All are centred on x = y = 0, the long sides along x. With ``rings``, the layer is only

@@ -1,6 +1,6 @@
-"""A cast bed and column joined by rings of transition material around bolts (seed 000, section 5).
+"""Cast bed and column joined by rings of transition material (Machines 2022, section 5).
 
-A stand-in: of the engraving machine in seed 000 the text has the bolts, the materials and five
+A stand-in: of the engraving machine in Machines 2022 the text has the bolts, the materials and five
 frequencies, while all dimensions of its frame were in a lost figure (Figure 14).
 """
 
@@ -174,11 +174,11 @@ class _Frame(Builder):
 class EngravingMachine(_Frame):
     """A machine frame: a bed and a column with an arm, bolted flange to flange.
 
-    A stand-in for the engraving machine of seed 000, section 5, whose dimensions are lost. Those
-    of ``bed``, ``column``, ``arm``, ``wall`` and ``gusset`` by default are a fit to the first five
-    frequencies that the paper computed (Table 12): with its materials and rings, iron of 7250 kg/m3
-    and elements of 30 mm they come within 0.5 %, which therefore validates nothing. Elements of
-    150 mm give 1 to 4 % more.
+    A stand-in for the engraving machine of Machines 2022, section 5, whose dimensions are lost.
+    Those of ``bed``, ``column``, ``arm``, ``wall`` and ``gusset`` by default are a fit to the first
+    five frequencies that the paper computed (Table 12): with its materials and rings, iron of 7250
+    kg/m3 and elements of 30 mm they come within 0.5 %, which therefore validates nothing. Elements
+    of 150 mm give 1 to 4 % more.
 
     The bed lies below z = 0: a plate, ``flange`` thick, on walls and ribs, open below as castings
     are. The column stands on a flange centred on x = y = 0: a hollow box with a hollow arm towards
@@ -186,8 +186,8 @@ class EngravingMachine(_Frame):
     ``bolts`` places, each in a pocket between gussets above and ribs below, which are in line with
     the column's walls. Bed and column share no vertex: the rings of ``layer``, from R_nei to R_wai
     around each bolt, alone join them, and the flanges are apart elsewhere. Holes of radius R_nei
-    go through both; the bolts themselves are left out, as in the seed. Circles are regular polygons
-    of the same area. The frame is symmetric about x = 0.
+    go through both; the bolts themselves are left out, as in the paper. Circles are regular
+    polygons of the same area. The frame is symmetric about x = 0.
 
     Parts: ``bed``, ``column``, and ``ring_1``, ``ring_2``, ... anticlockwise seen from above, from
     the corner of least x and y. Faces: ``bottom`` (rims of the bed's walls), ``top`` (of column
@@ -206,7 +206,7 @@ class EngravingMachine(_Frame):
         layer: Thickness of the rings, in metres.
         r_nei: Inner radius of the rings, in metres; by default that of an M12's hole (ISO 273).
         r_wai: Outer radius of the rings, in metres; by default what the database that comes with
-            the package says of M12, 120 N·m, flanges of 25 mm (seed 000, Table 2).
+            the package says of M12, 120 N·m, flanges of 25 mm (Machines 2022, Table 2).
         zone: Side of the square of each bolt's pocket, in metres; None: 2.25 r_wai.
         element_size: Longest side of an element, in metres; in a pocket at most half its side.
         n_layer: Elements through the rings.

@@ -136,7 +136,7 @@ class _Lap(Builder):
 class LapBeam(_Lap):
     """Two equal beams that overlap by ``lap``, one on the other.
 
-    The defaults are the lap beam of seed 003; the washers' size is not printed there.
+    The defaults are the lap beam of Iranzad and Ahmadian 2012, which has no size of washers.
 
     Beam 1 spans x from 0 to ``length`` and lies below z = 0; beam 2 lies above it and spans x from
     ``length - lap`` to ``2 * length - lap``. Both span y from ``-width / 2`` to ``width / 2``. A

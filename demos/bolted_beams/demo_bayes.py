@@ -6,10 +6,10 @@
 
 # # Two bolted beams: how sure are k1 and k2, and how much do specimens scatter?
 #
-# The paper behind this demo (seed 002, see `README.md`) measures 25 nominally equal pairs of beams
-# and asks for the distribution of the joint's stiffness against slap, k1, and slip, k2. It fits a
-# distribution to each measured frequency over the specimens, multiplies these densities at the
-# model's frequencies (eq. 8), and samples with Metropolis-Hastings.
+# The paper behind this demo (Jalali et al. 2019, see `README.md`) measures 25 nominally equal pairs
+# of beams and asks for the distribution of the joint's stiffness against slap, k1, and slip, k2. It
+# fits a distribution to each measured frequency over the specimens, multiplies these densities at
+# the model's frequencies (eq. 8), and samples with Metropolis-Hastings.
 #
 # The raw data are in figures alone. Here 25 specimens are simulated from a stated truth, so that
 # it can be said which method finds it: the paper's, by three samplers, or a hierarchical model, in

@@ -6,10 +6,10 @@
 
 # # Two bolted beams: what slaps, what slips, and what scatters
 #
-# Two steel beams in a lap with one bolt hang free. The paper behind this demo (seed 002, see
-# `README.md`) models them by offset Timoshenko beams and five generic joint elements, which have a
-# stiffness against slap, k1, and one against slip, k2; identifies both from five frequencies; and
-# predicts three more.
+# Two steel beams in a lap with one bolt hang free. The paper behind this demo (Jalali et al. 2019,
+# see `README.md`) models them by offset Timoshenko beams and five generic joint elements, which
+# have a stiffness against slap, k1, and one against slip, k2; identifies both from five
+# frequencies; and predicts three more.
 #
 # This demo does the same, then asks what two choices of the paper are worth: a mass matrix without
 # the offset, and a joint that is the same all along the lap. It ends with scatter and damping.

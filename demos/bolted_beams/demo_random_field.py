@@ -6,11 +6,11 @@
 
 # # A joint that is not the same all along: random fields on the interface
 #
-# The paper behind this demo (seed 002, see `README.md`) makes the stiffness of slap and of slip
-# random, k_i = k_i0 (1 + eps f_i), with f_i a random field over the interface, and then takes one
-# random variable for the whole lap. This demo asks what that choice does: each of the five joint
-# elements gets a k1 and a k2 of its own, with a correlation length along the lap, from much longer
-# than the lap, which is one variable, to much shorter, which is five independent ones.
+# The paper behind this demo (Jalali et al. 2019, see `README.md`) makes the stiffness of slap and
+# of slip random, k_i = k_i0 (1 + eps f_i), with f_i a random field over the interface, and then
+# takes one random variable for the whole lap. This demo asks what that choice does: each of the
+# five joint elements gets a k1 and a k2 of its own, with a correlation length along the lap, from
+# much longer than the lap, which is one variable, to much shorter, which is five independent ones.
 #
 # Run it with `./with-fenicsx python3 demos/bolted_beams/demo_random_field.py [PICTURE]`, on as many
 # ranks as you like. It takes some seconds.

@@ -6,8 +6,8 @@
 
 # # Two bolted plates: how far they touch, beside a published table
 #
-# "A Three-Dimensional Transition Interface Model for Bolt Joint" (seed 000) computes how far two
-# plates under one M12 bolt touch: R is the largest radius at which the pressure between them is
+# "A Three-Dimensional Transition Interface Model for Bolt Joint" (Machines 2022) computes how far
+# two plates under one M12 bolt touch: R is the largest radius at which the pressure between them is
 # still 1 MPa (its equation 10), for seven thicknesses and five forces (Table 2), with the mean
 # pressure inside it (Table 3). It prints neither the washers nor the contact's settings.
 #

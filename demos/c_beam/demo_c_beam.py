@@ -7,9 +7,9 @@
 # # Two C-shaped beams: how much of a bolted joint holds
 #
 # Two steel beams touch on pads at their ends, and a bolt in each end presses them together. The
-# paper behind this demo (seed 004, see `README.md`) measured the first six elastic modes of the
-# free assembly, and its model with the pads fully stuck is 1 to 5 % too stiff. Its cure has one
-# number: a contact pressure below which the pads are taken not to hold.
+# paper behind this demo (Fronk et al. 2019, see `README.md`) measured the first six elastic modes
+# of the free assembly, and its model with the pads fully stuck is 1 to 5 % too stiff. Its cure has
+# one number: a contact pressure below which the pads are taken not to hold.
 #
 # This demo computes that pressure from the bolts' preload, the frequencies at every cut-off, and
 # the cut-off that fits the test. Its numbers stand in `case.toml`, with their sources; to be quick

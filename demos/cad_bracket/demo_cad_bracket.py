@@ -9,7 +9,8 @@
 # A bracket is bolted on a plate with four M12; the assembly comes as a STEP file, as any CAD
 # program writes it. `case.toml` beside this file names the solids by their labels and gives the
 # bolts' thread and torque. That is all: the faces that touch, the holes and the contact radius are
-# found, and around each bolt a ring of the transition layer of seed 000 holds the two together.
+# found, and around each bolt a ring of transition material (see `README.md`) holds the two
+# together.
 #
 # Run it with `./with-fenicsx python3 demos/cad_bracket/demo_cad_bracket.py [PICTURE]`, on as many
 # ranks as you like. To use your own file, change the first lines of `case.toml`.

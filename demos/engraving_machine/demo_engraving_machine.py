@@ -6,8 +6,9 @@
 
 # # Which of a machine's 16 bolts matter?
 #
-# Seed 000 ends with an engraving machine: a cast bed and a cast column, joined by 16 M12 bolts,
-# each of them a ring of "transition material" between the flanges. It prints the bolts, the
+# "A Three-Dimensional Transition Interface Model for Bolt Joint" (Machines 2022, 10, 511) ends with
+# an engraving machine: a cast bed and a cast column, joined by 16 M12
+# bolts, each of them a ring of "transition material" between the flanges. It prints the bolts, the
 # material and five frequencies; the dimensions of the frame were in a figure that is lost.
 #
 # So the frame here is a **stand-in**: a bed and a column of that class, whose overall dimensions

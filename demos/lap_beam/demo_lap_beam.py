@@ -7,8 +7,9 @@
 # # A bolted lap beam: what three frequencies say of a joint
 #
 # Two steel beams, lapped over 50 mm, held by one bolt and clamped at one end. The paper behind this
-# demo (seed 003, see `README.md`) models the joint as a layer of an isotropic material as thick as
-# the distance of the beams' axes, and identifies its moduli E and G from three bending frequencies.
+# demo (Iranzad and Ahmadian 2012, see `README.md`) models the joint as a layer of an isotropic
+# material as thick as the distance of the beams' axes, and identifies its moduli E and G from three
+# bending frequencies.
 #
 # This demo puts that layer into a solid model, identifies it again, with and without masses that
 # the paper does not print, and looks at the paper's reason for choosing E and G rather than E and

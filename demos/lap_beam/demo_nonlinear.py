@@ -7,10 +7,10 @@
 # # A bolted lap beam: how a joint slips, from the response to one force
 #
 # Near its first resonance a bolted beam answers a larger force at a lower frequency, and with more
-# damping. The paper behind this demo (seed 003, see `README.md`) puts that into a thin layer that
-# yields: stress over strain by its eq. 4, with stiffness E_e at rest, E_p when all slips, and a
-# strength S_y. It finds E_p and S_y from the response to 6 N alone, and predicts those to 3 and
-# 1.5 N.
+# damping. The paper behind this demo (Iranzad and Ahmadian 2012, see `README.md`) puts that into a
+# thin layer that yields: stress over strain by its eq. 4, with stiffness E_e at rest, E_p when all
+# slips, and a strength S_y. It finds E_p and S_y from the response to 6 N alone, and predicts those
+# to 3 and 1.5 N.
 #
 # The paper's measured curves are figures only. Here the test is another model: two beams in contact
 # with friction under the paper's preload of 120 N, integrated in time, with 1 % of noise

@@ -1,12 +1,12 @@
 """Make the virtual test of the lap beam: responses near the first resonance, by time integration.
 
-The measured curves of seed 003 are figures only. This is a test to identify a layer from, whose
-truth is another model than the one identified: no layer and no Iwan law, but the two beams in
-unilateral contact with Coulomb friction, on surfaces with the elasticity of their roughness,
-pressed together by a bolt that bends and stretches; a finer mesh, time steps instead of harmonics,
-and noise.
+The measured curves of Iranzad and Ahmadian 2012 are figures only. This is a test to identify a
+layer from, whose truth is another model than the one identified: no layer and no Iwan law, but the
+two beams in unilateral contact with Coulomb friction, on surfaces with the elasticity of their
+roughness, pressed together by a bolt that bends and stretches; a finer mesh, time steps instead of
+harmonics, and noise.
 
-Its preload is the seed's, 120 N. So little lets the lap open at its ends as the tip moves by about
+Its preload is the paper's, 120 N. So little lets the lap open at its ends as the tip moves by about
 a millimetre, which softens without damping, while friction damps. Writes `frf.csv` and `loops.csv`
 beside this file:
 
@@ -38,8 +38,8 @@ from fenics_joints.structure import PointMass, Structure, Support, part
 from fenics_joints.transient import solve_transient, steady_harmonics
 
 HERE = Path(__file__).parent
-LEVELS = (1.5, 3.0, 6.0)  # N, the seed's
-PRELOAD = 120.0  # N, the seed's
+LEVELS = (1.5, 3.0, 6.0)  # N, the paper's
+PRELOAD = 120.0  # N, the paper's
 SHAKER, ZETA = 0.02, 0.0015  # m from the clamp; viscous damping of all modes
 CONTACT = {"normal_stiffness": 5e10, "tangential_stiffness": 3e11, "friction": 0.3}
 WASHER, SHANK = 12e-3, 3e-3  # side of what the washers press; the bolt with its force washer, m

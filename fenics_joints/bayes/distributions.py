@@ -1,4 +1,4 @@
-"""A distribution for one measured frequency over nominally equal specimens (seed 002, eq. 7).
+"""A distribution for one measured frequency over equal specimens (Jalali et al. 2019, eq. 7).
 
 Candidates are fitted by maximum likelihood; the one with the least AICc is taken;
 and whether it fits at all is tested with the Anderson-Darling distance, whose p-value comes from

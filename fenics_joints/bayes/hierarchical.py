@@ -7,8 +7,8 @@ Each specimen has parameters of its own, which scatter about the structure's,
 with x the logarithms of the parameters (`updating.coordinates.LogScale`). Sigma is the scatter
 of the specimens, which more of them do not make smaller; the posterior of mu is the lack of
 knowledge, which they do. The frequencies of one specimen correlate, because they share x_s; the
-product of one distribution per frequency (seed 002, eq. 8) cannot say that. b, if there is any, is
-how far the model itself is off, the same for all specimens.
+product of one distribution per frequency (Jalali et al. 2019, eq. 8) cannot say that. b, if there
+is any, is how far the model itself is off, the same for all specimens.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ __all__ = ["FittedLikelihood", "GaussianLikelihood", "checked_specimens"]
 
 @dataclass(frozen=True, eq=False)
 class FittedLikelihood:
-    """Seed 002, eq. 8: the product of distributions fitted to each frequency over specimens.
+    """The product of distributions of each frequency over specimens, Jalali et al. 2019, eq. 8.
 
     Its posterior is neither the scatter of the specimens (the frequencies of one specimen count as
     independent evidence) nor the knowledge of their mean (25 specimens count as one); see

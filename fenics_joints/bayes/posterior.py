@@ -1,4 +1,4 @@
-"""The posterior density: prior times likelihood of the model's frequencies (seed 002, eq. 6)."""
+"""The posterior density: prior times likelihood of frequencies (Jalali et al. 2019, eq. 6)."""
 
 from __future__ import annotations
 

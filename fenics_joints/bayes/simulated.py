@@ -1,4 +1,4 @@
-"""Specimens simulated from a stated truth, for the scatter that seed 002 has in its Figure 7 alone.
+"""Specimens simulated from a stated truth: Jalali et al. 2019 has their scatter in Figure 7 alone.
 
 The raw data of the 25 specimens are not in print. Three fitted distributions are; a truth that is
 anchored on one of them has its standard deviation in that mode, at that torque.
@@ -16,7 +16,8 @@ from fenics_joints.errors import InputError
 
 __all__ = ["FIGURE_7", "Truth", "anchored", "simulate"]
 
-#: Seed 002, Figure 7: by torque, N m, the mode (from 1) and its distribution over specimens, Hz.
+#: Jalali et al. 2019, Figure 7: by torque, N m, the mode (from 1) and its distribution over
+#: specimens, Hz.
 FIGURE_7 = {
     23: (1, stats.norm(158.4, 0.625)),
     15: (4, stats.norm(1373.1, 5.827)),

@@ -1,4 +1,4 @@
-"""Offset Timoshenko beams with generic joint elements (seed 002), without a mesh."""
+"""Offset Timoshenko beams with generic joint elements (Jalali et al. 2019), without a mesh."""
 
 from fenics_joints.beams.components import Beam, Clamp, GenericJoint, Held, LumpedMass
 from fenics_joints.beams.damped import (

@@ -93,7 +93,7 @@ class Beam:
 
 @dataclass(frozen=True)
 class GenericJoint:
-    """The lap of two beams, as generic joint elements (seed 002, eqs. 2 and 3).
+    """The lap of two beams, as generic joint elements (Jalali et al. 2019, eqs. 2 and 3).
 
     A sequence in place of a value has one for each element: the joint's parameters as a field.
 

@@ -1,7 +1,7 @@
 """The damping of bolted beams from measured damping ratios, and why the modes' ratios differ.
 
 Damped modes are those of `response.complex_modes` with `BeamStructure.joint_damping`: the
-eigenvalues of the state matrix of seed 002, eq. 9.
+eigenvalues of the state matrix of Jalali et al. 2019, eq. 9.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def identify_damping(
     *,
     relative_sd: float | Sequence[float] = 0.1,
 ) -> DampingFit:
-    """The c that makes the lowest modes' damping ratios nearest to measured ones (seed 002).
+    """The c that makes the lowest modes' damping ratios nearest to measured ones.
 
     Args:
         structure: The beams.

@@ -1,4 +1,4 @@
-"""The offset Timoshenko beam and the generic joint element of seed 002, as sums of matrices.
+"""Offset Timoshenko beam and generic joint element (Jalali et al. 2019), as sums of matrices.
 
 Two nodes with (u, w, theta) each: displacement along the reference line, across it, and rotation,
 theta = dw/dx. The neutral axis lies a distance q above the reference line, where the axial

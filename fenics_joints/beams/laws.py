@@ -129,7 +129,7 @@ BEAM_MASSES = tuple(
     _law(f"beam mass {i}", SECTION, _no_stiffness, _check_section, _beam_mass(i))
     for i in range(1, 9)
 )
-#: Generic joint elements (seed 002, eq. 2): k1, k2 in N m, k_axial in N/m.
+#: Generic joint elements (Jalali et al. 2019, eq. 2): k1, k2 in N m, k_axial in N/m.
 SLAP = _joint_law("slap", "k1", "N m")
 SLIP = _joint_law("slip", "k2", "N m")
 AXIAL = _law(

@@ -1,4 +1,4 @@
-"""Lapped beams with generic joints as a model like the solid ones (seed 002)."""
+"""Lapped beams with generic joints as a model like the solid ones (Jalali et al. 2019)."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class BoltsSection(Section):
 
     ``r_wai`` is their outer radius, one or one for each; or the contact radius of the thread and
     ``torque`` (T = K d F with ``nut_factor`` K) in plates of a ``thickness``, from the database
-    that comes with the package (seed 000, Table 2). ``r_nei`` is the wider hole's radius by
+    that comes with the package (Machines 2022, Table 2). ``r_nei`` is the wider hole's radius by
     default. ``at`` has the bolts' centres; without it they are in all pairs of holes whose
     diameter is ``hole``, or within [low, high], or fits the ``thread``.
 
@@ -131,7 +131,7 @@ class BoltsSection(Section):
             words = f"a cone of 30 degrees under the head of {self.thread}, Shigley, after Osgood"
             head = thread(self.thread).width_across_flats / 2
             return [cone_radius(head, self.thickness)], words
-        return [self.radius()], "contact radius from the package's database, seed 000, Table 2"
+        return [self.radius()], "contact radius from the package's database, Machines 2022, Table 2"
 
     def inner(self) -> float:
         """Inner radius of the rings, m, as far as it is known without the mesh."""

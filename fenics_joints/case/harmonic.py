@@ -51,7 +51,7 @@ _LEVEL_UNITS = {"acceleration": "m/s2", "displacement": "m"}
 class Hysteretic(Section):
     """A backbone with Masing's rule, as parallel sliders.
 
-    ``stress`` is what yields: the shear of the interface (the seed's c55 and c66), or the
+    ``stress`` is what yields: the shear of the interface (the paper's c55 and c66), or the
     ``equivalent`` stress of tension and shear together, of a layer. ``thickness`` is that of the
     layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
     ``amplitudes``, least and largest, of that strain, or of a contact's slip in m, are those that
@@ -96,7 +96,7 @@ class Hysteretic(Section):
 
 
 class RichardAbbottSection(Hysteretic):
-    """``[nonlinear.NAME]`` with ``law = "richard_abbott"`` (seed 003, eq. 4)."""
+    """``[nonlinear.NAME]`` with ``law = "richard_abbott"`` (Iranzad and Ahmadian 2012, eq. 4)."""
 
     curve: ClassVar = RichardAbbott
     stiffness: ClassVar = "E_e"
@@ -194,7 +194,7 @@ class LoadSection(Section):
 class IdentifySection(Section):
     """``[harmonic.identify]``: parameters of the laws from the curves of one level.
 
-    The objective is the seed's eq. 6, or with ``method = "gradient"`` its squares. Loops of force
+    The objective is the paper's eq. 6, or with ``method = "gradient"`` its squares. Loops of force
     against response, in a table of their own, enter beside the curve. ``start`` is the case's own
     numbers by default.
     """

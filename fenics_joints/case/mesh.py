@@ -131,7 +131,7 @@ class OffsetBeamsMesh(BuilderMesh):
     touch. A single value of a list holds for all. ``elements`` are those of each beam outside its
     laps. With ``lap_zones``, of two beams, the lap is ``zone_1``, ``zone_2``, ... instead, of that
     many joint elements each, which together are the ``lap_elements``. With ``offset_mass = false``
-    the mass is that of beams whose axis is the line of the nodes, as in seed 002: see
+    the mass is that of beams whose axis is the line of the nodes, as in Jalali et al. 2019: see
     `fenics_joints.beams.element`.
     """
 

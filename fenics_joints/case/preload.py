@@ -55,7 +55,7 @@ class _BoltSection(Section):
     """``[bolts.NAME]``: two faces pulled together by a force, or by a torque on a thread.
 
     A torque takes the ``thread`` and either ``friction``, one coefficient for thread and head
-    (Motosh, seed 004, eq. 8), or a ``nut_factor`` (T = K d F).
+    (Motosh, Fronk et al. 2019, eq. 8), or a ``nut_factor`` (T = K d F).
     """
 
     lower: str

@@ -144,19 +144,20 @@ class Joint(Section):
     ``bolts`` are points on the axes of the bolts through it or beside it; by default those that the
     mesh's builder knows. A diagnosis splits the joint into zones around them.
 
-    With ``law = "transition"`` (seed 000) it has E, nu and its thickness ``h`` in place of G; the
-    mesh's is ``meshed``, by default measured between the faces of each of its rings, and ``cells``
-    may be a pattern such as ``ring_*``: rings with one set of parameters. Its density is zero
-    without ``rho``; with ``rho = "average"`` see `with_average_densities`.
+    With ``law = "transition"`` (Machines 2022) it has E, nu and its thickness ``h`` in place of G;
+    the mesh's is ``meshed``, by default measured between the faces of each of its rings, and
+    ``cells`` may be a pattern such as ``ring_*``: rings with one set of parameters. Its density is
+    zero without ``rho``; with ``rho = "average"`` see `with_average_densities`.
 
     With ``law = "springs"`` it has stiffnesses per area, ``k_n`` and ``k_t``, Pa/m, in place of E
     and G, whatever the thickness of its cells. Where they are not given they are those of rough
     faces (Ra ``roughness``, by default 1.6 um) under a ``pressure``, by default that of the bolts
     of ``[mesh.bolts]``: see `fenics_joints.case.starting`. Its normal is measured unless given.
 
-    With ``law = "generic"`` (seed 002) it is a lap of beams (``builder = "offset_beams"``) with the
-    stiffness of slap ``k1`` and of slip ``k2`` of each joint element, N m, the damping of slip
-    ``c``, N m s, and, if it is not the beams' own, the axial stiffness ``k_axial``, N/m.
+    With ``law = "generic"`` (Jalali et al. 2019) it is a lap of beams (``builder =
+    "offset_beams"``) with the stiffness of slap ``k1`` and of slip ``k2`` of each joint element,
+    N m, the damping of slip ``c``, N m s, and, if it is not the beams' own, the axial stiffness
+    ``k_axial``, N/m.
     """
 
     cells: Names
@@ -371,8 +372,8 @@ def _parallel(a, b) -> bool:
 def with_average_densities(raw: Any) -> Any:
     """The raw case with every joint's ``rho = "average"`` as a number, kg/m3.
 
-    Seed 000, section 2, end: the layer's density is zero or the average of the two bodies'. What
-    else is wrong with the case is left for its other checks.
+    Machines 2022, section 2, end: the layer's density is zero or the average of the two bodies'.
+    What else is wrong with the case is left for its other checks.
 
     Raises:
         ValueError: If it is no transition layer's, or parts of unlike densities are more than two.

@@ -33,7 +33,7 @@ class Published(Section):
 
 
 class CutoffUpdate(Section):
-    """``[update.cutoff]``: the pressure below which a contact is lost (seed 004).
+    """``[update.cutoff]``: the pressure below which a contact is lost (Fronk et al. 2019).
 
     ``calibrate`` first fits one parameter to one mode of the stuck model, which the contact hardly
     moves: ``calibrate = { parameter = "beams.E", mode = "mode 10" }``.
@@ -168,10 +168,10 @@ class UpdateSection(Section):
     ``"frfs"``; by default what there is, functions only with a section ``[damping]``, and ratios
     only where a number of ``[damping]`` or the c of a lap is among ``parameters``, but none that
     were identified from functions which are fitted themselves. ``method`` is ``"log"`` (logarithms
-    of functions at frequencies relative to the resonances) or ``"weighted"`` (seed 000, eqs. 15 to
-    20), whose steps ``step_limit`` limits, relative to each value; the seed does not. ``lines`` are
-    the lines of the functions that are fitted: how many, spread over flanks and antiresonances, or
-    which.
+    of functions at frequencies relative to the resonances) or ``"weighted"`` (Machines 2022, eqs.
+    15 to 20), whose steps ``step_limit`` limits, relative to each value; the paper does not.
+    ``lines`` are the lines of the functions that are fitted: how many, spread over flanks and
+    antiresonances, or which.
     """
 
     at: Number | None = None

@@ -1,7 +1,7 @@
 """Contact radius and pressure of two plates under one bolt, as the database's sweep asks for it.
 
 The plates are round, equal unless said, and a body of revolution; what presses them is, by choice,
-rings on their outer faces, washers as bodies, or a whole bolt with its pretension (seed 000,
+rings on their outer faces, washers as bodies, or a whole bolt with its pretension (Machines 2022,
 section 3).
 """
 
@@ -131,7 +131,7 @@ def bolted_plates_radius(sample: Sample, **settings) -> dict[str, float]:
         settings: See `BoltedPlates`.
 
     Returns:
-        radius: R_wai = max {r : P(r) >= P_lim}, m, within the element (seed 000, eq. 10).
+        radius: R_wai = max {r : P(r) >= P_lim}, m, within the element (Machines 2022, eq. 10).
         pressure: Mean inside that radius, Pa.
 
     Raises:

@@ -35,7 +35,7 @@ class Joint:
         torque: That tightened it, where that is what is known.
         thickness: Of one connected plate.
         roughness: Ra of the surfaces.
-        radius: Contact radius R_wai: the largest at which the pressure is P_lim (seed 000, eq. 10).
+        radius: Contact radius R_wai, the largest at P_lim (Machines 2022, eq. 10).
         pressure: Mean inside that radius.
         E: Young's modulus of the transition interface material.
         nu: Its Poisson ratio.

@@ -5,7 +5,7 @@ likelihood from several starts. Outputs are positive, so it is their logarithms 
 interpolated. Which kernel, trend and scale of each input suit the data is not asked of the user nor
 of test points: all are fitted, and weighed by stacking, the weights that make the leave-one-out
 predictions of the sample points likeliest (Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13
-(2018) 917). Seed 000, section 3.2, has one Kriging model with a chosen regression.
+(2018) 917). Machines 2022, section 3.2, has one Kriging model with a chosen regression.
 """
 
 from __future__ import annotations

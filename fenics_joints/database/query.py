@@ -1,8 +1,8 @@
 """The answer to an engineer's question: torque, bolt and plates to the joint's parameters.
 
-As in seed 000, section 3.2: the tightening force follows from torque and bolt, contact radius and
-mean pressure from Kriging over force and thickness. E, nu and h are never interpolated: the nearest
-joint for which they were identified is given, with what differs.
+As in Machines 2022, section 3.2: the tightening force follows from torque and bolt, contact radius
+and mean pressure from Kriging over force and thickness. E, nu and h are never interpolated: the
+nearest joint for which they were identified is given, with what differs.
 """
 
 from __future__ import annotations

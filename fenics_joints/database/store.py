@@ -236,7 +236,7 @@ class Store:
 
 
 def seed_database() -> Store:
-    """The tables of seed 000 that come with the package, in memory.
+    """The tables of Machines 2022 that come with the package, in memory.
 
     Tables 2 and 3: 35 contact analyses of M12; Tables 7 and 11: two joints with E, nu and h.
     """

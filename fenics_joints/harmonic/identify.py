@@ -1,10 +1,10 @@
 """Parameters of nonlinear joint laws from measured responses near a resonance.
 
-Seed 003, section 5: the parameters make the least of eq. 6, sum |a - a_e| / a_e over a few points
-near the peak of one level's curve; what they predict of other levels is the test of the model.
-`identify` does it by direct search, as the seed, or by least squares with the exact derivatives of
-harmonic balance. Loops of force against response, which the seed takes its sharpness n from, enter
-alike.
+Iranzad and Ahmadian 2012, section 5: the parameters make the least of eq. 6, sum |a - a_e| / a_e
+over a few points near the peak of one level's curve; what they predict of other levels is the test
+of the model. `identify` does it by direct search, as the paper, or by least squares with the exact
+derivatives of harmonic balance. Loops of force against response, which the paper takes its
+sharpness n from, enter alike.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a model makes of measured curves near their peaks, and its error (seed 003, eq. 6)."""
+"""Measured curves near their peaks against a model's (Iranzad and Ahmadian 2012, eq. 6)."""
 
 from __future__ import annotations
 

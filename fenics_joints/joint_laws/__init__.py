@@ -1,10 +1,10 @@
 """Nonlinear joint laws with memory: for finite-element forms, harmonic balance, time integration.
 
 A law is made of parallel elements, each written once, as UFL. Those here are `Iwan` (sliders that
-follow a backbone: `RichardAbbott`, seed 003's eq. 4; `Segalman`; `Bilinear`; or one of one's own),
-`IwanLayer`, `ElasticFriction` (Jenkins), `CoulombStick` (friction under a normal load that varies),
-`DilatantCoulomb` (seed 003's eqs. 1-2), `BoucWen` and `Valanis`; without memory `CubicSpring`,
-`UnilateralSpring`, `Gap` and `RateDamping`.
+follow a backbone: `RichardAbbott`, Iranzad and Ahmadian 2012's eq. 4; `Segalman`; `Bilinear`; or
+one of one's own), `IwanLayer`, `ElasticFriction` (Jenkins), `CoulombStick` (friction under a normal
+load that varies), `DilatantCoulomb` (Iranzad and Ahmadian 2012's eqs. 1-2), `BoucWen` and
+`Valanis`; without memory `CubicSpring`, `UnilateralSpring`, `Gap` and `RateDamping`.
 
 In a finite-element model, on a layer of cells or on facets, 2-D or 3-D, serial or parallel::
 

@@ -127,7 +127,7 @@ def _check(backbone: object, expected: str, holds: Callable[[], bool]) -> None:
 
 @dataclass(frozen=True)
 class RichardAbbott(Backbone):
-    """Richard and Abbott's curve (seed 003, eq. 4).
+    """Richard and Abbott's curve (Iranzad and Ahmadian 2012, eq. 4).
 
     Attributes:
         E_e: Slope at rest, Pa.

@@ -14,10 +14,11 @@ __all__ = ["IwanLayer"]
 class IwanLayer(Iwan):
     """Parallel sliders in the space of normal stress and shear, with von Mises' equivalent stress.
 
-    It is what a finite-element program makes of seed 003's eq. 4 when it is given as the uniaxial
-    curve of a plastic material: the curve holds for tension across the layer alone, and in shear
-    alone the traction is 1/sqrt(3) of it. The return is radial in stress: the closest point for
-    E = 3 G, which the seed's layer (E = 2.97 G) nearly has; the dissipation is never negative.
+    It is what a finite-element program makes of Iranzad and Ahmadian 2012's eq. 4 when it is given
+    as the uniaxial curve of a plastic material: the curve holds for tension across the layer alone,
+    and in shear alone the traction is 1/sqrt(3) of it. The return is radial in stress: the closest
+    point for E = 3 G, which the paper's layer (E = 2.97 G) nearly has; the dissipation is never
+    negative.
 
     Args:
         backbone: Equivalent stress by normal strain; its slope at rest is E of the layer.

@@ -231,7 +231,7 @@ class CoulombStick(JointLaw):
 
 
 class DilatantCoulomb(CoulombStick):
-    """Coulomb friction whose sliding opens the interface: seed 003, eqs. 1-2 (associated).
+    """Coulomb friction whose sliding opens the interface: Iranzad and Ahmadian 2012, eqs. 1-2.
 
     It dissipates nothing, for the pressure gets back what friction takes. Arguments as
     `CoulombStick`; see `fenics_joints.forms.hysteresis.dilatant_coulomb`.

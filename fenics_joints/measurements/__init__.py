@@ -1,5 +1,6 @@
 """What a vibration test measured: tables, functions, identified modes, and their gap to a model."""
 
+from fenics_joints.measurements.amplitude import MeasuredBackbone, read_amplitude
 from fenics_joints.measurements.curves import MeasuredCurves, read_curves
 from fenics_joints.measurements.data import TestData, read_test_data
 from fenics_joints.measurements.files import read_frfs
@@ -11,7 +12,8 @@ from fenics_joints.measurements.tables import read_table
 from fenics_joints.measurements.target import FRFTarget, Target
 
 __all__ = [
-    "FRFTarget", "Gap", "IdentifiedModes", "MeasuredCurves", "MeasuredFRFs", "MeasuredShapes",
-    "Pairing", "Target", "TestData", "identify_modes", "mac", "made_real", "pair_modes",
-    "read_curves", "read_frfs", "read_shapes", "read_table", "read_test_data",
+    "FRFTarget", "Gap", "IdentifiedModes", "MeasuredBackbone", "MeasuredCurves", "MeasuredFRFs",
+    "MeasuredShapes", "Pairing", "Target", "TestData", "identify_modes", "mac", "made_real",
+    "pair_modes", "read_amplitude", "read_curves", "read_frfs", "read_shapes", "read_table",
+    "read_test_data",
 ]  # fmt: skip

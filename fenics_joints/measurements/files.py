@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from fenics_joints.errors import InputError
@@ -10,7 +10,7 @@ from fenics_joints.files import is_file, shown_path
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.records import Contents, Said, merge
 
-__all__ = ["UFF_SUFFIXES", "read_frfs"]
+__all__ = ["UFF_SUFFIXES", "read_frfs", "reader_of"]
 
 #: How names of universal files end.
 UFF_SUFFIXES = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")
@@ -58,13 +58,14 @@ def read_frfs(
         if path.resolve() in seen:
             raise InputError(f"{path}: is named twice, expected each file once")
         seen.add(path.resolve())
-        contents.add(_reader(path)(path, said))
+        contents.add(reader_of(path)(path, said))
     return merge(
         contents, points=points, directions=directions, sources=[str(path) for path in paths]
     )
 
 
-def _reader(path: Path):
+def reader_of(path: Path) -> Callable[[Path, Said], Contents]:
+    """What reads the functions of a file, by its ending; raises InputError for another one."""
     ending = path.suffix.lower()
     if ending in UFF_SUFFIXES:
         from fenics_joints.measurements.uff import read_uff

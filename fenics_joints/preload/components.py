@@ -116,7 +116,7 @@ class PretensionSection(_Bolt):
 
 @dataclass(frozen=True)
 class BeamBolt(_Bolt):
-    """A bolt as a beam between two rigid spiders on the faces under its washers (seed 004, 3.2).
+    """A bolt as a beam between rigid spiders under its washers (Fronk et al. 2019, section 3.2).
 
     In the preload the force is given, so the beam resists bending, shear and twist alone; about
     that state it is a whole beam with its mass.

@@ -1,8 +1,8 @@
 """The jointed structure, linear about a preload state: stuck, sliding or open, or springs.
 
 Vibration of small amplitude neither opens a pressed contact nor makes it slide much, so about a
-preload state each pair is stuck, slides freely or is open (seed 004, section 2.2), or has springs
-that stiffen with the pressure (seed 001, eqs. 22-25). In the unknowns of
+preload state each pair is stuck, slides freely or is open (Fronk et al. 2019, section 2.2), or has
+springs that stiffen with the pressure (Tian et al. 2021, eqs. 22-25). In the unknowns of
 `fenics_joints.preload.jumps` that holds entries of x at zero, or adds to the diagonal.
 """
 
@@ -42,7 +42,7 @@ def status_conditions(result: PreloadResult) -> dict[str, np.ndarray]:
 
 
 def cutoff_conditions(state: ContactState, cutoff: float, scheme: str = "two") -> np.ndarray:
-    """Condition of every facet from its pressure and a cut-off (seed 004, eqs. 1-5), (n_facets,).
+    """Condition of every facet by pressure and cut-off (Fronk et al. 2019, eqs. 1-5), (n_facets,).
 
     Args:
         state: A contact in a preload state.
@@ -74,7 +74,7 @@ def pressure_stiffness(
     normal: tuple[float, float],
     tangential: tuple[float, float],
 ) -> np.ndarray:
-    """Springs at every pair from its pressure, K = alpha P^beta (seed 001, eqs. 22-25).
+    """Springs at every pair from its pressure, K = alpha P^beta (Tian et al. 2021, eqs. 22-25).
 
     Args:
         state: A contact in a preload state.

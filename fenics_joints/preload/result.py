@@ -91,7 +91,7 @@ class ContactState:
         return contour_area(self.interface, self.pressure, limit)[0]
 
     def radius(self, limit: float = 1e6, centre=None) -> float:
-        """Contact radius max {r : P(r) >= limit}, m, within the elements (seed 000, eq. 10).
+        """Contact radius max {r : P(r) >= limit}, m, within the elements (Machines 2022, eq. 10).
 
         Args:
             limit: Least pressure P_lim, Pa.

@@ -1,13 +1,16 @@
 """Bolt force from tightening torque: Motosh's equation, its friction, and the nut factor.
 
 Motosh, N., "Development of Design Charts for Bolts Preloaded up to the Plastic Range", J. Eng. Ind.
-98 (1976) 849, as in seed 004, eq. 8:  T = F (P / (2 pi) + mu_t r_t / cos(beta) + mu_n r_n).
+98 (1976) 849, as in Fronk et al. 2019, eq. 8:
 
-Seed 004 prints, for 5/16-24, 10.2, 16.9, 25.1 N·m to 8.6, 14.3, 21.2 kN but neither frictions nor
-radii. The three pairs are one ratio T/F, 1.179 to 1.189 mm within their rounding. With the radii
-that are the default here and one friction for thread and head this is a friction of 0.106 to
-0.108, found by `friction_from`; 0.1 fits as well with r_n = 0.75 d, so the table alone does not
-say which. A friction of 0.3, which that paper uses between its beams, would halve the forces.
+    T = F (P / (2 pi) + mu_t r_t / cos(beta) + mu_n r_n).
+
+Fronk et al. 2019 prints, for 5/16-24, 10.2, 16.9, 25.1 N·m to 8.6, 14.3, 21.2 kN but neither
+frictions nor radii. The three pairs are one ratio T/F, 1.179 to 1.189 mm within their rounding.
+With the radii that are the default here and one friction for thread and head this is a friction of
+0.106 to 0.108, found by `friction_from`; 0.1 fits as well with r_n = 0.75 d, so the table alone
+does not say which. A friction of 0.3, which that paper uses between its beams, would halve the
+forces.
 """
 
 from __future__ import annotations
@@ -60,7 +63,7 @@ def motosh_force(
     friction_head: float,
     head_radius: float | None = None,
 ) -> float:
-    """Bolt force of a tightening torque (seed 004, eq. 8), N.
+    """Bolt force of a tightening torque (Fronk et al. 2019, eq. 8), N.
 
     Args:
         torque: N·m.
@@ -92,7 +95,7 @@ def motosh_torque(
 def friction_from(
     torque: float, force: float, thread_: str | Thread, head_radius: float | None = None
 ) -> float:
-    """The friction, one for thread and head, with which a torque gives a force (seed 004, eq. 8).
+    """The friction of thread and head with which a torque gives a force (Fronk et al. 2019, eq. 8).
 
     Args:
         torque: N·m.

@@ -1,4 +1,4 @@
-"""Random stiffnesses of joints, and what they do to frequencies (seed 002, below eq. 2).
+"""Random stiffnesses of joints, and what they do to frequencies (Jalali et al. 2019, below eq. 2).
 
 A parameter varies over the interface as k_i = k_i0 (1 + eps f_i), where f is a field of mean zero
 and variance one at the places of the parameters: the zones or elements of a joint. Its

@@ -23,7 +23,7 @@ def damping_ratios(
     *,
     gradients: bool = False,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Damping ratios of some modes with the model's damping, seed 002, eq. 9. Collective.
+    """Damping ratios of some modes with the model's damping, Jalali et al. 2019, eq. 9. Collective.
 
     Damping changes the order of the modes, so that each real mode is given the complex one that has
     most of it; no two the same.

@@ -218,8 +218,9 @@ def joint(
         cells: Name or names of cell groups.
         E: Normal (``uncoupled``) or Young's modulus, Pa.
         G: Tangential or shear modulus, Pa.
-        law: ``uncoupled`` (seed 001, eq. 5), ``isotropic`` (eqs. 6, 7) or ``constrained`` (eq. 8).
-        rho: Density, kg/m3; zero as in the seed unless given.
+        law: ``uncoupled`` (Tian et al. 2021, eq. 5), ``isotropic`` (eqs. 6, 7) or ``constrained``
+            (eq. 8).
+        rho: Density, kg/m3; zero as in the paper unless given.
         stretch: Actual over meshed layer thickness.
         normal: Normal of the layer, shape (gdim,).
 

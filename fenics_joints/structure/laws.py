@@ -222,7 +222,7 @@ WIDE_SOLID = Law(
     inertia_term=lambda q: q["rho"] * q["stretch"] * q["width"],
 )
 
-#: The transition-interface material (seed 000): a joint whose thickness h, m, is a property.
+#: The transition-interface material (Machines 2022): a joint whose thickness h, m, is a property.
 TRANSITION = Law(
     "transition",
     ("E", "nu", "rho", "h", "meshed"),

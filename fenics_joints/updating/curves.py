@@ -1,4 +1,4 @@
-"""Curves of identified parameters over the bolts' torque (seed 001, section 2.3 and Fig. 15).
+"""Curves of identified parameters over the bolts' torque (Tian et al. 2021, section 2.3).
 
 The paper prints no formula for its curves. Two are tried, with two numbers per parameter each, and
 the one that fits the fitted torques better is kept: a power law, which eqs. 22 to 25 imply for a

@@ -1,4 +1,4 @@
-"""Updating by one number: the pressure below which a bolted contact is lost (seed 004).
+"""Updating by one number: the pressure below which a bolted contact is lost (Fronk et al. 2019).
 
 The preload gives every facet of a contact its pressure. A cut-off pressure makes those above it
 stuck and leaves the others sliding or open; the frequencies fall in steps as it passes one facet
@@ -161,7 +161,7 @@ class CutoffSweep:
         return float(np.nanmax([a.error for a in self.anchors]))
 
     def objective(self, measured_hz) -> np.ndarray:
-        """Sum of the relative frequency errors (seed 004, eq. 7) at every step, (n_steps,)."""
+        """Sum of the relative frequency errors, Fronk et al. 2019, eq. 7, of every step."""
         return misfit(self.frequencies_hz, np.asarray(measured_hz, dtype=float))
 
     def best(self, measured_hz) -> int:
@@ -344,7 +344,7 @@ def elastic_shapes(modes: Modes, n: int) -> np.ndarray:
 
 
 def misfit(frequencies_hz: np.ndarray, measured_hz: np.ndarray) -> np.ndarray:
-    """Sum of the relative frequency errors (seed 004, eq. 7), of frequencies (..., n)."""
+    """Sum of the relative frequency errors (Fronk et al. 2019, eq. 7), of frequencies (..., n)."""
     return np.sum(np.abs(frequencies_hz / measured_hz - 1), axis=-1)
 
 

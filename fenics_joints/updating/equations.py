@@ -1,4 +1,4 @@
-"""The equations of the combined updating with left and right weights: seed 000, eqs. 15 to 20.
+"""The equations of the combined updating with left and right weights: Machines 2022, eqs. 15 to 20.
 
 Frequencies and FRFs stand in one system A x = b (eqs. 15 to 17), of very different size, and so do
 the sensitivities by E, mu and h. Eq. 18 weighs the rows from the left and the columns from the
@@ -36,7 +36,7 @@ COMPLEX = ("parts", "magnitude")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WeightedEquations:
-    """W_m A W_p x_w = W_m b (seed 000, eq. 18).
+    """W_m A W_p x_w = W_m b (Machines 2022, eq. 18).
 
     Attributes:
         matrix: W_m A W_p, (r, p).
@@ -71,7 +71,7 @@ def weighted_equations(
     w_H: float | np.ndarray = 1.0,
     n_frequencies: int,
 ) -> WeightedEquations:
-    """The weighted system of seed 000, eqs. 18 to 20.
+    """The weighted system of Machines 2022, eqs. 18 to 20.
 
     Args:
         A: Sensitivities, (r, p): of frequencies in the first rows, then of FRFs (eq. 16), real.

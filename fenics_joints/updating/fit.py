@@ -5,12 +5,12 @@ real part is a difference of levels and whose imaginary part one of phases, so t
 more than a valley (Arruda, AIAA J. 30, 1992, on fits of curves to FRFs). A trust region with bounds
 works in the logarithms of the parameters. It first fits with the lines moved along with the
 resonances (`fenics_joints.updating.prediction`); from there the fit at the lines themselves starts.
-On frequencies alone it is the bounded, weighted least squares of seed 001, eqs. 17 and 18.
+On frequencies alone it is the bounded, weighted least squares of Tian et al. 2021, eqs. 17 and 18.
 
 Where that does not converge, ends where a step could still be taken, or leaves residuals far above
 the noise, data without FRFs are fitted again in rounds (`fenics_joints.updating.rounds`).
 
-The same in seed 000's way is `fenics_joints.updating.weighted`.
+The same in Machines 2022's way is `fenics_joints.updating.weighted`.
 """
 
 from __future__ import annotations

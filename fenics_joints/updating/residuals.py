@@ -224,7 +224,7 @@ def relative_errors(target: Target, found: Prediction) -> tuple[np.ndarray, tupl
 
 
 def raw_rows(target: Target, found: Prediction, how: str) -> tuple[np.ndarray, np.ndarray, int]:
-    """A and b of seed 000, eqs. 16 and 17, and how many rows are frequencies."""
+    """A and b of Machines 2022, eqs. 16 and 17, and how many rows are frequencies."""
     used = np.isfinite(target.frequencies_hz)
     f = found.frequencies_hz[used]
     rows = [(f[:, None] * found.frequency_slopes[used], target.frequencies_hz[used] - f)]

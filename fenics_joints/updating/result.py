@@ -25,8 +25,8 @@ class Iteration:
             ``moved``: median and largest; nan without FRFs.
         moved: Whether the lines were.
         cost: Half the sum of squared residuals in standard deviations; nan in the weighted way.
-        condition_before: Condition number of A of seed 000, eq. 16: Hz and the FRFs' unit by the
-            parameters' SI units; inf where the data have fewer rows than there are parameters.
+        condition_before: Condition number of A of Machines 2022, eq. 16: Hz and the FRFs' unit
+            by the parameters' SI units; inf where the data have fewer rows than parameters.
         condition_after: That of what is solved: W_m A W_p (eq. 18), or the sensitivities in
             standard deviations by logarithms.
     """
@@ -49,7 +49,7 @@ class Update:
     """Parameters identified from a `Target`.
 
     Attributes:
-        method: ``"weighted"`` (seed 000) or ``"log"``.
+        method: ``"weighted"`` (Machines 2022) or ``"log"``.
         names: Names of the parameters.
         start: Their values at the start, SI.
         values: Their values, SI.

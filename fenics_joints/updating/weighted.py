@@ -1,4 +1,4 @@
-"""Updating on frequencies and FRFs as seed 000, section 4.1, does it.
+"""Updating on frequencies and FRFs as Machines 2022, section 4.1, does it.
 
 Newton's iteration for A x = b (eqs. 15 to 17), in least squares with the weights of eqs. 18 to 20,
 until eq. 14 holds. It has no bounds, knows no noise and does not limit its steps.
@@ -46,7 +46,7 @@ def update_weighted(
     n_modes: int | None = None,
     strict: bool = True,
 ) -> Update:
-    """Seed 000, section 4.1: eqs. 15 to 20 until eq. 14. Collective for a full model.
+    """Machines 2022, section 4.1: eqs. 15 to 20 until eq. 14. Collective for a full model.
 
     The paper gives no numbers for w_f, w_H, eps_1 and eps_2 and leaves open how complex FRFs become
     real equations, and what is to happen when a step leaves the law's range: here it is the end.
@@ -99,7 +99,7 @@ def update_weighted(
 
 
 class _Weighted(Identification):
-    """The iteration of seed 000."""
+    """The iteration of Machines 2022."""
 
     method = "weighted"
 
@@ -177,7 +177,7 @@ class _Weighted(Identification):
 
 
 def noise_tolerances(target: Target) -> dict[str, float]:
-    """Tolerances of seed 000, eq. 14, that data with noise can meet: arguments of the fit."""
+    """Tolerances of Machines 2022, eq. 14, that data with noise can meet: arguments of the fit."""
     used = np.isfinite(target.frequencies_hz)
     found = {"eps_1": 1e-4, "eps_2": 1e-2}
     if used.any():

@@ -29,7 +29,7 @@ def test_densities_in_closed_form():
 
 
 def test_distributions_of_figure_7_are_found():
-    """Seed 002, Figure 7: a Weibull of shape 819 is found, and not taken for a normal."""
+    """Jalali et al. 2019, Figure 7: a Weibull of shape 819 is found, and not taken for a normal."""
     x = stats.weibull_min(819.5, scale=2035.08).rvs(400, random_state=3)
     found = choose("mode 5", x, ["normal", "weibull", "gumbel"])
     shape, scale = found.frozen.args[0], found.frozen.kwds["scale"]

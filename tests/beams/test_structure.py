@@ -29,7 +29,7 @@ from fenics_joints.updating import update
 E, NU, RHO = 208e9, 0.3, 7860.0
 BREADTH, HEIGHT = 0.021, 0.0106
 STEEL = {"E": E, "nu": NU, "rho": RHO}
-#: Seed 002, Table 1: measured, and the paper's model; Table 2 by torque.
+#: Jalali et al. 2019, Table 1: measured, and the paper's model; Table 2 by torque.
 MEASURED = np.array([158.41, 442.81, 860.93, 1383.5, 2045.7, 2869.4, 3438.9, 4279.7])
 UPDATED = np.array([158.37, 443.5, 861.6, 1382.7, 2045.3, 2809.0, 3613.4, 4172.2])
 TABLE_2 = {7: (1690.2, 31047.0), 15: (1715.9, 34810.0), 23: (1763.2, 37402.0)}
@@ -46,7 +46,7 @@ def elastic_hz(model, n, given=None) -> np.ndarray:
 
 
 def bolted_beams(offset_mass=False, each=False, bolt_at=None, **given) -> BeamStructure:
-    """Seed 002, with the geometry that was fitted to the paper's own model."""
+    """Jalali et al. 2019, with the geometry that was fitted to the paper's own model."""
     values = {"E": E, "nu": NU, "rho": RHO, "t": 1.0, "k1": 1763.2, "k2": 37402.0, "c": 0.15}
     names = {}
     for key in ("k1", "k2"):
@@ -177,7 +177,8 @@ def test_offset_moves_nothing_but_the_line():
     assert np.max(np.abs(printed / elastic_hz(centred, 6) - 1)) > 5e-3
 
 
-# -- seed 002 --------------------------------------------------------------------------------------
+# -- Jalali et al. 2019
+# --------------------------------------------------------------------------------------
 
 
 def test_published_stiffness_gives_the_published_frequencies():
@@ -319,7 +320,7 @@ def test_damping_is_identified_and_said_to_come_from_the_curvature():
     assert exact.values[0] == pytest.approx(0.12, rel=1e-6)
     table = slip_table(structure, {"c": 0.12}, n_modes=5)
     np.testing.assert_allclose(table.ratios, truth, rtol=5e-3)
-    # Seed 002, Fig. 15: modes 2 and 3 bend the joint less than modes 1 and 4 do.
+    # Jalali et al. 2019, Fig. 15: modes 2 and 3 bend the joint less than modes 1 and 4 do.
     assert max(table.curvature[[1, 2]]) < min(table.curvature[[0, 3]])
 
 

@@ -36,7 +36,7 @@ def written(folder: Path, changes: dict[str, str], more: str = "") -> Path:
 
 @pytest.mark.parallel
 def test_update_identifies_slap_and_slip():
-    """Seed 002, Tables 1 and 2."""
+    """Jalali et al. 2019, Tables 1 and 2."""
     found = update_case(load_case(DEMO), MPI.COMM_WORLD, Progress(silent=True))
     k1, k2 = (p["value"] for p in found.parameters)
     assert k1 == pytest.approx(1763.2, rel=0.04)
@@ -78,7 +78,7 @@ def test_what_the_commands_say_of_beams():
 
 @pytest.mark.parallel
 def test_functions_identify_the_damping_too(shared_tmp_path):
-    """Seed 002, Fig. 13: c from functions; those of finer beams, by the matrices themselves."""
+    """Jalali et al. 2019, Fig. 13: c from functions of finer beams, by the matrices."""
     tmp_path, comm = shared_tmp_path, MPI.COMM_WORLD
     truth = {"lap.k1": 2000.0, "lap.k2": 33000.0, "lap.c": 0.5}
     mesh = load_case(DEMO).mesh.model_copy(update={"elements": [45, 30]})

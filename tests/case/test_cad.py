@@ -87,7 +87,7 @@ def test_modes_say_what_was_found(tmp_path, capfd):
 
 
 def test_radius_from_the_database(tmp_path):
-    """M12 at 120 N·m is 50 kN; seed 000's Table 2 has 51.55 mm for plates of 25 mm."""
+    """M12 at 120 N·m is 50 kN; Machines 2022's Table 2 has 51.55 mm for plates of 25 mm."""
     write_step(tmp_path / "machine.step", flanges())
     text = CASE.replace('r_wai = "11 mm"', 'torque = "120 N*m"\nthickness = "25 mm"')
     (tmp_path / "case.toml").write_text(text + RING.format("rings", "ring_*"), encoding="utf-8")

@@ -89,8 +89,8 @@ def test_without_specimens_and_held_modes(tmp_path):
     found = outcome.result
     assert len(repr(found)) <= 120 and len(repr(found.predicted)) <= 120
     assert found.predicted.check is None and outcome.page().count("<svg") == 4
-    # Seed 002, Table 1: the updated model is within 0.15 % of the first five frequencies, and
-    # 2.10 % below, 5.07 above and 2.50 below the others.
+    # Jalali et al. 2019, Table 1: the updated model is within 0.15 % of the first five frequencies,
+    # and 2.10 % below, 5.07 above and 2.50 below the others.
     rows = found.frequencies()
     off = np.array([row["median_hz"] / row["measured_hz"] - 1 for row in rows])
     assert np.max(np.abs(off[:5])) < 2.5e-3

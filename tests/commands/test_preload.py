@@ -92,7 +92,7 @@ def test_mistakes(tmp_path, write_beams, old, new, said):
 @serial
 @pytest.mark.parametrize("torque, force", [(10.2, 8.6e3), (16.9, 14.3e3), (25.1, 21.2e3)])
 def test_torque_is_the_papers_force(tmp_path, write_beams, torque, force):
-    """Seed 004, Table 3."""
+    """Fronk et al. 2019, Table 3."""
     given = f'torque = "{torque} N m"\nthread = "5/16-24"\nfriction = 0.107'
     case = load_case(write_beams(tmp_path, ('force = "28.0 kN"', given)))
     assert case.bolts["bolt_1"].preload() == pytest.approx(force, rel=6e-3)
@@ -172,7 +172,7 @@ def test_update_command(tmp_path, write_beams):
     )
     assert done.exit_code == 0, done.output
     found = json.loads(out.read_text())
-    test = np.array([258, 331, 478, 567, 710, 855.0])  # seed 004, Table 1
+    test = np.array([258, 331, 478, 567, 710, 855.0])  # Fronk et al. 2019, Table 1
     # Mode 10 is calibrated, and E is what it takes: frequencies go with its root, but for bolts.
     assert found["frequencies_hz"]["stuck"][3] == pytest.approx(567, rel=1e-5)
     plain = solve_modes(LinearJoint(by_hand(MPI.COMM_SELF)), n_modes=13).frequencies_hz[9]

@@ -235,8 +235,8 @@ def test_words():
 
 
 def test_weighted(test_files):
-    """The seed's equations go astray on functions from the seed's start, and say so; on frequencies
-    with limited steps they find what frequencies know."""
+    """The paper's equations go astray on functions from the paper's start, and say so; on
+    frequencies with limited steps they find what frequencies know."""
     update = """
 parameters = ["joint.E", "joint.nu", "joint.h"]
 method = "weighted"

@@ -66,7 +66,7 @@ def table(ratios) -> str:
 
 
 def state_ratios(K, M, C) -> np.ndarray:
-    """Damping ratios of all modes that oscillate, by the matrix of seed 002, eq. 9."""
+    """Damping ratios of all modes that oscillate, by the matrix of Jalali et al. 2019, eq. 9."""
     n = len(K)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
     s = np.linalg.eigvals(A)

@@ -16,14 +16,15 @@ from fenics_joints.errors import InputError
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 
-#: Seed 000, Table 4: force in N, thickness in m. Table 5 has the paper's errors there, in per cent.
+#: Machines 2022, Table 4: force in N, thickness in m. Table 5 has the paper's errors there, in per
+#: cent.
 TESTING = [(12.5e3, 0.030), (25e3, 0.015), (37.5e3, 0.025), (50e3, 0.020), (62.5e3, 0.035)]
 PAPER_ERRORS = [1.03, 1.44, 0.22, 1.35, 0.41]
 
 
 @pytest.fixture(scope="module")
 def seed_tables():
-    """Conditions (force, thickness), radius and pressure of seed 000, Tables 2 and 3."""
+    """Conditions (force, thickness), radius and pressure of Machines 2022, Tables 2 and 3."""
     rows = [j for j in seed_database().joints() if j.radius]
     x = np.array([(j.force, j.thickness) for j in rows])
     return x, np.array([j.radius for j in rows]), np.array([j.pressure for j in rows])

@@ -21,7 +21,7 @@ serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 @serial
 def test_torque_bolt_and_plates_to_radius_pressure_and_the_identified_interface(seed_surfaces):
-    """The engraving machine of seed 000: Table 10 to Table 11, and Table 2 at 50 kN, 25 mm."""
+    """The engraving machine of Machines 2022: Table 10 to Table 11, and Table 2 at 50 kN, 25 mm."""
     answer = query(seed_surfaces, bolt="M12", torque=120.0, thickness=0.025, roughness=1.6e-6)
     assert answer.force == pytest.approx(50e3) and "K = 0.2" in answer.force_from
     assert answer.radius.low < 0.05155 < answer.radius.high and not answer.extrapolated

@@ -1,4 +1,4 @@
-"""Where the gap lies, on the measured lap plates of seed 001 with the cause withheld."""
+"""Where the gap lies, on the measured lap plates of Tian et al. 2021 with the cause withheld."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes a case i
 
 
 def test_the_measured_gap_lies_in_the_joint_away_from_the_bolts(write_case, tmp_path):
-    """The seed's own finding, from tests of zones alone: the layer away from the bolts explains
+    """The paper's own finding, from tests of zones alone: the layer away from the bolts explains
     most, the plates less, and the lowest torque misfits most. Measured shapes, here the model's
     own, are met with an error in the constitutive relation far below one."""
     case = load_case(write_case(tmp_path))

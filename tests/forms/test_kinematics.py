@@ -11,8 +11,9 @@ from mpi4py import MPI
 
 from fenics_joints import forms
 
-# Seed 001, Table 1: dN/dx, dN/dy, dN/dz of the eight nodes at a Gauss point, 1 x 1 x 0.1. Row 3,
-# column 3 is printed -1.16667. In its 5 x 5 x 0.1 block the first two columns are a fifth of these.
+# Tian et al. 2021, Table 1: dN/dx, dN/dy, dN/dz of the eight nodes at a Gauss point, 1 x 1 x 0.1.
+# Row 3, column 3 is printed -1.16667. In its 5 x 5 x 0.1 block the first two columns are a fifth of
+# these.
 TABLE_1 = np.array(
     [
         [-0.16667, -0.62201, -1.66667],
@@ -32,7 +33,7 @@ CORNERS = np.array(
 
 @pytest.mark.parametrize("size", [1.0, 5.0])
 def test_layer_strain_against_table_1(size):
-    """Strains of a thin hexahedron, one node moved at a time, are the seed's Table 1."""
+    """Strains of a thin hexahedron, one node moved at a time, are the paper's Table 1."""
     sides = np.array([size, size, 0.1])
     msh = box("hex", [1, 1, 1], sides, MPI.COMM_SELF)
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))

@@ -1,8 +1,8 @@
 """How far thin elements can be trusted: what `forms.thin_layer` says of them, measured.
 
-The structure is seed 001's: two 8 mm plates, 200 mm long, lapped over 80 mm, free, the layer
-without mass. Its frequencies are compared with those of a spring interface of no thickness on the
-same plate cells, so that the cells' own error cancels and only the layer's remains.
+The structure is Tian et al. 2021's: two 8 mm plates, 200 mm long, lapped over 80 mm, free, the
+layer without mass. Its frequencies are compared with those of a spring interface of no thickness on
+the same plate cells, so that the cells' own error cancels and only the layer's remains.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The dumbbells of seed 000, section 4.2, at the start of Table 6, in the words of a case."""
+"""The dumbbells of Machines 2022, section 4.2, at the start of Table 6, in the words of a case."""
 
 SANDWICH = """\
 [parts.bodies]

@@ -257,7 +257,7 @@ def test_valanis_against_its_differential_equation():
 
 
 class Ramberg(JointLaw):
-    """A law of a user's own: seed 003's backbone as a spring without memory."""
+    """A law of a user's own: Iranzad and Ahmadian 2012's backbone as a spring without memory."""
 
     def element(self, normal, slip, state, p):
         size = ufl.sqrt(ufl.dot(slip, slip) + 1e-30)

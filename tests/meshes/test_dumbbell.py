@@ -1,4 +1,4 @@
-"""The dumbbells of seed 000: rings around bolts, against regular polygons."""
+"""The dumbbells of Machines 2022: rings around bolts, against regular polygons."""
 
 from __future__ import annotations
 

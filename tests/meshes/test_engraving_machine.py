@@ -1,4 +1,4 @@
-"""The stand-in for seed 000's engraving machine: its mesh, and what its joints' derivatives say."""
+"""The stand-in for an engraving machine (Machines 2022): its mesh, and its joints' derivatives."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SMALL = {
     "gusset": 0.08, "ribs": 1, "bolts": (3, 3), "layer": 0.72e-3, "r_nei": 0.00675,
     "r_wai": 0.0514, "zone": 0.12, "element_size": 0.2,
 }  # fmt: skip
-E_RING = 6.111e9  # seed 000, Table 11
+E_RING = 6.111e9  # Machines 2022, Table 11
 
 
 def machine(size=0.2, degree=1, single=True, comm=COMM):

@@ -128,7 +128,7 @@ def test_impossible_arguments_are_refused(builder, arguments, message):
 
 
 def beams_and_shell(E_layer, G_layer, E=207e9, rho=7800.0, n=(24, 24)):
-    """First three frequencies, Hz, of seed 003's kind of model, by hand.
+    """First three frequencies, Hz, of Iranzad and Ahmadian 2012's kind of model, by hand.
 
     Euler beams of width 1 with u, w, w' at each node. Where they overlap a layer fills the distance
     h of their neutral axes, with the strains (w2 - w1) / h and (u2 - u1) / h + w'.

@@ -1,4 +1,4 @@
-"""Threads against the standards' printed tables; torque against the seed's and inverses."""
+"""Threads against the standards' printed tables; torque against the paper's and inverses."""
 
 import math
 
@@ -56,7 +56,7 @@ def test_an_unknown_thread_is_an_error_that_names_the_nearest(name, nearest):
 
 
 def test_motosh_gives_the_forces_of_the_seed_with_one_friction_found_by_inversion():
-    """Seed 004, Table 3: one pair gives the friction, the other two are then predictions."""
+    """Fronk et al. 2019, Table 3: one pair gives the friction, two are then predictions."""
     mu = friction_from(25.1, 21.2e3, "5/16-24")
     assert mu == pytest.approx(0.107, abs=5e-4)
     for torque, printed in ((10.2, 8.6), (16.9, 14.3)):

@@ -1,4 +1,4 @@
-"""The transition layer of seed 000 in a structure: thickness as a number, density, grading."""
+"""The transition layer of Machines 2022 in a structure: thickness as a number, density, grading."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fenics_joints.structure import Parameter, Structure, part, transition
 from fenics_joints.structure.laws import TRANSITION
 
 COMM = MPI.COMM_WORLD
-BODY = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}  # seed 000, section 4.2
+BODY = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}  # Machines 2022, section 4.2
 TRUE = {"E": 1e10, "nu": 0.24, "h": 0.01}  # Table 6, row 1
 N_MODES, ELASTIC = 12, slice(6, None)
 SOLID = ("head_1", "neck_1", "neck_2", "head_2")

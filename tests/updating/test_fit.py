@@ -1,4 +1,4 @@
-"""Updating on frequencies and FRFs together: seed 000's equations, its proof, and noise."""
+"""Updating on frequencies and FRFs together: Machines 2022's equations, its proof, and noise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fenics_joints.updating import Predictor, update, update_weighted
 from fenics_joints.updating.equations import real_rows, weighted_equations
 from fenics_joints.updating.residuals import Residuals
 
-BODY = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}  # seed 000, section 4.2
+BODY = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}  # Machines 2022, section 4.2
 TRUE = {"E": 1e10, "nu": 0.24, "h": 0.01}  # Table 6, row 1
 START = {"E": 3.5e10, "nu": 0.27, "h": 0.02}  # row 2
 NAMES, WANTED = list(TRUE), np.array(list(TRUE.values()))
@@ -33,7 +33,7 @@ F_SD, H_SD = 1e-3, 0.02
 
 
 def sandwich(h0, comm=MPI.COMM_SELF):
-    """Dumbbells whose layer is h0 thick in the mesh; all of one density, as the seed's model."""
+    """Dumbbells whose layer is h0 thick in the mesh; all of one density, as the paper's model."""
     layer = transition("layer", "joint", E="E", nu="nu", h="h", meshed=h0, rho=BODY["rho"])
     bodies = part("bodies", ("head_1", "neck_1", "neck_2", "head_2"), **BODY)
     return Structure(dumbbell(comm, layer=h0, element_size=0.065), [bodies, layer], [*JOINT, ETA])

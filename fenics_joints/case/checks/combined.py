@@ -65,7 +65,7 @@ def _check_ratios(case: Case) -> list[str]:
     """Measured damping ratios as data."""
     update, data, errors = case.update, case.measured, []
     if update.method == "weighted":
-        expected = "expected no damping in update.data: the seed's equations have none"
+        expected = "expected no damping in update.data: the paper's equations have none"
         errors.append(said("update.method", update.method, expected))
     if not case.is_damped:
         errors.append(
@@ -140,7 +140,7 @@ def _check_data(case: Case) -> list[str]:
         expected = "expected it only with update.method = 'weighted'"
         errors.append(said("update.step_limit", update.step_limit, expected))
     if "shapes" in wanted and update.method == "weighted":
-        expected = "expected no shapes in update.data: the seed's equations have none"
+        expected = "expected no shapes in update.data: the paper's equations have none"
         errors.append(said("update.method", update.method, expected))
     if "damping" in wanted:
         errors += _check_ratios(case)

@@ -56,7 +56,7 @@ def _alt(s: SchemeReport) -> str:
 
 
 def frequencies_over_cutoff(u: CutoffReport, s: SchemeReport) -> str:
-    """Frequencies over the cut-off pressure with the measured ones (seed 004, figs. 10, 11)."""
+    """Frequencies over the cut-off pressure and measured ones (Fronk et al. 2019, figs. 10, 11)."""
     x = s.sweep.cutoffs / 1e6
     with drawing(7.6, 4.6) as figure:
         axes = figure.subplots()
@@ -84,7 +84,7 @@ def _shade(j: int) -> str:
 
 
 def objective_over_cutoff(u: CutoffReport) -> str:
-    """Sum of the relative errors over the cut-off pressure (seed 004, fig. 12)."""
+    """Sum of the relative errors over the cut-off pressure (Fronk et al. 2019, fig. 12)."""
     with drawing(7.6, 3.2) as figure:
         axes = figure.subplots()
         for s in u.schemes:

@@ -1,4 +1,4 @@
-"""The cut-off pressure of a case's contacts, updated on its test: `[update.cutoff]` (seed 004)."""
+"""The cut-off pressure of contacts, updated on the test: `[update.cutoff]` (Fronk et al. 2019)."""
 
 from __future__ import annotations
 

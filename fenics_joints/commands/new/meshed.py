@@ -139,7 +139,7 @@ def _beams(name: str, material: str, ask: Ask) -> Sketch:
     parts = [PartSketch("beams", ("beam_1", "beam_2"), "", material)]
     joint = [
         "[joints.lap]", 'cells = "lap"', 'law = "generic"',
-        'k1 = "1763 N m"  # ? slap; of seed 002, Table 2, beams of 21 x 10.6 mm at 23 N·m',
+        'k1 = "1763 N m"  # ? slap; Jalali et al. 2019, Table 2: beams of 21 x 10.6 mm, 23 N·m',
         'k2 = "37400 N m"  # ? slip', 'c = "0.15 N m s"  # ?', "bolted = true", "",
     ]  # fmt: skip
     return Sketch(

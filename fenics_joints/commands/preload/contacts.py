@@ -10,7 +10,7 @@ from fenics_joints.preload.patch import largest_radius
 
 __all__ = ["area_words", "bolt_axes", "contact_facts", "contact_rows", "forces_in_words"]
 
-#: Pressure, Pa, that bounds the contact radius (seed 000, eq. 10).
+#: Pressure, Pa, that bounds the contact radius (Machines 2022, eq. 10).
 LIMIT = 1e6
 
 

@@ -29,7 +29,7 @@ __all__ = ["at_words", "curve_line", "data_words", "parameter_rows", "theirs", "
 #: The method in words.
 METHODS = {
     "log": "Maximum likelihood; frequencies, ratios and functions count by their logarithms",
-    "weighted": "By the weighted equations of seed 000 (eqs. 15 to 20)",
+    "weighted": "By the weighted equations of Machines 2022 (eqs. 15 to 20)",
 }
 _KINDS = {
     "frequencies": "frequencies", "shapes": "mode shapes", "damping": "damping ratios",

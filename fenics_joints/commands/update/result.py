@@ -289,7 +289,7 @@ class UpdateReport:
 
     @property
     def conditions(self) -> tuple[float, float]:
-        """Condition number of the seed's equations at the start: raw, and as they are solved."""
+        """Condition number of the paper's equations at the start: raw, and as they are solved."""
         first = self.update.history[0]
         return first.condition_before, first.condition_after
 

@@ -20,7 +20,7 @@ __all__ = [
     "lost_contact", "pressed_by_bolts", "pressed_compliance",
 ]  # fmt: skip
 
-#: Exponent of K = alpha P^beta (seed 001, eqs. 22 and 23), P proportional to the torque.
+#: Exponent of K = alpha P^beta (Tian et al. 2021, eqs. 22 and 23), P proportional to the torque.
 EXPONENT = (0.5, 0.3, "", False, (0.0, 1.5))
 #: Factor on the stiffness of a layer where the contact is lost: too soft to carry anything. And one
 #: at which it is about halfway, as a thin layer that stiff gives way like the bodies do.
@@ -215,7 +215,7 @@ def gives_way(
 def graded(
     groups: Mapping[str, Sequence[Zone]], kinds: Sequence[str], how: str, reference: float | None
 ) -> Effect:
-    """Stiffnesses of their own in every group of zones (seed 001).
+    """Stiffnesses of their own in every group of zones (Tian et al. 2021).
 
     Args:
         groups: Zones of each group, by its name.
@@ -234,7 +234,7 @@ def graded(
 def pressed_compliance(zones: Sequence[Zone]) -> Effect:
     """Interface stiffness that grows with the pressure, k = k_ref (P / P_ref)^beta.
 
-    Seed 001, eqs. 22 and 23; P_ref is the largest zone's. A zone without pressure is lost.
+    Tian et al. 2021, eqs. 22 and 23; P_ref is the largest zone's. A zone without pressure is lost.
 
     Args:
         zones: Zones of the contact's layer; the middle of each one's pressures counts.
@@ -334,7 +334,7 @@ def pressed_by_bolts(zones: Sequence[Zone], reference: float | None) -> Effect:
 
 
 def lost_contact(zones: Sequence[Zone]) -> Effect:
-    """Contact lost where its pressure is below a cut-off (seed 004, eqs. 4 and 5).
+    """Contact lost where its pressure is below a cut-off (Fronk et al. 2019, eqs. 4 and 5).
 
     As the cut-off passes through the pressures of a zone the logarithm of its stiffness falls
     smoothly to that of next to nothing.

@@ -20,7 +20,7 @@ __all__ = [
 #: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too,
 #: a lap along its beams.
 EXPECTED = {"E": 0.15, "rho": 0.10, "mass": 0.3, "stiffness": 1.0, "axial": 1.0}
-#: Expected exponent of an interface's stiffness in the torque (seed 001, eqs. 22 and 23).
+#: Expected exponent of an interface's stiffness in the torque (Tian et al. 2021, eqs. 22 and 23).
 EXPONENT = 0.5
 #: Gauss points along the way from bonded to giving way.
 _NODES = 8

@@ -142,7 +142,7 @@ def lap_as_one(case: Case, zones: Zones, values: Mapping[str, float]) -> dict[st
     """k1 and k2, N m, of the joint elements of each zone if its two beams were one piece.
 
     The bending and shear stiffness of both sections about their common neutral axis, in eq. 2 of
-    seed 002 (see `fenics_joints.beams.element`).
+    Jalali et al. 2019 (see `fenics_joints.beams.element`).
 
     Args:
         case: The case.

@@ -44,7 +44,7 @@ class ZoneInterface:
 
 
 LAYER = ZoneInterface("layer", {"n": "E", "t": "G"}, True, True, ("t",), ("n", "t"))
-#: Slip alone is damped, as in eq. 3 of seed 002.
+#: Slip alone is damped, as in eq. 3 of Jalali et al. 2019.
 LAP = ZoneInterface("lap", {"slap": "k1", "slip": "k2"}, False, True, ("slip",), ("slip",))
 #: A lap whose k1 and k2 are the case's own, not those of one piece.
 GIVEN_LAP = replace(LAP, name="given lap", series=False)

@@ -1,0 +1,1 @@
+"""What the web site is assembled from: Markdown pages, docstrings, schema, demos."""

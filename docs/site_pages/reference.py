@@ -1,0 +1,117 @@
+"""The reference of the case file, from its schema, and of the command line, from its help."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+HEAD = """# The case file, key by key
+
+Made from the schema that `fenics-joints schema` prints. Lengths, masses and moduli are numbers in
+SI units, or texts with a unit (`"8 mm"`). [Case files](case.md) says what belongs together, and the
+demos' `case.toml` have a comment on every number.
+"""
+
+
+def write(source: Path) -> None:
+    """Write `case-file.md`."""
+    from fenics_joints.case.schema import case_schema
+
+    schema = case_schema()
+    kinds = schema["$defs"]
+    words = _attributes(schema.get("description", ""))[1]
+    text = HEAD
+    for key, value in schema["properties"].items():
+        if key == "title":
+            text += f"\n`title`: {words.get(key, '')}\n"
+            continue
+        text += f"\n## `[{key}]`\n\n{words.get(key, '')}\n" + _section(key, value, kinds, set())
+    (source / "case-file.md").write_text(text, encoding="utf-8")
+
+
+def _section(path: str, schema: dict, kinds: dict, seen: set[str]) -> str:
+    """Tables of all keys below a path, each kind of table once."""
+    text = ""
+    for name, deeper in _tables(path, schema, kinds):
+        if name in seen:
+            continue
+        seen.add(name)
+        text += _table(deeper, kinds[name])
+        for key, value in kinds[name].get("properties", {}).items():
+            text += _section(f"{deeper}.{key}", value, kinds, seen)
+    return text
+
+
+def _tables(path: str, schema: dict, kinds: dict) -> list[tuple[str, str]]:
+    """Kinds of tables that may stand at a path, with the path they stand at."""
+    if "$ref" in schema:
+        return [(schema["$ref"].rsplit("/", 1)[1], path)]
+    found = []
+    for choice in schema.get("anyOf", []) + schema.get("oneOf", []) + schema.get("allOf", []):
+        found += _tables(path, choice, kinds)
+    if isinstance(schema.get("additionalProperties"), dict):
+        found += _tables(f"{path}.NAME", schema["additionalProperties"], kinds)
+    if isinstance(schema.get("items"), dict):
+        found += _tables(path, schema["items"], kinds)
+    return found
+
+
+def _table(path: str, kind: dict) -> str:
+    properties = kind.get("properties", {})
+    which = [
+        f'{key} = "{value["const"]}"' for key, value in properties.items() if "const" in value
+    ]
+    words, keys = _attributes(kind.get("description", ""))
+    title = f"`[{path}]`" + (f" with `{', '.join(which)}`" if which else "")
+    rows = "".join(
+        f"| `{key}` | {_kind(value)} | {_default(key, value, kind)} | "
+        f"{keys.get(key, '').replace('|', chr(92) + '|')} |\n"
+        for key, value in properties.items()
+        if "const" not in value
+    )
+    table = f"| key | value | default | |\n|---|---|---|---|\n{rows}\n" if rows else ""
+    return f"\n### {title}\n\n{words}\n\n{table}"
+
+
+def _attributes(text: str) -> tuple[str, dict[str, str]]:
+    """A docstring's words, and what its section Attributes says of each key."""
+    words, _, listed = text.partition("Attributes:\n")
+    found = re.findall(r"^    (\w+): (.*(?:\n        .*)*)", listed, re.MULTILINE)
+    plain = re.sub(r"``([^`]+)``", r"`\1`", words).strip()
+    return plain, {key: " ".join(value.split()) for key, value in found}
+
+
+def _kind(schema: dict) -> str:
+    """A type in words."""
+    if "$ref" in schema:
+        return "table"
+    if "enum" in schema:
+        return ", ".join(f"`{value!r}`".replace("'", '"') for value in schema["enum"])
+    if "anyOf" in schema or "oneOf" in schema:
+        kinds = [_kind(one) for one in schema.get("anyOf", schema.get("oneOf"))]
+        return " or ".join(dict.fromkeys(kind for kind in kinds if kind != "nothing"))
+    if schema.get("description"):
+        return schema["description"]
+    names = {
+        "string": "text", "number": "number", "integer": "whole number", "null": "nothing",
+        "boolean": "`true` or `false`", "object": "table",
+    }  # fmt: skip
+    kind = schema.get("type", "")
+    if kind == "array":
+        if "prefixItems" in schema:
+            return "[" + ", ".join(_kind(one) for one in schema["prefixItems"]) + "]"
+        return f"list of {_kind(schema.get('items', {}))}"
+    if isinstance(kind, list):
+        return " or ".join(names[one] for one in kind)
+    return names.get(kind, "any value")
+
+
+def _default(key: str, schema: dict, kind: dict) -> str:
+    if key in kind.get("required", ()):
+        return "**must be given**"
+    value = schema.get("default")
+    if value is None or value == {} or value == []:
+        return ""
+    if isinstance(value, dict):
+        return "see there"
+    return f"`{str(value).lower() if isinstance(value, bool) else value}`"

@@ -1,0 +1,15 @@
+"""Amplitude data of one mode: frequency and damping over the level of vibration, from any test.
+
+`read_amplitude` reads plain tables, curves at constant response or constant force and ring-downs,
+and reduces each to a `MeasuredBackbone`.
+"""
+
+from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
+from fenics_joints.measurements.amplitude.curves import from_constant_force, from_constant_response
+from fenics_joints.measurements.amplitude.files import read_amplitude
+from fenics_joints.measurements.amplitude.ring_downs import from_ring_down
+
+__all__ = [
+    "MeasuredBackbone", "from_constant_force", "from_constant_response", "from_ring_down",
+    "read_amplitude",
+]  # fmt: skip
