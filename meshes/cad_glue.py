@@ -14,6 +14,7 @@ import numpy as np
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.cad_bolts import BoltPlace
+from fenics_joints.meshes.cad_kinds import is_flat
 from fenics_joints.meshes.cad_shapes import TOUCH, Contact, Solids
 
 __all__ = ["Glued", "Interface", "Sizes", "glue"]
@@ -328,7 +329,7 @@ def _elements(model, dim: int, entity: int) -> np.ndarray:
 
 
 def _contact_of(model, contacts, planes, face: int, pair) -> int | None:
-    if model.getType(2, face) != "Plane":
+    if not is_flat(model, face):
         return None
     box = np.array(model.getBoundingBox(2, face)).reshape(2, 3)
     for i, (contact, (normal, point)) in enumerate(zip(contacts, planes, strict=True)):

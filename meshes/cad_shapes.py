@@ -15,6 +15,7 @@ import numpy as np
 
 from fenics_joints.errors import MeshError
 from fenics_joints.files import is_file
+from fenics_joints.meshes.cad_kinds import TOUCH, circle_of, is_flat
 
 __all__ = [
     "Contact",
@@ -29,8 +30,6 @@ __all__ = [
 
 #: A solid by its label in the file, its number there from 1, or a point inside.
 Place = str | int | Sequence[float]
-#: Distances below this are those of round-off in CAD.
-TOUCH = 1e-3
 _PARALLEL = 1e-6
 #: Share of a face below which a common area is round-off.
 _NO_AREA = 1e-6
@@ -106,11 +105,14 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
     with path.open("rb") as file:
         if b"ISO-10303-21" not in file.read(4096):
             raise MeshError(f"{path}: not a STEP file, expected it to begin with ISO-10303-21")
+        file.seek(max(0, path.stat().st_size - 4096))
+        cut = b"END-ISO-10303-21" not in file.read()
     try:
         found = model.occ.importShapes(str(path))
         model.occ.synchronize()
     except Exception as error:
-        raise MeshError(f"{path}: gmsh cannot read it: {error}") from error
+        why = "it is truncated, expected END-ISO-10303-21; at its end" if cut else error
+        raise MeshError(f"{path}: gmsh cannot read it: {why}") from error
     tags = [tag for dim, tag in found if dim == 3]
     labels = [_label(model.getEntityName(3, tag)) for tag in tags]
     if len(tags) < 2:
@@ -261,7 +263,7 @@ def _common_area(model, a: _Flat, b: _Flat, gap: float) -> float:
 
 def _flats(model, solid: int) -> list[_Flat]:
     faces = [tag for _, tag in model.getBoundary([(3, solid)], oriented=False)]
-    flats = (_flat(model, solid, tag) for tag in faces if model.getType(2, tag) == "Plane")
+    flats = (_flat(model, solid, tag) for tag in faces if is_flat(model, tag))
     return [flat for flat in flats if flat is not None]
 
 
@@ -294,10 +296,10 @@ def holes(model, face: int) -> list[Hole]:
     """Round holes in a flat face: whole circles with the face outside them and not inside."""
     arcs: list[list] = []
     for _, curve in model.getBoundary([(2, face)], oriented=False):
-        if model.getType(1, curve) != "Circle":
+        circle = circle_of(model, curve)
+        if circle is None:
             continue
-        centre, radius = _circle(model, curve)
-        length = model.occ.getMass(1, curve)
+        (centre, radius), length = circle, model.occ.getMass(1, curve)
         for arc in arcs:
             if np.linalg.norm(arc[0] - centre) < TOUCH and abs(arc[1] - radius) < TOUCH:
                 arc[2] += length
@@ -309,17 +311,6 @@ def holes(model, face: int) -> list[Hole]:
         if abs(length / (2 * np.pi * radius) - 1) < 1e-3
     ]  # fmt: skip
     return [hole for hole in whole if _is_hole(model, face, hole)]
-
-
-def _circle(model, curve: int) -> tuple[np.ndarray, float]:
-    """Centre and radius of the circle on which an arc lies."""
-    (low,), (high,) = model.getParametrizationBounds(1, curve)
-    at = (low + (high - low) * np.array([0.1, 0.4, 0.7])).tolist()
-    a, b, c = np.array(model.getValue(1, curve, at)).reshape(3, 3)
-    u, v = b - a, c - a
-    w = np.cross(u, v)
-    centre = a + np.cross((u @ u) * v - (v @ v) * u, w) / (2 * (w @ w))
-    return centre, float(np.linalg.norm(a - centre))
 
 
 def _is_hole(model, face: int, hole: Hole) -> bool:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import MeshError, located
+from fenics_joints.errors import MeshError
+from fenics_joints.meshes.cad_kinds import circle_of, is_flat
 from fenics_joints.meshes.cad_shapes import (
     TOUCH,
     Contact,
@@ -109,7 +110,7 @@ def survey_step(path: str | Path) -> StepSurvey:
         MeshError: As `read_step` for a file that it cannot read; or solids overlap.
     """
     path = Path(path)
-    with gmsh_model(path, {"Geometry.OCCTargetUnit": "MM"}) as model, located(path):
+    with gmsh_model(path, {"Geometry.OCCTargetUnit": "MM"}) as model:
         found = import_solids(path, model, {})
         solids = tuple(
             _solid(model, tag, i, name)
@@ -119,7 +120,7 @@ def survey_step(path: str | Path) -> StepSurvey:
         if not contacts:
             why = nearest(model, found, _REACH)
             if "overlap" in why:
-                raise MeshError(why.removeprefix("; "))
+                raise MeshError(f"{path}: {why.removeprefix('; ')}")
         through = _through(model, contacts)
     touching = tuple(
         Touch((c.lower, c.upper), c.normal, c.gap / _MM, c.area / _MM**2) for c in contacts
@@ -187,14 +188,14 @@ def _depth(model, face: int, hole: Hole, normal: np.ndarray) -> float:
     """How deep a hole is: the extent along the normal of the walls that meet its edge, mm."""
     deep = 0.0
     for _, curve in model.getBoundary([(2, face)], oriented=False):
-        if model.getType(1, curve) != "Circle":
+        if circle_of(model, curve) is None:
             continue
         (low,), (high,) = model.getParametrizationBounds(1, curve)
         point = np.array(model.getValue(1, curve, [(low + high) / 2]))
         if abs(np.linalg.norm(point - hole.centre) - hole.radius) > TOUCH:
             continue
         for wall in model.getAdjacencies(1, curve)[0]:
-            if wall != face and model.getType(2, int(wall)) == "Cylinder":
+            if wall != face and not is_flat(model, int(wall)):
                 deep = max(deep, _extent(model, int(wall), normal))
     return deep
 
