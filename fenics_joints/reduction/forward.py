@@ -140,7 +140,7 @@ class Forward:
             x, dx = self.model.shape_slopes(pairing.index, values)
             rows = self.model.sensor_rows, self.model.shift_rows
             at, along = (r @ x for r in rows)
-            by_at, by_along = (np.einsum("sn,nmp->smp", r, dx) for r in rows)
+            by_at, by_along = (np.tensordot(r, dx, axes=1) for r in rows)
             self._shapes[key] = at, along, by_at, by_along
         return self._shapes[key]
 

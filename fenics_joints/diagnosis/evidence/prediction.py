@@ -225,12 +225,10 @@ class RowPrediction:
         at, along, by_at, by_along = self._forward.shapes(self._looks[0].values)
         chain = self._chain(self._looks[0].mode)
         read = self._read(self._z, at, along)
-        slope = np.einsum("ijp,pk->ijk", by_at, chain)
+        slope = by_at @ chain
         sensing = self._sensing(self._z)
         if sensing is not None:
-            slope = slope + sensing.shifts[:, None, None] * np.einsum(
-                "ijp,pk->ijk", by_along, chain
-            )
+            slope = slope + sensing.shifts[:, None, None] * (by_along @ chain)
             slope = sensing.gains[:, None, None] * slope + self._sensing_slopes(at, along)
         return _scaled_to(measured, read, slope)
 

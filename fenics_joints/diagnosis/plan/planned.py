@@ -21,6 +21,7 @@ from fenics_joints.diagnosis.plan.added import measurement, rank, table
 from fenics_joints.diagnosis.plan.candidates import Candidates
 from fenics_joints.diagnosis.plan.groups import combination, groups
 from fenics_joints.diagnosis.plan.result import Plan, PlannedClass, PlannedEffect
+from fenics_joints.diagnosis.plan.sensors import few_sensors
 from fenics_joints.diagnosis.plan.study import Signature, Study
 from fenics_joints.formatting import number, quantity, spaced
 from fenics_joints.measurements.data import TestData
@@ -67,6 +68,8 @@ def plan(
         test = measurement(
             model.nuisances, model.scatter, model.data.mode_names, evidence, model.forward
         )
+        model.effects, left = few_sensors(test, model.effects, model.baseline)
+        model.silent = (*model.silent, *left)
         progress.step("signatures and distances", 2 * len(model.effects))
         study = Study(
             test, model.effects, model.baseline,

@@ -131,7 +131,8 @@ class Study:
         #: Own parameters of the column's effect where it comes nearest to the row's; filled by
         #: `distances`.
         self.near: dict[tuple[int, int], np.ndarray] = {}
-        self._known: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+        self._known: dict[tuple, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._factors: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def baseline(self, effect: Effect) -> Mapping[str, float]:
         """The model that an effect is put into."""
@@ -164,17 +165,23 @@ class Study:
     def signature(self, effect: Effect, own: np.ndarray) -> Signature:
         """What an effect with these parameters does, exactly."""
         hypothesis = self.measurement.hypothesis(effect)
-        predicted, _ = self._prediction(hypothesis, hypothesis.at(own), self.baseline(effect))
+        predicted = self._prediction(hypothesis, hypothesis.at(own), self.baseline(effect))[0]
         found = Signature(effect, own, predicted, np.nan)
         return replace(found, d=2 * self.distance(found, None))
 
     def whitened(self, signature: Signature) -> np.ndarray:
         """Its change of the prediction in the metric of noise and nuisances together, (N,)."""
-        base = self.baseline(signature.effect)
-        bare = self.measurement.hypothesis()
-        nominal, slopes = self._prediction(bare, bare.at(0.0), base)
-        lower = np.linalg.cholesky(self.measurement.covariance + slopes @ slopes.T)
+        nominal, lower = self._blurred(self.baseline(signature.effect))
         return whiten(lower, signature.predicted - nominal)
+
+    def _blurred(self, base: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """The prediction without effects, and the Cholesky factor of noise and nuisances."""
+        if id(base) not in self._factors:
+            bare = self.measurement.hypothesis()
+            nominal, slopes = self.measurement.predict(bare, bare.at(0.0), base)
+            covariance = self.measurement.covariance + slopes @ slopes.T
+            self._factors[id(base)] = nominal, np.linalg.cholesky(covariance)
+        return self._factors[id(base)]
 
     # -- distances ---------------------------------------------------------------------------
 
@@ -245,15 +252,20 @@ class Study:
         needed = own @ own - truth.own @ truth.own
         return best.misfit + best.others + max(float(needed), 0.0), own
 
-    def _prediction(self, hypothesis, z, baseline) -> tuple[np.ndarray, np.ndarray]:
-        """Remembered for what many comparisons start from: z of one effect, nuisances at rest."""
-        rest = np.delete(z, hypothesis.own)
-        if rest.any():
-            return self.measurement.predict(hypothesis, z, baseline)
+    def _prediction(self, hypothesis, z, baseline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What is predicted, the same whitened, and its slopes whitened.
+
+        Remembered for what many comparisons start from: z of one effect, nuisances at rest.
+        """
         key = (hypothesis.effects, tuple(z), id(baseline))
-        if key not in self._known:
-            self._known[key] = self.measurement.predict(hypothesis, z, baseline)
-        return self._known[key]
+        if key in self._known:
+            return self._known[key]
+        predicted, slopes = self.measurement.predict(hypothesis, z, baseline)
+        lower = self.measurement.lower
+        found = predicted, whiten(lower, predicted), whiten(lower, slopes)
+        if not np.delete(z, hypothesis.own).any():
+            self._known[key] = found
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,19 +295,17 @@ class _Search:
 
     def __init__(self, study: Study, hypothesis: Hypothesis, baseline, target: np.ndarray):
         self._study, self._hypothesis = study, hypothesis
-        self._baseline, self._target = baseline, target
+        self._baseline, self._target = baseline, whiten(study.measurement.lower, target)
         self._limits = hypothesis.limits.T
 
     def _place(self, z: np.ndarray) -> _Place | None:
         """None where the model has no answer, as too few modes that the test could see."""
         try:
-            predicted, jacobian = self._study._prediction(self._hypothesis, z, self._baseline)
+            _, at, slopes = self._study._prediction(self._hypothesis, z, self._baseline)
         except InputError:
             return None
-        lower = self._study.measurement.lower
         rest = np.delete(z, self._hypothesis.own)
-        residual = whiten(lower, predicted - self._target)
-        return _Place(z, residual, whiten(lower, jacobian), float(rest @ rest))
+        return _Place(z, at - self._target, slopes, float(rest @ rest))
 
     def begin(self, own: np.ndarray) -> _Place | None:
         """The point of these own parameters, its nuisances refitted linearly to rank it."""
