@@ -240,10 +240,12 @@ def _work(sketch: Sketch, test: TestSketch) -> list[str]:
     """What update and diagnose are to do."""
     if not test.n_modes:
         return []
-    keys = ["E" if joint.thickness else "k_n" for joint in sketch.joints]
-    names = [f"{j.name}.{key}" for j, key in zip(sketch.joints, keys, strict=True)][:3]
-    if keys == ["k_n"]:
-        names.append(f"{sketch.joints[0].name}.k_t")
+    layers = [f"{joint.name}.E" for joint in sketch.joints if joint.thickness]
+    across = [f"{joint.name}.k_n" for joint in sketch.joints if not joint.thickness]
+    along = [f"{joint.name}.k_t" for joint in sketch.joints if not joint.thickness]
+    names = [*layers, *across, *along]
+    if len(names) > test.n_modes:  # more than the frequencies can say, whatever they are
+        names = [*layers, *across][: max(test.n_modes, 3)]
     lines = []
     if names:
         at = [] if test.at is None else [f"at = {toml(test.at)}"]
