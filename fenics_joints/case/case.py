@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -125,6 +125,12 @@ class Case(Section):
     def measured(self) -> TestData | None:
         """The measured modes, or None; `measurements` refuses that."""
         return self._measured
+
+    def with_modes(self, kept: Sequence[int]) -> Case:
+        """The case with some of the test's modes alone, by index."""
+        case = self.model_copy()
+        case._measured = self.measurements().with_modes(kept)
+        return case
 
     def measurements(self) -> TestData:
         """The measured data.

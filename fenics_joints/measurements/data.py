@@ -183,11 +183,16 @@ class TestData:
 
     def first_modes(self, n: int) -> TestData:
         """The first n modes alone."""
+        return self.with_modes(range(n))
+
+    def with_modes(self, kept: Iterable[int]) -> TestData:
+        """Some of the modes alone, by index."""
+        kept = [i for i in kept if i < len(self.mode_names)]
         cut = {
-            key: None if getattr(self, key) is None else getattr(self, key)[..., :n]
+            key: None if getattr(self, key) is None else getattr(self, key)[..., kept]
             for key in ("frequencies_hz", "damping", "resolution_hz", "noise", "shapes")
         }
-        return replace(self, mode_names=self.mode_names[:n], **cut)
+        return replace(self, mode_names=tuple(self.mode_names[i] for i in kept), **cut)
 
     def _rows(self, rows: Sequence[int]) -> TestData:
         rows = np.asarray(rows, dtype=int)

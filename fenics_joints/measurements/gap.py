@@ -12,7 +12,7 @@ from fenics_joints.errors import InputError, measured
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["VISIBLE", "Gap", "Pairing", "mac", "pair_modes", "rms"]
+__all__ = ["VISIBLE", "Gap", "Pairing", "TooFewModes", "mac", "pair_modes", "rms"]
 
 
 #: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen.
@@ -49,6 +49,18 @@ def _scaled(shapes: np.ndarray) -> np.ndarray:
     """Columns by their largest entries: squares neither overflow nor vanish, whatever the unit."""
     most = np.abs(shapes).max(axis=0, initial=0.0)
     return shapes / np.where(most > 0, most, 1.0)
+
+
+class TooFewModes(InputError):
+    """A model has fewer modes that the test could see than the test has.
+
+    Attributes:
+        partnered: Test modes that could have a partner, ascending, by index.
+    """
+
+    def __init__(self, message: str, partnered: Sequence[int] = ()):
+        super().__init__(message)
+        self.partnered = tuple(int(i) for i in partnered)
 
 
 @dataclass(frozen=True)
@@ -96,15 +108,15 @@ def pair_modes(
         threshold: Least visibility, see `Modes.visibility`.
 
     Raises:
-        InputError: If the model has too few modes that the test could see.
+        TooFewModes: If the model has too few modes that the test could see.
     """
     elastic = np.arange(modes.n_rigid, len(modes))
     if sensors is None:
         _check_enough(elastic, n_test, modes)
         return Pairing(elastic[:n_test], elastic)
     visible = elastic[modes.visibility(sensors)[elastic] > threshold]
-    _check_enough(visible, n_test, modes)
     shapes = modes.at(sensors)[:, visible]
+    _check_enough(visible, n_test, modes, None if reference is None else mac(reference, shapes))
     if reference is None:
         return Pairing(visible[:n_test], visible, shapes[:, :n_test])
     match = mac(reference, shapes)
@@ -116,12 +128,15 @@ def pair_modes(
     return Pairing(visible[columns], visible, shapes[:, columns], agreement, crossing)
 
 
-def _check_enough(candidates, n_test: int, modes: Modes) -> None:
+def _check_enough(candidates, n_test: int, modes: Modes, match: np.ndarray | None = None) -> None:
     if len(candidates) < n_test:
-        top = modes.frequencies_hz[-1]
-        raise InputError(
+        top, partnered = modes.frequencies_hz[-1], np.arange(len(candidates))
+        if match is not None:
+            partnered, _ = linear_sum_assignment(-match)
+        raise TooFewModes(
             f"n_modes = {len(modes)}: the model has {len(candidates)} modes below {top:.0f} Hz "
-            f"that the test could see; expected at least {n_test}. Compute more modes."
+            f"that the test could see; expected at least {n_test}. Compute more modes.",
+            partnered,
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
 from fenics_joints.commands.update.data import UpdateData, update_data
 from fenics_joints.commands.update.page import update_page
+from fenics_joints.commands.update.partners import more_or_fewer
 from fenics_joints.commands.update.result import (
     Compared,
     Functions,
@@ -29,6 +30,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import plain
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.measurements import Pairing, Target, mac
+from fenics_joints.measurements.gap import TooFewModes
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
@@ -80,12 +82,18 @@ def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = Non
     if case.update is None or case.update.cutoff is not None:
         raise InputError(f"{case.path}: update is missing, expected a section [update]")
     # Matrices of this size are too small for a second BLAS thread to be worth waking.
+    progress, left_out = progress or Progress(silent=True), []
     with threadpool_limits(1):
-        return _Run(case, comm, progress or Progress(silent=True)).report()
+        while True:
+            try:
+                return _Run(case, comm, progress, left_out).report()
+            except TooFewModes as error:
+                case, note = more_or_fewer(case, error)
+                left_out += [] if note is None else [note]
 
 
 class _Run:
-    def __init__(self, case: Case, comm, progress: Progress):
+    def __init__(self, case: Case, comm, progress: Progress, notes: Sequence[str] = ()):
         self.case, self.progress, self.section = case, progress, case.update
         self.data: UpdateData = update_data(case)
         progress.step("building the model")
@@ -94,7 +102,7 @@ class _Run:
         self.damping = model_damping(case, self.full) if damped else Damping()
         self.parameters = [self.full.parameters[n] for n in self.section.parameters]
         self.start = {**case.nominal(damping=damped), **case.start()}
-        self.notes: list[str] = list(test_notes(case, self.full))
+        self.notes: list[str] = [*test_notes(case, self.full), *notes]
         self.n_modes: int | None = None
         self.model = self._model()
 
