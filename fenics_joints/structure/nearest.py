@@ -134,15 +134,17 @@ def far_points(
         return InputError(f"{what} {said[0]}: {within}{reach}{hint}.")
     more = f"\n  and {len(said) - _NAMED} more" if len(said) > _NAMED else ""
     lines = "\n  ".join(said[:_NAMED])
+    all_of_them = f"{len(all_points)} {what}{'es' if what.endswith('s') else 's'}"
     return InputError(
-        f"{len(said)} of {len(all_points)} {what}s are outside the mesh: {within}{reach}{hint}:"
+        f"{len(said)} of {all_of_them} are outside the mesh: {within}{reach}{hint}:"
         f"\n  {lines}{more}"
     )
 
 
 def _said(point: np.ndarray, distance: float, reach: float, name: str) -> str:
     of = f"{name} " if name else ""
-    return f"{of}at {point.tolist()} m is outside the mesh, by {1e3 * distance:.4g} mm"
+    place = [float(f"{x:.9g}") for x in point]
+    return f"{of}at {place} m is outside the mesh, by {1e3 * distance:.4g} mm"
 
 
 def _box(msh) -> tuple[np.ndarray, np.ndarray]:
@@ -165,7 +167,8 @@ def _hint(msh, points: np.ndarray) -> str:
         inside = np.all((changed >= low - 0.05 * size) & (changed <= high + 0.05 * size))
         wide = np.ptp(changed, axis=0).max() > 0.2 * size
         if inside and wide and nearest(msh, changed).is_near.all():
-            return f". All would lie on it {words}"
+            # As they are they lie near enough for this, so that nothing is turned or scaled.
+            return "" if np.array_equal(changed, points) else f". All would lie on it {words}"
     return ""
 
 

@@ -45,6 +45,14 @@ def test_a_mass_beside_the_mesh_is_not_moved():
         model.mass()
 
 
+def test_masses_a_little_beside_the_mesh_are_not_said_to_be_turned():
+    """As they are they are near enough for a sensor: no other axes are offered."""
+    places = [[0.05, 0.02, 0.0201], [0.1, 0.05, 0.0201], [0.25, 0.07, 0.0201]]
+    with pytest.raises(InputError, match="3 of 3 masses are outside the mesh") as caught:
+        block().rows(np.array(places), "mass")
+    assert "in place of" not in str(caught.value)
+
+
 @pytest.mark.parallel
 def test_all_far_sensors_are_in_one_message_by_name():
     points = [[0.1, 0.02, 0.02], [0.1, 0.02, 0.05], [0.2, 0.08, 0.02], [0.4, 0.08, 0.02]]
