@@ -13,7 +13,10 @@ from site_pages.pages import places, relinked
 
 #: Of a demo that is run while the site is built; those in LONG take more, and keep their picture.
 SECONDS = 60
-LONG: frozenset[str] = frozenset()
+LONG = frozenset({
+    "demo_bayes", "demo_c_beam", "demo_diagnosis", "demo_dumbbell", "demo_engraving_machine",
+    "demo_lap_plates",
+})  # fmt: skip
 HEAD = """# Gallery
 
 Each demo is a structure with its own page, and one or more scripts that read as a story: run as
@@ -43,9 +46,11 @@ def write(repository: Path, source: Path, run: bool) -> None:
             readme.read_text("utf-8"), f"demos/{name}/README.md", places(repository), source
         )
         scripts = sorted(readme.parent.glob("demo_*.py"))
+        if (repository / "docs" / "gallery" / f"{name}.png").exists():
+            shutil.copy(repository / "docs" / "gallery" / f"{name}.png", folder)
         stories = [_story(script, folder, run) for script in scripts]
         (folder / f"{name}.md").write_text(page + _scripts(stories), encoding="utf-8")
-        text += _card(name, page, stories)
+        text += _card(name, folder, page, stories)
     text += "\n```{toctree}\n:hidden:\n\n" + "\n".join(names) + "\n```\n"
     (folder / "index.md").write_text(text, encoding="utf-8")
 
@@ -103,11 +108,11 @@ def _scripts(stories: list[tuple[str, str, bool]]) -> str:
     return f"{text}```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
 
 
-def _card(name: str, page: str, stories: list[tuple[str, str, bool]]) -> str:
+def _card(name: str, folder: Path, page: str, stories: list[tuple[str, str, bool]]) -> str:
     """The demo's title, first paragraph and first picture."""
     title = re.match(r"# (.*)", page)[1]
     text = f"## [{title}]({name}.md)\n\n"
-    first = next((story for story in stories if story[2]), None)
-    if first:
-        text += f"[![{title}]({first[0]}.png)]({name}.md)\n\n"
+    pictures = [story[0] for story in stories if story[2]]
+    if pictures or (folder / f"{name}.png").exists():
+        text += f"[![{title}]({(pictures or [name])[0]}.png)]({name}.md)\n\n"
     return text

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+
+from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 
@@ -13,18 +16,22 @@ def setup(app: Sphinx) -> None:
 
 
 def _inline(writer, node) -> None:
-    writer.body.append(f'<span class="math">{tex2mathml(node.astext(), as_block=False)}</span>')
+    writer.body.append(f'<span class="math">{_drawn(node.astext(), False)}</span>')
     _skip()
 
 
 def _display(writer, node) -> None:
-    writer.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>')
+    writer.body.append(f'<div class="math">{_drawn(node.astext(), True)}</div>')
     _skip()
 
 
-def _skip() -> None:
-    from docutils import nodes
+def _drawn(text: str, block: bool) -> str:
+    """MathML of a formula; Greek letters upright, since few fonts have slanted ones."""
+    found = tex2mathml(text, as_block=block)
+    return re.sub(r"<mi>([^\x00-\x7f])</mi>", r'<mi mathvariant="normal">\1</mi>', found)
 
+
+def _skip() -> None:
     raise nodes.SkipNode
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import re
 from pathlib import Path
 
@@ -61,21 +63,44 @@ def _table(path: str, kind: dict) -> str:
     which = [
         f'{key} = "{value["const"]}"' for key, value in properties.items() if "const" in value
     ]
-    words, keys = _attributes(kind.get("description", ""))
+    words, keys, defaults = _of_a_builder(properties) or (
+        *_attributes(kind.get("description", "")), {},
+    )  # fmt: skip
     title = f"`[{path}]`" + (f" with `{', '.join(which)}`" if which else "")
     rows = "".join(
-        f"| `{key}` | {_kind(value)} | {_default(key, value, kind)} | "
-        f"{keys.get(key, '').replace('|', chr(92) + '|')} |\n"
+        f"| `{key}` | {_kind(value)} | {defaults.get(key) or _default(key, value, kind)} |"
+        + (f" {keys.get(key, '').replace('|', chr(92) + '|')} |\n" if keys else "\n")
         for key, value in properties.items()
         if "const" not in value
     )
-    table = f"| key | value | default | |\n|---|---|---|---|\n{rows}\n" if rows else ""
+    head = "| key | value | default | |\n|---|---|---|---|\n" if keys else ""
+    head = head or "| key | value | default |\n|---|---|---|\n"
+    table = f"{head}{rows}\n" if rows else ""
     return f"\n### {title}\n\n{words}\n\n{table}"
 
 
+def _of_a_builder(properties: dict) -> tuple[str, dict[str, str], dict[str, str]] | None:
+    """A mesh builder's words, what it says of each argument, and their defaults."""
+    from fenics_joints.case.mesh import BUILDERS
+
+    builder = getattr(BUILDERS.get(properties.get("builder", {}).get("const")), "made_by", None)
+    if builder is None:
+        return None
+    words, keys = _attributes(inspect.cleandoc(builder.__doc__))
+    defaults = {
+        field.name: f"`{field.default}`"
+        for field in dataclasses.fields(builder)
+        if field.default not in (dataclasses.MISSING, None)
+    }
+    return words, keys, defaults
+
+
 def _attributes(text: str) -> tuple[str, dict[str, str]]:
-    """A docstring's words, and what its section Attributes says of each key."""
-    words, _, listed = text.partition("Attributes:\n")
+    """A docstring's words, and what its section Attributes or Args says of each key."""
+    words, _, listed = re.sub(r"^Args:\n", "Attributes:\n", text, flags=re.M).partition(
+        "Attributes:\n"
+    )
+    listed = re.split(r"^\w+:\n", listed, flags=re.MULTILINE)[0]
     found = re.findall(r"^    (\w+): (.*(?:\n        .*)*)", listed, re.MULTILINE)
     plain = re.sub(r"``([^`]+)``", r"`\1`", words).strip()
     return plain, {key: " ".join(value.split()) for key, value in found}
