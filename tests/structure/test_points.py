@@ -9,6 +9,7 @@ from mpi4py import MPI
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import box
 from fenics_joints.structure import PointMass, Sensors, Structure, part
+from fenics_joints.structure.points import locate
 
 #: Extents and cells: the shortest edge is 10 mm.
 SIZE, CELLS = (0.3, 0.1, 0.02), (6, 4, 2)
@@ -47,9 +48,9 @@ def test_a_mass_beside_the_mesh_is_not_moved():
 
 def test_masses_a_little_beside_the_mesh_are_not_said_to_be_turned():
     """As they are they are near enough for a sensor: no other axes are offered."""
-    places = [[0.05, 0.02, 0.0201], [0.1, 0.05, 0.0201], [0.25, 0.07, 0.0201]]
+    places, model = [[0.05, 0.02, 0.0201], [0.1, 0.05, 0.0201], [0.25, 0.07, 0.0201]], block()
     with pytest.raises(InputError, match="3 of 3 masses are outside the mesh") as caught:
-        block().rows(np.array(places), "mass")
+        locate(model.V, model.element, places, "mass")
     assert "in place of" not in str(caught.value)
 
 
