@@ -200,6 +200,8 @@ def measured(key: str, value: ArrayLike, kinds: str = "iuf") -> np.ndarray:
         array = np.array("")
     if array.dtype.kind not in kinds and array.size:
         raise wanted(key, value, "numbers, nan where one is missing")
+    if array.size and np.any(np.isfinite(array) & (np.abs(array) > MOST)):
+        raise wanted(key, value, f"numbers not beyond {MOST:g}, nan where one is missing")
     return array if array.dtype.kind == "c" else array.astype(float)
 
 

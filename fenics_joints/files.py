@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, items, wanted
 from fenics_joints.formatting import control_character, printable
 
 if sys.version_info >= (3, 11):
@@ -20,8 +20,8 @@ else:
     import tomli as tomllib
 
 __all__ = [
-    "check_outputs", "check_writable", "is_file", "json_text", "plain", "read_text", "read_toml",
-    "shown_path", "writable_folder", "write_arrays", "write_text",
+    "check_outputs", "check_writable", "is_file", "json_text", "path_of", "paths_of", "plain",
+    "read_text", "read_toml", "shown_path", "writable_folder", "write_arrays", "write_text",
 ]  # fmt: skip
 
 #: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
@@ -35,6 +35,28 @@ def shown_path(path: str | Path) -> str:
     """A path for a message: long ones not whole, and nothing in it that a terminal obeys."""
     text = str(path)
     return printable(text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}...")
+
+
+def path_of(value: object) -> Path:
+    """The path that a user gave.
+
+    Raises:
+        InputError: If it is none.
+    """
+    if not isinstance(value, str | Path) or not str(value):
+        raise wanted("path", value, "the name of a file")
+    return Path(value)
+
+
+def paths_of(value: object) -> list[Path]:
+    """One path that a user gave, or several.
+
+    Raises:
+        InputError: If it is none.
+    """
+    if isinstance(value, str | Path):
+        return [path_of(value)]
+    return [path_of(each) for each in items("paths", value, (str, Path), "names of files")]
 
 
 def is_file(path: str | Path) -> bool:

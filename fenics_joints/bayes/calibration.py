@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real, reals, wanted, whole
 
 __all__ = ["Calibration", "calibrate", "rank"]
 
@@ -42,7 +42,8 @@ def rank(truth: float, draws: np.ndarray, n: int) -> int:
     Raises:
         InputError: If there are fewer draws.
     """
-    draws = np.ravel(draws)
+    truth, draws = real("truth", truth), np.ravel(reals("draws", draws))
+    whole("n", n)
     if len(draws) < n:
         raise InputError(f"n = {n}: expected at most {len(draws)}, the number of draws.")
     picked = draws[np.linspace(0, len(draws) - 1, n).astype(int)]
@@ -60,7 +61,11 @@ def calibrate(ranks: np.ndarray, n: int, bins: int = 10) -> Calibration:
     Raises:
         InputError: If the bins do not divide the ranks, or there are fewer than five for each.
     """
+    whole("n", n)
+    whole("bins", bins)
     ranks = np.asarray(ranks)
+    if ranks.ndim != 1 or ranks.dtype.kind not in "iu" or np.any((ranks < 0) | (ranks > n)):
+        raise wanted("ranks", ranks.tolist(), f"whole numbers from 0 to {n}")
     if (n + 1) % bins or len(ranks) < 5 * bins:
         raise InputError(
             f"bins = {bins}: expected a divisor of n + 1 = {n + 1}, and at least {5 * bins} ranks."

@@ -14,7 +14,7 @@ from typing import TypedDict
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.errors import InputError, reals, whole
+from fenics_joints.errors import InputError, capable, reals, whole
 from fenics_joints.harmonic.events import memoryless_stress
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_state
@@ -30,7 +30,13 @@ _BLOCK = 4_000_000
 
 
 def default_samples(model: InterfaceModel, harmonics: int) -> int:
-    """Samples of a period: a power of two, at least 4 (2H + 1), and 128 if a law has memory."""
+    """Samples of a period: a power of two, at least 4 (2H + 1), and 128 if a law has memory.
+
+    Raises:
+        InputError: If this is no model, or no number of harmonics.
+    """
+    capable("model", model, ("interfaces",), "an InterfaceModel")
+    whole("harmonics", harmonics)
     least = 4 * (2 * harmonics + 1)
     if any(points.kernel.m for points in model.interfaces):
         least = max(least, _SAMPLES_WITH_MEMORY)

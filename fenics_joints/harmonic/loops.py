@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, member
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.measurements.curves import UNITS, si_columns
 
@@ -84,8 +84,7 @@ def read_loops(path: str | Path, response: str) -> tuple[MeasuredLoop, ...]:
     Raises:
         InputError: Names the file, the column, and what was expected.
     """
-    if response not in UNITS:
-        raise InputError(f"response = {response!r}: expected one of: {', '.join(UNITS)}.")
+    member("response", response, UNITS)
     units = {"frequency": "Hz", "time": "s", "force": "N", "response": UNITS[response]}
     columns = si_columns(path, units)
     found = []

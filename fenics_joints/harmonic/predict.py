@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.errors import reals, wanted, whole
 from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
@@ -129,8 +130,11 @@ def predict(
         InputError: For an unknown name or level.
         ConvergenceError: If a response is not found.
     """
+    if not isinstance(curves, MeasuredCurves):
+        raise wanted("curves", curves, "MeasuredCurves, as read_curves gives them")
+    whole("points", points)
     found = []
-    for level in curves.levels if levels is None else levels:
+    for level in curves.levels if levels is None else reals("levels", levels, (None,)).tolist():
         frequencies, measured = curves.at(level)
         result = solve_harmonic(
             model, force, level, at=frequencies, harmonics=harmonics, sensor=sensor, **options

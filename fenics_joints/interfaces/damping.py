@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_joints.errors import InputError, real
+from fenics_joints.errors import InputError, capable, real, reals, wanted
 from fenics_joints.interfaces.model import InterfaceModel
 
 __all__ = ["with_modal_damping", "with_rayleigh_damping"]
@@ -26,15 +26,16 @@ def with_modal_damping(
     Raises:
         InputError: If a ratio is negative, or there are more of them than modes.
     """
+    capable("model", model, ("M", "modes_at_rest"), "an InterfaceModel")
     n = model.n_dofs
-    zeta = np.full(n, float(ratios if np.ndim(ratios) == 0 else rest))
-    if np.ndim(ratios):
-        ratios = np.asarray(ratios, dtype=float)
+    ratios, rest = reals("ratios", ratios, least=0.0), real("rest", rest, least=0.0)
+    zeta = np.full(n, float(ratios) if ratios.ndim == 0 else rest)
+    if ratios.ndim:
+        if ratios.ndim > 1 or not len(ratios):
+            raise wanted("ratios", ratios, "one number, or a list of them")
         if len(ratios) > n:
             raise InputError(f"ratios: {len(ratios)} of them; expected at most {n}, one per mode.")
         zeta[: len(ratios)] = ratios
-    if not np.all(np.isfinite(zeta) & (zeta >= 0)):
-        raise InputError(f"ratios = {ratios}, rest = {rest}: expected damping ratios >= 0.")
     s, inverse, X = model.modes_at_rest()
     # 2 zeta omega / mu with x^T (K + s M) x = 1, mu = x^T M x = 1 / (omega^2 + s).
     omega = np.sqrt(np.maximum(1.0 - s * inverse, 0.0))
@@ -58,6 +59,7 @@ def with_rayleigh_damping(
     Raises:
         InputError: If a factor is negative or not finite.
     """
+    capable("model", model, ("M", "stiffness_at_rest"), "an InterfaceModel")
     for key, value in (("mass", mass), ("stiffness", stiffness)):
         real(key, value, least=0)
     return replace(model, C=mass * model.M + stiffness * model.stiffness_at_rest())

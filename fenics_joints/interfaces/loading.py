@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, capable, real, reals, whole
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.interfaces.sparse import FullModel
 from fenics_joints.interfaces.statics import Statics
@@ -51,7 +51,11 @@ def static_state(
         InputError: If the load has the wrong size, or pushes a free structure as a whole.
         ConvergenceError: If a step does not converge.
     """
-    load = np.asarray(load, dtype=float)
+    capable("model", model, ("motion", "n_dofs"), "an InterfaceModel")
+    whole("steps", steps)
+    whole("max_iterations", max_iterations)
+    real("tolerance", tolerance, above=0.0, most=0.1)
+    load = reals("load", load, unit="N")
     if load.shape != (model.n_dofs,):
         raise InputError(f"static has shape {load.shape}: expected ({model.n_dofs},).")
     statics = Statics(model.motion(), {"snes_linesearch_type": "bt"})

@@ -14,7 +14,16 @@ import scipy.linalg
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.errors import InputError, capable, flag, reals, text, wanted
+from fenics_joints.errors import (
+    InputError,
+    capable,
+    flag,
+    items,
+    mapping,
+    reals,
+    text,
+    wanted,
+)
 from fenics_joints.interfaces.motion import LawPoints, Motion, named, named_points
 from fenics_joints.interfaces.rigid import FreeMotions, no_motions, strainless
 from fenics_joints.joint_laws.law import JointLaw
@@ -64,6 +73,12 @@ class InterfacePoints(LawPoints):
                 f"{self.name}: the law {self.law.label} needs the normal strain; expected rows "
                 "with it, and normal = True."
             )
+        if self.points is not None:
+            places = reals(f"{self.name}.points", self.points)
+            if places.shape not in ((shape[0], 2), (shape[0], 3)):
+                raise InputError(
+                    f"{self.name}.points has shape {places.shape}: expected ({shape[0]}, 2 or 3)."
+                )
         self.law.values(shape[0])
 
     @property
@@ -104,9 +119,15 @@ class InterfaceModel:
         for key, array in square.items():
             reals(key, array, (n, n))
         for what in ("forces", "sensors"):
-            for key, array in getattr(self, what).items():
+            if getattr(self, what) is None:
+                raise wanted(what, None, "rows by name")
+            for key, array in mapping(what, getattr(self, what), "rows by name").items():
                 reals(f"{what}[{key!r}]", array, (n,))
-        for points in self.interfaces:
+        found = items("interfaces", self.interfaces, LawPoints, "points with their law")
+        names = [points.name for points in found]
+        if len(set(names)) < len(names):
+            raise wanted("interfaces", names, "names that stand once")
+        for points in found:
             if points.rows.shape[2] != n:
                 raise InputError(
                     f"{points.name}.rows has {points.rows.shape[2]} columns: expected {n}."

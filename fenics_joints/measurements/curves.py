@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, member, reals, wanted
 from fenics_joints.measurements.tables import read_table
 
 __all__ = ["UNITS", "MeasuredCurves", "read_curves", "si_columns"]
@@ -32,6 +32,21 @@ class MeasuredCurves:
     frequencies_hz: tuple[np.ndarray, ...]
     amplitudes: tuple[np.ndarray, ...]
     response: str
+
+    def __post_init__(self):
+        member("response", self.response, UNITS)
+        levels = reals("levels", self.levels, (None,), "N", above=0.0)
+        if not len(levels) or np.any(np.diff(levels) <= 0):
+            raise wanted("levels", self.levels, "levels of the force, ascending")
+        for key in ("frequencies_hz", "amplitudes"):
+            rows = getattr(self, key)
+            if not isinstance(rows, list | tuple) or len(rows) != len(levels):
+                raise wanted(key, rows, f"{len(levels)} lists of numbers, one for each level")
+            for i, row in enumerate(rows):
+                reals(f"{key}[{i}]", row, np.shape(self.frequencies_hz[i]), above=0.0)
+        for i, row in enumerate(self.frequencies_hz):
+            if np.ndim(row) != 1 or np.any(np.diff(row) <= 0):
+                raise wanted(f"frequencies_hz[{i}]", row, "frequencies, ascending")
 
     def __repr__(self) -> str:
         levels = ", ".join(f"{level:g}" for level in self.levels[:6])
@@ -63,6 +78,7 @@ def read_curves(path: str | Path, response: str) -> MeasuredCurves:
     Raises:
         InputError: Names the file, the column, and what was expected.
     """
+    member("response", response, UNITS)
     columns = si_columns(path, {"level": "N", "frequency": "Hz", "amplitude": UNITS[response]})
     for name, values in columns.items():
         if not np.all(values > 0):

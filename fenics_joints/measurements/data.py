@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError, items, measured
+from fenics_joints.errors import InputError, items, measured, real, reals, wanted
 from fenics_joints.measurements.tables import LISTED, Table, read_table
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import factor_to_si
@@ -70,22 +70,31 @@ class TestData:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self):
-        conditions = np.atleast_1d(measured("conditions", self.conditions))
+        conditions = np.atleast_1d(reals("conditions", self.conditions))
         names = items("mode_names", self.mode_names, str, "names of modes")
+        if conditions.ndim != 1 or len(set(names)) < len(names):
+            raise InputError(
+                f"conditions of shape {conditions.shape}, mode_names = {names}: expected a list of "
+                "conditions, and each name once."
+            )
+        self._check_rest()
         shape = (len(conditions), len(names))
         arrays = {"conditions": conditions, "mode_names": names}
         for key in ("frequencies_hz", "damping"):
             value = getattr(self, key)
-            if value is None:
+            if value is None and key == "damping":
                 continue
             arrays[key] = np.atleast_2d(measured(key, value))
+            least = {"frequencies_hz": "above 0", "damping": "of at least 0"}[key]
+            if np.any(arrays[key] < 0) or (key != "damping" and np.any(arrays[key] == 0)):
+                raise InputError(f"{key}: expected numbers {least}, nan where not measured.")
             if arrays[key].shape != shape:
                 raise InputError(
                     f"{key} has shape {arrays[key].shape}: expected {shape}, one row for each "
                     "condition and one column for each mode."
                 )
         for key in ("resolution_hz", "noise"):
-            value = measured(key, getattr(self, key))
+            value = reals(key, getattr(self, key), least=0.0)
             if value.ndim and value.shape != shape[1:]:
                 raise InputError(
                     f"{key} has {value.size} values: expected one for all modes or {shape[1]}, "
@@ -96,6 +105,17 @@ class TestData:
             arrays["shapes"] = self._checked_shapes()
         for key, value in arrays.items():
             object.__setattr__(self, key, value)
+
+    def _check_rest(self) -> None:
+        """What is no array of the modes."""
+        real("shape_noise", self.shape_noise, least=0.0)
+        if self.damping_noise is not None:
+            real("damping_noise", self.damping_noise, least=0.0)
+        if self.sensors is not None and not isinstance(self.sensors, Sensors):
+            raise wanted("sensors", self.sensors, "Sensors, or None")
+        for key in ("condition_name", "condition_unit"):
+            if not isinstance(getattr(self, key), str):
+                raise wanted(key, getattr(self, key), "a text")
 
     def __repr__(self) -> str:
         shapes = "" if self.shapes is None else f", shapes at {len(self.sensors)} sensors"

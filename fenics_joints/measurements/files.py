@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import is_file, shown_path
+from fenics_joints.files import is_file, paths_of, shown_path
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.records import Contents, Said, merge
 
@@ -47,7 +47,7 @@ def read_frfs(
         InputError: For what is wrong in a file; names the file, the place in it and what was
             expected.
     """
-    paths = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
+    paths = paths_of(paths)
     if not paths:
         raise InputError("paths: expected one file or more")
     said = Said(kind, units, length_unit, keys or {})

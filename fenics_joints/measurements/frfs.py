@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, items, measured
 from fenics_joints.response.units import KINDS, MOTION, checked_kind
 from fenics_joints.structure.points import Sensors
 
@@ -112,7 +112,7 @@ class MeasuredFRFs:
     def __post_init__(self):
         checked_kind(self.kind)
         f = _ascending(self.frequencies_hz)
-        values = np.asarray(self.values, dtype=complex)
+        values = measured("values", self.values, "iufc").astype(complex)
         if values.ndim != 3 or len(values) != len(f) or 0 in values.shape:
             raise InputError(
                 f"values have shape {values.shape}: expected ({len(f)}, n_responses, n_references)"
@@ -136,9 +136,10 @@ class MeasuredFRFs:
         return f"MeasuredFRFs({count}, {low:g} to {high:g} Hz in {len(self)} lines)"
 
     def _checked_side(self, side: str, n: int) -> dict[str, object]:
-        points = np.asarray(getattr(self, f"{side}_points"), dtype=float)
-        directions = np.asarray(getattr(self, f"{side}_directions"), dtype=float)
-        names = tuple(getattr(self, f"{side}_names")) or tuple(f"{side} {i + 1}" for i in range(n))
+        points = measured(f"{side}_points", getattr(self, f"{side}_points"))
+        directions = measured(f"{side}_directions", getattr(self, f"{side}_directions"))
+        names = items(f"{side}_names", getattr(self, f"{side}_names"), str, "names")
+        names = names or tuple(f"{side} {i + 1}" for i in range(n))
         for key, array in (("points", points), ("directions", directions)):
             if array.shape != (n, 3) or not np.isfinite(array).all():
                 raise InputError(
@@ -326,7 +327,7 @@ class MeasuredFRFs:
 
 
 def _ascending(frequencies) -> np.ndarray:
-    f = np.asarray(frequencies, dtype=float)
+    f = measured("frequencies_hz", frequencies)
     if f.ndim != 1 or not len(f) or not np.isfinite(f).all() or f[0] < 0 or (np.diff(f) <= 0).any():
         raise InputError(
             "frequencies_hz: expected a list of finite frequencies from 0 Hz on, each above the "
@@ -336,7 +337,7 @@ def _ascending(frequencies) -> np.ndarray:
 
 
 def _checked_coherence(coherence, shape) -> np.ndarray:
-    gamma = np.asarray(coherence, dtype=float)
+    gamma = measured("coherence", coherence)
     if gamma.shape != shape:
         raise InputError(f"coherence has shape {gamma.shape}: expected {shape}, that of the values")
     if np.isinf(gamma).any() or (gamma < -1e-6).any() or (gamma > 1 + 1e-6).any():

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fenics_joints.errors import InputError, measured
+from fenics_joints.errors import InputError, capable, measured, real, wanted, whole
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
@@ -109,7 +109,15 @@ def pair_modes(
 
     Raises:
         TooFewModes: If the model has too few modes that the test could see.
+        InputError: If an argument is not what it should be.
     """
+    capable("modes", modes, ("visibility", "at", "n_rigid"), "modes, as solve_modes gives them")
+    whole("n_test", n_test)
+    real("threshold", threshold, least=0.0, most=1.0)
+    if sensors is not None and not isinstance(sensors, Sensors):
+        raise wanted("sensors", sensors, "Sensors, or None")
+    if reference is not None and sensors is None:
+        raise InputError("reference: expected sensors too, to say where its shapes are.")
     elastic = np.arange(modes.n_rigid, len(modes))
     if sensors is None:
         _check_enough(elastic, n_test, modes)

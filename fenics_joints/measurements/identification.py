@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real, reals, wanted, whole
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.poles import PoleFit, fit_poles
@@ -178,12 +178,16 @@ def identify_modes(
         InputError: If sdypy-EMA is missing, the lines are unevenly spaced or too few, or no pole
             is stable or none near an asked frequency.
     """
-    low, high = band or (0.0, np.inf)
+    if not isinstance(frfs, MeasuredFRFs):
+        raise wanted("frfs", frfs, "MeasuredFRFs, as read_frfs gives them")
+    whole("order", order, 2)
+    real("max_damping", max_damping, above=0.0, most=1.0)
+    if near is not None and not len(reals("near", near, (None,), "Hz", above=0.0)):
+        raise wanted("near", near, "the frequency of a mode at least, or None")
+    low, high = (0.0, np.inf) if band is None else reals("band", band, (2,), "Hz", least=0.0)
     data = frfs.band(max(low, np.nextafter(0.0, 1.0)), high)
     if data.values.shape[2] > data.values.shape[1]:
         data = _exchanged(data)
-    if order < 2:
-        raise InputError(f"order = {order}: expected 2 or more")
     measured = data.values[:, data.measured].T
     if not measured.any(axis=1).all():
         i, j = np.argwhere(data.measured)[np.argmin(measured.any(axis=1))]

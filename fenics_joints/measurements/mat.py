@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,10 @@ def read_mat(path: Path, said: Said) -> Contents:
     return contents
 
 
+#: Numbers of one variable, far more than any test has: a packed file says so before it unpacks.
+_MOST = 200_000_000
+
+
 class _Variables:
     """Variables of a file by the suite's names."""
 
@@ -79,7 +84,18 @@ class _Variables:
             raise InputError(f"keys.{unknown[0]}: expected one of {', '.join(KEYS)}")
         self.path, self.keys = path, said.keys
         try:
-            self.found = scipy.io.loadmat(path)
+            held = scipy.io.whosmat(path)
+            self.there = [name for name, _, _ in held]
+            wanted = [v for v in held if v[0] in [self.name(key) for key in KEYS]]
+            for name, shape, _ in wanted:
+                if math.prod(shape) > _MOST:
+                    raise InputError(
+                        f"{path}: {name} is {' x '.join(map(str, shape))}: expected at most "
+                        f"{_MOST:,} numbers"
+                    )
+            self.found = scipy.io.loadmat(path, variable_names=[v[0] for v in wanted])
+        except InputError:
+            raise
         except NotImplementedError as error:
             raise InputError(
                 f"{path}: is of MATLAB's version 7.3; expected one saved with '-v7'"
@@ -95,7 +111,7 @@ class _Variables:
 
     def _value(self, key: str):
         if not self.has(key):
-            there = ", ".join(name for name in self.found if not name.startswith("__"))
+            there = ", ".join(self.there)
             raise InputError(
                 f"{self.path}: has no variable {self.name(key)!r}; expected it ({KEYS[key]}), or "
                 f"its name in keys.{key}; there are {there or 'none'}"

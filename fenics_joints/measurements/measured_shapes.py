@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError
-from fenics_joints.files import is_file
+from fenics_joints.errors import InputError, measured
+from fenics_joints.files import is_file, paths_of, shown_path
 from fenics_joints.measurements.records import Said
 from fenics_joints.measurements.uff_shapes import ShapeContents, ShapeRecord, read_uff_shapes
 from fenics_joints.structure.points import Sensors
@@ -121,10 +121,11 @@ def read_shapes(
         InputError: For what is wrong in a file; names the file, the place in it and what was
             expected.
     """
-    paths = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
+    paths = paths_of(paths)
     for path in paths:
         if not is_file(path):
-            raise InputError(f"{path}: no such file, expected mode shapes in a universal file")
+            name = shown_path(path)
+            raise InputError(f"{name}: no such file, expected mode shapes in a universal file")
     contents = read_uff_shapes(paths, Said(length_unit=length_unit))
     records = sorted(contents.shapes, key=lambda record: record.frequency_hz)
     notes = list(contents.notes)
@@ -155,8 +156,15 @@ def made_real(shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         The real shapes, (n, m); the modal phase collinearity |s^T s|^2 / (s^H s)^2 of the complex
         ones, (m,) (Juang and Pappa, 1985, about zero and not about the mean); and the MAC of real
         with complex, (m,), which is (1 + sqrt(collinearity)) / 2.
+
+    Raises:
+        InputError: If these are no numbers, or one of the shapes is zero or was not measured.
     """
-    shapes = np.asarray(shapes, dtype=complex)
+    shapes = measured("shapes", shapes, "iufc").astype(complex)
+    if shapes.ndim != 2 or not np.all(np.nansum(np.abs(shapes), axis=0) > 0):
+        raise InputError(
+            f"shapes have shape {shapes.shape}: expected (n_sensors, n_modes), none of them zero"
+        )
     there = np.where(np.isnan(shapes), 0.0, shapes)
     square, size = (there**2).sum(axis=0), (np.abs(there) ** 2).sum(axis=0)
     # The sum of squares of a shape turned by an angle is turned by twice that.

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError, located
-from fenics_joints.files import read_text, read_toml
+from fenics_joints.files import path_of, read_text, read_toml
 from fenics_joints.formatting import control_character
 from fenics_joints.units import factor_to_si
 
@@ -101,7 +101,7 @@ def read_table(path: str | Path) -> Table:
     Raises:
         InputError: Names the file, the row (the line, for CSV), the column and what was expected.
     """
-    path = Path(path)
+    path = path_of(path)
     heads, rows, notes = (_toml_rows if path.suffix == ".toml" else _csv_rows)(path)
     split = [column_head(head) for head in heads]
     names = tuple(name for name, _ in split)

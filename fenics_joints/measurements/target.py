@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_joints.errors import InputError, measured
+from fenics_joints.errors import InputError, measured, wanted
 from fenics_joints.response.units import checked_kind
 from fenics_joints.structure.points import Sensors
 
@@ -53,8 +53,11 @@ class FRFTarget:
 
     def __post_init__(self):
         checked_kind(self.kind)
-        lines = np.atleast_1d(np.asarray(self.frequencies_hz, dtype=float))
-        values = np.asarray(self.values, dtype=complex)
+        lines = np.atleast_1d(measured("frfs.frequencies_hz", self.frequencies_hz))
+        values = measured("frfs.values", self.values, "iufc").astype(complex)
+        for key in ("sensors", "excitation"):
+            if not isinstance(getattr(self, key), Sensors):
+                raise wanted(f"frfs.{key}", getattr(self, key), "Sensors")
         expected = len(lines), len(self.sensors), len(self.excitation)
         if values.shape != expected:
             raise InputError(f"frfs.values have shape {values.shape}: expected {expected}")
@@ -169,6 +172,8 @@ class Target:
     frfs: FRFTarget | None = None
 
     def __post_init__(self):
+        if self.frfs is not None and not isinstance(self.frfs, FRFTarget):
+            raise wanted("frfs", self.frfs, "an FRFTarget, or None")
         m = self._count()
         for key, sd in (("frequencies_hz", "log_sd"), ("damping_ratios", "damping_log_sd")):
             value = getattr(self, key)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.errors import capable, items, real, reals, wanted
 from fenics_joints.modal.modes import Modes
 
 __all__ = ["Identifiability", "frequency_sensitivity", "identifiability"]
@@ -21,8 +22,16 @@ def frequency_sensitivity(modes: Modes, index: Sequence[int]) -> np.ndarray:
 
     Returns:
         Shape (len(index), n_parameters), 1 / unit of the parameter.
+
+    Raises:
+        InputError: If a mode is none of these.
     """
-    index = np.asarray(index, dtype=int)
+    capable("modes", modes, ("gradients", "eigenvalues"), "modes, as solve_modes gives them")
+    found = np.asarray(index)
+    whole = found.ndim == 1 and (found.dtype.kind in "iu" or not found.size)
+    if not whole or np.any((found < 0) | (found >= len(modes))):
+        raise wanted("index", index, f"whole numbers from 0 to {len(modes) - 1}")
+    index = found.astype(int)
     return modes.gradients(index) / (2 * modes.eigenvalues[index])[:, None]
 
 
@@ -65,8 +74,16 @@ def identifiability(
         names: Names of the p parameters.
         open_sd: A direction known less well than this is left open by the data; 1 is a factor e
             for log parameters.
+
+    Raises:
+        InputError: If these are no numbers, or the names are not of as many parameters.
     """
+    whitened = reals("whitened", whitened, (None, None))
+    names = items("names", names, str, "names of parameters")
+    real("open_sd", open_sd, above=0.0)
     p = whitened.shape[1]
+    if len(set(names)) != p or not whitened.size:
+        raise wanted("names", names, f"{p} names, each once, for sensitivities to some data")
     _, s, vt = np.linalg.svd(whitened, full_matrices=True)
     s = np.concatenate([s, np.zeros(p - len(s))])
     s[s <= s[0] * max(whitened.shape) * np.finfo(float).eps] = 0.0  # round-off, as in matrix_rank

@@ -17,7 +17,16 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import qmc
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import (
+    ConvergenceError,
+    InputError,
+    items,
+    mapping,
+    real,
+    reals,
+    wanted,
+    whole,
+)
 from fenics_joints.measurements.gap import mac
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.adaptive import Points, improve
@@ -57,9 +66,11 @@ def freeze(
     Raises:
         InputError: If a name is unknown, or no part, joint or support depends on ``free``.
     """
-    values, free = model.values(given), list(free)
+    if not isinstance(model, ArrayModel):
+        raise wanted("model", model, "an ArrayModel")
+    values, free = model.values(given), list(items("free", free, str, "names of parameters"))
     unknown = [name for name in free if name not in values]
-    if unknown or not free:
+    if unknown or not free or len(set(free)) < len(free):
         raise InputError(f"free = {free}: expected some of: {', '.join(values)}.")
 
     def put(item, keys):
@@ -134,11 +145,19 @@ def narrow(
         InputError: For a bad range or name.
         ConvergenceError: If the error stays above the tolerance.
     """
-    for name, (low, high) in ranges.items():
-        if not 0 < low < high < np.inf:
+    whole("n_modes", n_modes)
+    whole("n_check", n_check, most=10**6)
+    whole("seed", seed, 0)
+    real("tolerance", tolerance, above=0.0, most=0.1)
+    if not ranges:
+        raise wanted("ranges", ranges, "the range of a parameter at least")
+    for name, pair in mapping("ranges", ranges, "ranges by name").items():
+        low, high = reals(f"range of {name}", pair, (2,), above=0.0)
+        if not low < high:
             raise InputError(f"range of {name} = {(low, high)}: expected 0 < low < high.")
     middle = {name: float(np.sqrt(low * high)) for name, (low, high) in ranges.items()}
-    frozen = freeze(model, list(ranges), {**(given or {}), **middle})
+    given = mapping("given", given, "values by the parameters' names")
+    frozen = freeze(model, list(ranges), given | middle)
     low, high = np.log(list(ranges.values())).T
 
     def points(unit: np.ndarray) -> Points:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import check_writable, is_file, replaced
+from fenics_joints.files import check_writable, is_file, path_of, replaced, shown_path
 from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
@@ -97,9 +97,10 @@ def read_model(path: str | Path, what: str, kind: type):
     """
     import h5py
 
-    path = Path(path)
+    path = path_of(path)
     if not is_file(path):
-        raise InputError(f"{path}: there is no such file; expected a reduced model in HDF5.")
+        name = shown_path(path)
+        raise InputError(f"{name}: there is no such file; expected a reduced model in HDF5.")
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != what:
@@ -111,7 +112,7 @@ def read_model(path: str | Path, what: str, kind: type):
                     f"{path}: has version {version} of the format; expected at most {_VERSION}. "
                     "A newer fenics_joints reads it."
                 )
-            model = _decode(file, "model")
+            model = _decode(file, "model", set())
     except InputError as error:
         raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
     except (
@@ -172,18 +173,44 @@ def _fields(value) -> dict:
     return {f.name: getattr(value, f.name) for f in fields(value) if f.name not in _LEFT_OUT}
 
 
-def _decode(parent, name: str):
+def _decode(parent, name: str, read: set):
+    """Read one value.
+
+    Args:
+        parent: Group of the file.
+        name: The value's name there.
+        read: Places in the file of what was read so far.
+    """
     if name in parent.attrs:
         value = json.loads(parent.attrs[name])
         return _linear_law(value["linear law"]) if isinstance(value, dict) else value
-    item = parent[name]
+    item = _own(parent, name, read)
     if "kind" not in item.attrs:
         return item[()]
     kind, keys = item.attrs["kind"], json.loads(item.attrs["keys"])
     if kind == "sequence":
-        return tuple(_decode(item, str(i)) for i in range(keys))
-    content = {key: _decode(item, str(i)) for i, key in enumerate(keys)}
+        return tuple(_decode(item, str(i), read) for i in range(keys))
+    content = {key: _decode(item, str(i), read) for i, key in enumerate(keys)}
     return content if kind == "mapping" else _object(kind, content)
+
+
+def _own(parent, name: str, read: set):
+    """A group or dataset that stands in its parent alone and is as large as it says.
+
+    `write_model` links nothing and packs nothing: a small file cannot become a large model.
+    """
+    import h5py
+
+    if not isinstance(parent.get(name, getlink=True), h5py.HardLink | None):
+        raise ValueError(f"{parent.name}/{name} is a link to another place")
+    item = parent[name]
+    place = h5py.h5o.get_info(item.id).addr
+    if place in read:
+        raise ValueError(f"{item.name} is in the file twice")
+    read.add(place)
+    if isinstance(item, h5py.Dataset) and item.nbytes > item.id.get_storage_size():
+        raise ValueError(f"{item.name} has {item.id.get_storage_size()} of its {item.nbytes} bytes")
+    return item
 
 
 def _linear_law(name: str) -> Law:

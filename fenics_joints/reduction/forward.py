@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, capable, measured, real, wanted, whole
 from fenics_joints.measurements.gap import VISIBLE, Pairing, pair_modes
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
 from fenics_joints.structure.points import Sensors
@@ -33,6 +33,9 @@ class Forward:
             are matched to them by MAC.
         threshold: Least visibility of a mode that the test saw.
 
+    Raises:
+        InputError: If an argument is not what it should be.
+
     Attributes:
         further: Forward of one mode more, where the test may have missed one; None where not.
     """
@@ -46,6 +49,19 @@ class Forward:
         reference: np.ndarray | None = None,
         threshold: float = VISIBLE,
     ):
+        capable("model", model, ("parameters", "n_dofs"), "a model, whole or reduced")
+        if sensors is not None and not isinstance(sensors, Sensors):
+            raise wanted("sensors", sensors, "Sensors, or None")
+        whole("n_test", n_test)
+        whole("n_modes", n_modes)
+        real("threshold", threshold, least=0.0, most=1.0)
+        if reference is not None and sensors is not None:
+            reference = measured("reference", reference)
+            if reference.shape != (len(sensors), n_test):
+                raise InputError(
+                    f"reference has shape {reference.shape}: expected ({len(sensors)}, {n_test}), "
+                    "a row for each sensor and a column for each mode."
+                )
         self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
         self.reference, self.threshold = reference, threshold
         self.further: Forward | None = None

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.special import expit, logit
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, real
 from fenics_joints.structure.components import Parameter
 
 __all__ = ["Coordinates", "LogScale"]
@@ -94,10 +94,8 @@ class Coordinates:
                 raise InputError(
                     f"parameter {p.name!r} is not the model's; expected one of {known}"
                 )
-            value = start.get(p.name, np.nan)
-            if not np.isfinite(value) or (p.log and value <= 0):
-                kind = "positive" if p.log else "finite"
-                raise InputError(f"start of {p.name} = {value}: expected a {kind} value")
+            start_of = f"start of {p.name}"
+            real(start_of, start.get(p.name), above=0.0 if p.log else -np.inf)
         self.log = np.array([p.log for p in self.parameters])
         self.scale = LogScale([p.name for p in self.parameters if p.log], model)
         sizes = np.array([abs(start[n]) or 1.0 for n in self.names])

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, flag, mapping, member, real, whole
 from fenics_joints.formatting import number
 from fenics_joints.measurements.target import Target
 from fenics_joints.structure import Damping, Parameter
@@ -83,8 +83,13 @@ def update(
         ConvergenceError: If the iteration does not converge, or the model is not solved at the
             start.
     """
-    if moves not in MOVES:
-        raise InputError(f"moves = {moves!r}: expected one of {', '.join(MOVES)}")
+    member("moves", moves, MOVES)
+    whole("max_evaluations", max_evaluations)
+    flag("strict", strict)
+    if regularisation is not None:
+        real("regularisation", regularisation, above=0.0)
+    for name, value in mapping("centre", centre, "values by the parameters' names").items():
+        real(f"centre[{name!r}]", value)
     fit = _Fit(regularisation, centre, model, parameters, target, start, damping, n_modes)
     problem, x = fit.problem, fit.start
     can_move = target.frfs is not None and fit.predictor.moves.any()
@@ -135,6 +140,8 @@ class _Fit(Identification):
         self.weight = np.zeros(len(self.names))
         if regularisation is not None:
             self.weight += 1 / regularisation
+        for name in centre or ():
+            member("centre", name, start)
         about = [{**start, **(centre or {})}[n] for n in self.names]
         self.centre = self._working(np.array(about))
         self.problem = Problem([self.predictor], self.coordinates, self._pull, self._record)

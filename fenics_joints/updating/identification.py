@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from fenics_joints.errors import capable, items, mapping, wanted
 from fenics_joints.measurements.target import Target
 from fenics_joints.modal.sensitivity import identifiability
 from fenics_joints.structure import Damping, Parameter
@@ -45,6 +46,12 @@ class Identification:
         damping: Damping | None,
         n_modes: int | None,
     ):
+        if not isinstance(target, Target):
+            raise wanted("target", target, "a Target")
+        capable("model", model, ("parameters", "n_dofs"), "a model, whole or reduced")
+        if start is None or not mapping("start", start, "values by the parameters' names"):
+            raise wanted("start", start, "a value for each parameter")
+        items("parameters", parameters, Parameter, "parameters")
         self.target, self.coordinates = target, Coordinates(parameters, start, model)
         self.names = self.coordinates.names
         fixed = {n: v for n, v in start.items() if n not in self.names}

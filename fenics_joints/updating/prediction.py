@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, whole
 from fenics_joints.measurements import Pairing, Target, pair_modes
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
 from fenics_joints.response import shape_gradients, solve_frf
@@ -111,6 +111,8 @@ class Predictor:
         damping: Damping | None = None,
         n_modes: int | None = None,
     ):
+        if n_modes is not None:
+            whole("n_modes", n_modes)
         self.model, self.target, self.fixed = model, target, dict(fixed or {})
         self.damping = damping or Damping()
         self.n_modes = n_modes or 6 + len(target) + _SPARE

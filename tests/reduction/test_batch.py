@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -178,7 +180,7 @@ def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
         """The same frequencies, of a model that cannot be made leaner."""
 
         def __init__(self):
-            of = type("Model", (), {"parameters": model.parameters})
+            of = SimpleNamespace(parameters=model.parameters, n_dofs=model.n_dofs)
             super().__init__(of, forward.sensors, forward.n_test, forward.n_modes)
 
         def __call__(self, values):
