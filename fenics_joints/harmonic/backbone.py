@@ -201,6 +201,7 @@ class _Mode:
 
     def __init__(self, balance: Balance, sensor: np.ndarray, omega: float, shape: np.ndarray):
         self.balance, self.sensor, self.omega = balance, sensor, omega
+        self.kinked = balance.kinked
         reach = sensor @ shape
         if abs(reach) < 1e-8 * np.linalg.norm(sensor) * np.linalg.norm(shape):
             raise InputError("the sensor does not move in the mode; expected another sensor.")

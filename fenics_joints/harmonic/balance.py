@@ -87,6 +87,8 @@ class Balance:
 
     Attributes:
         rest: Coefficients under the static load alone, m, (n, K).
+        kinked: Whether laws without memory change branches, and the Jacobian jumps where a stop is
+            met.
     """
 
     def __init__(
@@ -117,6 +119,7 @@ class Balance:
         self._shares = [_share(p, self._states.get(p.name), self.comm) for p in model.interfaces]
         self._whole = self._shares if self.comm.size == 1 else None
         self._rated = any(points.kernel.rated for points in model.interfaces)
+        self.kinked = any(points.kernel.n_switches for points in model.interfaces)
         G = self.fourier.derivative
         self._G, self._G2 = G, G @ G
         self._krons = None

@@ -112,6 +112,7 @@ class ConstantResponse:
     def __init__(self, balance: Balance, force, sensor, amplitude: float, order: int, width: float):
         self.balance, self.force, self.sensor = balance, force, sensor
         self.amplitude, self.order, self.width = amplitude, order, width
+        self.kinked = balance.kinked
 
     def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
         """Residual and its derivative."""

@@ -19,7 +19,14 @@ from scipy.optimize import brentq
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import check_writable
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
-from fenics_joints.harmonic.corrector import NotFound, Point, Problem, Settings, correct
+from fenics_joints.harmonic.corrector import (
+    NotFound,
+    Point,
+    Problem,
+    Settings,
+    correct,
+    keeps,
+)
 
 __all__ = ["follow", "locate"]
 
@@ -166,7 +173,7 @@ def _grown(problem, branch: Branch, bounds, settings, kept):
     turn = np.dot(tangent / scales, direction) / np.linalg.norm(tangent / scales)
     off = np.linalg.norm((new - z) / scales - step * direction) / step
     # Two are needed to see convergence if none is kept.
-    needed = point.jacobians - 2 * (not settings.keep)
+    needed = point.jacobians - 2 * (not keeps(problem, settings))
     grow = 2.0 * settings.wanted_jacobians / max(settings.wanted_jacobians, needed)
     grow = min(grow, 0.5 * _FAR / max(off, 1e-3), ((1 - _STRAIGHT) / max(1 - turn, 1e-6)) ** 0.5)
     step = min(step * float(np.clip(grow, 0.4, 2.0)), settings.max_step)

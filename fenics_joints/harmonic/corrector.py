@@ -10,7 +10,7 @@ import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError, flag, real, wanted, whole
 
-__all__ = ["NotFound", "Point", "Problem", "Settings", "correct"]
+__all__ = ["NotFound", "Point", "Problem", "Settings", "correct", "keeps"]
 
 _HALVINGS = 6
 #: A Jacobian is kept once a step is below this size, and while each is this much below the last;
@@ -19,7 +19,10 @@ _NEAR, _CONTRACTION, _KEPT_TOLERANCE = 0.1, 0.4, 0.1
 
 
 class Problem(Protocol):
-    """N equations in N + 1 unknowns, the parameter last."""
+    """N equations in N + 1 unknowns, the parameter last.
+
+    One whose attribute ``kinked`` is true has a Jacobian that jumps.
+    """
 
     def evaluate(
         self, z: np.ndarray, *, jacobian: bool = True
@@ -41,7 +44,8 @@ class Settings:
         max_points: Most points of a branch.
         max_iterations: Most Newton iterations of a point.
         wanted_jacobians: Steps grow while Newton's method needs fewer Jacobians.
-        keep: Whether Newton's method may keep a Jacobian while its steps fall fast.
+        keep: Whether Newton's method may keep a Jacobian while its steps fall fast; where a law
+            without memory changes branches, as at a stop, it never does.
         tolerance: Last Newton step, relative to the scales, at convergence.
         save_every: Points between two writings of the branch.
 
@@ -83,6 +87,11 @@ def check_settings(settings: Settings | None) -> Settings:
     if settings is not None and not isinstance(settings, Settings):
         raise wanted("settings", settings, "Settings, or None")
     return settings or Settings()
+
+
+def keeps(problem: Problem, settings: Settings) -> bool:
+    """Whether Newton's method may keep a Jacobian of a problem."""
+    return settings.keep and not getattr(problem, "kinked", False)
 
 
 @dataclass(frozen=True)
@@ -144,7 +153,8 @@ def correct(
     if normal is None:
         normal = np.zeros(len(z))
         normal[-1] = 1.0
-    fresh = kept is None or not settings.keep
+    keep = keeps(problem, settings)
+    fresh = kept is None or not keep
     R, J = _evaluate(problem, z, jacobian=fresh)
     jacobians, last = int(fresh), np.inf
     J = J if fresh else kept
@@ -156,7 +166,7 @@ def correct(
         # A kept Jacobian's steps fall by a factor, those of a fresh one are squared.
         if size <= settings.tolerance * (1.0 if fresh else _KEPT_TOLERANCE):
             return _converged(problem, z + move, normal, scales, weights, iteration, jacobians)
-        if settings.keep and size <= min(_CONTRACTION * last, _NEAR):
+        if keep and size <= min(_CONTRACTION * last, _NEAR):
             z, last, fresh = z + move, size, False
             R = _evaluate(problem, z, jacobian=False)[0]
             continue

@@ -201,7 +201,7 @@ class ForcedResponse:
         least: float = 0.0,
     ):
         self.balance, self.loading, self.width = balance, loading, width
-        self.omega, self.least = omega, least
+        self.omega, self.least, self.kinked = omega, least, balance.kinked
 
     def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
         """Residual and its derivative by the coefficients and the parameter."""

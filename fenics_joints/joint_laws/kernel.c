@@ -125,15 +125,6 @@ int law_history(int P, int T, int E, const double *e, double *s, const double *p
   return 0;
 }
 
-/* Switches g (P, E, NS) at the P inputs e, and d g/d e (P, E, NS, DI). */
-int law_switches(int P, int E, const double *e, const double *p, double *g, double *ge)
-{
-  for (int i = 0; i < P; ++i)
-    for (size_t j = (size_t)i * E; j < (size_t)(i + 1) * E; ++j)
-      switches(e + (size_t)i * DI, p + j * NP, g + j * NS, ge + j * NS * DI);
-  return 0;
-}
-
 int law_switch_count(void) { return NS; }
 
 /* Derivatives by the harmonics of strain: (numbers, D, B), each B fours of harmonics. */
@@ -330,4 +321,30 @@ int law_harmonic(int P, int E, int K, int T, int cycles, const double *X, const 
   }
   free(r.s); free(r.moved); free(r.g);
   return failed;
+}
+
+/* Derivatives of every step of a history e (P, T, DI) from the states s (P, E, M), which are carried
+ * on: fe (P, T, D, DI) of the stress by the input; of each element fs (P, T, E, D, M) by the state
+ * before the step, ne (P, T, E, M, DI) and ns (P, T, E, M, M) of the state after it.
+ */
+int law_slopes(int P, int T, int E, const double *e, double *s, const double *p, double *fe,
+               double *fs, double *ne, double *ns)
+{
+  memset(fe, 0, (size_t)P * T * D * DI * sizeof(double));
+  for (int i = 0; i < P; ++i)
+    for (int t = 0; t < T; ++t) {
+      const size_t at = (size_t)i * T + t;
+      for (int j = 0; j < E; ++j) {
+        double f[D], sn[M1], d1[D * DI], d2[D * M1], d3[M1 * DI], d4[M1 * M1];
+        double *state = s + ((size_t)i * E + j) * M;
+        const size_t one = at * E + j;
+        element_d(e + at * DI, state, p + ((size_t)i * E + j) * NP, f, sn, d1, d2, d3, d4);
+        for (int n = 0; n < D * DI; ++n) fe[at * D * DI + n] += d1[n];
+        memcpy(fs + one * D * M, d2, D * M * sizeof(double));
+        memcpy(ne + one * M * DI, d3, M * DI * sizeof(double));
+        memcpy(ns + one * M * M, d4, M * M * sizeof(double));
+        memcpy(state, sn, M * sizeof(double));
+      }
+    }
+  return 0;
 }

@@ -13,19 +13,14 @@ import platform
 import sys
 import tempfile
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
-import basix.ufl
 import cffi
 import numpy as np
-import ufl
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.corealg.traversal import unique_pre_traversal
 
 from fenics_joints.errors import InputError, JointsError
-from fenics_joints.joint_laws.c_code import assignments, scalar
 from fenics_joints.joint_laws.law import JointLaw, is_rated
+from fenics_joints.joint_laws.source import law_source
 
 __all__ = ["HarmonicStress", "LawKernel"]
 
@@ -33,16 +28,21 @@ _DECLARATIONS = """
 int law_step(int P, int E, const double *e, const double *s, const double *p, double *f,
              double *sn, double *tangent);
 int law_history(int P, int T, int E, const double *e, double *s, const double *p, double *f);
-int law_switches(int P, int E, const double *e, const double *p, double *g, double *ge);
+int law_slopes(int P, int T, int E, const double *e, double *s, const double *p, double *fe,
+               double *fs, double *ne, double *ns);
 int law_switch_count(void);
+int law_events(int P, int E, int K, int T, int panels, int order, const double *Z, const double *Zd,
+               const double *synthesis, const double *p, const double *nodes,
+               const double *weights, double *F, double *J);
 int law_harmonic(int P, int E, int K, int T, int cycles, const double *X, const double *synthesis,
                  const double *analysis, const double *p, double *s, double *begun, double *e,
                  double *f, double *F, double *J);
 """
 # Without traps both sides of a conditional may be computed, and so elements side by side.
 _FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
-#: UFL's operators of two numbers whose difference chooses a branch.
-_COMPARISONS = ("LT", "GT", "LE", "GE", "MinValue", "MaxValue")
+#: Samples that a panel of Gauss's rule replaces, and nodes in it: at 8 H samples or more, what a
+#: Jacobian integrates, up to twice the highest harmonic, goes through 2 pi in a panel.
+_PANEL, _GAUSS = 4, np.polynomial.legendre.leggauss(8)
 _CPU = Path("/proc/cpuinfo")
 _kernels: dict[str, LawKernel] = {}
 
@@ -99,7 +99,7 @@ class LawKernel:
         self.n_parameters = len(law.parameters)
         self.rated = is_rated(law)
         self.inputs = self.d * (1 + self.rated)
-        self._library = _compile(source or _source(law, n_slip, normal))
+        self._library = _compile(source or law_source(law, n_slip, normal))
         self.n_switches = int(self._library.lib.law_switch_count())
 
     @staticmethod
@@ -112,7 +112,7 @@ class LawKernel:
         """
         kernel = law.__dict__.get(_key(n_slip, normal))
         if kernel is None:
-            source = _source(law, n_slip, normal)
+            source = law_source(law, n_slip, normal)
             if source not in _kernels:
                 _kernels[source] = LawKernel(law, n_slip, normal, source)
             kernel = law.__dict__[_key(n_slip, normal)] = _kernels[source]
@@ -173,23 +173,60 @@ class LawKernel:
         self._run("law_history", (P, T, values.shape[1]), strain, state, values, stress)
         return stress, state
 
-    def switches(self, strain, values):
-        """What chooses between the law's branches by its sign.
+    def slopes(self, strain, state, values):
+        """Derivatives of every step of a history of strain.
 
         Args:
-            strain: (P, d), or (P, 2 d) with the rate.
+            strain: (P, T, d), or (P, T, 2 d) with the rate.
+            state: States before it, (P, E, m).
             values: Parameters, (P, E, n_parameters).
 
         Returns:
-            (switches (P, E n_switches), their derivatives by strain (P, E n_switches, d or 2 d)).
+            (of stress by strain, (P, T, d, d or 2 d), and by the elements' states before the step,
+            (P, T, E, d, m); of the states after it by strain, (P, T, E, m, d or 2 d), and by those
+            before it, (P, T, E, m, m)).
+
+        Raises:
+            InputError: For an array of the wrong shape.
         """
-        strain, _, values = self._begin(strain, 2, None, values)
-        P, E, _ = values.shape
-        self._expect(strain, (P, self.inputs))
-        g = np.empty((P, E * self.n_switches))
-        slopes = np.empty((*g.shape, self.inputs))
-        self._run("law_switches", (P, E), strain, values, g, slopes)
-        return g, slopes
+        strain, state, values = self._begin(strain, 3, state, values)
+        (P, T, _), E, d, m, n = strain.shape, values.shape[1], self.d, self.m, self.inputs
+        self._expect(strain, (P, T, n))
+        shapes = (P, T, d, n), (P, T, E, d, m), (P, T, E, m, n), (P, T, E, m, m)
+        found = tuple(np.empty(shape) for shape in shapes)
+        self._run("law_slopes", (P, T, E), strain, state, values, *found)
+        return found
+
+    def memoryless(self, Z, changes, synthesis, values, *, jacobian=True):
+        """Harmonics of stress by those of the input, of a law without memory.
+
+        By Gauss's rule between the phases at which a switch of the law changes its sign.
+
+        Args:
+            Z: Harmonics of strain, (P, d, K), or of (strain, rate), (P, 2 d, K).
+            changes: Those of their derivative by the phase, alike.
+            synthesis: From harmonics to samples of one period, (T, K), between which a switch turns
+                once at most.
+            values: Parameters, (P, E, n_parameters).
+            jacobian: Whether the derivative is wanted.
+
+        Returns:
+            (harmonics (P, d, K); their derivative by Z, (P, d, K, d or 2 d, K), or None).
+
+        Raises:
+            InputError: For an array of the wrong shape, or a law with memory.
+        """
+        Z, _, values = self._begin(Z, 3, None, values)
+        (P, _, K), T = Z.shape, len(synthesis)
+        if self.m:
+            raise InputError("memoryless: expected a law without memory.")
+        self._expect(Z, (P, self.inputs, K))
+        changes, synthesis = (np.ascontiguousarray(a, dtype=float) for a in (changes, synthesis))
+        F = np.empty((P, self.d, K))
+        J = np.empty((P, self.d, K, self.inputs, K)) if jacobian else None
+        sizes = P, values.shape[1], K, T, -(-T // _PANEL), len(_GAUSS[0])
+        self._run("law_events", sizes, Z, changes, synthesis, values, *_GAUSS, F, J)
+        return F, J
 
     def harmonic(
         self, coefficients, synthesis, analysis, values, state=None, *, cycles=2, jacobian=True
@@ -244,108 +281,6 @@ def _key(n_slip: int, normal: bool) -> str:
 def _closure(begun: np.ndarray, ended: np.ndarray) -> float:
     scale = max(float(np.abs(ended).max(initial=0.0)), np.finfo(float).tiny)
     return float(np.abs(ended - begun).max(initial=0.0)) / scale
-
-
-# -- source ----------------------------------------------------------------------------------------
-
-
-def _source(law: JointLaw, n_slip: int, normal: bool) -> str:
-    """C source of a law's elements and of what runs them."""
-    d, m = n_slip + normal, law.state_size(n_slip)
-    # A domain is asked for by UFL's constants; nothing depends on it.
-    domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)))
-    inputs = d * (1 + is_rated(law))
-    strain = ufl.Constant(domain, shape=(inputs,), count=0)
-    state = ufl.Constant(domain, shape=(max(m, 1),), count=1)
-    p = {key: ufl.Constant(domain, count=2 + i) for i, key in enumerate(law.parameters)}
-    names = {strain: "e", state: "s"} | {c: f"p[{i}]" for i, c in enumerate(p.values())}
-    # By components: UFL shares what scalars share, and writes out what vectors do.
-    e = [ufl.variable(strain[i]) for i in range(inputs)]
-    s = [ufl.variable(state[i]) for i in range(m)]
-    slip = ufl.as_vector([e[i] for i in range(int(normal), d)])
-    opening = e[0] if normal else ufl.as_ufl(0.0)
-    rate = {"rate": ufl.as_vector(_rates(e, d, normal))} if inputs > d else {}
-    made = law.element(opening, slip, ufl.as_vector(s) if m else None, p, **rate)
-    stress, new = _checked(law, made, n_slip, m)
-    stress = ([stress[0]] if normal else []) + [stress[1][i] for i in range(n_slip)]
-    values = [(f"f[{i}]", scalar(f)) for i, f in enumerate(stress)]
-    values += [(f"sn[{i}]", scalar(new[i])) for i in range(m)]
-    slopes = _slopes("fe", stress, e, inputs) + _slopes("fs", stress, s, m)
-    slopes += _slopes("ne", new, e, inputs) + _slopes("ns", new, s, m)
-    found = [] if m else _switches(stress, e)
-    changes = [(f"g[{i}]", scalar(g)) for i, g in enumerate(found)]
-    changes += _slopes("ge", found, e, inputs)
-    defines = {"D": d, "DI": inputs, "M": m, "M1": max(m, 1), "NP": len(p), "NS": len(found)}
-    arguments = "const double *e, const double *s, const double *p, double *f, double *sn"
-    return "\n".join(
-        [
-            "#include <math.h>\n#include <stdlib.h>\n#include <string.h>",
-            *(f"#define {key} {value}" for key, value in defines.items()),
-            f"static void element({arguments})\n{{{assignments(values, names)}\n}}",
-            f"static void element_d({arguments}, double *fe, double *fs, double *ne, double *ns)",
-            f"{{{assignments(values + slopes, names)}\n}}",
-            "static void switches(const double *e, const double *p, double *g, double *ge)",
-            f"{{{assignments(changes, names)}\n}}",
-            files("fenics_joints.joint_laws").joinpath("kernel.c").read_text(encoding="utf-8"),
-        ]
-    )
-
-
-def _rates(e: list, d: int, normal: bool) -> list:
-    """Rates of the strain: of the normal one, zero where there is none, and of the slip."""
-    return ([] if normal else [ufl.as_ufl(0.0)]) + e[d:]
-
-
-def _switches(stress, e: list) -> list:
-    """What the law compares with zero to choose between its branches, each once.
-
-    Operands of comparisons, of the smaller and the larger of two, of absolute values and signs.
-    """
-    found = {}
-    for function in stress:
-        for node in unique_pre_traversal(apply_algebra_lowering(ufl.as_ufl(function))):
-            if type(node).__name__ in _COMPARISONS:
-                first, second = node.ufl_operands
-                g = first - second
-            elif type(node).__name__ in ("Abs", "Sign"):
-                g = node.ufl_operands[0]
-            else:
-                continue
-            if not g.ufl_free_indices and any(_slope(g, x) != 0 for x in e):
-                found[str(g)] = g
-    return list(found.values())
-
-
-def _slope(g, x):
-    return scalar(ufl.diff(g, x))
-
-
-def _checked(law: JointLaw, made, n_slip: int, m: int):
-    try:
-        sigma, tau, new = made
-        shapes = ufl.as_ufl(sigma).ufl_shape, ufl.as_ufl(tau).ufl_shape
-        shapes += ((0,) if new is None else ufl.as_ufl(new).ufl_shape,)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{law.label}.element: expected (normal stress, traction, new state), UFL ({error})."
-        ) from error
-    expected = (), (n_slip,), (m,)
-    if shapes != expected:
-        raise InputError(
-            f"{law.label}.element: normal stress, traction and state have shapes {shapes}: "
-            f"expected {expected}."
-        )
-    return (sigma, tau), [] if new is None else [new[i] for i in range(m)]
-
-
-def _slopes(target: str, functions, variable, n: int) -> list:
-    found = []
-    for i, function in enumerate(functions):
-        found += [
-            (f"{target}[{i * n + j}]", scalar(ufl.diff(ufl.as_ufl(function), variable[j])))
-            for j in range(n)
-        ]
-    return found
 
 
 # -- compiled --------------------------------------------------------------------------------------

@@ -68,7 +68,19 @@ class ContactState:
 
     @property
     def normal_force(self) -> float:
-        """Force with which the bodies press on one another, N."""
+        """Force with which the bodies press on one another, N: what balances a load that presses.
+
+        The resultant along the mean normal, which is the pressures'. On a curved face these point
+        to all sides, and friction there bears a part of the load, so that `pressure_force` is more
+        or less. A pin that is pressed all round has pressure without a force.
+        """
+        pressing = self.force[:, 0] @ self.interface.frames[:, 0]
+        size = np.linalg.norm(pressing)
+        return float(self.resultant @ pressing / size) if size > 0 else 0.0
+
+    @property
+    def pressure_force(self) -> float:
+        """Integral of the pressure, N, wherever it points; on a plane face the `normal_force`."""
         return float(self.force[:, 0].sum())
 
     @property

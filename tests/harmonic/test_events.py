@@ -92,6 +92,29 @@ def period_later(y, k, omega, samples=400):
     return state[:4], abs(coefficient)
 
 
+def first_touch():
+    """Angular frequency at which the linear motion reaches the stop."""
+    linear = two_masses(0.0)
+
+    def reach(omega):
+        S = linear.K + 1j * omega * linear.C - omega**2 * linear.M
+        return abs(np.linalg.solve(S, [0.0, PUSH])[0]) - GAP
+
+    return brentq(reach, 0.63, 0.8)
+
+
+@pytest.mark.parametrize("k", [1e4, pytest.param(1e8, marks=pytest.mark.slow)])
+def test_stiff_stops_go_through_by_default(k):
+    """With two folds, the second beyond that of a softer stop."""
+    result = solve_harmonic(
+        two_masses(k), "push", PUSH, BAND, harmonics=21, sensor="second", direction="down"
+    )
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(result.omegas)))) + 1
+    assert len(turns) == 2
+    assert result.omegas[turns[0]] == pytest.approx(first_touch(), rel=5e-4)
+    assert 0.7570 < result.omegas[turns[1]] < 0.7575  # 0.7556 at k = 100
+
+
 @pytest.mark.parametrize("k", [1.0, 100.0])
 def test_a_stop_with_a_gap_goes_through_with_the_folds_of_the_physics(k):
     """NLvib's example 03 with what it asks for (k = 100, H = 21), by default.
@@ -104,13 +127,7 @@ def test_a_stop_with_a_gap_goes_through_with_the_folds_of_the_physics(k):
     )
     turns = np.flatnonzero(np.diff(np.sign(np.diff(result.omegas)))) + 1
     assert len(turns) == 2 and len(result) < 150
-    linear = two_masses(0.0)
-
-    def reach(omega):
-        S = linear.K + 1j * omega * linear.C - omega**2 * linear.M
-        return abs(np.linalg.solve(S, [0.0, PUSH])[0]) - GAP
-
-    assert result.omegas[turns[0]] == pytest.approx(brentq(reach, 0.63, 0.8), rel=5e-4)
+    assert result.omegas[turns[0]] == pytest.approx(first_touch(), rel=5e-4)
     for i in (turns[1] - 3, turns[1], turns[1] + 3):
         omega, X = result.omegas[i], result.coefficients[i]
         h = np.arange(1, 22)

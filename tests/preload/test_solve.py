@@ -298,3 +298,26 @@ def test_divergence():
     # Pulled apart, the bodies have no state of rest.
     with pytest.raises(ConvergenceError, match="Try"):
         solve_preload(model, {"low": -1.0, "up": -1.0})
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_on_a_curved_face_the_normal_force_is_the_load(friction):
+    """Pressure on an arc points to all sides: its integral is not what it carries.
+
+    With friction shear bears a part of the load, and the integral may be less too.
+    """
+    load, R = 1e6, 0.4
+    x, z = np.linspace(-0.1, 0.1, 17), np.linspace(0.0, 0.1, 9)
+    tagged = stacked_blocks(COMM, lower=(x, z - 0.1), upper=z)
+    points = tagged.mesh.geometry.x
+    points[:, 1] -= R - np.sqrt(R**2 - points[:, 0] ** 2)
+    structure = Structure(tagged, both(), supports=[Support("bottom", (0, 1))], degree=1)
+    contact = faces(friction=friction) if friction else faces()
+    pressed = Traction("load", "top", (0.0, -load))
+    state = solve_preload(PreloadModel(structure, [contact], (), [pressed]))["c"]
+    assert state.resultant == pytest.approx([0.0, load], abs=1e-6 * load)
+    assert state.normal_force == pytest.approx(load, rel=1e-9)
+    assert abs(state.pressure_force / load - 1) > 5e-3
+    if not friction:
+        upright = state.interface.frames[:, 0, 1]
+        assert state.force[:, 0] @ upright == pytest.approx(load, rel=1e-9)

@@ -46,7 +46,7 @@ def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
         "force_n": force,
         "peak_pressure_pa": float(state.facet_pressure.max(initial=0.0)),
         "peak_nodal_pressure_pa": float(state.pressure.max(initial=0.0)),
-        "mean_pressure_pa": force / area if area else 0.0,
+        "mean_pressure_pa": state.pressure_force / area if area else 0.0,
         "area_m2": area,
         "area_above_1_mpa_m2": state.area_above(LIMIT),
         "whole_area_m2": float(state.facet_area.sum()),

@@ -1,0 +1,200 @@
+/* Harmonics of stress of laws without memory, whose branches change within the cycle: Gauss's rule
+ * between the phases at which a switch changes its sign. Phases go from 0 to 2 pi; Z are harmonics
+ * of the input, (DI, K), Zd those of its derivative by the phase.
+ */
+#define NS1 (NS > 0 ? NS : 1)
+#define TURN 6.283185307179586477
+#define BISECTIONS 40
+#define NEWTONS 60
+
+/* 1, cos, sin, cos 2, sin 2, ... of a phase. */
+static void harmonics_at(double phase, int K, double *b)
+{
+  const double c = cos(phase), s = sin(phase);
+  double ck = c, sk = s;
+  b[0] = 1.0;
+  for (int k = 1; k < K; k += 2) {
+    b[k] = ck;
+    b[k + 1] = sk;
+    const double next = ck * c - sk * s;
+    sk = sk * c + ck * s;
+    ck = next;
+  }
+}
+
+static void combine(int K, const double *Z, const double *restrict b, double *e)
+{
+  for (int i = 0; i < DI; ++i) {
+    double sum = 0.0;
+    for (int k = 0; k < K; ++k) sum += Z[i * K + k] * b[k];
+    e[i] = sum;
+  }
+}
+
+/* What one switch of an element is looked at with. */
+typedef struct {
+  int K, number;
+  const double *Z, *Zd, *p;
+  double *b;
+} watched;
+
+static double along(const double *ge, const double *de)
+{
+  double sum = 0.0;
+  for (int i = 0; i < DI; ++i) sum += ge[i] * de[i];
+  return sum;
+}
+
+/* The switch at a phase, and its slope by it. */
+static double look(const watched *w, double phase, double *slope)
+{
+  double e[DI], de[DI], g[NS1], ge[NS1 * DI];
+  harmonics_at(phase, w->K, w->b);
+  combine(w->K, w->Z, w->b, e);
+  combine(w->K, w->Zd, w->b, de);
+  switches(e, w->p, g, ge);
+  *slope = along(ge + w->number * DI, de);
+  return g[w->number];
+}
+
+/* The phase between low and high at which the switch changes its sign, by Newton's method. */
+static double crossing(const watched *w, double low, double high)
+{
+  double slope, x = 0.5 * (low + high);
+  const int positive = look(w, low, &slope) >= 0;
+  for (int i = 0; i < NEWTONS; ++i) {
+    const double g = look(w, x, &slope);
+    if ((g >= 0) == positive) low = x;
+    else high = x;
+    double next = x - g / slope;
+    if (!(next > low && next < high)) next = 0.5 * (low + high);
+    const double moved = fabs(next - x);
+    x = next;
+    if (moved < 1e-14) break;
+  }
+  return x;
+}
+
+/* Both changes of a switch that turns between low and high, if it changes at all. */
+static int hidden(const watched *w, double low, double high, double *to)
+{
+  double slope, a = low, b = high;
+  const double sign = look(w, low, &slope) >= 0 ? 1.0 : -1.0;
+  for (int i = 0; i < BISECTIONS; ++i) {
+    const double middle = 0.5 * (a + b);
+    look(w, middle, &slope);
+    if (sign * slope < 0) a = middle;
+    else b = middle;
+  }
+  if (!(sign * look(w, a, &slope) < 0)) return 0;
+  to[0] = crossing(w, low, a);
+  to[1] = crossing(w, a, high);
+  return 2;
+}
+
+/* Changes of all switches of one element, from T samples of them and of their slopes. */
+static int element_events(watched *w, int T, const double *g, const double *slopes, double *to)
+{
+  const double step = TURN / T;
+  int found = 0;
+  for (w->number = 0; w->number < NS; ++w->number)
+    for (int t = 0; t < T; ++t) {
+      const int at = t * NS + w->number, after = (t + 1) % T * NS + w->number;
+      const double low = t * step, high = low + step;
+      if ((g[at] >= 0) != (g[after] >= 0)) {
+        to[found++] = crossing(w, low, high);
+        continue;
+      }
+      const double sign = g[at] >= 0 ? 1.0 : -1.0;
+      const double start = sign * g[at], end = sign * g[after];
+      const double down = sign * slopes[at], up = sign * slopes[after];
+      if (!(down < 0 && up > 0)) continue;
+      /* Where the tangents of both ends meet, what is convex between them is not below. */
+      if (start + down * (end - up * step - start) / (down - up) < 0)
+        found += hidden(w, low, high, to + found);
+    }
+  return found;
+}
+
+static int ascending(const void *a, const void *b)
+{
+  const double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+
+/* F, and J or none, += those of a phase with a weight, whose basis is b. */
+static void add_node(int E, int K, double weight, const double *Z, const double *p,
+                     const double *restrict b, double *F, double *J)
+{
+  double e[DI], f[D] = {0.0}, fe[D * DI] = {0.0};
+  combine(K, Z, b, e);
+  for (int j = 0; j < E; ++j) {
+    double f1[D], d1[D * DI], none[1];
+    if (J) element_d(e, none, p + j * NP, f1, none, d1, none, none, none);
+    else element(e, none, p + j * NP, f1, none);
+    for (int a = 0; a < D; ++a) f[a] += f1[a];
+    for (int a = 0; J && a < D * DI; ++a) fe[a] += d1[a];
+  }
+  const double share = weight * 2.0 / TURN;
+  for (int a = 0; a < D; ++a)
+    for (int k = 0; k < K && f[a] != 0.0; ++k) F[a * K + k] += (k ? share : 0.5 * share) * b[k] * f[a];
+  for (int i = 0; J && i < D * DI; ++i) {
+    if (fe[i] == 0.0) continue;
+    const int a = i / DI, c = i % DI;
+    for (int k = 0; k < K; ++k) {
+      double *restrict row = J + ((size_t)(a * K + k) * DI + c) * K;
+      const double factor = (k ? share : 0.5 * share) * b[k] * fe[i];
+      for (int l = 0; l < K; ++l) row[l] += factor * b[l];
+    }
+  }
+}
+
+/* Harmonics F (P, D, K) of stress by those of the input, Z (P, DI, K), and their derivative
+ * J (P, D, K, DI, K), or none. Zd are those of d e / d phase, synthesis (T, K) the T samples between
+ * which a switch may turn once; between events there are panels of Gauss's rule of `order` nodes,
+ * `panels` in a period without any. Nonzero: out of memory.
+ */
+int law_events(int P, int E, int K, int T, int panels, int order, const double *Z, const double *Zd,
+               const double *synthesis, const double *p, const double *nodes,
+               const double *weights, double *F, double *J)
+{
+  const size_t most = (size_t)2 * T * E * NS1 + panels + 1, one = (size_t)T * NS1;
+  double *g = malloc((2 * one + most + K) * sizeof(double));
+  if (!g) return 1;
+  double *slopes = g + one, *ends = slopes + one, *b = ends + most;
+  memset(F, 0, (size_t)P * D * K * sizeof(double));
+  if (J) memset(J, 0, (size_t)P * D * K * DI * K * sizeof(double));
+  for (int i = 0; i < P; ++i) {
+    const double *Zi = Z + (size_t)i * DI * K, *pi = p + (size_t)i * E * NP;
+    double *Fi = F + (size_t)i * D * K, *Ji = J ? J + (size_t)i * D * K * DI * K : NULL;
+    watched w = {.K = K, .Z = Zi, .Zd = Zd + (size_t)i * DI * K, .b = b};
+    int found = 0;
+    for (int j = 0; NS && j < E; ++j) {
+      w.p = pi + (size_t)j * NP;
+      for (int t = 0; t < T; ++t) {
+        double e[DI], de[DI], ge[NS1 * DI];
+        combine(K, w.Z, synthesis + (size_t)t * K, e);
+        combine(K, w.Zd, synthesis + (size_t)t * K, de);
+        switches(e, w.p, g + t * NS, ge);
+        for (int n = 0; n < NS; ++n) slopes[t * NS + n] = along(ge + n * DI, de);
+      }
+      found += element_events(&w, T, g, slopes, ends + found);
+    }
+    if (!found) {
+      for (int t = 0; t < T; ++t)
+        add_node(E, K, TURN / T, Zi, pi, synthesis + (size_t)t * K, Fi, Ji);
+      continue;
+    }
+    for (int n = 0; n <= panels; ++n) ends[found++] = TURN * n / panels;
+    qsort(ends, found, sizeof(double), ascending);
+    for (int n = 1; n < found; ++n) {
+      const double middle = 0.5 * (ends[n] + ends[n - 1]), half = 0.5 * (ends[n] - ends[n - 1]);
+      for (int q = 0; half > 0 && q < order; ++q) {
+        harmonics_at(middle + half * nodes[q], K, b);
+        add_node(E, K, half * weights[q], Zi, pi, b, Fi, Ji);
+      }
+    }
+  }
+  free(g);
+  return 0;
+}
