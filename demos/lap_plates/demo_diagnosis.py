@@ -151,7 +151,7 @@ assert "compliance" in words.which
 # A fit that shrinks the gap proves little: any freedom shrinks it. So each mode in turn, the top
 # band, and blocks of torques are put aside; cause and parameters are found anew without them; what
 # they will show is stated, as an interval; and only then are they looked at. The best wrong effect
-# has the same chance (the placebo).
+# has the same chance.
 
 say("", f"How far. {words.how_far}", answers["Does it predict?"])
 show(forecasts, found.shrinkage)

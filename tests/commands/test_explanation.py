@@ -160,8 +160,8 @@ def test_three_sentences_of_a_cause():
         "probable."
     )
     assert words.how_far == (
-        "On held-out data the gap goes from 20.00 % to 3.30 %: 86 % of what noise lets go is gone "
-        "(S*, 90 %: 79 to 93 %), 45 points more than the best wrong effect (90 %: 31 to 58); 2 of "
+        "On held-out data the gap goes from 20.00 % to 3.30 %: 86 % of the gap beyond noise is "
+        "gone (90 %: 79 to 93 %), 45 points more than the best wrong effect (90 %: 31 to 58); 2 of "
         "3 folds ended in the interval stated before."
     )
 

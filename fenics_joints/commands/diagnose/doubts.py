@@ -18,7 +18,7 @@ _FAR = 2.0
 _TOO_GOOD = 0.999
 #: Of ten intervals of 90 %, seven hold with 99 % if they are right.
 _COVERAGE = 0.7
-#: Of what noise lets go, so much should be gone for a cause to be the whole of it.
+#: Of the gap beyond noise, so much should be gone for a cause to be the whole of it.
 _HALF = 0.5
 
 
@@ -49,7 +49,7 @@ def doubts(d: Diagnosis) -> list[str]:
             )
         if s.shrink < _HALF:
             words.append(
-                f"Of the gap in frequency that noise lets go, {100 * (1 - max(s.shrink, 0)):.0f} % "
+                f"Of the gap in frequency beyond noise, {100 * (1 - max(s.shrink, 0)):.0f} % "
                 "remains on held-out data: something else may be missing."
             )
         if s.coverage < _COVERAGE:

@@ -264,8 +264,8 @@ def _shrunk(s: Shrinkage) -> str:
     share = f"{100 * abs(s.shrink):.0f} %"
     ends = f"90 %: {span(s.shrink_interval)}"
     if s.shrink < 0:
-        return f"it grows, by {share} of what noise would let go ({ends})"
-    return f"{share} of what noise lets go is gone (S*, {ends})"
+        return f"it grows, by {share} of the gap beyond noise ({ends})"
+    return f"{share} of the gap beyond noise is gone ({ends})"
 
 
 def _points(s: Shrinkage) -> str:

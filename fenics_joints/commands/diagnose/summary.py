@@ -42,7 +42,7 @@ def show_diagnosis(console: Console, d: Diagnosis) -> None:
     for doubt in words.doubts:
         tell(console, f"but: {doubt}", "yellow")
     console.print()
-    gaps = new_table("gap (RMS relative error)", ">nominal", ">placebo", ">chosen")
+    gaps = new_table("gap (RMS relative error)", ">nominal", ">best wrong", ">chosen")
     gaps.add_row("all data, fitted", percent(d.before.rms), "", percent(d.after.rms))
     gaps.add_row(
         "held out, predicted", percent(d.heldout_before), percent(d.placebo_after),
