@@ -238,7 +238,7 @@ def test_other_verdicts_have_sentences_of_their_own():
     ("changes", "said"),
     [
         ({"claimed": False, "excess_interval": (-0.1, 0.9)}, "not surely more than the best wrong"),
-        ({"shrink": -0.3, "shrink_interval": (-0.6, -0.1)}, "it grows, by 30 % of what noise"),
+        ({"shrink": -0.3, "shrink_interval": (-0.6, -0.1)}, "it grows, by 30 % of the gap beyond"),
         ({"shrink": np.nan}, "already as good as noise allows"),
         ({"folds": []}, "On held-out data the gap goes from 20.00 % to 3.30 %."),
     ],
