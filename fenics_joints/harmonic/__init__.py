@@ -7,6 +7,7 @@ responses.
 """
 
 from fenics_joints.harmonic.backbone import Backbone, solve_backbone
+from fenics_joints.harmonic.backbone_points import BackbonePoints, solve_backbone_at
 from fenics_joints.harmonic.balance import Balance, default_samples
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
 from fenics_joints.harmonic.constant_response import solve_constant_response
@@ -26,12 +27,12 @@ from fenics_joints.harmonic.stability import floquet_exponents, stable
 from fenics_joints.harmonic.static_mode import StaticBackbone, solve_static_backbone
 
 __all__ = [
-    "Backbone", "Balance", "Branch", "CurvePrediction", "Fourier", "HarmonicResult",
-    "IdentificationResult",
+    "Backbone", "BackbonePoints", "Balance", "Branch", "CurvePrediction", "Fourier",
+    "HarmonicResult", "IdentificationResult",
     "Load", "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem", "SliderRange",
     "ResponseGradient", "Settings", "StaticBackbone", "default_samples", "fitted_sliders",
     "floquet_exponents", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
-    "slider_ranges", "solve_backbone", "solve_constant_response", "solve_harmonic",
-    "solve_static_backbone", "stable",
+    "slider_ranges", "solve_backbone", "solve_backbone_at", "solve_constant_response",
+    "solve_harmonic", "solve_static_backbone", "stable",
 ]  # fmt: skip

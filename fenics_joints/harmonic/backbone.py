@@ -27,7 +27,7 @@ from fenics_joints.progress import Progress
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-__all__ = ["Backbone", "solve_backbone"]
+__all__ = ["Backbone", "FreeMode", "free_mode", "solve_backbone"]
 
 _LN10 = float(np.log(10.0))
 #: Eigenvalues below this share of trace(K) / trace(M) are rigid-body motion.
@@ -128,6 +128,20 @@ def solve_backbone(
         writes=balance.comm.rank == 0,
     )  # fmt: skip
     return _backbone(problem, branch, sensor, force, (np.log10(low), np.log10(high)))
+
+
+def free_mode(balance: Balance, sensor: str, near: float | None = None) -> FreeMode:
+    """The equations of a mode without a force, by its amplitude at a sensor.
+
+    Args:
+        balance: The harmonic balance.
+        sensor: The sensor's name.
+        near: The mode whose linear frequency, Hz, is nearest; the lowest elastic one by default.
+
+    Raises:
+        InputError: For an unknown sensor, or one that does not move in the mode.
+    """
+    return FreeMode(balance, balance.model.row("sensors", sensor), *_linear_mode(balance, near))
 
 
 def _backbone(

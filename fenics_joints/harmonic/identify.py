@@ -4,13 +4,13 @@ Iranzad and Ahmadian 2012, section 5: the parameters make the least of eq. 6, su
 over a few points near the peak of one level's curve; what they predict of other levels is the test
 of the model. `identify` does it by direct search, as the paper, or by least squares with the exact
 derivatives of harmonic balance. Loops of force against response, which the paper takes its
-sharpness n from, enter alike.
+sharpness n from, enter alike; so does a measured backbone, frequency and damping over amplitude.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import shorten
 
@@ -19,10 +19,13 @@ from scipy.optimize import least_squares, minimize
 
 from fenics_joints.errors import InputError
 from fenics_joints.files import json_text, write_text
+from fenics_joints.harmonic.backbone_points import BackbonePoints
 from fenics_joints.harmonic.loops import MeasuredLoop
+from fenics_joints.harmonic.measured_mode import ModeData, Offset, as_motion
 from fenics_joints.harmonic.residuals import Change, Curve, CurveFit, checked_data
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
+from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.modal.sensitivity import Identifiability, identifiability
 
@@ -30,6 +33,8 @@ __all__ = ["IdentificationResult", "identify"]
 
 #: Bounds of a parameter by default: its start over and times this.
 _RANGE = 1e3
+#: How often the errors of a backbone are made as wide as what the model leaves of it.
+_WIDENINGS = 8
 #: First steps of the direct search, of ln of the parameters.
 _SIMPLEX = 0.3
 
@@ -40,7 +45,8 @@ class IdentificationResult:
 
     Attributes:
         method: ``direct`` or ``gradient``.
-        level: Amplitude of the force of the curve, N; of the first loop if there is no curve.
+        level: Amplitude of the force of the curve, N; of the first loop if there is no curve; of a
+            backbone alone its highest amplitude.
         frequencies_hz: Selected frequencies of the curve, Hz.
         start: Values at the start, by name.
         values: Values found.
@@ -63,7 +69,11 @@ class IdentificationResult:
         at_bound: Parameters that ended at a bound.
         message: How the optimiser ended.
         model: The model with these values.
-        responses: Its responses, one of the curve and one of each loop.
+        responses: Its responses, one of the curve and one of each loop; `BackbonePoints` of a
+            backbone.
+        mode: The backbone as it was fitted, with the widths of its errors; or None.
+        offsets: What the model lacks at rest by that backbone: its frequency, relative, and its
+            damping ratio.
     """
 
     method: str
@@ -87,7 +97,9 @@ class IdentificationResult:
     at_bound: tuple[str, ...]
     message: str
     model: InterfaceModel
-    responses: tuple[HarmonicResult, ...]
+    responses: tuple[HarmonicResult | BackbonePoints, ...]
+    mode: ModeData | None = None
+    offsets: Mapping[str, Offset] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.values.items())
@@ -118,7 +130,21 @@ class IdentificationResult:
             "sd_ln": {k: v if np.isfinite(v) else None for k, v in self.sd.items()},
             "condition": self.known.condition if np.isfinite(self.known.condition) else None,
             "undetermined": list(self.undetermined),
+            "backbone": None if self.mode is None else self._mode_dict(),
         }
+
+    def _mode_dict(self) -> dict:
+        """The measured and the computed mode."""
+        measured, points = self.mode.measured, self.responses[-1]
+        return {
+            "kind": measured.kind, "displacement_m": self.mode.displacements.tolist(),
+            "measured_hz": measured.frequencies_hz.tolist(),
+            "measured_damping": [z if np.isfinite(z) else None for z in measured.damping.tolist()],
+            "computed_hz": points.frequencies_hz.tolist(),
+            "computed_damping": points.damping_ratios.tolist(),
+            "error_widths": list(self.mode.widths),
+            "at_rest": {k: {"value": o.value, "sd": o.sd} for k, o in self.offsets.items()},
+        }  # fmt: skip
 
     def write_json(self, path: str | Path) -> None:
         """Write `to_dict` to a file.
@@ -140,6 +166,9 @@ def identify(
     method: str = "gradient",
     points: int = 9,
     loops: Sequence[MeasuredLoop] = (),
+    backbone: MeasuredBackbone | None = None,
+    rest: float | None = None,
+    rest_damping: float | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     noise: float = 0.01,
     tolerance: float = 1e-3,
@@ -147,11 +176,15 @@ def identify(
     harmonics: int = 3,
     **options,
 ) -> IdentificationResult:
-    """Find parameters of nonlinear laws from the curve of one level, or from loops, or both.
+    """Find parameters of nonlinear laws from the curve of one level, loops, a backbone, or several.
 
     Works on ln of the parameters. ``direct`` minimises eq. 6 by Nelder and Mead's simplex;
     ``gradient`` its squares by a trust-region method (both scipy's). Each response starts from the
     last one. A trial whose response is not found counts as one, and is turned away.
+
+    Of a backbone the law is in how frequency and damping change: the frequency counts up to a
+    factor and damping up to a constant, which the model at rest may be off. What the model does not
+    follow widens the errors of frequency and of damping, each of its own, until both fit.
 
     Args:
         change: The model for values of the parameters, by name, such as
@@ -164,6 +197,9 @@ def identify(
         method: ``direct`` or ``gradient``.
         points: Points of the curve that are taken, those of the largest amplitudes.
         loops: Loops of force against the sensor's response. One counts as one point of the curve.
+        backbone: Frequency and damping over amplitude of the mode near its lowest frequency.
+        rest: Relative error of the model's frequency at rest, one standard deviation; 1 %.
+        rest_damping: Error of its damping ratio at rest; as large as the lowest one measured.
         bounds: Least and largest value by name; by default a thousandth of the start and a
             thousand times.
         noise: Relative standard deviation of a measured amplitude.
@@ -185,12 +221,25 @@ def identify(
             raise InputError(f"{key} = {value}: expected between 0 and 1.")
     if max_evaluations < 2:
         raise InputError(f"max_evaluations = {max_evaluations}: expected at least 2.")
-    data = checked_data(curves, level, points, loops, sensor)
+    modes = []
+    if backbone is not None:
+        moved = as_motion(backbone, change(start), force, sensor)
+        modes = [ModeData.of(moved, sensor, noise, rest, rest_damping)]
+    data = checked_data(curves, level, points, loops, sensor, modes)
     fit = CurveFit(change, start, data, force, {"harmonics": harmonics, **options})
     x = np.log(list(start.values()))
     first = fit.objective(fit.residual(x))  # raises what is wrong with names and model
     search = _direct if method == "direct" else _gradient
-    x, message = search(fit, x, low, high, tolerance, max_evaluations)
+    begun, rounds = x, 0
+    # From wide errors to narrow ones: what the law does not follow must not lead it astray first.
+    fit.widen(x)
+    while True:
+        x, message = search(fit, x, low, high, tolerance, max_evaluations)
+        rounds += 1
+        if rounds >= _WIDENINGS or not fit.widen(x):
+            break
+    if modes:
+        first = fit.objective(fit.residual(begun))  # with the errors of the end
     return _finished(fit, method, start, first, x, (low, high), noise, message)
 
 
@@ -237,6 +286,7 @@ def _finished(fit, method, start, first, x, bounds, noise, message) -> Identific
     values = fit.values(x)
     met = [min(abs(x[i] - b[i]) for b in bounds) < 1e-6 for i in range(len(x))]
     curve = next((d for d in fit.data if isinstance(d, Curve)), None)
+    mode = next((d for d in fit.data if isinstance(d, ModeData)), None)
     return IdentificationResult(
         method=method,
         level=fit.data[0].level,
@@ -247,7 +297,8 @@ def _finished(fit, method, start, first, x, bounds, noise, message) -> Identific
         gradients=fit.gradients, failures=fit.failures,
         residuals=r, jacobian=J, noise=spread, known=identifiability(J / spread, fit.names),
         at_bound=tuple(n for n, m in zip(fit.names, met, strict=True) if m), message=message,
-        model=fit.change(values), responses=tuple(fit.results),
+        model=fit.change(values), responses=tuple(fit.results), mode=mode,
+        offsets={} if mode is None else mode.offsets(fit.results[-1]),
     )  # fmt: skip
 
 

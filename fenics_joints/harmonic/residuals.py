@@ -11,6 +11,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.loops import MeasuredLoop
+from fenics_joints.harmonic.measured_mode import ModeData
 from fenics_joints.harmonic.predict import near_peak
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.harmonic.sensitivity import ResponseGradient
@@ -18,6 +19,8 @@ from fenics_joints.interfaces.model import InterfaceModel
 
 __all__ = ["Change", "Curve", "CurveFit", "checked_data"]
 
+#: Relative change of a width that asks for another search.
+_SAME_WIDTH = 0.1
 #: The model for values of its parameters.
 Change = Callable[[Mapping[str, float]], InterfaceModel]
 
@@ -35,6 +38,10 @@ class Curve:
     def __len__(self) -> int:
         return len(self.frequencies)
 
+    def solve(self, model: InterfaceModel, force: str, options, warm) -> HarmonicResult:
+        """The model's response at the curve's frequencies."""
+        return _response(self, model, force, options, warm)
+
     def objective(self, residual: np.ndarray) -> float:
         """Eq. 6: the sum of the errors."""
         return float(np.abs(residual).sum())
@@ -43,10 +50,10 @@ class Curve:
         """Error at each frequency, relative, (n,)."""
         return result.amplitude(self.sensor, self.kind, "first") / self.amplitudes - 1.0
 
-    def slope(self, gradient: ResponseGradient) -> np.ndarray:
+    def jacobian(self, result: HarmonicResult, change: Change, values) -> np.ndarray:
         """Derivatives of the residual by the parameters, (n, parameters)."""
-        change = gradient.amplitude(self.sensor, self.kind, "first")
-        return change / self.amplitudes[:, None]
+        gradient = result.by_parameters(change, values)
+        return gradient.amplitude(self.sensor, self.kind, "first") / self.amplitudes[:, None]
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,10 @@ class Loop:
 
     def __len__(self) -> int:
         return len(self.loop.times)
+
+    def solve(self, model: InterfaceModel, force: str, options, warm) -> HarmonicResult:
+        """The model's response at the loop's frequency."""
+        return _response(self, model, force, options, warm)
 
     def objective(self, residual: np.ndarray) -> float:
         """It counts as one point of a curve, with its relative rms error."""
@@ -84,11 +95,18 @@ class Loop:
         # An accelerometer measures no mean.
         return (at[:, 1:] @ c[1:] - measured) / self._scale()
 
-    def slope(self, gradient: ResponseGradient) -> np.ndarray:
+    def jacobian(self, result: HarmonicResult, change: Change, values) -> np.ndarray:
         """Derivatives of the residual by the parameters, (n, parameters)."""
-        change = gradient.sensor_coefficients(self.sensor, self.loop.response)[0]
-        at = basis(self.loop.angles(), change.shape[1])
-        return (at[:, 1:] @ change[:, 1:].T) / self._scale()
+        gradient: ResponseGradient = result.by_parameters(change, values)
+        turned = gradient.sensor_coefficients(self.sensor, self.loop.response)[0]
+        at = basis(self.loop.angles(), turned.shape[1])
+        return (at[:, 1:] @ turned[:, 1:].T) / self._scale()
+
+
+def _response(data: Curve | Loop, model: InterfaceModel, force: str, options, warm):
+    return solve_harmonic(
+        model, force, data.level, at=data.frequencies, sensor=data.sensor, initial=warm, **options
+    )
 
 
 class CurveFit:
@@ -97,7 +115,7 @@ class CurveFit:
     Args:
         change: The model for values of the parameters.
         names: Their names.
-        data: Curves and loops.
+        data: Curves, loops and measured modes.
         force: Place of the force.
         options: Options of `solve_harmonic`.
     """
@@ -122,10 +140,7 @@ class CurveFit:
         self.evaluations += 1
         model, found = self.change(self.values(x)), []
         for one, warm in zip(self.data, self.results, strict=True):
-            result = solve_harmonic(
-                model, self.force, one.level, at=one.frequencies, sensor=one.sensor,
-                initial=warm, **self.options,
-            )  # fmt: skip
+            result = one.solve(model, self.force, self.options, warm)
             found.append(result)
             self.solutions += len(result)
             self.iterations += int(np.sum(result.iterations))
@@ -134,10 +149,26 @@ class CurveFit:
         self._note(x, self.objective(r))
         return r
 
+    def parts(self, r: np.ndarray) -> list[np.ndarray]:
+        """The residuals of each of the data."""
+        return np.split(r, np.cumsum([len(one) for one in self.data])[:-1])
+
     def objective(self, r: np.ndarray) -> float:
         """Eq. 6 of all data."""
-        parts = np.split(r, np.cumsum([len(one) for one in self.data])[:-1])
-        return sum(one.objective(part) for one, part in zip(self.data, parts, strict=True))
+        return sum(one.objective(p) for one, p in zip(self.data, self.parts(r), strict=True))
+
+    def widen(self, x: np.ndarray) -> bool:
+        """Take what the model does not follow of measured modes for noise; whether that changed."""
+        r, changed = self.residual(x), False
+        for i, (one, part) in enumerate(zip(self.data, self.parts(r), strict=True)):
+            if isinstance(one, ModeData):
+                share = round(len(x) * len(part) / len(r))
+                self.data[i] = one.widened(part, share)
+                ratio = np.log(np.divide(self.data[i].widths, one.widths))
+                changed |= bool(np.abs(ratio).max() > _SAME_WIDTH)
+        if changed:
+            self._at = None
+        return changed
 
     def tried(self, x: np.ndarray) -> np.ndarray | None:
         """`residual`, or None where there is no model or no response."""
@@ -157,19 +188,19 @@ class CurveFit:
         self.residual(x)
         self.gradients += 1
         parts = [
-            one.slope(result.by_parameters(self.change, self.values(x)))
+            one.jacobian(result, self.change, self.values(x))
             for one, result in zip(self.data, self.results, strict=True)
         ]
         return np.vstack(parts) * np.exp(x)
 
 
-def checked_data(curves, level, points, loops, sensor) -> list[Curve | Loop]:
-    """What is fitted: the points near the peak of a level's curve, and loops.
+def checked_data(curves, level, points, loops, sensor, modes=()) -> list[Curve | Loop | ModeData]:
+    """What is fitted: the points near the peak of a level's curve, loops, and measured modes.
 
     Raises:
         InputError: For an unknown level, too few points, or no data.
     """
-    found: list[Curve | Loop] = []
+    found: list[Curve | Loop | ModeData] = []
     if curves is not None:
         if level is None:
             raise InputError("level = None: expected the level of one of the curves, N.")
@@ -180,7 +211,7 @@ def checked_data(curves, level, points, loops, sensor) -> list[Curve | Loop]:
         found.append(Curve(level, frequencies[kept], amplitudes[kept], sensor, curves.response))
     elif level is not None:
         raise InputError(f"level = {level:g}: expected curves that have it.")
-    found += [Loop(loop, sensor) for loop in loops]
+    found += [*(Loop(loop, sensor) for loop in loops), *modes]
     if not found:
-        raise InputError("there are no data: expected curves and a level, or loops.")
+        raise InputError("there are no data: expected curves and a level, loops, or a backbone.")
     return found
