@@ -28,7 +28,14 @@ from fenics_joints.case.update import UpdateSection
 from fenics_joints.case.values import FileName, Section, named
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import printable
-from fenics_joints.measurements import MeasuredCurves, MeasuredFRFs, MeasuredShapes, TestData
+from fenics_joints.measurements import (
+    MeasuredBackbone,
+    MeasuredCurves,
+    MeasuredFRFs,
+    MeasuredShapes,
+    TestData,
+)
+from fenics_joints.measurements.amplitude import by_mode
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import parameter_unit, to_si
 
@@ -91,6 +98,7 @@ class Case(Section):
     _validation: TestData | None = PrivateAttr(None)
     _joint_notes: tuple[str, ...] = PrivateAttr(())
     _curves: MeasuredCurves | None = PrivateAttr(None)
+    _backbones: dict[str, MeasuredBackbone] = PrivateAttr({})
     _frfs: MeasuredFRFs | None = PrivateAttr(None)
     _shapes: MeasuredShapes | None = PrivateAttr(None)
 
@@ -169,6 +177,15 @@ class Case(Section):
         """Measured responses to sinusoidal forces, or None."""
         return self._curves
 
+    def backbones(self) -> dict[str, MeasuredBackbone]:
+        """Frequency and damping over amplitude by the modes' names.
+
+        Of ``[test.amplitude]``; without it, of a test by level.
+        """
+        if self._backbones or self._measured is None or not self._measured.by_level:
+            return self._backbones
+        return by_mode(self._measured)
+
     def frfs(self) -> MeasuredFRFs | None:
         """Measured frequency response functions, in their band, or None."""
         return self._frfs
@@ -179,7 +196,9 @@ class Case(Section):
 
     def test_notes(self) -> tuple[str, ...]:
         """What was left out or is doubtful in the files of the test, in sentences."""
-        files = (self._measured, self._validation, self._shapes, self._frfs)
+        files = [self._measured, self._validation, self._shapes, self._frfs]
+        if self.test is not None and not self.test.is_by_amplitude:
+            files += self._backbones.values()
         return tuple(note for data in files if data is not None for note in data.notes)
 
     def joint_notes(self) -> tuple[str, ...]:

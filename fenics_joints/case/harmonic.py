@@ -192,20 +192,40 @@ class LoadSection(Section):
 
 
 class IdentifySection(Section):
-    """``[harmonic.identify]``: parameters of the laws from the curves of one level.
+    """``[harmonic.identify]``: the laws' numbers from one level's curve, or a mode's amplitude.
+
+    With ``level`` from the curve of that level in ``harmonic.measured``; without it, or with
+    ``mode``, from frequency and damping over amplitude: ``[test.amplitude]``, or a test by level.
+    The model's frequency and damping at rest may then be off by ``rest``, relative (1 %), and
+    ``rest_damping`` (the lowest damping measured), standard deviations.
 
     The objective is the paper's eq. 6, or with ``method = "gradient"`` its squares. Loops of force
     against response, in a table of their own, enter beside the curve. ``start`` is the case's own
     numbers by default.
     """
 
-    level: Force
+    level: Force | None = None
+    mode: str | None = None
     parameters: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
     start: dict[str, Written] = {}
-    method: Literal["direct", "gradient", "both"] = "both"
+    method: Literal["direct", "gradient", "both"] | None = None
     points: Annotated[int, Field(ge=3, le=1000, strict=True)] = 9
     loops: File | None = None
     noise: Share = 0.01
+    rest: Share | None = None
+    rest_damping: Share | None = None
+
+    @property
+    def by_amplitude(self) -> bool:
+        """Whether a mode over its amplitude is among the data."""
+        return self.level is None or self.mode is not None
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The searches: both unless the case says it, of a mode over its amplitude by gradient."""
+        if self.method is None:
+            return ("gradient",) if self.by_amplitude else ("direct", "gradient")
+        return ("direct", "gradient") if self.method == "both" else (self.method,)
 
     def values(self, nonlinear: Mapping[str, NonlinearSection]) -> dict[str, float]:
         """Values, SI, that the identification starts from, by parameter.
@@ -287,9 +307,10 @@ class HarmonicSection(Section):
                 f"samples = {self.samples}: expected at least {4 * self.harmonics}, four for each "
                 "harmonic"
             )
-        if self.identify is not None and self.identify.level not in self.levels:
+        level = None if self.identify is None else self.identify.level
+        if level is not None and level not in self.levels:
             raise ValueError(
-                f"identify.level = {self.identify.level:g} N: expected one of the levels"
+                f"identify.level = {level:g} N: expected one of the levels"
             )
         return self
 

@@ -23,7 +23,16 @@ from fenics_joints.case.starting import start_joints
 from fenics_joints.case.test import FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import is_file, read_toml, shown_path
-from fenics_joints.measurements import TestData, read_curves, read_frfs, read_table, read_test_data
+from fenics_joints.measurements import (
+    MeasuredBackbone,
+    TestData,
+    read_amplitude,
+    read_curves,
+    read_frfs,
+    read_table,
+    read_test_data,
+)
+from fenics_joints.measurements.amplitude import test_by_level
 
 __all__ = ["finish_case", "load_case", "read_case", "read_files", "read_part"]
 
@@ -102,6 +111,7 @@ def _read_tests(case: Case) -> list[str]:
             case._planned = _plan_test(case, test)
         if not test.has_modes:
             return []
+        case._backbones = {name: _read_amplitude(case, name) for name in test.amplitude}
         if test.has_universal_shapes:
             case._shapes = read_universal(case.folder, test.shapes)
         case._measured = _read_test(case, "test", test)
@@ -166,7 +176,8 @@ def _read_curves(case: Case) -> list[str]:
         return [f"harmonic.measured: {error}"]
     case._curves = curves
     identify = case.harmonic.identify
-    if identify is not None and identify.level not in curves.levels:
+    level = None if identify is None else identify.level
+    if level is not None and level not in curves.levels:
         there = ", ".join(f"{level:g} N" for level in curves.levels)
         expected = f"not among the measured curves; expected one of: {there}"
         return [said("harmonic.identify.level", identify.level, expected)]
@@ -181,6 +192,10 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
         files[name] = None if file is None else _existing(case, f"{key}.{name}", file)
     # Modes that are not named are all columns of the test; the validation must have the same.
     modes = test.modes or (case._measured.mode_names if case._measured else None)
+    if test.is_by_amplitude and source is test:
+        with located(f"{key}.amplitude"):
+            data = test_by_level(case._backbones)
+        return replace(data, sensors=case.sensors(), shape_noise=test.shape_noise)
     if files["frequencies"] is None:
         with located(f"{key}.shapes"):
             data = modes_of(shapes, modes, test)
@@ -199,6 +214,18 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
             file = _existing(case, f"{key}.shapes", test.shapes.files[0])
             found = _read_shapes(file, data.mode_names)
         return replace(data, shapes=found)
+
+
+def _read_amplitude(case: Case, name: str) -> MeasuredBackbone:
+    """One mode over its amplitude, with the noise of the test where its section says none."""
+    test, section = case.test, case.test.amplitude[name]
+    noise = section.noise or (test.noise[0] if len(test.noise) == 1 else None) or None
+    with located(f"test.amplitude.{name}"):
+        return read_amplitude(
+            [case.folder / file for file in section.files], levels=section.levels,
+            band=section.band, sensor=section.sensor, units=section.units, noise=noise,
+            damping_noise=section.damping_noise or test.damping_noise,
+        )  # fmt: skip
 
 
 def _existing(case: Case, key: str, file: str) -> Path:

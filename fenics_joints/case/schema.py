@@ -7,8 +7,7 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.test import in_files
-from fenics_joints.case.values import listed
+from fenics_joints.case.values import in_files, listed
 
 __all__ = ["case_schema"]
 

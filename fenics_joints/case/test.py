@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from fenics_joints.case.amplitude import Modes
 from fenics_joints.case.values import (
     AXES,
     Direction,
@@ -24,6 +25,7 @@ from fenics_joints.case.values import (
     Spacing,
     ascending,
     either,
+    in_files,
     listed,
     quantity,
 )
@@ -31,9 +33,7 @@ from fenics_joints.measurements.data import same_conditions
 from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import column_head
 
-__all__ = [
-    "FRFSection", "PlannedTest", "ShapesSection", "Test", "ValidationTest", "in_files",
-]  # fmt: skip
+__all__ = ["FRFSection", "PlannedTest", "ShapesSection", "Test", "ValidationTest"]
 
 
 class LineOfSensors(Section):
@@ -144,11 +144,6 @@ class FRFSection(Section):
         return self
 
 
-def in_files(value: Any) -> Any:
-    """A section of a name, or a list of names, of files."""
-    return {"files": value} if isinstance(value, list | str) else value
-
-
 class ShapesSection(Section):
     """``[test.shapes]``, or ``shapes`` with a file or a list of them.
 
@@ -223,7 +218,9 @@ class Test(Section):
     ``shapes_at`` the condition at which shapes were measured, the last one by default. A test that
     has not been made yet has a section ``planned`` in place of ``frequencies``. ``shapes`` from a
     universal file bring frequencies, damping and sensors with them. ``mass`` is what the whole
-    structure weighed, for `fenics-joints check` to hold against the model.
+    structure weighed, for `fenics-joints check` to hold against the model. ``amplitude`` are modes
+    over their amplitude, for ``harmonic``, and without ``frequencies`` the test by level that a
+    diagnosis takes.
     """
 
     __test__ = False
@@ -243,6 +240,7 @@ class Test(Section):
     validation: ValidationTest | None = None
     planned: PlannedTest | None = None
     mass: Mass | None = None
+    amplitude: Modes = {}
 
     @property
     def has_universal_shapes(self) -> bool:
@@ -252,13 +250,19 @@ class Test(Section):
     @property
     def has_modes(self) -> bool:
         """Whether files say the modes, so that none are identified from functions."""
-        return self.frequencies is not None or self.has_universal_shapes
+        tables = self.frequencies is not None or self.has_universal_shapes
+        return tables or bool(self.amplitude)
+
+    @property
+    def is_by_amplitude(self) -> bool:
+        """Whether the modes are those over their amplitude, and no others."""
+        return bool(self.amplitude) and self.frequencies is None and not self.has_universal_shapes
 
     @model_validator(mode="after")
     def _measured_or_planned(self) -> Test:
         if not self.has_modes and self.planned is None and self.frfs is None:
             raise ValueError(
-                "expected frequencies, shapes in a universal file, frfs, or a section "
+                "expected frequencies, shapes in a universal file, frfs, amplitude, or a section "
                 "[test.planned]"
             )
         if self.has_modes and self.frfs is not None and self.frfs.identify is not None:
@@ -270,6 +274,11 @@ class Test(Section):
         if self.has_universal_shapes and self.sees is not None:
             raise ValueError("sees: expected it only without shapes in a universal file, whose "
                              "nodes are the sensors")  # fmt: skip
+        if self.is_by_amplitude and (self.condition is not None or self.modes is not None):
+            key = "condition" if self.condition is not None else "modes"
+            raise ValueError(f"{key}: expected it only with frequencies; of amplitude the level is "
+                             "the condition, and the names of the modes are those of its sections"
+                             )  # fmt: skip
         if self.planned is not None and self.planned.shapes and self.sees is None:
             raise ValueError("planned.shapes: expected a section [test.sees] too")
         return self

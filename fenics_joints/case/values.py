@@ -26,7 +26,8 @@ __all__ = [
     "AXES", "Count", "Damper", "Density", "Direction", "File", "FileName", "Files", "Gap",
     "Inertia", "Length", "Mass", "ModeCount", "Modulus", "Names", "Number", "PerArea", "Point",
     "Poisson", "Positive", "Section", "Share", "Size", "Spacing", "Stiffness", "Turning", "Written",
-    "ascending", "chosen", "either", "listed", "named", "named_by", "optional", "quantity",
+    "ascending", "chosen", "either", "in_files", "listed", "named", "named_by", "optional",
+    "quantity",
 ]  # fmt: skip
 
 _NAME = r"[A-Za-z][A-Za-z0-9_-]*"
@@ -56,6 +57,11 @@ def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above:
 def listed(value: Any) -> Any:
     """A list, also of a single value."""
     return value if isinstance(value, list) else [value]
+
+
+def in_files(value: Any) -> Any:
+    """A section of a name, or a list of names, of files."""
+    return {"files": value} if isinstance(value, list | str) else value
 
 
 class FileName(str):

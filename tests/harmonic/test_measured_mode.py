@@ -133,7 +133,6 @@ def test_what_a_backbone_cannot_tell_is_said(measured):
     # A frequency that rises, which no slider makes, widens its own error and not that of damping.
     rising = replace(measured, frequencies_hz=measured.frequencies_hz[::-1])
     found = identify(MODEL.with_parameters, None, None, START, backbone=rising, **PLACES)
-    print(found.mode.widths, found.values, found.evaluations)
     assert found.mode.widths[0] > 20 > 4 > found.mode.widths[1]
 
 

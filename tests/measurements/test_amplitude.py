@@ -7,6 +7,7 @@ the describing function; all with noise.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,12 @@ from jenkins import Jenkins
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import read_amplitude, read_test_data
-from fenics_joints.measurements.amplitude import MeasuredBackbone, from_ring_down
+from fenics_joints.measurements.amplitude import (
+    MeasuredBackbone,
+    by_mode,
+    from_ring_down,
+    test_by_level,
+)
 
 JOINT = Jenkins()
 SEEDS = range(4)
@@ -184,7 +190,7 @@ def test_plain_table_and_the_test_that_a_diagnosis_makes_of_it(tmp_path):
     found = read_amplitude(write(tmp_path, "brb.csv", BRB), noise=5e-4, damping_noise=0.05)
     assert found.kind == "backbone" and len(found) == 8
     assert found.damping[-1] == pytest.approx(0.006399)
-    data = found.test_data("bending 1")
+    data = test_by_level({"bending 1": found})
     assert data.by_level and data.condition_unit == "m/s2"
     assert data.conditions == pytest.approx([5, 20, 30, 40, 50, 60, 70, 80])
     assert data.frequencies_hz[:, 0] == pytest.approx(found.frequencies_hz)
@@ -207,7 +213,22 @@ def test_few_levels_of_many_points_are_means_by_their_precision():
     assert len(few) == 8 and not few.has_damping
     assert ((few.frequencies_sd > 0.99 * 0.1 / np.sqrt(5)) & (few.frequencies_sd < 0.1)).all()
     assert few.frequencies_hz == pytest.approx(80 - 0.2 * np.log(few.amplitudes), abs=0.2)
-    assert many.test_data("b").damping is None
+    assert test_by_level({"b": many}).damping is None
+
+
+def test_two_modes_at_levels_of_their_own_and_back(tmp_path):
+    one = read_amplitude(write(tmp_path, "brb.csv", BRB), noise=5e-4, damping_noise=0.05)
+    text = "acceleration [m/s2],frequency [Hz]\n20,295\n300,290\n"
+    two = read_amplitude(write(tmp_path, "two.csv", text), noise=1e-3)
+    data = test_by_level({"bending 1": one, "bending 2": two})
+    assert data.frequencies_hz.shape == (9, 2) and np.isfinite(data.frequencies_hz[:, 1]).sum() == 2
+    back = by_mode(data)
+    assert back["bending 1"].frequencies_sd == pytest.approx(one.frequencies_sd)
+    assert back["bending 1"].damping_sd == pytest.approx(one.damping_sd)
+    assert back["bending 2"].amplitudes == pytest.approx([20, 300])
+    force = replace(two, response="force")
+    with pytest.raises(InputError, match="of acceleration and force; expected one kind"):
+        test_by_level({"bending 1": one, "bending 2": force})
 
 
 @pytest.mark.parametrize(

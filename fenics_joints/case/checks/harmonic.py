@@ -29,9 +29,32 @@ def check_harmonic(case: Case) -> list[str]:
     given = indexed("harmonic.identify.parameters", identify.parameters)
     errors += unknown(given, known, "no such parameter")
     errors += _check_start(case, known)
-    if case.harmonic.measured is None:
+    if identify.level is not None and case.harmonic.measured is None:
         errors.append("harmonic.identify: expected measured curves, harmonic.measured = 'FILE.csv'")
-    return errors
+    return errors + (_check_amplitude(case) if identify.by_amplitude else [])
+
+
+def _check_amplitude(case: Case) -> list[str]:
+    """Whether the mode over its amplitude is there that an identification takes."""
+    identify, there = case.harmonic.identify, case.backbones()
+    if not there:
+        if case.test is not None and case.test.amplitude:
+            return []  # what is wrong with them is said already
+        return [
+            "harmonic.identify: expected level, that of a curve in harmonic.measured, or a mode "
+            "over its amplitude, [test.amplitude]"
+        ]
+    if identify.mode is not None and identify.mode not in there:
+        hint = did_you_mean(identify.mode, list(there))
+        return [said("harmonic.identify.mode", identify.mode, f"no such mode by amplitude{hint}")]
+    if identify.mode is None and len(there) > 1:
+        return [f"harmonic.identify.mode: expected one of {', '.join(there)}"]
+    taken = there[identify.mode or next(iter(there))]
+    if len(taken) < 2:
+        return ["harmonic.identify: the mode was measured at one amplitude; expected two or more"]
+    if taken.response == "force" and case.harmonic.force is None:
+        return ["harmonic.identify: the amplitudes are of force; expected harmonic.force, no base"]
+    return []
 
 
 def _check_nonlinear(case: Case, name: str, section) -> list[str]:

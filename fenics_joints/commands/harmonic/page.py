@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from fenics_joints.commands.harmonic.identified import mode_notes, mode_rows, source
 from fenics_joints.commands.harmonic.model import SENSOR
 from fenics_joints.commands.harmonic.result import HarmonicReport
 from fenics_joints.formatting import percent, quantity
@@ -34,7 +35,7 @@ def harmonic_html(r: HarmonicReport) -> str:
     return render(
         "harmonic.html", r=r, pictures=[(words, svg(chart)) for words, chart in pictures],
         points=sum(len(p) for p in r.built.model.interfaces),
-        fitted={found.level for found in r.identified},
+        fitted=r.fitted_levels, source=source, mode_notes=mode_notes,
     )  # fmt: skip
 
 
@@ -92,6 +93,9 @@ def over_amplitude(r: HarmonicReport) -> str:
         for shade, f in zip(_cycle(), r.facts, strict=False):
             left.plot(f.displacement, f.frequency_hz, "o", color=shade, ms=4.5)
             right.plot(f.displacement, 100 * f.damping_ratio, "o", color=shade, ms=4.5)
+        tested = np.array(mode_rows(r.identified[-1]) if r.identified else []).reshape(-1, 5)
+        left.plot(tested[:, 0], tested[:, 1], "x", color="#14181d", ms=5)
+        right.plot(tested[:, 0], 100 * tested[:, 3], "x", color="#14181d", ms=5)
         left.set_ylabel("frequency, Hz")
         right.set_ylabel("damping ratio, %")
         left.ticklabel_format(axis="y", useOffset=False)
@@ -101,6 +105,8 @@ def over_amplitude(r: HarmonicReport) -> str:
             f"frequency goes from {hz[0]:.3f} to {hz[-1]:.3f} Hz, the damping from "
             f"{percent(zeta[0])} to {percent(zeta[-1])}."
         )
+        if len(tested):
+            alt += " Crosses: the test."
         if r.backbone_note is not None:
             alt += f" {r.backbone_note[0].upper()}{r.backbone_note[1:]}."
         return to_svg(figure, "amplitude", alt)

@@ -157,6 +157,11 @@ class HarmonicReport:
             for name, value in found.values.items()
         ]  # fmt: skip
 
+    @property
+    def fitted_levels(self) -> set[float]:
+        """Levels of force whose curves the parameters are from."""
+        return {found.level for found in self.identified if len(found.frequencies_hz)}
+
     def mode_rows(self) -> list[tuple[float, list[tuple[float, float] | None]]]:
         """Displacements of the levels' peaks, m, and at each frequency, Hz, and damping of the mode
         by `mode_methods`; None where one does not reach."""

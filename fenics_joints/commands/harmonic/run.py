@@ -164,13 +164,19 @@ def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[Identif
     if wanted.loops is not None:
         loops = read_loops(case.folder / wanted.loops, case.harmonic.response)
     found = []
-    for method in ("direct", "gradient") if wanted.method == "both" else (wanted.method,):
+    backbone = None
+    if wanted.by_amplitude:
+        there = case.backbones()
+        backbone = there[wanted.mode or next(iter(there))]
+    curves = None if wanted.level is None else case.curves()
+    for method in wanted.methods:
         progress.step(f"identifying {', '.join(wanted.parameters)}, {method}")
         found.append(
             identify(
-                built.model.with_parameters, case.curves(), wanted.level,
+                built.model.with_parameters, curves, wanted.level,
                 wanted.values(case.nonlinear),
                 method=method, points=wanted.points, noise=wanted.noise, loops=loops,
+                backbone=backbone, rest=wanted.rest, rest_damping=wanted.rest_damping,
                 **_equations(case, comm),
             )
         )  # fmt: skip

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from fenics_joints.commands.harmonic.identified import mode_notes, mode_rows, source
 from fenics_joints.commands.harmonic.result import HarmonicReport
 from fenics_joints.formatting import hertz, number, percent, quantity
+from fenics_joints.harmonic import IdentificationResult
 from fenics_joints.report.terminal import new_table, say
 
 __all__ = ["show_harmonic"]
@@ -66,7 +69,7 @@ def _identified(console: Console, r: HarmonicReport) -> None:
     """The parameters found, by each method."""
     for found in r.identified:
         console.print()
-        say(console, f"identified from the curve at {quantity(found.level, 'N')}, {found.method}: "
+        say(console, f"identified from {source(found)}, {found.method}: "
             f"{found.evaluations} responses ({found.solutions} solutions)", "bold")  # fmt: skip
         say(console, f"sum of errors {found.start_objective:.3f} at the start, "
             f"{found.objective:.4f} at the end")  # fmt: skip
@@ -76,12 +79,28 @@ def _identified(console: Console, r: HarmonicReport) -> None:
         console.print(rows)
         if left := found.undetermined:
             say(console, f"not determined by these data: {', '.join(left)}")
+        _mode_over_amplitude(console, found)
+
+
+def _mode_over_amplitude(console: Console, found: IdentificationResult) -> None:
+    """The measured mode beside the identified one."""
+    if found.mode is None:
+        return
+    rows = new_table(">displacement", ">test, Hz", ">model, Hz", ">test, damping", ">model")
+    for displacement, hz, made, zeta, ratio in mode_rows(found):
+        rows.add_row(
+            quantity(displacement, "m"), f"{hz:.3f}", f"{made:.3f}",
+            "-" if np.isnan(zeta) else percent(zeta), percent(ratio),
+        )  # fmt: skip
+    console.print(rows)
+    for note in mode_notes(found):
+        say(console, note)
 
 
 def _predictions(console: Console, r: HarmonicReport) -> None:
     """How far the model is from every measured curve."""
     console.print()
-    fitted = {found.level for found in r.identified}
+    fitted = r.fitted_levels
     rows = new_table(
         ">measured at", "", ">peak, Hz", ">error", f">peak, {r.unit}", ">error", ">mean error"
     )

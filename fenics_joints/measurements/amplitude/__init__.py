@@ -7,9 +7,10 @@ and reduces each to a `MeasuredBackbone`.
 from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 from fenics_joints.measurements.amplitude.curves import from_constant_force, from_constant_response
 from fenics_joints.measurements.amplitude.files import read_amplitude
+from fenics_joints.measurements.amplitude.levels import by_mode, test_by_level
 from fenics_joints.measurements.amplitude.ring_downs import from_ring_down
 
 __all__ = [
-    "MeasuredBackbone", "from_constant_force", "from_constant_response", "from_ring_down",
-    "read_amplitude",
+    "MeasuredBackbone", "by_mode", "from_constant_force", "from_constant_response",
+    "from_ring_down", "read_amplitude", "test_by_level",
 ]  # fmt: skip

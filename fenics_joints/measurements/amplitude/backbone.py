@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_joints.errors import InputError, member, reals
-from fenics_joints.measurements.data import TestData
 
 __all__ = ["KINDS", "RESPONSES", "MeasuredBackbone", "joined"]
 
@@ -108,27 +107,6 @@ class MeasuredBackbone:
             self, amplitudes=amplitudes, frequencies_hz=[m for m, _ in f],
             frequencies_sd=[s for _, s in f], damping=[m for m, _ in zeta],
             damping_sd=[s for _, s in zeta],
-        )  # fmt: skip
-
-    def test_data(self, name: str, most: int = _LEVELS) -> TestData:
-        """A test of this one mode by level, as a diagnosis takes it.
-
-        Args:
-            name: The mode's.
-            most: Most levels: see `condensed`.
-        """
-        few = self.condensed(most)
-        a = few.amplitudes
-        # A test names each level once.
-        a = a * (1 + 1e-5 * np.arange(len(a))) if np.any(np.diff(a) <= 1e-6 * a[1:]) else a
-        noise = float(np.sqrt(np.mean((few.frequencies_sd / few.frequencies_hz) ** 2)))
-        there = few.damping > 0
-        ratio = (few.damping_sd[there] / few.damping[there]) ** 2
-        return TestData(
-            a, few.frequencies_hz[:, None], (name,), "level", RESPONSES[self.response],
-            few.damping[:, None] if there.any() else None, noise=noise,
-            damping_noise=float(np.sqrt(np.mean(ratio))) if there.any() else None,
-            notes=self.notes,
         )  # fmt: skip
 
 

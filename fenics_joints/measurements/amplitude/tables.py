@@ -19,6 +19,7 @@ from fenics_joints.measurements.amplitude.columns import (
     phase_column,
 )
 from fenics_joints.measurements.amplitude.curves import Sweep
+from fenics_joints.measurements.amplitude.levels import NOISE
 from fenics_joints.measurements.tables import LISTED, Table
 from fenics_joints.response.units import frf_unit
 
@@ -26,8 +27,8 @@ __all__ = ["History", "Sweeps", "history_of", "is_history", "is_sweeps", "plain"
 
 #: Columns that only sweeps have.
 _OF_SWEEPS = ("phase", "re", "im", "abs")
-#: Noise of a plain backbone that says none: relative deviations.
-_NOISE, _DAMPING_NOISE = 1e-3, 0.1
+#: Noise of a plain backbone that says none, relative, of its damping.
+_DAMPING_NOISE = 0.1
 #: How far a response may be from constant.
 _HELD = 0.1
 
@@ -85,9 +86,9 @@ def plain(
     notes = list(table.notes)
     f_sd = _stated(table, "frequency sd", "Hz")
     if f_sd is None:
-        f_sd = (noise or _NOISE) * f
+        f_sd = (noise or NOISE) * f
         if noise is None:
-            notes.append(f"{path}: frequencies are taken to be known to {100 * _NOISE:g} %")
+            notes.append(f"{path}: frequencies are taken to be known to {100 * NOISE:g} %")
     sd = _stated(table, "damping sd", "")
     if sd is None:
         sd = (damping_noise or _DAMPING_NOISE) * np.abs(ratios)
