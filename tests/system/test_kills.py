@@ -89,6 +89,14 @@ def answers(value, where=()):
         yield where, value
 
 
+def tolerance(key: tuple) -> dict[str, float]:
+    """How far runs may lie apart: fits that start from others end elsewhere in the same valley.
+
+    What data leave open moves by some hundredths of its prior's standard deviation.
+    """
+    return {"rel": 2e-2, "abs": 0.05 if key[-1] == "prior_sigmas" else 5e-3}
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("made", [diagnosis, branches, posterior, rows])
 def test_killed_runs_go_on_to_the_same_answer(tmp_path, made, ranks):
@@ -130,9 +138,10 @@ def test_killed_runs_go_on_to_the_same_answer(tmp_path, made, ranks):
         for name in ("undisturbed", "killed")
     )
     assert first.keys() == second.keys()
-    for key, value in first.items():
-        if isinstance(value, float) and value is not None:
-            # Fits that start from others end within the optimiser's tolerance.
-            assert second[key] == pytest.approx(value, rel=2e-2, abs=5e-3), key
+    other = [
+        f"{key}: {value} undisturbed, {second[key]} after kills" for key, value in first.items()
+        if isinstance(value, float) and second[key] != pytest.approx(value, **tolerance(key))
+    ]  # fmt: skip
+    assert not other, "\n".join(other)
     left = [p for p in (tmp_path / "killed").rglob("*") if ".part" in p.name]
     assert np.size(left) <= KILLS, left
