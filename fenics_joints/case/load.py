@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -221,11 +222,17 @@ def _read_amplitude(case: Case, name: str) -> MeasuredBackbone:
     test, section = case.test, case.test.amplitude[name]
     noise = section.noise or (test.noise[0] if len(test.noise) == 1 else None) or None
     with located(f"test.amplitude.{name}"):
-        return read_amplitude(
+        found = read_amplitude(
             [case.folder / file for file in section.files], levels=section.levels,
             band=section.band, sensor=section.sensor, units=section.units, noise=noise,
             damping_noise=section.damping_noise or test.damping_noise,
         )  # fmt: skip
+        if found.kind != "backbone":
+            return found
+        # A plain table was read off the analyser's lines; the others say their own scatter.
+        lines = _per_mode("resolution", test.resolution, len(test.amplitude))
+        line = lines[list(test.amplitude).index(name)] if isinstance(lines, list) else lines
+        return found.with_noise(line / math.sqrt(12) / found.frequencies_hz)
 
 
 def _existing(case: Case, key: str, file: str) -> Path:

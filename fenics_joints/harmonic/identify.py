@@ -33,6 +33,8 @@ __all__ = ["IdentificationResult", "identify"]
 
 #: Bounds of a parameter by default: its start over and times this.
 _RANGE = 1e3
+#: First steps of the search by gradient on a mode over its amplitude, of ln of the parameters.
+_STRIDE = 0.3
 #: How often the errors of a backbone are made as wide as what the model leaves of it.
 _WIDENINGS = 8
 #: First steps of the direct search, of ln of the parameters.
@@ -266,6 +268,8 @@ def _direct(fit: CurveFit, x, low, high, tolerance, most):
 def _gradient(fit: CurveFit, x, low, high, tolerance, most):
     """Trust-region least squares with exact derivatives."""
     start, size = x, len(fit.residual(x))
+    # A mode hardly changes at first, and a long step would leap over all that it does.
+    stride = _STRIDE if any(isinstance(one, ModeData) for one in fit.data) else 1.0
 
     def residual(change):
         r = fit.tried(start + change)
@@ -273,8 +277,8 @@ def _gradient(fit: CurveFit, x, low, high, tolerance, most):
 
     found = least_squares(
         residual, np.zeros_like(x), lambda change: fit.jacobian(start + change),
-        bounds=(low - start, high - start), xtol=tolerance, ftol=tolerance, gtol=1e-12,
-        max_nfev=most,
+        bounds=(low - start, high - start), x_scale=stride, xtol=tolerance, ftol=tolerance,
+        gtol=1e-12, max_nfev=most,
     )  # fmt: skip
     return start + found.x, str(found.message)
 

@@ -87,6 +87,14 @@ def test_a_test_by_level_is_a_backbone_too(tmp_path):
     assert backbone.frequencies_sd == pytest.approx(same.frequencies_sd)
 
 
+def test_noise_of_the_test_and_lines_of_the_analyser_count(tmp_path):
+    lines = 'resolution = "0.1 Hz"\nnoise = "0.05 %"\ndamping_noise = "3 %"\n'
+    found = case(tmp_path, plain(), test=f'{lines}amplitude = {{ b = ["data.csv"] }}').backbones()
+    sd = np.hypot(5e-4 * found["b"].frequencies_hz, 0.1 / np.sqrt(12))
+    assert found["b"].frequencies_sd == pytest.approx(sd)
+    assert found["b"].damping_sd == pytest.approx(0.03 * found["b"].damping)
+
+
 def test_beside_frequencies_it_is_for_harmonic_alone(tmp_path):
     (tmp_path / "modes.csv").write_text("bending 1 [Hz],bending 2 [Hz]\n80,300\n", encoding="utf-8")
     test = 'frequencies = "modes.csv"\namplitude = { "bending 1" = "data.csv" }'

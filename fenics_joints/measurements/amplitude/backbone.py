@@ -82,7 +82,9 @@ class MeasuredBackbone:
         """Whether damping was measured at some amplitude."""
         return bool(np.isfinite(self.damping).any())
 
-    def with_noise(self, frequency: float = 0.0, damping: float = 0.0) -> MeasuredBackbone:
+    def with_noise(
+        self, frequency: float | np.ndarray = 0.0, damping: float = 0.0
+    ) -> MeasuredBackbone:
         """With further relative deviations, of what the files do not show: drift, reassembly."""
         return replace(
             self,
