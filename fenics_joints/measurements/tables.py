@@ -21,9 +21,9 @@ from fenics_joints.units import factor_to_si
 __all__ = ["LISTED", "Table", "column_head", "read_table"]
 
 _COMMA = re.compile(r"^([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)$")
-#: How many wrong cells a message names.
 #: A number that a comma of thousands may have, too.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+#: How many wrong cells, or rows, a message names.
 _NAMED = 6
 #: How many columns a message names.
 LISTED = 30
@@ -126,11 +126,13 @@ def _csv_rows(path: Path):
     comma = next((sign for sign in ",;\t" if sign in kept[0][1]), ",")
     cells = [_cells(path, line, text, comma) for line, text in kept]
     heads = cells[0]
-    for (line, _), row in zip(kept[1:], cells[1:], strict=True):
-        if len(row) != len(heads):
-            raise InputError(
-                f"{path}: row {line} has {len(row)} cells, expected {len(heads)} as in the head"
-            )
+    wrong = [f"row {line} has {len(row)} cells" for (line, _), row
+             in zip(kept[1:], cells[1:], strict=True) if len(row) != len(heads)]  # fmt: skip
+    if wrong:
+        more = f" and {len(wrong) - _NAMED} more" if len(wrong) > _NAMED else ""
+        raise InputError(
+            f"{path}: {'; '.join(wrong[:_NAMED])}{more}, expected {len(heads)} as in the head"
+        )
     rows, notes = (cells[1:], ()) if comma == "," else _with_points(path, cells[1:])
     return heads, [(line, row) for (line, _), row in zip(kept[1:], rows, strict=True)], notes
 

@@ -103,8 +103,8 @@ def too_close_together(msh, points: np.ndarray, what: str) -> None:
     if span < _SMALL * size:
         raise InputError(
             f"the {len(places)} places of {what}s span {1e3 * span:.3g} mm of a structure of "
-            f"{1e3 * size:.3g} mm: expected places all over it; the unit of their coordinates may "
-            "be wrong"
+            f"{1e3 * size:.3g} mm: expected places all over it; the unit of their coordinates, or "
+            "that of the structure's file, may be wrong"
         )
 
 

@@ -36,12 +36,16 @@ from fenics_joints.commands.check.summary import show_check
 from fenics_joints.commands.check.weights import doubtful, weights_of
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError, JointsError
+from fenics_joints.formatting import quantity
 from fenics_joints.meshes import TaggedMesh, check_mesh
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
 __all__ = ["check_case", "run_check"]
+
+#: Between these lengths, m, a structure is taken to be of the unit that its file is read in.
+_SIZES = (2e-3, 100.0)
 
 
 def run_check(
@@ -79,7 +83,10 @@ def check_case(
     if isinstance(case.mesh, OffsetBeamsMesh):
         return _with_costs(_beams(found, examined, comm), comm)
     if not large and _is_too_large(found, comm):
-        note = "the mesh was not made, as it seems too large; --large makes it all the same"
+        note = (
+            "the mesh was not made, as it seems too large: are the size of its cells and the unit "
+            "of its file right? --large makes it all the same"
+        )
         return _with_costs(_more(found, same_bolts(case, []), [note]), comm)
     progress.step("making the mesh")
     try:
@@ -149,8 +156,11 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
         found, places=tuple(places), bolts=tuple(bolts), weights=weights, body=body,
         size_m=high - low,
     )  # fmt: skip
-    small = close_together(places, float(np.max(high - low)))
-    found = _more(found, [*far, *same_bolts(case, bolts)], [*doubtful(case, weights), *small])
+    size = float(np.max(high - low))
+    small = [] if any(" places of sensors span " in line for line in far) else \
+        close_together(places, size)  # fmt: skip
+    odd = [*doubtful(case, weights), *small, *_odd_size(size)]
+    found = _more(found, [*far, *same_bolts(case, bolts)], odd)
     moved = found.moved()
     if moved and not far:
         most = max(moved, key=lambda p: p.off)
@@ -165,6 +175,13 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     if isinstance(model, str):
         return _more(found, [model])
     return _more(replace(found, dofs=model), (), _apart(case, tagged))
+
+
+def _odd_size(size: float) -> list[str]:
+    """A sentence for a structure that is of no lab's size, m."""
+    if _SIZES[0] <= size <= _SIZES[1]:
+        return []
+    return [f"the structure is {quantity(size, 'm')} long: is the unit of its file right?"]
 
 
 def _model(found: Checked, tagged: TaggedMesh) -> int | str:

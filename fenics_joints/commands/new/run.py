@@ -6,6 +6,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from fenics_joints.commands.new.extents import (
     extents_of_step,
     likely_unit,
 )
+from fenics_joints.commands.new.gather import Problems
 from fenics_joints.commands.new.meshed import builder_sketch, msh_sketches
 from fenics_joints.commands.new.sketch import MATERIALS, Ask, Sketch, TestSketch, text_of
 from fenics_joints.commands.new.step import step_sketches
@@ -92,14 +94,15 @@ def run_new(
     case = folder / "case.toml"
     if case.exists():
         raise InputError(f"{shown_path(case)}: is there already; expected a folder without a case")
+    problems = Problems()
     for path in (source.file(), *tests.all()):
         if path is not None and not is_file(path):
-            raise InputError(f"{shown_path(path)}: no such file")
+            problems.add(InputError(f"{shown_path(path)}: no such file"))
+    problems.check()
     progress.step("looking into the files")
     files = _Files(folder)
-    survey = None if source.step is None else survey_step(source.step)
-    test = test_sketch(tests, files.name, ask, lambda: _extents(source, survey))
-    sketches = _sketches(source, survey, files, test, material, ask)
+    test, sketches = _looked(source, tests, files, material, ask, problems)
+    problems.check()
     made = not folder.exists()
     writable_folder(folder, "FOLDER")
     try:
@@ -112,10 +115,27 @@ def run_new(
         raise
 
 
+def _looked(source: Source, tests: TestFiles, files, material: str, ask: Ask, problems: Problems):
+    """The test, and the cases that its files and those of the structure may mean."""
+    survey = None
+    if source.step is not None:
+        survey = problems.tried(lambda: survey_step(source.step))
+    test = problems.tried(
+        lambda: test_sketch(tests, files.name, ask, lambda: _extents(source, survey))
+    )
+    if source.step is not None and survey is None:
+        return test, iter([])
+    sketches = _sketches(source, survey, files, test or TestSketch(), material, ask)
+    first = problems.tried(lambda: next(sketches))  # a mesh is read here
+    return test, chain([] if first is None else [first], sketches)
+
+
 def _extents(source: Source, survey: StepSurvey | None) -> np.ndarray | None:
     """Of the structure, m, as far as they can be known."""
     if survey is not None:
         return extents_of_step(survey)
+    if source.step is not None:
+        return None  # it cannot be read
     if source.msh is None:
         return extents_of_builder(source.builder)
     extents = extents_of_msh(source.msh)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.commands.new.extents import UNITS, likely_unit
+from fenics_joints.commands.new.gather import Problems
 from fenics_joints.commands.new.sketch import Ask, TestSketch, toml
 from fenics_joints.errors import InputError, member
 from fenics_joints.measurements import read_frfs, read_shapes, read_table
@@ -25,6 +26,7 @@ _NO_SENSORS = (
     "# see are then left out; without it the test's modes are the model's lowest, in their order",
     '# points = [["0 mm", "0 mm", "0 mm"]]', "# direction = [0, 0, 1]",
 )  # fmt: skip
+_WHAT_IT_SAW = "What the test saw: without sensors its modes are the model's lowest."
 _NO_UNIT = "The unit of the sensors' places, which the files do not say."
 
 #: Extents of the structure, m, or None; looked for where a file does not say its unit.
@@ -64,47 +66,87 @@ def test_sketch(
     """
     if not files.all():
         return TestSketch()
-    modal, functions = _sorted(files)
-    lines, tables, found, questions = ["[test]"], [], [], []
-    n_modes, at, places = 0, None, np.empty((0, 3))
+    draft, problems = _Draft(refer, ask, extents), Problems()
+    modal, functions = problems.tried(lambda: _sorted(files)) or ([], [])
+    table = files.shapes
+    if table is not None and table.suffix.lower() in UFF_SUFFIXES:
+        table = None
     if files.frequencies is not None:
-        head, n_modes, at = _frequencies(files.frequencies, refer)
-        lines += head
-        found.append(f"{n_modes} modes in {files.frequencies.name}")
+        problems.tried(lambda: draft.add_frequencies(files.frequencies))
     if modal:
-        shapes, unit = _universal(modal, ask, extents)
-        places, n_modes = shapes.sensors.points, n_modes or len(shapes.frequencies_hz)
-        found.append(repr(shapes).removeprefix("MeasuredShapes(").removesuffix(")"))
-        names = [refer(path) for path in modal]
-        if unit is None:
-            lines.append(f"shapes = {toml(names[0] if len(names) == 1 else names)}")
-        else:
-            tables += ["", "[test.shapes]", f"files = {toml(names)}",
-                       f"length_unit = {toml(unit)}  # ? the files do not say it"]  # fmt: skip
-            questions.append(_NO_UNIT)
-    elif files.shapes is not None:
-        head, sees, asked, places = _shape_table(files.shapes, refer, ask, extents)
-        lines += head
-        tables += sees
-        questions += asked
+        problems.tried(lambda: draft.add_universal(modal))
+    elif table is not None:
+        problems.tried(lambda: draft.add_shape_table(table))
     if functions:
-        frfs, unit = _read_functions(functions, ask, extents)
-        more = _functions([refer(path) for path in functions], unit, identify=not n_modes)
-        (tables if more[0] == "" else lines).extend(more)
-        found.append(
+        problems.tried(lambda: draft.add_functions(functions))
+    problems.check()
+    return draft.done(seen=bool(modal or functions or table))
+
+
+class _Draft:
+    """A test in the making."""
+
+    def __init__(self, refer: Callable[[Path], str], ask: Ask, extents: Extents):
+        self.refer, self.ask, self.extents = refer, ask, extents
+        self.lines, self.tables = ["[test]"], []
+        self.found, self.questions = [], []
+        self.n_modes, self.at, self.places = 0, None, np.empty((0, 3))
+
+    def add_frequencies(self, path: Path) -> None:
+        """A table of them."""
+        head, self.n_modes, self.at = _frequencies(path, self.refer)
+        self.lines += head
+        self.found.append(f"{self.n_modes} modes in {path.name}")
+
+    def add_universal(self, paths: Sequence[Path]) -> None:
+        """Files with mode shapes."""
+        shapes, unit = _universal(paths, self.ask, self.extents)
+        self.places = shapes.sensors.points
+        self.n_modes = self.n_modes or len(shapes.frequencies_hz)
+        self.found.append(repr(shapes).removeprefix("MeasuredShapes(").removesuffix(")"))
+        names = [self.refer(path) for path in paths]
+        if unit is None:
+            self.lines.append(f"shapes = {toml(names[0] if len(names) == 1 else names)}")
+            return
+        self.tables += ["", "[test.shapes]", f"files = {toml(names)}",
+                        f"length_unit = {toml(unit)}  # ? the files do not say it"]  # fmt: skip
+        self.questions.append(_NO_UNIT)
+
+    def add_shape_table(self, path: Path) -> None:
+        """A table with a row for each sensor."""
+        head, sees, asked, self.places = _shape_table(path, self.refer, self.ask, self.extents)
+        self.lines += head
+        self.tables += sees
+        self.questions += asked
+
+    def add_functions(self, paths: Sequence[Path]) -> None:
+        """Measured functions; the test's modes, too, where nothing else gives any."""
+        frfs, unit = _read_functions(paths, self.ask, self.extents)
+        names = [self.refer(path) for path in paths]
+        more = _functions(names, unit, identify=not self.n_modes)
+        (self.tables if more[0] == "" else self.lines).extend(more)
+        self.found.append(
             f"{int(frfs.measured.sum())} functions, {frfs.frequencies_hz[0]:g} to "
             f"{frfs.frequencies_hz[-1]:g} Hz"
         )
-        questions += [_NO_UNIT] * (unit is not None and _NO_UNIT not in questions)
-        n_modes = n_modes or 1
-    if not (modal or functions or files.shapes):
-        tables += _NO_SENSORS
-        questions.append("What the test saw: without sensors its modes are the model's lowest.")
-    noise = ask("Scatter of the measured frequencies", "0.2 %", lambda text: to_si(text, ""))
-    lines.append(f"noise = {toml(noise)}  # ? how much frequencies differ from test to test")
-    lines.append('# mass = "1 kg"  # what all of it weighs, for check')
-    questions.append("The scatter of the test: take it apart and test again.")
-    return TestSketch((*lines, *tables), tuple(found), n_modes, at, places, tuple(questions))
+        self.questions += [_NO_UNIT] * (unit is not None and _NO_UNIT not in self.questions)
+        self.n_modes = self.n_modes or 1
+
+    def done(self, seen: bool) -> TestSketch:
+        """The test; ``seen`` if something says where its sensors were."""
+        if not seen:
+            self.tables += _NO_SENSORS
+            self.questions.append(_WHAT_IT_SAW)
+        noise = self.ask(
+            "Scatter of the measured frequencies", "0.2 %", lambda text: to_si(text, "")
+        )
+        self.lines.append(f"noise = {toml(noise)}  # ? how much frequencies differ between tests")
+        self.lines.append('# mass = "1 kg"  # what all of it weighs, for check')
+        self.questions.append("The scatter of the test: take it apart and test again.")
+        return TestSketch(
+            (*self.lines, *self.tables), tuple(self.found), self.n_modes, self.at, self.places,
+            tuple(self.questions),
+        )  # fmt: skip
 
 
 #: Not a test, whatever pytest thinks of the name.

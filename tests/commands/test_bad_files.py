@@ -1,0 +1,192 @@
+"""Files that are empty, cut, in another unit, mirrored or lack nodes: one clear list, no traceback.
+
+By ``new``, which is given them, and by ``check`` of a case whose good file was replaced.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from uff_files import mode_55, nodes_15, units_164
+
+from fenics_joints.commands.check.run import check_case
+from fenics_joints.commands.new.run import Source, run_new
+from fenics_joints.commands.new.tests import TestFiles
+from fenics_joints.errors import InputError
+from fenics_joints.meshes.step_writer import write_step
+from fenics_joints.progress import Progress
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="new is for one process")
+
+PLACES = np.array([[x, y, 0.01] for x in (0.0, 0.1) for y in (0.0, 0.03, 0.06)])
+HEAD = "mode 1 [Hz],mode 2 [Hz],mode 3 [Hz]\n"
+
+
+def silent(question, answer, check):
+    check(answer)
+    return answer
+
+
+def plates(occ, unit=1.0):
+    """Two plates, lapped, in millimetres."""
+    for x, z in ((0, 0), (40, 10)):
+        occ.addBox(*(unit * v for v in (x, 0, z, 100, 60, 10)))
+
+
+def msh(path, scale=1.0, mirrored=False):
+    """The same with gmsh's groups, in the drawing's numbers times a scale."""
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.add("plates")
+    plates(gmsh.model.occ, scale)
+    gmsh.model.occ.fragment([(3, 1)], [(3, 2)])
+    gmsh.model.occ.synchronize()
+    for tag, name in ((1, "lower-alu"), (2, "upper-alu")):
+        gmsh.model.addPhysicalGroup(3, [tag], name=name)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 40 * scale)
+    gmsh.model.mesh.generate(3)
+    if mirrored:
+        gmsh.model.mesh.affineTransform([-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0])
+    gmsh.write(str(path))
+    gmsh.finalize()
+    return path
+
+
+def uff(path, places=PLACES, said=1e3, without=()):
+    """A universal file in millimetres, which says 1000 / ``said`` of them."""
+    nodes = {i: 1e3 * p for i, p in enumerate(places, 1) if i not in without}
+    modes = "".join(
+        mode_55(k, 60.0 * k, {i: (0, 0, (-1) ** (i * k) * i) for i in range(1, 7)})
+        for k in (1, 2, 3)
+    )
+    path.write_text(units_164(said) + nodes_15(nodes) + modes, encoding="utf-8")
+    return path
+
+
+def shape_rows(n=6, unit="mm"):
+    rows = [f"{1e3 * x},{1e3 * y},{1e3 * z},0,0,1,{i + 1},{(-1) ** i},{2 - i}"
+            for i, (x, y, z) in enumerate(PLACES[:n])]  # fmt: skip
+    head = ",".join(f"{axis} [{unit}]" for axis in "xyz")
+    return "\n".join([f"{head},dx,dy,dz,mode 1,mode 2,mode 3", *rows]) + "\n"
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    """Good files, and a case of each kind beside its own copy."""
+    folder = tmp_path_factory.mktemp("good")
+    files = {
+        "step": write_step(folder / "good.step", plates, labels=("lower alu", "upper alu")),
+        "msh": msh(folder / "good.msh"), "uff": uff(folder / "good.uff"),
+        "csv": folder / "good.csv", "shapes": folder / "good_shapes.csv",
+    }  # fmt: skip
+    files["csv"].write_text(HEAD + "60,120,180\n", encoding="utf-8")
+    files["shapes"].write_text(shape_rows(), encoding="utf-8")
+    for kind, file in files.items():
+        own = folder / f"own_{kind}{file.suffix}"
+        shutil.copy(file, own)
+        found = run_new(folder / kind, *sources(files, kind, own), silent, Progress(silent=True))
+        assert found.checked.errors == () and found.checked.notes == (), kind
+    return folder, files
+
+
+def sources(good, kind, file):
+    """What `new` is given, one file of which is replaced."""
+    tests = {
+        "csv": TestFiles(frequencies=file), "uff": TestFiles(uff=(file,)),
+        "shapes": TestFiles(frequencies=good["csv"], shapes=file),
+    }.get(kind, TestFiles(uff=(good["uff"],)))  # fmt: skip
+    if kind == "msh":
+        return Source(msh=file), tests
+    return Source(step=file if kind == "step" else good["step"]), tests
+
+
+def text(path, content):
+    path.write_text(content, encoding="utf-8")
+
+
+def half(path, good):
+    text(path, good.read_text(encoding="utf-8")[: good.stat().st_size // 2])
+
+
+#: Kind, what is bad, what makes it (path, good file), and what is said of it. None: by `new` it is
+#: read as it is meant, or by `check` it changes nothing.
+BAD = [
+    ("step", "empty", lambda p, g: text(p, ""), "not a STEP file", "not a STEP file"),
+    ("step", "cut", half, "truncated, expected END-ISO", "truncated, expected END-ISO"),
+    ("step", "metres", lambda p, g: text(p, g.read_text().replace(".MILLI.,.METRE.", "$,.METRE.")),
+     "unit of their coordinates, or that of the structure's", "unit of its file right"),
+    ("step", "mirrored", lambda p, g: write_step(p, lambda occ: plates(occ, -1.0)),
+     r"outside the mesh.*\(-x, -y, -z\)", None),
+    ("msh", "empty", lambda p, g: text(p, ""), "not a gmsh .msh file", "not a gmsh .msh file"),
+    ("msh", "cut", half, "gmsh cannot read it", "gmsh cannot read it"),
+    ("msh", "metres", lambda p, g: msh(p, 1e-3), None, "unit"),
+    ("msh", "mirrored", lambda p, g: msh(p, mirrored=True), "all of them, so the mesh is mirrored",
+     "all of them, so the mesh is mirrored"),
+    ("uff", "empty", lambda p, g: text(p, ""), "is empty", "is empty"),
+    ("uff", "cut", half, "stops within a dataset|truncated", "stops within a dataset|truncated"),
+    ("uff", "metres", lambda p, g: uff(p, said=1.0), "mm and not m", "mm and not m"),
+    ("uff", "mirrored", lambda p, g: uff(p, PLACES * [-1, 1, 1]), r"\(-x, y, z\)", r"\(-x, y, z\)"),
+    ("uff", "fewer nodes", lambda p, g: uff(p, without=(2, 5)), "nodes 2, 5 of the 6",
+     "nodes 2, 5 of the 6"),
+    ("csv", "empty", lambda p, g: text(p, ""), "0 rows", "0 rows"),
+    ("csv", "cut", lambda p, g: text(p, HEAD + "60,12\n60,120,1\n6"),
+     "row 2 has 2 cells; row 4 has 1 cells, expected 3", "row 2 has 2 cells; row 4"),
+    ("csv", "no numbers", lambda p, g: text(p, HEAD + "x,120,-\n"), "'x'; .*'-'", "'x'; .*'-'"),
+    ("shapes", "empty", lambda p, g: text(p, ""), "0 rows", "0 rows"),
+    ("shapes", "metres", lambda p, g: text(p, shape_rows(unit="m")), "mm and not m", None),
+    ("shapes", "fewer rows", lambda p, g: text(p, shape_rows(5)), None, r"expected \(6, 3\)"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind, name, make, by_new, by_check", BAD,
+                         ids=[f"{row[0]} {row[1]}" for row in BAD])  # fmt: skip
+def test_a_bad_file(tmp_path, good, kind, name, make, by_new, by_check):
+    """What is said names the file or the sensors, and what would be right."""
+    folder, files = good
+    bad = tmp_path / f"bad{files[kind].suffix}"
+    make(bad, files[kind])
+    try:
+        found = run_new(tmp_path / "new", *sources(files, kind, bad), silent, Progress(silent=True))
+        said = list(found.checked.errors)
+    except InputError as error:
+        said = [str(error)]
+        assert not (tmp_path / "new").exists()
+    assert (said == []) is (by_new is None), said
+    expect(said, by_new)
+    own = folder / f"own_{kind}{files[kind].suffix}"
+    shutil.copy(bad, own)
+    try:
+        checked = check_case(folder / kind, MPI.COMM_SELF, Progress(silent=True))
+    finally:
+        shutil.copy(files[kind], own)
+    expect([*checked.errors, *checked.notes], by_check)
+
+
+def expect(said, pattern):
+    """One line of what is said has the pattern."""
+    if pattern is not None:
+        assert any(re.search(pattern, line, re.DOTALL) for line in said), said
+
+
+def test_several_bad_files(tmp_path, good):
+    """All that is wrong, in one error."""
+    _, files = good
+    step, uff_file, csv = (tmp_path / name for name in ("a.step", "b.uff", "c.csv"))
+    for path in (step, uff_file, csv):
+        text(path, "")
+    tests = TestFiles(uff=(uff_file,), frequencies=csv)
+    with pytest.raises(InputError) as refused:
+        run_new(tmp_path / "new", Source(step=step), tests, silent, Progress(silent=True))
+    lines = str(refused.value).splitlines()
+    assert lines[0] == "3 errors in the files:" and len(lines) == 4
+    assert all(name in str(refused.value) for name in ("a.step", "b.uff", "c.csv"))
+    missing = TestFiles(frequencies=tmp_path / "x.csv", shapes=tmp_path / "y.csv")
+    with pytest.raises(InputError, match=r"(?s)x.csv: no such file.*y.csv: no such file"):
+        source = Source(step=files["step"])
+        run_new(tmp_path / "new", source, missing, silent, Progress(silent=True))
