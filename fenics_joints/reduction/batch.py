@@ -255,6 +255,7 @@ class LeanForward(Forward):
         if forward.further is not None:
             self.further = LeanForward(forward.further, model)
         self._ready: dict[tuple, tuple] = {}
+        self._ready_shapes: dict[tuple, np.ndarray] = {}
         names = list(model.parameters)
         self._pick = itemgetter(*names) if len(names) > 1 else lambda v: (v[names[0]],)
 
@@ -262,6 +263,13 @@ class LeanForward(Forward):
         """See `Forward`; from `prepare` where that knows the values."""
         ready = self._ready.get(self._key(values))
         return super().__call__(self._own(values)) if ready is None else ready
+
+    def seen_shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """See `Forward`; from `prepare` where that knows the values."""
+        x = self._ready_shapes.get(self._key(values))
+        if x is None:
+            return super().seen_shapes(self._own(values))
+        return self.model.sensor_rows @ x, self.model.shift_rows @ x
 
     def _own(self, values) -> dict[str, float]:
         """Without parameters that the model does not have, which a solution would refuse."""
@@ -281,7 +289,7 @@ class LeanForward(Forward):
     def _together(self, wanted, slopes: bool) -> np.ndarray:
         keys = [self._key(values) for values in wanted]
         unique = dict(zip(keys, wanted, strict=True))
-        self._ready = {}
+        self.release()
         self._shapes.clear()
         table = np.array(list(unique))
         values = dict(zip(self.model.parameters, table.T, strict=True))
@@ -296,8 +304,8 @@ class LeanForward(Forward):
             if not good[i]:
                 self._ready[key] = self._searched(unique[key], (log_f[i], blank))
                 continue
+            x = self._ready_shapes[key] = vectors[i][:, index[i]]
             if slopes:
-                x = vectors[i][:, index[i]]
                 gradients = self.model.pencil_gradients(x, lam[i], unique[key])
                 by_values = gradients / (2 * lam[i][:, None])
             self._ready[key] = log_f[i], by_values
@@ -305,7 +313,7 @@ class LeanForward(Forward):
 
     def release(self) -> None:
         """See `Forward`."""
-        self._ready = {}
+        self._ready, self._ready_shapes = {}, {}
 
     def _searched(self, values, nothing) -> tuple[np.ndarray, np.ndarray]:
         """One by one, among more modes; ``nothing`` if the test's are not there either."""

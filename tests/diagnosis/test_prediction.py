@@ -10,8 +10,8 @@ from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
 from fenics_joints.diagnosis.evidence.evidence import SHAPE, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.reduction import ArrayModel, Forward
+from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
+from fenics_joints.reduction import ArrayModel, Forward, LeanForward
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
@@ -154,3 +154,19 @@ def test_scale_and_sign_of_a_shape_are_free(forward):
     got, _ = predict(bare, forward, measured, np.zeros(0), BASELINE)
     kept = (measured.entries.kind == SHAPE) & np.isfinite(measured.data)
     assert got[kept] == pytest.approx(measured.data[kept], rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["structure", "both", "swapped and gain"])
+@pytest.mark.parametrize("together", [False, True], ids=["", "together"])
+def test_shapes_alone_are_those_with_derivatives(forward, kind, together):
+    """Also from solutions for many values at a time."""
+    hypothesis = Hypothesis((stiffer(False), *EFFECTS[kind]), (lighter(),), modes=MODES)
+    measured = evidence_for(forward, damped=False).shapes
+    z = np.linspace(-0.4, 0.5, len(hypothesis.priors))
+    exact, _ = RowPrediction(hypothesis, forward, z, 20.0, BASELINE).shapes(measured)
+    if together:
+        forward = LeanForward(forward, forward.model)
+        wanted = [hypothesis.values(s * z, 20.0, BASELINE, None, None) for s in (0.5, 1.0)]
+        forward.prepare(wanted, slopes=False)
+    found = RowPrediction(hypothesis, forward, z, 20.0, BASELINE).read_shapes(measured)
+    assert found == pytest.approx(exact, rel=1e-8, abs=1e-10)

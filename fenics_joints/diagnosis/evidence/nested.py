@@ -299,7 +299,7 @@ class Marginal:
                 return np.full(len(evidence.data), np.nan)
             rows.append(prediction.data)
             if evidence.shapes is not None and row == evidence.shape_row:
-                shapes = [prediction.shapes(evidence.shapes)[0].ravel()]
+                shapes = [prediction.read_shapes(evidence.shapes).ravel()]
         return joined(rows, shapes, evidence.shape[1])
 
     def log_likelihood(self, points: np.ndarray) -> np.ndarray:

@@ -232,6 +232,12 @@ class RowPrediction:
             slope = sensing.gains[:, None, None] * slope + self._sensing_slopes(at, along)
         return _scaled_to(measured, read, slope)
 
+    def read_shapes(self, measured: np.ndarray) -> np.ndarray:
+        """`shapes` without their derivatives, which are most of the work, (n_s, m)."""
+        at, along = self._forward.seen_shapes(self._looks[0].values)
+        read = self._read(self._z, at, along)
+        return read * _scales(measured, read)[0]
+
     def _sensing(self, z) -> Sensing | None:
         """How the test reads the structure; None if as it is."""
         if not self._hypothesis.senses:
@@ -319,13 +325,20 @@ class RowPrediction:
         return slope
 
 
+def _scales(measured, read) -> tuple[np.ndarray, np.ndarray]:
+    """Factors that bring columns nearest to the measured ones, and their squared lengths, (m,)."""
+    there = np.isfinite(measured)
+    y, x = np.where(there, measured, 0.0), np.where(there, read, 0.0)
+    square = np.maximum(np.sum(x**2, axis=0), 1e-300)
+    return np.sum(x * y, axis=0) / square, square
+
+
 def _scaled_to(measured, read, slope) -> tuple[np.ndarray, np.ndarray]:
     """Columns scaled to the measured ones, and derivatives without their part along them."""
     there = np.isfinite(measured)
     y = np.where(there, measured, 0.0)
     x = np.where(there, read, 0.0)
-    square = np.maximum(np.sum(x**2, axis=0), 1e-300)
-    scale = np.sum(x * y, axis=0) / square
+    scale, square = _scales(measured, read)
     dx = np.where(there[:, :, None], slope, 0.0)
     by_x, by_y = np.einsum("im,imk->mk", x, dx), np.einsum("im,imk->mk", y, dx)
     by_scale = (by_y - 2 * scale[:, None] * by_x) / square[:, None]
