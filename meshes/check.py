@@ -113,8 +113,8 @@ def _refuse(tagged, bad, inverted, centres) -> None:
     names = {value: name for name, value in tagged.cell_names.items()}
     part = f"part {names[tag]!r}" if tag in names else "no part"
     at = ", ".join(f"{x:.6g}" for x in centre)
-    whole = n_inverted == mesh.topology.index_map(mesh.topology.dim).size_global
-    hint = ": it is all of them, so the mesh is mirrored" if whole else ""
+    most = 2 * n_inverted > mesh.topology.index_map(mesh.topology.dim).size_global
+    hint = "; most are inverted: is the mesh mirrored?" if most else ""
     raise MeshError(
         f"the mesh has {n_inverted} inverted and {n_bad - n_inverted} flat cells; the first has "
         f"its centre at ({at}) m in {part}; expected a positive Jacobian at every corner{hint}"

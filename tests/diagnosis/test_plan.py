@@ -17,12 +17,14 @@ from typer.testing import CliRunner
 from fenics_joints.case import load_case
 from fenics_joints.cli import app
 from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis.effects.rig import MISSCALED
 from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.added import measurement
 from fenics_joints.diagnosis.plan.groups import combination, groups
+from fenics_joints.diagnosis.plan.sensors import few_sensors
 from fenics_joints.diagnosis.plan.study import Measurement, Study
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
@@ -258,3 +260,19 @@ def test_virtual_tests_are_confused_as_often_as_planned(tmp_path, planned):
     p = norm.cdf(-study.distances[0, 1])
     assert 0.02 < p < 0.45
     assert abs(taken[1] / n - p) < 3 * np.sqrt(p * (1 - p) / n)
+
+
+def test_of_many_sensors_four_are_looked_at():
+    """The best seen, the least, and two between; other effects and few sensors stay as they are."""
+    lengths = np.array([3.0, 9.0, 1.0, 7.0, 4.0, 8.0, 2.0])
+    test, baseline = toy(np.diag(lengths))
+    sensors = [
+        replace(shift(i, 0.05), name=MISSCALED, region=f"sensor {i + 1}") for i in range(7)
+    ]
+    other = shift(3, 0.05)
+    kept, silent = few_sensors(test, [*sensors, other], baseline)
+    assert [e.region for e in kept] == ["sensor 1", "sensor 2", "sensor 3", "sensor 4", ""]
+    (line,) = silent
+    assert line.effect == MISSCALED and line.reason.startswith("3 of 7 sensors are left out")
+    assert f"{0.5 * 0.05 / TOY_SD:.2g} to {0.5 * 9 * 0.05 / TOY_SD:.2g}" in line.reason
+    assert few_sensors(test, [*sensors[:4], other], baseline) == ((*sensors[:4], other), ())
