@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 from site_pages.pages import places, relinked
 
-#: Of a demo that is run while the site is built; those in LONG take more, and keep their picture.
-SECONDS = 60
+#: Of the processor, for a demo that is run while the site is built; and at most so many times as
+#: long on a busy machine. Those in LONG take more, and keep their picture.
+SECONDS, BUSY = 60, 5
 LONG = frozenset({
     "demo_bayes", "demo_c_beam", "demo_diagnosis", "demo_dumbbell", "demo_engraving_machine",
     "demo_lap_plates",
@@ -78,14 +81,22 @@ def _run(script: Path, picture: Path) -> str | None:
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     try:
         done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, timeout=SECONDS
-        )
+            command, env=environment, capture_output=True, text=True, timeout=BUSY * SECONDS,
+            preexec_fn=_limited,
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
+        done = None
+    if done is None or done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        picture.unlink(missing_ok=True)
         print(f"{script.name} takes more than {SECONDS} s here: the picture is the committed one")
         return None
     if done.returncode:
         raise SystemExit(f"{script} failed:\n{done.stdout}{done.stderr}")
     return done.stdout
+
+
+def _limited() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))
 
 
 def _markdown(script: Path) -> str:
