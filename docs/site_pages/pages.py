@@ -12,8 +12,9 @@ from pathlib import Path
 SECTIONS = {
     "Learn": ("tutorial", "install", "diagnosis", "gallery/index"),
     "Do": (
-        "case", "own-mesh", "own-data", "levels", "updating", "posterior", "functions", "slip",
-        "preload", "beams", "database", "forms", "own-law", "own-effect", "cluster",
+        "case", "own-mesh", "own-data", "levels", "amplitude", "updating", "posterior",
+        "functions", "slip", "preload", "beams", "database", "forms", "own-law", "own-effect",
+        "cluster",
     ),
     "Look up": ("commands", "case-file", "api/index", "theory", "limits"),
     "Judge": ("blind", "benchmarks", "speed", "peers"),
