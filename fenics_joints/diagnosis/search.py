@@ -18,6 +18,7 @@ from fenics_joints.diagnosis.evidence.screen import near_best, quick_evidence, w
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import Prepared
+from fenics_joints.diagnosis.several import fit_several
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.parallel import spread
 from fenics_joints.progress import Progress
@@ -67,7 +68,7 @@ class Search:
     def run(self) -> list[Fit]:
         """Nothing, the unknown, each effect, and what is promising of several. Collective."""
         model = self.model
-        singles = [model.hypothesis((effect,)) for effect in model.effects]
+        singles = [model.hypothesis((effect,)) for effect in model.effects if not effect.holds]
         plain = [
             model.hypothesis((), name=NO_GAP), model.hypothesis((), name=UNKNOWN, unknown=True),
         ]  # fmt: skip
@@ -77,7 +78,13 @@ class Search:
         starts = dict(zip((h.label_of_keys for h in new), self._starts(new, fits[0]), strict=True))
         fits += self.fit_all(singles, [starts.get(h.label_of_keys, ()) for h in singles])
         fits = self.checked(fits, _LEADING_SINGLES)
+        several = fit_several(self, fits[2:])
+        fits = fits + several
+        if any(f is g for f in several for g in self._leading(fits, _LEADING_SINGLES)):
+            fits = self.checked(fits, _LEADING_SINGLES)
         level = fits[2:]
+        fitted = {f.hypothesis.effects[0].key for f in level}
+        model.effects = tuple(e for e in model.effects if e.key in fitted)
         for size in range(2, model.case.diagnose.max_effects + 1):
             level = self._together(level, fits, size)
             fits = fits + level
@@ -92,11 +99,11 @@ class Search:
             return []
         lower = np.linalg.cholesky(self.model.evidence.covariance())
         from_none = [self._start(h.effects, none) for h in singles]
-        steps = [z for _, z in self._looked(singles, from_none, lower)]
+        steps = [z for _, z in self.looked(singles, from_none, lower)]
         tries = [(i, z) for i, h in enumerate(singles) for z in _tries(h)]
         tried = [singles[i] for i, _ in tries]
-        looks = self._looked(tried, [z for _, z in tries], lower)
-        looks = self._looked(tried, [z for _, z in looks], lower)
+        looks = self.looked(tried, [z for _, z in tries], lower)
+        looks = self.looked(tried, [z for _, z in looks], lower)
         starts = []
         for i, h in enumerate(singles):
             own = h.own
@@ -109,8 +116,19 @@ class Search:
                 starts[i].append(from_none[i])
         return starts
 
-    def _looked(self, hypotheses, starts, lower) -> list[tuple[float, np.ndarray]]:
-        """A quick look at each. Collective."""
+    def looked(
+        self,
+        hypotheses: Sequence[Hypothesis],
+        starts: Sequence[np.ndarray],
+        lower: np.ndarray,
+    ) -> list[tuple[float, np.ndarray]]:
+        """A quick look at each, see `quick_evidence`. Collective.
+
+        Args:
+            hypotheses: The hypotheses.
+            starts: A point z for each.
+            lower: Cholesky factor of the evidence's covariance.
+        """
         model = self.model
 
         def look(task):
@@ -153,12 +171,16 @@ class Search:
     def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
         """Parameters of the leading fits at the lowest condition, where joints are softest."""
         lowest, found = self.model.evidence.conditions[0], []
-        order = np.argsort(-self.probabilities(fits), kind="stable")
-        for i in (i for i in order if not fits[i].hypothesis.unknown):
-            values = fits[i].hypothesis.values(fits[i].z, lowest, self.model.baseline, 0)
+        for f in self._leading(fits, len(fits)):
+            values = f.hypothesis.values(f.z, lowest, self.model.baseline, 0)
             if values not in found and len(found) < count:
                 found.append(values)
         return found
+
+    def _leading(self, fits: Sequence[Fit], count: int) -> list[Fit]:
+        """The most probable but for the unknown."""
+        order = np.argsort(-self.probabilities(fits), kind="stable")
+        return [fits[i] for i in order if not fits[i].hypothesis.unknown][:count]
 
     # -- fits ----------------------------------------------------------------------------------
 
@@ -209,7 +231,7 @@ class Search:
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
         starts = [self._start(effects, parent) for effects, parent in pairs]
         best = np.max(self._scores(known))
-        looks = self._looked(hypotheses, starts, lower)
+        looks = self.looked(hypotheses, starts, lower)
         scores = np.array([value for value, _ in looks]) + self.log_prior(hypotheses)
         # A step that is too long promises too much: what is promised is held against what is
         # fitted, and never against another promise.

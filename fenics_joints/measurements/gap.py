@@ -15,6 +15,9 @@ from fenics_joints.structure.points import Sensors
 __all__ = ["VISIBLE", "Gap", "Pairing", "TooFewModes", "mac", "pair_modes", "rms"]
 
 
+#: MAC below which two shapes have so little in common that order tells more; and how much MAC a
+#: place in the order is worth then.
+_ALIKE, _PLACE = 0.3, 0.2
 #: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen.
 VISIBLE = 0.3
 
@@ -98,7 +101,9 @@ def pair_modes(
 
     Without sensors all elastic modes count as seen and are taken in order. With sensors only the
     modes that move where and as they measure are candidates. With reference shapes (measured, or a
-    near model's paired shapes) candidates are matched by MAC: modes that cross are followed.
+    near model's paired shapes) candidates are matched by MAC: modes that cross are followed. Test
+    modes that are like none, as where a joint has changed much, go by their order among what is
+    left: the best of poor matches may be a mode of several times the frequency.
 
     Args:
         modes: The model's modes.
@@ -128,12 +133,29 @@ def pair_modes(
     if reference is None:
         return Pairing(visible[:n_test], visible, shapes[:, :n_test])
     match = mac(reference, shapes)
-    _, columns = linear_sum_assignment(-match)
+    columns = _by_order_where_unlike(match, linear_sum_assignment(-match)[1])
     crossing = tuple(
         (i, i + 1) for i in range(n_test - 1) if columns[i] > columns[i + 1]
     )
     agreement = match[np.arange(n_test), columns]
     return Pairing(visible[columns], visible, shapes[:, columns], agreement, crossing)
+
+
+def _by_order_where_unlike(match: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Columns of an assignment, those of poor matches chosen anew by order and MAC together."""
+    unlike = match[np.arange(len(columns)), columns] < _ALIKE
+    if not unlike.any():
+        return columns
+    free = np.setdiff1d(np.arange(match.shape[1]), columns[~unlike])
+    place = []
+    for i in np.flatnonzero(unlike):
+        # As far behind the next one below that is matched as in the test: the model may have more.
+        below = np.flatnonzero(~unlike[:i])
+        place.append(columns[below[-1]] + i - below[-1] if len(below) else i)
+    cost = _PLACE * np.abs(free - np.array(place)[:, None]) - match[np.ix_(unlike, free)]
+    found = columns.copy()
+    found[unlike] = free[linear_sum_assignment(cost)[1]]
+    return found
 
 
 def _check_enough(candidates, n_test: int, modes: Modes, match: np.ndarray | None = None) -> None:

@@ -10,11 +10,11 @@ pytest.importorskip("dolfinx")
 from effect_rig import LAYER, theta_of
 
 from fenics_joints.diagnosis.effects.bolts import loose_bolt, low_preload
+from fenics_joints.diagnosis.effects.contact import lost_beyond
 from fenics_joints.diagnosis.effects.joint import (
     bell_pressure,
     gives_way,
     graded,
-    lost_beyond,
     pressed_by_bolts,
 )
 from fenics_joints.diagnosis.zones.zone import Zone

@@ -60,7 +60,8 @@ def test_each_effect_changes_what_it_should_and_no_more(case, zones):
     }  # fmt: skip
     baseline = bonded_values(case)
     E, G = ({f"{zone}.{key}" for zone in case.joints} for key in "EG")
-    bolt = {k for k in E | G if "_b2_" in k}
+    bolt, third = ({k for k in E | G if f"_b{i}_" in k} for i in (2, 3))
+    bare = {k for k in E | G if "_b" not in k}
     away = {k for k in E | G if k.startswith("away")}
     expected = {
         "joint normal compliance (joint)": E,
@@ -71,11 +72,17 @@ def test_each_effect_changes_what_it_should_and_no_more(case, zones):
         "joint compliance that falls with the pressure (joint)": E | G,
         "compliance at one bolt (bolt 2)": bolt,
         "loose bolt (bolt 2)": bolt,
+        "two loose bolts (bolt 2, bolt 3)": bolt | third,
+        "three loose bolts (bolt 1, bolt 2, bolt 4)": (E | G) - third - bare,
+        "joint stiffer than given (joint)": E | G,
+        "joint stiffer than given at one place (away from the bolts)": away,
         "preload lower than nominal (joint)": E | G,
         "preload of one bolt lower than nominal (bolt 2)": bolt,
         "joint hysteretic damping (joint)": set(),
         "joint viscous damping (joint)": set(),
         "modulus error (upper)": {"upper.E"},
+        "shear modulus error (upper)": {"upper.nu"},
+        "shear modulus error of all parts (all parts)": {"upper.nu", "lower.nu"},
         "density error (lower)": {"lower.rho"},
         "thickness error (upper)": {"upper.thickness"},
         "width error (lower)": {"lower.width"},
@@ -99,12 +106,18 @@ def test_each_effect_changes_what_it_should_and_no_more(case, zones):
     lost.apply(values, {"radius": 0.75 * np.nanmax(zones.distance), "cutoff": 1e-4}, 10.0)
     gone = {key for key in values if values[key] != baseline[key]}
     assert gone and gone < E | G
+    less = by_key["contact area smaller than modelled (joint)"]
+    least = dict(baseline)
+    less.apply(least, {"radius": 0.75 * np.nanmax(zones.distance)}, 10.0)
+    assert least == pytest.approx(values, rel=0.01)
     # Nothing in the library but what was looked at here, or its like at another place.
-    assert {e.name for e in found} == {e.name for e in map(by_key.get, [*expected, lost.key])} | {
+    seen = map(by_key.get, [*expected, lost.key, less.key])
+    assert {e.name for e in found} == {e.name for e in seen} | {
         "density error of all parts", "thickness error of all parts"
     }  # fmt: skip
     for effect in found:
-        assert (effect.apply is None) == (touched(effect, baseline) == set() and effect != lost)
+        idle = touched(effect, baseline) == set() and effect not in (lost, less)
+        assert (effect.apply is None) == idle
 
 
 def test_weights_of_places_sum_to_one(case, zones):
@@ -114,6 +127,9 @@ def test_weights_of_places_sum_to_one(case, zones):
         total[effect.name] = total.get(effect.name, 0.0) + effect.weight
     # A description of a joint is less of a cause than a physical law.
     assert total.pop("joint compliance graded from zone to zone") == pytest.approx(0.25)
+    # And of several bolts fewer come loose together than alone.
+    assert total.pop("two loose bolts") == pytest.approx(0.5)
+    assert total.pop("three loose bolts") == pytest.approx(0.25)
     assert total == pytest.approx(dict.fromkeys(total, 1.0))
     places = {e.region for e in found if e.name == "loose bolt"}
     assert places == {"bolt 1", "bolt 2", "bolt 3", "bolt 4"}
@@ -146,7 +162,7 @@ def test_nuisances_hold_what_the_case_says():
 def test_samples_hold_every_effect_within_its_prior(case, zones):
     found, _ = library(case, zones, measured(shapes=True))
     baseline = bonded_values(case)
-    acting = [e for e in found if e.apply is not None]
+    acting = [e for e in found if e.apply is not None and not e.holds]
     samples = sample_values(found, baseline, TORQUES, 2 * len(acting), seed=2)
     assert len(samples) == 2 * len(acting)
     assert samples == sample_values(found, baseline, TORQUES, 2 * len(acting), seed=2)

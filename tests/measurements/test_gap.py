@@ -126,3 +126,24 @@ def test_gap_leaves_missing_data_out():
     assert gap.by_condition() == pytest.approx([np.sqrt((0.1**2 + 0.05**2) / 2), 0.0])
     assert np.isnan(gap.relative[1, 0])
     assert rms([0.3, np.nan, -0.4]) == pytest.approx(np.sqrt(0.125))
+
+
+def test_modes_that_are_like_none_go_by_their_order(strip):
+    """Beside well-matched ones, a shape that no mode has is the next mode, not a far one that is a
+    little more like it."""
+    line = np.array([[x, WIDTH / 2, 0.006] for x in np.linspace(0.01, 0.29, 25)])
+    across = Sensors(line, [0.0, 0.0, 1.0])
+    modes = solve_modes(strip, n_modes=24)
+    plain = pair_modes(modes, 4, across)
+    shapes = modes.at(across)
+    odd = plain.shapes.copy()
+    # Unlike all that are seen, but for a little of the highest.
+    basis = np.linalg.qr(shapes[:, plain.visible])[0]
+    noise = np.random.default_rng(2).standard_normal(len(odd))
+    noise -= basis @ (basis.T @ noise)
+    last = shapes[:, plain.visible[-1]]
+    odd[:, 2] = noise / np.linalg.norm(noise) + 0.5 * last / np.linalg.norm(last)
+    match = mac(odd, shapes[:, plain.visible])[2]
+    assert match.argmax() == len(plain.visible) - 1 and match.max() < 0.3
+    again = pair_modes(modes, 4, across, reference=odd)
+    assert again.index.tolist() == plain.index.tolist()

@@ -108,6 +108,8 @@ class Effect:
             tightening scatters.
         sensing: ``(sensing, theta) -> None``: for a cause in the test, what it changes of how the
             test reads the structure, in place.
+        holds: Keys of effects that are a part of it, such as each bolt of several that are loose:
+            it is looked at only beside the best of these; empty for one that stands alone.
     """
 
     name: str
@@ -122,6 +124,7 @@ class Effect:
     weight: float = 1.0
     sensing: Callable[[Sensing, Mapping[str, float]], None] | None = None
     drifts: bool = False
+    holds: frozenset[str] = frozenset()
 
     def __repr__(self) -> str:
         return f"Effect({self.key}: {', '.join(prior.name for prior in self.priors[:6])})"

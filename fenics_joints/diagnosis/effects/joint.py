@@ -16,23 +16,14 @@ from fenics_joints.diagnosis.effects.effect import DESCRIPTION, Effect, Prior
 from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone, ZoneInterface
 
 __all__ = [
-    "PRIORS", "InterfacePrior", "bell_pressure", "gives_way", "graded", "interfaces", "lost_beyond",
-    "lost_contact", "pressed_by_bolts", "pressed_compliance",
+    "EXPONENT", "LOST", "PRIORS", "InterfacePrior", "bell_pressure", "distances", "gives_way",
+    "graded", "interfaces", "pressed_by_bolts", "pressed_compliance", "reach",
 ]  # fmt: skip
 
 #: Exponent of K = alpha P^beta (Tian et al. 2021, eqs. 22 and 23), P proportional to the torque.
 EXPONENT = (0.5, 0.3, "", False, (0.0, 1.5))
-#: Factor on the stiffness of a layer where the contact is lost: too soft to carry anything. And one
-#: at which it is about halfway, as a thin layer that stiff gives way like the bodies do.
-_LOST, _HALFWAY = 1e-9, 1e-3
-_SCAN = 60
-_POWER = np.log2(np.log(_LOST) / np.log(_HALFWAY))
-#: Share of the reach squared that stays in contact at any torque, or the bodies part.
-_LAST_CONTACT = 0.05
-#: Cut-off relative to the largest pressure: a tenth, within a factor of 3 either way (one standard
-#: deviation). Rough faces carry shear from the first contact on, so it may be far lower; that it
-#: be near the peak would leave hardly any contact.
-_CUTOFF = (0.1, np.log(3.0))
+#: Factor on the stiffness of a layer where the contact is lost: too soft to carry anything.
+LOST = 1e-9
 #: Radius to which a bolt presses, over that of its innermost ring: bodies spread its force in a
 #: cone of 30 to 45 degrees (Shigley, Mechanical Engineering Design), from a head about as wide as
 #: one body is thick; within a factor of 1.5 either way.
@@ -262,7 +253,7 @@ def _press(values, theta, zones, relative, factor) -> None:
     for zone, p in zip(zones, relative, strict=True):
         for kind, key in zip(LAYER.keys, zone.parameters(), strict=True):
             k = theta[f"k_{kind}"] * (factor * p) ** theta["beta"] if p > 0 else 0.0
-            floor = _LOST * values[key]
+            floor = LOST * values[key]
             amount = zone.amount(k, values[key]) + floor
             values[key] = max(1 / (1 / values[key] + 1 / amount), floor)
 
@@ -290,13 +281,23 @@ def bell_pressure(low: np.ndarray, high: np.ndarray, radius: float) -> np.ndarra
     return np.where(thin, np.maximum(1 - b / end, 0.0), np.maximum(mean, 0.0))
 
 
-def _distances(zones: Sequence[Zone]) -> np.ndarray:
-    """Least and largest distance of each zone from its bolt, m, (2, n)."""
+def distances(zones: Sequence[Zone]) -> np.ndarray:
+    """Least and largest distance of each zone from its bolt, m, (2, n).
+
+    Args:
+        zones: Zones around bolts.
+    """
     return np.array([zone.distance for zone in zones]).T
 
 
-def _reach(low: np.ndarray, high: np.ndarray, scan: int = 0) -> Prior:
-    """How far from its axis a bolt presses."""
+def reach(low: np.ndarray, high: np.ndarray, scan: int = 0) -> Prior:
+    """How far from its axis a bolt presses, m.
+
+    Args:
+        low: Least distance of each zone from its bolt, m, (n,).
+        high: Largest, m, (n,).
+        scan: See `Prior`.
+    """
     median, spread = _REACH
     # A ring of one cell stands on the axis itself: a distance of nought says nothing of its reach.
     inner = max(float(np.min(high)), 0.2 * float(np.max(high)))
@@ -315,7 +316,7 @@ def pressed_by_bolts(zones: Sequence[Zone], reference: float | None) -> Effect:
         zones: Zones around bolts.
         reference: See `gives_way`.
     """
-    low, high = _distances(zones)
+    low, high = distances(zones)
 
     def apply(values, theta, condition):
         factor = 1.0 if reference is None else condition / reference
@@ -325,86 +326,6 @@ def pressed_by_bolts(zones: Sequence[Zone], reference: float | None) -> Effect:
     words = "The interface gives way, the more the further from the bolts that press it."
     return Effect(
         "joint compliance that falls with the pressure", "joint",
-        (*_pressed_priors(), _reach(low, high)), apply, words, reference is not None,
+        (*_pressed_priors(), reach(low, high)), apply, words, reference is not None,
         _LAYER.family,
     )  # fmt: skip
-
-
-# -- contact lost ----------------------------------------------------------------------------------
-
-
-def lost_contact(zones: Sequence[Zone]) -> Effect:
-    """Contact lost where its pressure is below a cut-off (Fronk et al. 2019, eqs. 4 and 5).
-
-    As the cut-off passes through the pressures of a zone the logarithm of its stiffness falls
-    smoothly to that of next to nothing.
-
-    Args:
-        zones: Zones of the contact's layer, by ascending pressure; one that is open has none.
-    """
-    low, largest = zones[-1].pressure
-    median, spread = _CUTOFF
-
-    def apply(values, theta, condition):
-        for zone in zones:
-            a, b = zone.pressure
-            # Over thrice its range, so that neighbours overlap and no cut-off is without slope.
-            _lose(values, zone, (1 + (theta["cutoff"] - a) / (b - a)) / 3 if b > a else 1.0)
-
-    # Something must stay in contact, or the bodies part.
-    span = (1e-3 * largest, low)
-    prior = Prior("cutoff", median * largest, spread, "Pa", True, span, scan=_SCAN)
-    words = "The faces hold together only where the bolts press them hard enough."
-    return Effect(
-        "contact lost at low pressure", "joint", (prior,), apply, words, False, _LAYER.family
-    )
-
-
-def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect:
-    """Contact lost beyond a distance from the bolts, ring by ring as in `lost_contact`.
-
-    Under a bell of pressure p = P (T / T_ref) (1 - (r / R)^2) contact is lost where p falls below
-    a cut-off c P, so that the contact grows with the torque: r^2 = R^2 (1 - c T_ref / T). At one
-    torque only, the distance itself is the parameter.
-
-    Args:
-        zones: Zones around bolts.
-        reference: Torque at which the cut-off is c; None when the test has one torque only.
-    """
-    low, high = _distances(zones)
-    middle = 0.5 * (low + high)
-    # Of a ring one cell wide too, as its cells are no points.
-    width = np.maximum(high - low, 0.1 * np.max(high))
-
-    def apply(values, theta, condition):
-        radius = theta["radius"]
-        if reference is not None:
-            left = 1 - theta["cutoff"] * reference / condition
-            # What no torque of the test presses hard enough keeps a last bit of contact.
-            radius *= np.sqrt(max(left, _LAST_CONTACT))
-        for zone, m, w in zip(zones, middle, width, strict=True):
-            _lose(values, zone, 0.5 + (m - radius) / (3 * w))
-
-    words = "The faces hold together only near the bolts."
-    # The scan takes all other parameters for linear, which a cut-off is not.
-    priors = [_reach(low, high, scan=_SCAN if reference is None else 0)]
-    if reference is not None:
-        priors.append(Prior("cutoff", *_CUTOFF, "", True, (1e-4, 0.9)))
-        words = "The faces hold together only near the bolts, further out at higher torque."
-    return Effect(
-        "contact lost at low pressure", "joint", tuple(priors), apply, words,
-        reference is not None, _LAYER.family,
-    )  # fmt: skip
-
-
-def _lose(values: dict[str, float], zone: Zone, t: float) -> None:
-    """Take a zone's stiffness: none of it at t = 0, all at t = 1."""
-    factor = _LOST ** (_smooth_step(t) ** _POWER)
-    for key in zone.parameters():
-        values[key] *= factor
-
-
-def _smooth_step(t: float) -> float:
-    """From 0 at 0 to 1 at 1, with a continuous slope."""
-    t = min(max(t, 0.0), 1.0)
-    return t * t * (3 - 2 * t)

@@ -10,7 +10,13 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.case.sections import AttachedMass
 from fenics_joints.diagnosis.effects.amplitude import NAMES, amplitude_effects
-from fenics_joints.diagnosis.effects.bolts import LOW_PRELOAD, loose_bolt, low_preload
+from fenics_joints.diagnosis.effects.bolts import (
+    LOW_PRELOAD,
+    loose_bolt,
+    loose_together,
+    low_preload,
+)
+from fenics_joints.diagnosis.effects.contact import lost_beyond, lost_contact, smaller_contact
 from fenics_joints.diagnosis.effects.damping import (
     HYSTERETIC,
     VISCOUS,
@@ -19,16 +25,15 @@ from fenics_joints.diagnosis.effects.damping import (
     viscous_damping,
 )
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
+from fenics_joints.diagnosis.effects.given import STIFFER, STIFFER_AT, stiffer_joint
 from fenics_joints.diagnosis.effects.joint import (
     PRIORS,
     gives_way,
     graded,
-    lost_beyond,
-    lost_contact,
     pressed_by_bolts,
     pressed_compliance,
 )
-from fenics_joints.diagnosis.effects.part import CAUSES, part_error, temperature
+from fenics_joints.diagnosis.effects.part import CAUSES, part_error, shear_error, temperature
 from fenics_joints.diagnosis.effects.rig import (
     MISPLACED,
     MISSCALED,
@@ -51,9 +56,11 @@ from fenics_joints.measurements.data import TestData
 
 __all__ = ["by_preload", "case_effects", "case_nuisances"]
 
-#: Tolerances where the case gives none: handbook values, rolled plate. Of a width only what the
-#: case says: it is milled, and bending does not see it.
-_TOLERANCE = {"E": 0.015, "rho": 0.01, "thickness": 0.005, "width": 0.0}
+#: Tolerances where the case gives none: handbook values, rolled plate. Of a width and of Poisson's
+#: ratio only what the case says: it is milled, and bending does not see them.
+_TOLERANCE = {"E": 0.015, "nu": 0.0, "rho": 0.01, "thickness": 0.005, "width": 0.0}
+#: Poisson's ratio at most, however far a tolerance goes.
+_NU = 0.49
 #: Relative spread of an attached mass or spring without a tolerance.
 _ATTACHED = {"mass": 0.3, "stiffness": 1.0}
 #: Spread of the logarithm of a factor on the axial stiffness of a lap.
@@ -84,7 +91,10 @@ def case_nuisances(case: Case, zones: Zones) -> tuple[Effect, ...]:
             spread = given.get(f"{name}.{key}", usual)
             if spread > 0:
                 words = f"{key} of {name}, within tolerance"
-                found.append(relative_error(words, name, [f"{name}.{key}"], spread, ""))
+                most = 3.0 if key != "nu" else max(_NU / case.parts[name].nominal()["nu"], 1.01)
+                found.append(
+                    relative_error(words, name, [f"{name}.{key}"], spread, "", span=(0.3, most))
+                )
     known = [(*item, "mass") for item in case.masses.items()]
     for name, section, key in [*known, *((*item, "stiffness") for item in case.springs.items())]:
         if section.tolerance:
@@ -114,7 +124,8 @@ def case_effects(
     """
     reference = float(data.conditions[-1]) if by_preload(data) else None
     of_joints = [
-        (_stiffness(zones, reference), _of_layers_alone(zones)), _bolts(case, zones),
+        (_stiffness(zones, reference), _of_layers_alone(zones)), _stiffer(case, zones, reference),
+        _bolts(case, zones),
         _damping(data, zones),
     ]  # fmt: skip
     of_beams = [] if zones.laps is None else [_missed_modes(data)]
@@ -192,7 +203,33 @@ def _by_distance(zones: Zones, reference: float | None) -> list[Effect]:
     around = [zone for zone in zones if zone.bolt]
     if len({zone.distance for zone in around}) < 2:
         return []
-    return [pressed_by_bolts(around, reference), lost_beyond(around, reference)]
+    return [
+        pressed_by_bolts(around, reference), lost_beyond(around, reference),
+        smaller_contact(around),
+    ]  # fmt: skip
+
+
+def _stiffer(case: Case, zones: Zones, reference: float | None) -> Group:
+    """Layers stiffer than given: all of them, and those away from the bolts, or near them, alone.
+
+    Laps with a stiffness of their own may be off either way as they are.
+    """
+    if zones.laps is not None:
+        return (), ()
+    if case.diagnose.joints == "bonded" or zones.by_pressure:
+        reason = (
+            "the nominal joint is bonded, and nothing is stiffer; "
+            '[diagnose] joints = "given" takes the stiffness that the case gives'
+        )
+        return (), (Silent(STIFFER, reason),)
+    near = tuple(name for name in zones.names if name not in zones.away)
+    places = {"away from the bolts": zones.away, "near the bolts": near}
+    places = {place: names for place, names in places.items() if 0 < len(names) < len(zones)}
+    return [
+        stiffer_joint(STIFFER, "joint", zones.all, reference),
+        *(stiffer_joint(STIFFER_AT, place, zones.pick(names), reference, 1 / len(places))
+          for place, names in places.items()),
+    ], ()  # fmt: skip
 
 
 def _along_laps(zones: Zones) -> list[Effect]:
@@ -225,6 +262,7 @@ def _bolts(case: Case, zones: Zones) -> Group:
     single = by_bolt if len(by_bolt) > 1 else {}
     weight = 1 / max(len(single), 1)
     effects = [loose_bolt(name, own, weight) for name, own in single.items()]
+    effects += loose_together(single)
     if case.diagnose.joints == "bonded":
         nominal = "joint is bonded" if zones.laps is None else "lap is as one piece"
         reason = (
@@ -282,10 +320,13 @@ def _part_effects(case: Case, data: TestData) -> list[Effect]:
         nominal = part.nominal()
         alike.setdefault((nominal["E"], nominal["nu"], nominal["rho"]), []).append(name)
     effects = [part_error(key, [name], 1 / len(parts)) for name in parts for key in CAUSES]
-    for group in alike.values():
+    effects += [shear_error([name], case.parts[name].nominal()["nu"], 1 / len(parts))
+                for name in parts]  # fmt: skip
+    for (_, nu, _), group in alike.items():
         if len(group) > 1:
             whole = len(group) == len(parts)
             effects += [part_error(key, group, 1.0, whole) for key in CAUSES]
+            effects.append(shear_error(group, nu, 1.0, whole))
     # By level a mode's amplitude stands in for the condition, whose order is then lost.
     return [*effects, temperature(parts, data.conditions, drifts=not data.by_level)]
 

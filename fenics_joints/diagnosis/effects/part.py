@@ -8,11 +8,16 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, relative_error
 
-__all__ = ["CAUSES", "part_error", "temperature"]
+__all__ = ["CAUSES", "SHEAR", "part_error", "shear_error", "temperature"]
 
 #: Spread of a part's property as a cause, far beyond its tolerance: a wrong material or gauge.
 CAUSES = {"E": 0.15, "rho": 0.10, "thickness": 0.10, "width": 0.10}
 _WORDS = {"E": "modulus", "rho": "density", "thickness": "thickness", "width": "width"}
+#: The same of a shear modulus at the same Young's modulus: Poisson's ratio of a metal, of which few
+#: tables give more than a digit, is 0.25 to 0.4, which is some 6 % of G.
+SHEAR = 0.06
+#: Poisson's ratio at most, of what is nearly incompressible: a model of it locks beyond.
+_NU = 0.49
 #: Relative change of Young's modulus with the temperature, 1/K. Handbooks of metals have some
 #: -3e-4 for steels (Ledbetter and Reed, J. Phys. Chem. Ref. Data 2, 1973) and -5e-4 for aluminium
 #: alloys; the difference is far below what is known of the temperature itself.
@@ -32,16 +37,47 @@ def part_error(key: str, parts: Sequence[str], weight: float = 1.0, whole: bool 
         weight: Prior odds: one over the number of parts for one of them.
         whole: Whether these are all parts.
     """
-    word, several = _WORDS[key], len(parts) > 1
-    name = f"{word} error"
-    if several:
-        name += " of all parts" if whole else " of several parts"
-    region = "all parts" if several and whole else ", ".join(parts)
-    words = f"The {word} of {region} is not what the model says."
-    if several:
-        words = f"The {word} of {region} is off by one and the same factor."
+    name, region, words = _said(_WORDS[key], parts, whole)
     targets = [f"{part}.{key}" for part in parts]
     return relative_error(name, region, targets, CAUSES[key], words, weight=weight)
+
+
+def shear_error(
+    parts: Sequence[str], nu: float, weight: float = 1.0, whole: bool = False
+) -> Effect:
+    """A shear modulus, of parts of one material, that is not what the model says while E is.
+
+    G times a factor is Poisson's ratio (1 + nu) / factor - 1: twist and shear feel it, and the
+    bending of plates a little; a modulus error takes G with it.
+
+    Args:
+        parts: Names of the parts.
+        nu: Their nominal Poisson's ratio.
+        weight: See `part_error`.
+        whole: Likewise.
+    """
+
+    most, least = max(_NU, 0.5 * (nu + 0.5)), 0.0 if nu > 0 else 0.5 * (nu - 1)
+
+    def apply(values, theta, condition):
+        for part in parts:
+            # Another effect, or a tolerance, may have raised it already.
+            values[f"{part}.nu"] = min((1 + values[f"{part}.nu"]) / theta["factor"] - 1, most)
+
+    name, region, words = _said("shear modulus", parts, whole)
+    span = (1 + nu) / (1 + most), (1 + nu) / (1 + least)
+    prior = Prior("factor", 1.0, SHEAR, "", True, span)
+    words = f"{words[:-1]} at the same Young's modulus, as by another Poisson's ratio."
+    return Effect(name, region, (prior,), apply, words, weight=weight)
+
+
+def _said(word: str, parts: Sequence[str], whole: bool) -> tuple[str, str, str]:
+    """Name and region of an error of a property, and a sentence on it."""
+    if len(parts) == 1:
+        return f"{word} error", parts[0], f"The {word} of {parts[0]} is not what the model says."
+    name = f"{word} error of {'all' if whole else 'several'} parts"
+    region = "all parts" if whole else ", ".join(parts)
+    return name, region, f"The {word} of {region} is off by one and the same factor."
 
 
 def temperature(parts: Sequence[str], conditions: Sequence[float], drifts: bool) -> Effect:

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from fenics_joints.case import Case
 from fenics_joints.case.sections import AttachedMass
 from fenics_joints.diagnosis.effects.effect import Effect
-from fenics_joints.diagnosis.effects.part import CAUSES
+from fenics_joints.diagnosis.effects.part import CAUSES, SHEAR
 from fenics_joints.diagnosis.effects.rig import MASS, SPRING
 from fenics_joints.diagnosis.zones.nominal import bonded_values
 
@@ -30,6 +30,9 @@ def sample_ranges(case: Case) -> dict[str, tuple[float, float, bool]]:
             # Two standard deviations: a basis from nearer samples is too stiff for a plate of
             # another thickness, and the hypothesis would lose for that.
             ranges[f"{name}.{key}"] = _about(values[f"{name}.{key}"], spread)
+        nu = values[f"{name}.nu"]
+        low, high = ((1 + nu) * np.exp(2 * sign * SHEAR) - 1 for sign in (-1, 1))
+        ranges[f"{name}.nu"] = max(low, -0.9), min(high, max(nu, 0.47)), False
     for name, section in case.masses.items():
         ranges[f"{name}.mass"] = _about(section.mass, MASS)
         if section.shift() is not None:
@@ -73,10 +76,10 @@ def sample_values(
         seed: Of the sequence.
         known: Parameters that are sampled otherwise; effects that change no others are left out.
     """
+    alone = [e for e in effects if e.priors and not e.holds]
     acting = [
-        e for e in effects
-        if e.priors and any(e.touches(baseline, z, 1.0) - set(known) for z in (1.0, -1.0))
-    ]  # fmt: skip
+        e for e in alone if any(e.touches(baseline, z, 1.0) - set(known) for z in (1.0, -1.0))
+    ]
     if not acting or count < 1:
         return []
     turns = [_turn(acting, i) for i in range(count)]

@@ -8,6 +8,7 @@ merely look alike in a test are a class (`fenics_joints.diagnosis.evidence.class
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -64,15 +65,23 @@ class Known:
 def distinct(
     effects: Iterable[Effect], baseline: Mapping[str, float], conditions: Iterable[float]
 ) -> tuple[Effect, ...]:
-    """Effects without those that are an earlier one in other words.
+    """Effects without those that are an earlier one in other words, which says so.
 
     Args:
         effects: The effects.
         baseline: Parameter values of the nominal model.
         conditions: Those of the test.
     """
-    known = Known(baseline, conditions)
-    return tuple(effect for effect in effects if known.same((effect,)) is None)
+    known, found = Known(baseline, conditions), {}
+    for effect in effects:
+        same = known.same((effect,))
+        if same is None:
+            found[effect.key] = effect
+            continue
+        first = found[same[0].key]
+        words = f"{first.describe} In this test that is also: {effect.key}."
+        found[first.key] = replace(first, describe=words.strip())
+    return tuple(found.values())
 
 
 def equal(
