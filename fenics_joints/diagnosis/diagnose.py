@@ -187,7 +187,8 @@ class _Run:
             model={
                 **self.model.surrogate.facts(),
                 "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),
-                "notes": list(test_notes(self.case, self.model.full)),
+                "mesh_error": self.model.mesh_error(),
+                "notes": [*test_notes(self.case, self.model.full), *self.model.mesh_notes()],
                 "seconds": time.perf_counter() - self.started,
             },
         )
@@ -234,7 +235,8 @@ class _Run:
             total = float(np.sum(probability[inside]))
             found.append(
                 EffectResult(
-                    effect.name, effect.region, total, grouped[effect.key], seen, effect.describe
+                    effect.name, effect.region, total, grouped[effect.key], seen,
+                    effect.describe, effect.weight,
                 )
             )
         for label, words in (

@@ -30,6 +30,7 @@ class EffectResult:
         class_name: Class of effects that this test cannot tell apart; its own name if it can.
         detectable: Whether this test could see it at its expected size at all.
         describe: What it means.
+        odds: Its prior odds relative to other effects; 0 for what is none.
     """
 
     name: str
@@ -38,6 +39,7 @@ class EffectResult:
     class_name: str
     detectable: bool
     describe: str = ""
+    odds: float = 0.0
 
 
 @dataclass(frozen=True, repr=False)

@@ -155,9 +155,9 @@ def test_three_sentences_of_a_cause():
     )
     # 0.66 over 0.033, the best hypothesis without either of the class.
     assert words.which == (
-        "Joint normal compliance (66 %) or joint tangential compliance (30 %), which this test "
-        "cannot tell apart, > 90 %; the closest rival, modulus error (plate 1), is 20 times less "
-        "probable."
+        "Joint normal compliance or joint tangential compliance, which this test cannot tell "
+        "apart (equally likely beforehand), > 90 %; the closest rival, modulus error (plate 1), is "
+        "20 times less probable."
     )
     assert words.how_far == (
         "On held-out data the gap goes from 20.00 % to 3.30 %: 86 % of the gap beyond noise is "

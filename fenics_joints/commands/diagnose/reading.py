@@ -147,14 +147,19 @@ def best_without(d: Diagnosis, sure: Sequence[EffectClass]) -> HypothesisResult 
 
 
 def members_in_words(group: EffectClass) -> str:
-    """A class in words, its members with their probabilities if there are several."""
+    """A class in words, its members with their share of the prior if there are several: between
+    them the data do not decide, and tenths of a nat are no reason to put one first."""
     if len(group.effects) == 1:
         return in_words(group.effects[0])
-    items = [
-        f"{in_words(e)} ({probability(e.probability)})"
-        for e in sorted(group.effects, key=lambda e: -e.probability)
-    ]
-    return f"{shortened(items, 'or')}, which this test cannot tell apart"
+    total = sum(e.odds for e in group.effects)
+    ends = "which this test cannot tell apart"
+    order = sorted(group.effects, key=lambda e: (-e.odds, -e.probability))
+    items = [in_words(e) for e in order]
+    if len({e.odds for e in order}) == 1:
+        return f"{shortened(items, 'or')}, {ends} (equally likely beforehand)"
+    items = [f"{words} ({probability(e.odds / total)} beforehand)"
+             for words, e in zip(items, order, strict=True)]  # fmt: skip
+    return f"{shortened(items, 'or')}, {ends}"
 
 
 def probability_of(d: Diagnosis, label: str) -> float:
