@@ -61,7 +61,7 @@ class Part(Section):
     """``[parts.NAME]``: cells of a solid material, with E and one of G and nu.
 
     Its thickness is along ``normal`` and its width along ``across``: y, or z if the normal is y.
-    ``mass`` is what it weighs, for `fenics-joints check` alone to hold against its density.
+    ``mass`` is what it weighs, for `check` and `diagnose` to hold against its density.
     """
 
     cells: Names

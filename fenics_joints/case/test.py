@@ -218,7 +218,10 @@ class Test(Section):
     ``shapes_at`` the condition at which shapes were measured, the last one by default. A test that
     has not been made yet has a section ``planned`` in place of ``frequencies``. ``shapes`` from a
     universal file bring frequencies, damping and sensors with them. ``mass`` is what the whole
-    structure weighed, for `fenics-joints check` to hold against the model. ``amplitude`` are modes
+    structure weighed without what is ``[attached]``, for `fenics-joints check` and `diagnose` to
+    hold against the model, and ``mass_noise`` how good that is, and the masses of ``[parts]``,
+    with what the mesh leaves out of the volume: 0.5 % unless given.
+    ``amplitude`` are modes
     over their amplitude, for ``harmonic``, and without ``frequencies`` the test by level that a
     diagnosis takes.
     """
@@ -240,6 +243,7 @@ class Test(Section):
     validation: ValidationTest | None = None
     planned: PlannedTest | None = None
     mass: Mass | None = None
+    mass_noise: quantity("", 0, above=True) = 0.005
     amplitude: Modes = {}
 
     @property

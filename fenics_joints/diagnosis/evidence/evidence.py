@@ -8,12 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.diagnosis.effects.damping import has_ratios
+from fenics_joints.diagnosis.evidence.weighed import Weighed
 from fenics_joints.measurements.data import TestData
 
-__all__ = ["DAMPING", "FREQUENCY", "SHAPE", "Entries", "Evidence", "evidence_of"]
+__all__ = ["DAMPING", "FREQUENCY", "MASS", "SHAPE", "Entries", "Evidence", "evidence_of"]
 
 #: Kinds of entries.
-FREQUENCY, DAMPING, SHAPE = 0, 1, 2
+FREQUENCY, DAMPING, SHAPE, MASS = 0, 1, 2, 3
 #: Standard deviation of ln f of a test that states neither noise nor resolution.
 _UNSTATED = 1e-3
 #: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
@@ -22,6 +23,8 @@ _UNSTATED = 1e-3
 _UNKNOWN = (0.10, 0.05, 0.02)
 _UNKNOWN_DAMPING = 10.0
 _UNKNOWN_SHAPE = 0.2
+#: What it may do to a mass.
+_UNKNOWN_MASS = 0.1
 #: Change of the logarithm of the condition over which a model's error forgets itself.
 _MEMORY = 0.7
 #: Distance between sensors, as a share of the largest, over which its error in a shape does.
@@ -41,10 +44,10 @@ class Entries:
     """What each entry of the data is; arrays of shape (N,).
 
     Attributes:
-        kind: `FREQUENCY`, `DAMPING` or `SHAPE`.
-        row: Its condition.
-        mode: Its mode.
-        sensor: Its sensor; -1 for frequencies and damping.
+        kind: `FREQUENCY`, `DAMPING`, `SHAPE` or `MASS`.
+        row: Its condition; 0 for masses.
+        mode: Its mode; likewise.
+        sensor: Its sensor; -1 but for shapes.
     """
 
     kind: np.ndarray
@@ -58,7 +61,8 @@ class Evidence:
     """The test as the inference sees it.
 
     The data stand in one vector: ln of the frequencies, (n, m) row by row; behind it ln of the
-    damping ratios likewise, if used; behind it the shapes, (n_s, m) row by row, if measured.
+    damping ratios likewise, if used; behind it the shapes, (n_s, m) row by row, if measured;
+    behind these ln of the masses that were weighed.
 
     Attributes:
         conditions: Torque or level of each row, shape (n,).
@@ -83,6 +87,9 @@ class Evidence:
         near: That correlation, shape (n_s, n_s).
         along: Cosines between the sensors' directions, shape (n_s, n_s): errors across each other
             are unrelated; None if all measure the same way.
+        weighed: What was put on a scale.
+        mesh_error: Relative error of each mode's frequency from the model's mesh, (m,), which is
+            taken for the discrepancy where it is larger; None where it was not measured.
     """
 
     conditions: np.ndarray
@@ -100,6 +107,8 @@ class Evidence:
     shape_error: float = 0.05
     near: np.ndarray | None = None
     along: np.ndarray | None = None
+    weighed: tuple[Weighed, ...] = ()
+    mesh_error: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"Evidence({self.fitted.sum()} data at {len(self.conditions)} conditions)"
@@ -124,19 +133,23 @@ class Evidence:
         if self.shapes is not None:
             sensor, mode = np.indices(self.shapes.shape).reshape(2, -1)
             blocks.append((SHAPE, self.shape_row, mode, sensor))
-        return Entries(*np.hstack([np.broadcast_arrays(*block) for block in blocks]))
+        # Each a (1, k) block: an empty one has no place in what is stacked.
+        flat = [np.array(np.broadcast_arrays(*block)).reshape(4, -1) for block in blocks]
+        masses = np.tile([[MASS], [0], [0], [-1]], len(self.weighed))
+        return Entries(*np.hstack([*flat, masses.reshape(4, -1)]).astype(int))
 
     @cached_property
     def data(self) -> np.ndarray:
         """Everything measured, shape (N,); nan where missing."""
         parts = [self.log_f, self.log_damping, self.shapes]
-        return np.concatenate([part.ravel() for part in parts if part is not None])
+        masses = np.log([w.kg for w in self.weighed])
+        return np.concatenate([*(part.ravel() for part in parts if part is not None), masses])
 
     @cached_property
     def fitted(self) -> np.ndarray:
         """Which of `data` are fitted; what is held out is so with its damping and its shape."""
         e = self.entries
-        return self.used[e.row, e.mode] & np.isfinite(self.data)
+        return (self.used[e.row, e.mode] | (e.kind == MASS)) & np.isfinite(self.data)
 
     def without(self, held_out: np.ndarray) -> Evidence:
         """The same test with some entries held out, mask of shape (n, m)."""
@@ -152,7 +165,12 @@ class Evidence:
         e = self.entries
         same_mode = e.mode[:, None] == e.mode[None, :]
         slow = _slow(self.conditions, self.changing)[np.ix_(e.row, e.row)] * same_mode
-        total = slow * _blocks(e.kind, self.discrepancy, self.damping_scatter)
+        by_mode = np.broadcast_to(self.discrepancy, self.shape[1])
+        if self.mesh_error is not None:
+            by_mode = np.maximum(by_mode, np.pad(
+                self.mesh_error, (0, self.shape[1] - len(self.mesh_error)), mode="maximum"
+            ))  # fmt: skip
+        total = slow * _blocks(e.kind, by_mode[e.mode], self.damping_scatter)
         if unknown:
             wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * same_mode
             total = total + wide * _blocks(e.kind, 1.0, _UNKNOWN_DAMPING)
@@ -165,18 +183,24 @@ class Evidence:
                 local = local * self.along
             pairs = local[np.ix_(e.sensor, e.sensor)] * same_mode * error
             total = total + pairs * np.outer(is_shape, is_shape)
+        if unknown and self.weighed:
+            total = total + np.diag(np.where(e.kind == MASS, _UNKNOWN_MASS**2, 0.0))
         return total + np.diag(self.noise_sd() ** 2)
 
     def noise_sd(self) -> np.ndarray:
         """Standard deviation of each entry from the instrument alone, (N,)."""
         e = self.entries
         sd = self.log_sd[e.row, e.mode]
-        return np.choose(e.kind, [sd, self.damping_sd, self.shape_sd])
+        sd = np.choose(e.kind, [sd, self.damping_sd, self.shape_sd, 0.0])
+        sd[e.kind == MASS] = [w.sd for w in self.weighed]
+        return sd
 
 
-def _blocks(kind: np.ndarray, of_frequency: float, of_damping: float) -> np.ndarray:
-    """Products of the kinds' scales, nought for shapes and between entries of different kinds."""
-    scale = np.array([of_frequency, of_damping, 0.0])[kind]
+def _blocks(
+    kind: np.ndarray, of_frequency: float | np.ndarray, of_damping: float
+) -> np.ndarray:
+    """Products of the scales of frequencies and damping, nought between different kinds."""
+    scale = np.where(kind == FREQUENCY, of_frequency, np.where(kind == DAMPING, of_damping, 0.0))
     return np.outer(scale, scale) * (kind[:, None] == kind[None, :])
 
 
@@ -199,7 +223,12 @@ def _wide(conditions: np.ndarray) -> np.ndarray:
     return shift**2 + trend**2 * np.outer(x, x) + bend**2 * np.outer(x**2, x**2)
 
 
-def evidence_of(data: TestData, discrepancy: float, shape_error: float = 0.05) -> Evidence:
+def evidence_of(
+    data: TestData,
+    discrepancy: float,
+    shape_error: float = 0.05,
+    weighed: tuple[Weighed, ...] = (),
+) -> Evidence:
     """A test as the inference sees it.
 
     Damping is used if it was measured at several levels, or if the test says how good it is.
@@ -208,9 +237,10 @@ def evidence_of(data: TestData, discrepancy: float, shape_error: float = 0.05) -
         data: The test.
         discrepancy: See `Evidence`.
         shape_error: Likewise.
+        weighed: Likewise.
     """
     log_f = np.log(data.frequencies_hz)
-    kwargs = {}
+    kwargs = {"weighed": weighed}
     if data.by_level:
         kwargs["changing"] = _BETWEEN_LEVELS
     if has_ratios(data):

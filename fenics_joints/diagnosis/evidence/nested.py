@@ -25,6 +25,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction, joined, predict
+from fenics_joints.diagnosis.evidence.weighed import weights
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.reduction import Forward, LeanForward
 from fenics_joints.reduction.batch import arrays_of, frequency_error, lean_forward, modes_at
@@ -283,7 +284,8 @@ class Marginal:
         asked = dict.fromkeys((self.forward, self.watched(self.forward)))
         for forward in asked:
             found = forward.prepare(wanted, slopes=h.damped)
-        if h.amplitudes or h.senses or h.damped or evidence.shapes is not None:
+        more = evidence.shapes is not None or evidence.weighed
+        if h.amplitudes or h.senses or h.damped or more:
             found = np.array([self._predicted(each) for each in z])
         for forward in asked:
             forward.release()
@@ -300,7 +302,11 @@ class Marginal:
             rows.append(prediction.data)
             if evidence.shapes is not None and row == evidence.shape_row:
                 shapes = [prediction.read_shapes(evidence.shapes).ravel()]
-        return joined(rows, shapes, evidence.shape[1])
+        first = evidence.conditions[0]
+        masses, _ = weights(
+            evidence.weighed, self.hypothesis, z, first, self.baseline, slopes=False
+        )
+        return joined(rows, [*shapes, masses], evidence.shape[1])
 
     def log_likelihood(self, points: np.ndarray) -> np.ndarray:
         """ln N(r - J_n z_n*; 0, Sigma + J_n J_n^T) at points, (b, d_e) -> (b,)."""

@@ -11,6 +11,7 @@ import numpy as np
 from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.weighed import weights
 from fenics_joints.reduction.forward import Forward
 
 __all__ = ["RowPrediction", "joined", "predict"]
@@ -46,15 +47,16 @@ def predict(
             at, by_z = prediction.shapes(evidence.shapes)
             shapes = [at.ravel()], [by_z.reshape(at.size, len(z))]
     m = evidence.shape[1]
-    return joined(rows, shapes[0], m), joined(slopes, shapes[1], m)
+    masses, by_mass = weights(evidence.weighed, hypothesis, z, evidence.conditions[0], baseline)
+    return joined(rows, [*shapes[0], masses], m), joined(slopes, [*shapes[1], by_mass], m)
 
 
 def joined(rows: Sequence[np.ndarray], shapes: Sequence[np.ndarray], m: int) -> np.ndarray:
-    """In the order of `Evidence.data`: frequencies of all conditions, damping of all, shapes.
+    """In the order of `Evidence.data`: frequencies of all conditions, damping of all, the rest.
 
     Args:
         rows: `RowPrediction.data` of each condition, or its derivatives.
-        shapes: What comes behind them.
+        shapes: What comes behind them: shapes, masses.
         m: Number of modes.
     """
     by_row = np.array(rows)

@@ -12,6 +12,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.library import case_effects
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
+from fenics_joints.diagnosis.evidence.weighed import WHOLE, on_a_scale
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.plan.added import (
     ADDED_MASS,
@@ -64,7 +65,7 @@ class Candidates:
     def all(self) -> list[Candidate]:
         """Every measurement that this case can offer. Collective."""
         found = [*self._modes(), *self._conditions(), *self._damping(), *self._shapes()]
-        return [*found, *self._mass(), *self._rig()]
+        return [*found, *self._weighing(), *self._mass(), *self._rig()]
 
     def _measurement(self, evidence, forward=None, modes=None, scatter=None) -> Measurement:
         m = self.model
@@ -183,8 +184,9 @@ class Candidates:
         noise = data.damping_noise or DAMPING_NOISE
         damping = np.full(data.frequencies_hz.shape, 1e-3)
         evidence = evidence_of(
-            replace(data, damping=damping, damping_noise=noise), self.evidence.discrepancy
-        )
+            replace(data, damping=damping, damping_noise=noise), self.evidence.discrepancy,
+            weighed=self.evidence.weighed,
+        )  # fmt: skip
         name = f"the damping ratios of the same modes, to {100 * noise:.3g} %"
         return [Candidate(name, self._measurement(evidence))]
 
@@ -193,8 +195,21 @@ class Candidates:
         if m.data.shapes is not None or m.data.sensors is None:
             return []
         shapes = m.surrogate.pairing.shapes
-        evidence = evidence_of(replace(m.data, shapes=shapes), self.evidence.discrepancy)
+        evidence = evidence_of(
+            replace(m.data, shapes=shapes), self.evidence.discrepancy,
+            weighed=self.evidence.weighed,
+        )  # fmt: skip
         name = f"the mode shapes at the same {len(m.data.sensors)} sensors"
+        return [Candidate(name, self._measurement(evidence))]
+
+    def _weighing(self) -> list[Candidate]:
+        """A scale under all of it."""
+        m, known = self.model, self.evidence.weighed
+        if any(w.name == WHOLE for w in known):
+            return []
+        scale = on_a_scale(m.case, m.full, m.baseline)
+        evidence = replace(self.evidence, weighed=(scale, *known))
+        name = f"the mass of {scale.name}, to {100 * scale.sd:.3g} %"
         return [Candidate(name, self._measurement(evidence))]
 
     # -- changes of the structure ------------------------------------------------------------

@@ -61,10 +61,14 @@ def plan(
     layout = case.planned()
     with threadpool_limits(1):
         model = prepare(case, comm, progress, extra=extra, data=layout)
+        # Several at once of what is looked at one by one.
+        model.effects = tuple(e for e in model.effects if not e.holds)
         _without_missed_modes(model)
         model.reduce(progress, keep)
         model.data = _nominal(model, case)
-        evidence = evidence_of(model.data, model.case.diagnose.discrepancy)
+        evidence = evidence_of(
+            model.data, model.case.diagnose.discrepancy, weighed=model.evidence.weighed
+        )
         test = measurement(
             model.nuisances, model.scatter, model.data.mode_names, evidence, model.forward
         )

@@ -183,7 +183,7 @@ def patch_tests(
     """
     split = patches(cells, n, merged)
     columns = patch_columns(cells, modes, pairing, split, soft)
-    frequencies = replace(evidence, log_damping=None, shapes=None)
+    frequencies = replace(evidence, log_damping=None, shapes=None, weighed=())
     count, mode = frequencies.data.size, frequencies.entries.mode
     slope = []
     if by_torque and len(evidence.conditions) > 1:

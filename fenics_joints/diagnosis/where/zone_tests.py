@@ -17,7 +17,7 @@ stays chi-square whatever the others do.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -289,13 +289,18 @@ def attribution(
         residual: Data minus the nominal model's prediction, (N,).
         evidence: The test.
         by: ``"mode"``, ``"band"`` (octaves from the lowest frequency), ``"condition"`` (torque or
-            level, ascending) or ``"kind"`` (frequencies, damping, shapes).
+            level, ascending) or ``"kind"`` (frequencies, damping, shapes, masses); masses are of no
+            mode and no condition.
         nuisance: Derivatives by the nuisances in prior standard deviations, (N, p).
         names: Names of the modes.
 
     Raises:
         InputError: If ``by`` is none of these.
     """
+    if by != "kind" and evidence.weighed and len(residual) == len(evidence.data):
+        evidence = replace(evidence, weighed=())
+        residual = residual[: len(evidence.data)]
+        nuisance = None if nuisance is None else nuisance[: len(residual)]
     used = np.ravel(evidence.fitted)
     if len(residual) != len(used):
         raise InputError(f"residual: {len(residual)} rows: expected {len(used)}.")
@@ -320,7 +325,7 @@ def _groups(evidence: Evidence, by: str, names) -> tuple[np.ndarray, list[str]]:
     if by == "mode":
         return mode, list(names or (f"mode {j + 1}" for j in range(n_modes)))
     if by == "kind":
-        return kind, ["frequencies", "damping", "shapes"]
+        return kind, ["frequencies", "damping", "shapes", "masses"]
     if by == "condition":
         values, rank = np.unique(evidence.conditions, return_inverse=True)
         return rank[row], [f"{value:g}" for value in values]

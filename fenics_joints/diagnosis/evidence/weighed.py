@@ -1,0 +1,136 @@
+"""What was put on a scale: masses split a density from a modulus where frequencies cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import log
+
+import numpy as np
+
+from fenics_joints.case import Case
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.structure.model import Model
+
+__all__ = ["WHOLE", "Weighed", "case_weighed", "on_a_scale", "weights"]
+
+WHOLE = "the whole structure"
+#: What a part's mass is proportional to, and what a point mass is.
+_SIZES, _POINT = ("rho", "thickness", "width"), "mass"
+_STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A mass from a scale, and what the model has for it.
+
+    Attributes:
+        name: The part's, or `WHOLE`.
+        kg: What the scale said.
+        sd: Its relative standard deviation, with what the mesh leaves out of the volume.
+        parts: Nominal mass, kg, of each part that was weighed with it, by name.
+        nominal: Values of the parts' parameters at these.
+        points: Parameters of the point masses that were, each a mass, kg.
+        fixed: What depends on no parameter, kg.
+    """
+
+    name: str
+    kg: float
+    sd: float
+    parts: Mapping[str, float]
+    nominal: Mapping[str, float]
+    points: tuple[str, ...] = ()
+    fixed: float = 0.0
+
+    def log_mass(self, values: Mapping[str, float]) -> float:
+        """ln of the model's mass, kg.
+
+        Args:
+            values: Its parameter values.
+        """
+        total = self.fixed + sum(values[key] for key in self.points)
+        for part, mass in self.parts.items():
+            for key in _keys(part, self.nominal):
+                mass = mass * values[key] / self.nominal[key]
+            total += mass
+        return log(total)
+
+
+def _keys(part: str, values: Mapping[str, float]) -> list[str]:
+    return [key for size in _SIZES if (key := f"{part}.{size}") in values]
+
+
+def case_weighed(case: Case, model: Model, baseline: Mapping[str, float]) -> tuple[Weighed, ...]:
+    """What a case says was weighed: ``[test] mass`` of the whole, and ``[parts.NAME] mass``.
+
+    What is ``[attached]`` is taken not to have been on the scale. Collective.
+
+    Args:
+        case: The case.
+        model: Its nominal model.
+        baseline: That model's parameter values.
+    """
+    whole = None if case.test is None else case.test.mass
+    kg = {name: part.mass for name, part in case.parts.items() if part.mass is not None}
+    if case.test is None or (whole is None and not kg):
+        return ()
+    of_whole = on_a_scale(case, model, baseline)
+    found = [] if whole is None else [replace(of_whole, kg=whole)]
+    return (*found, *(
+        replace(of_whole, name=name, kg=m, parts={name: of_whole.parts[name]}, points=(), fixed=0.0)
+        for name, m in kg.items()
+    ))  # fmt: skip
+
+
+def on_a_scale(case: Case, model: Model, baseline: Mapping[str, float]) -> Weighed:
+    """The whole structure as a scale would find it were the nominal model right. Collective.
+
+    Args:
+        case: The case, with a test.
+        model: Its nominal model.
+        baseline: That model's parameter values.
+    """
+    total = model.total_mass(baseline)
+    parts = {name: _part_mass(model, baseline, name, total) for name in case.parts}
+    nominal = {key: baseline[key] for name in parts for key in _keys(name, baseline)}
+    points = tuple(f"{name}.{_POINT}" for name in case.masses)
+    rest = total - sum(parts.values()) - sum(baseline[key] for key in points)
+    return Weighed(WHOLE, total, case.test.mass_noise, parts, nominal, points, rest)
+
+
+def _part_mass(model: Model, baseline: Mapping[str, float], part: str, total: float) -> float:
+    """kg; the total is linear in the part's density."""
+    key = f"{part}.rho"
+    return 2.0 * (total - model.total_mass({**baseline, key: 0.5 * baseline[key]}))
+
+
+def weights(
+    weighed: Sequence[Weighed],
+    hypothesis: Hypothesis,
+    z: np.ndarray,
+    condition: float,
+    baseline: dict[str, float],
+    *,
+    slopes: bool = True,
+) -> tuple[np.ndarray, np.ndarray]:
+    """ln of the masses that a hypothesis predicts, (k,), and their derivatives by z, (k, d).
+
+    Args:
+        weighed: What was weighed.
+        hypothesis: The hypothesis.
+        z: Parameters in prior standard deviations, (d,).
+        condition: Any of the test's: no mass depends on it.
+        baseline: Parameter values of the nominal model.
+        slopes: Whether derivatives are wanted; they are zero otherwise.
+    """
+
+    def at(z) -> np.ndarray:
+        values = hypothesis.values(z, condition, baseline)
+        return np.array([w.log_mass(values) for w in weighed])
+
+    by_z = np.zeros((len(weighed), len(z)))
+    for j in range(hypothesis.own.stop) if weighed and slopes else ():
+        step = np.zeros(len(z))
+        step[j] = _STEP
+        by_z[:, j] = (at(z + step) - at(z - step)) / (2 * _STEP)
+    return at(z), by_z
