@@ -19,6 +19,7 @@ from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.several import fit_several
+from fenics_joints.diagnosis.survey import survey
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.parallel import spread
 from fenics_joints.progress import Progress
@@ -77,7 +78,7 @@ class Search:
         new = [h for h in singles if not self._kept(h)]
         starts = dict(zip((h.label_of_keys for h in new), self._starts(new, fits[0]), strict=True))
         fits += self.fit_all(singles, [starts.get(h.label_of_keys, ()) for h in singles])
-        fits = self.checked(fits, _LEADING_SINGLES)
+        fits = self.checked(survey(self, fits), _LEADING_SINGLES)
         several = fit_several(self, fits[2:])
         fits = fits + several
         if any(f is g for f in several for g in self._leading(fits, _LEADING_SINGLES)):
@@ -170,12 +171,21 @@ class Search:
 
     def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
         """Parameters of the leading fits at the lowest condition, where joints are softest."""
-        lowest, found = self.model.evidence.conditions[0], []
+        found: list[dict[str, float]] = []
         for f in self._leading(fits, len(fits)):
-            values = f.hypothesis.values(f.z, lowest, self.model.baseline, 0)
+            values = self.lowest(f)
             if values not in found and len(found) < count:
                 found.append(values)
         return found
+
+    def lowest(self, f: Fit) -> dict[str, float]:
+        """The model's parameter values of a fit at the lowest condition, where joints are softest.
+
+        Args:
+            f: The fit.
+        """
+        lowest = self.model.evidence.conditions[0]
+        return f.hypothesis.values(f.z, lowest, self.model.baseline, 0)
 
     def _leading(self, fits: Sequence[Fit], count: int) -> list[Fit]:
         """The most probable but for the unknown."""

@@ -58,8 +58,8 @@ class Assembly:
         masses: Point masses.
         springs: Grounding springs.
         supports: Held facets, and ones on springs that are spread over them.
-        degree: Degree of the displacement, 1 or 2; on quadrilaterals and hexahedra degree 2 is
-            the serendipity element.
+        degree: Degree of the displacement, 1 to 3; on quadrilaterals and hexahedra degrees 2 and 3
+            are the serendipity elements.
         quadrature_degree: Degree of the cell quadrature; 2 * degree by default, which is exact for
             straight-sided boxes and simplices; one more for a body of revolution.
         axisymmetric: Whether the mesh is the half section of a body of revolution, of parts only.
@@ -108,7 +108,7 @@ class Assembly:
         self.axisymmetric, self.weight = axisymmetric, 1.0
         if axisymmetric:
             self._make_axisymmetric()
-        self.degree = degree = whole("degree", degree, 1, 2)
+        self.degree = degree = whole("degree", degree, 1, 3)
         exact = 2 * degree + bool(axisymmetric)
         self.quadrature_degree = exact if quadrature_degree is None else whole(
             "quadrature_degree", quadrature_degree, 0, 30
@@ -204,7 +204,7 @@ class Assembly:
 
     def _make_spaces(self, degree: int) -> None:
         cell = self.mesh.topology.cell_name()
-        family = "S" if degree == 2 and cell in _SERENDIPITY_CELLS else "Lagrange"
+        family = "S" if degree > 1 and cell in _SERENDIPITY_CELLS else "Lagrange"
         self.element = basix.ufl.element(family, cell, degree)
         gdim = self.mesh.geometry.dim
         self.V = fem.functionspace(

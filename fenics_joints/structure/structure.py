@@ -53,6 +53,16 @@ class Structure(Assembly):
         parameters = self.parameters.values()
         return Structure(self.tagged, parameters=parameters, degree=1, **self._made_of)
 
+    def finer(self) -> Structure | None:
+        """The same structure on the same mesh with displacements of one degree more; None beyond
+        the third."""
+        if self.degree > 2:
+            return None
+        parameters = self.parameters.values()
+        return Structure(
+            self.tagged, parameters=parameters, degree=self.degree + 1, **self._made_of
+        )
+
     @property
     def layers(self) -> tuple[str, ...]:
         """Names of parts, joints and elastic supports, which may have damping of their own."""

@@ -184,7 +184,7 @@ def test_a_diagnosis_that_was_stopped_goes_on(tmp_path):
     with pytest.raises(Stopped, match="holding data out"):
         diagnose(case, MPI.COMM_SELF, Stop("holding data out"), keep=keep)
     kept = sorted(path.name.split("-")[0] for path in keep.iterdir())
-    assert kept == ["fits", "model", "model"]
+    assert kept == ["fits", "model", "model", "model"]
 
     def search(folder, progress):
         model = prepare(case, MPI.COMM_SELF, progress)

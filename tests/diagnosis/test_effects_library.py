@@ -166,6 +166,9 @@ def test_samples_hold_every_effect_within_its_prior(case, zones):
     samples = sample_values(found, baseline, TORQUES, 2 * len(acting), seed=2)
     assert len(samples) == 2 * len(acting)
     assert samples == sample_values(found, baseline, TORQUES, 2 * len(acting), seed=2)
+    # First one place of each kind.
+    places = {e.key: [o.key for o in acting if o.name == e.name].index(e.key) for e in acting}
+    acting = sorted(acting, key=lambda e: places[e.key])
     for effect, values in zip(acting, samples, strict=False):
         changed = {key for key in values if values[key] != baseline[key]}
         assert changed <= touched(effect, baseline) or "radius" in theta_of(effect)

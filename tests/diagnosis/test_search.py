@@ -81,7 +81,7 @@ def problem(bend, truth, seed=3, most=2, families=None):
     return SimpleNamespace(
         comm=MPI.COMM_SELF, effects=tuple(effects), evidence=evidence, baseline=forward.baseline,
         forward=forward, checked=checked,
-        surrogate=SimpleNamespace(errors=errors, checking="checking"),
+        surrogate=SimpleNamespace(errors=errors, checking="checking", n_samples=0),
         case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=most)),
         hypothesis=lambda chosen, **kwargs: Hypothesis(tuple(chosen), known, **kwargs),
     )  # fmt: skip
@@ -199,6 +199,28 @@ def test_odds_of_all_effects_together_do_not_depend_on_their_number():
     model.effects = model.effects[:3]
     search = Search(model, Progress(silent=True), KeptFits(None, model.evidence, {}, False))
     assert np.exp(search.log_prior(singles[:3])).sum() == pytest.approx(total)
+
+
+def test_what_the_reduced_model_is_astray_on_is_looked_at_though_it_seems_hopeless():
+    """Ten times too stiff in one effect, of which there is no sample: none of the leaders."""
+    model = problem(0.0, {3: 1.4})
+    right = model.forward.matrix.copy()
+    model.forward.matrix[:, 3] *= 0.1
+
+    def extend(points):
+        model.forward.matrix[:] = right
+
+    def errors(points):
+        off = model.forward.matrix[0, 3] != right[0, 3]
+        return np.array([0.1 * (off and point["p3"] != 0) for point in points])
+
+    model.surrogate.n_samples, model.surrogate.errors, model.surrogate.extend = 1, errors, extend
+    model.rare = set
+    _, fits, probability = searched(model)
+    assert keys(fits[int(np.argmax(probability))]) != {"effect 3"}
+    model.rare = lambda: {"effect 2", "effect 3"}
+    _, fits, probability = searched(model)
+    assert keys(fits[int(np.argmax(probability))]) == {"effect 3"}
 
 
 def test_near_best_by_hand():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -14,7 +15,7 @@ from fenics_joints.diagnosis.effects.part import CAUSES, SHEAR
 from fenics_joints.diagnosis.effects.rig import MASS, SPRING
 from fenics_joints.diagnosis.zones.nominal import bonded_values
 
-__all__ = ["sample_ranges", "sample_values"]
+__all__ = ["is_rare", "sample_ranges", "sample_values"]
 
 #: How far from the median of its prior, in standard deviations, a parameter is put.
 _WIDE = 1.5
@@ -65,8 +66,9 @@ def sample_values(
 ) -> list[dict[str, float]]:
     """Parameter values with effects in them, at places of their priors from a Sobol sequence.
 
-    The effects take turns, first each alone, then each with one of another family. What changes
-    nothing in the model is left out.
+    The effects take turns, first each alone, then each with one of another family; and first one
+    place of each kind, then the next, so that few samples leave no kind out. What changes nothing
+    in the model is left out.
 
     Args:
         effects: The effects.
@@ -77,9 +79,7 @@ def sample_values(
         known: Parameters that are sampled otherwise; effects that change no others are left out.
     """
     alone = [e for e in effects if e.priors and not e.holds]
-    acting = [
-        e for e in alone if any(e.touches(baseline, z, 1.0) - set(known) for z in (1.0, -1.0))
-    ]
+    acting = _kinds_first([e for e in alone if is_rare(e, baseline, known)])
     if not acting or count < 1:
         return []
     turns = [_turn(acting, i) for i in range(count)]
@@ -94,6 +94,27 @@ def sample_values(
             effect.apply(values, theta, float(conditions[i % len(conditions)]))
         found.append(values)
     return found
+
+
+def is_rare(effect: Effect, baseline: Mapping[str, float], known: Iterable[str]) -> bool:
+    """Whether an effect changes parameters that are not sampled otherwise.
+
+    Args:
+        effect: The effect.
+        baseline: Values of the nominal model.
+        known: Parameters that are sampled otherwise.
+    """
+    return any(effect.touches(baseline, z, 1.0) - set(known) for z in (1.0, -1.0))
+
+
+def _kinds_first(effects: Sequence[Effect]) -> list[Effect]:
+    """The first place of each kind of effect, then the second of each, and so on."""
+    met: Counter[str] = Counter()
+    numbered = []
+    for effect in effects:
+        numbered.append((met[effect.name], effect))
+        met[effect.name] += 1
+    return [effect for _, effect in sorted(numbered, key=lambda pair: pair[0])]
 
 
 def _turn(effects: Sequence[Effect], i: int) -> tuple[Effect, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +12,18 @@ from scipy.stats import qmc
 
 from fenics_joints.case import Case
 from fenics_joints.case.fingerprint import fingerprint
+from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
-from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
+from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.user import for_zones
 from fenics_joints.diagnosis.evidence.equal import distinct
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.weighed import case_weighed
+from fenics_joints.diagnosis.model.resolution import mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of
+from fenics_joints.formatting import percent
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
@@ -76,7 +80,8 @@ class Prepared(Subject):
         )  # fmt: skip
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:
-        """Make the reduced model, or read it from a folder if it is kept there. Collective.
+        """Make the reduced model, or read it from a folder if it is kept there; and measure the
+        error of the full one's mesh. Collective.
 
         Args:
             progress: Told after each sample.
@@ -94,6 +99,29 @@ class Prepared(Subject):
             samples=lambda: self._samples(self.case.diagnose.samples), travel=self._travel,
             keep=None if keep is None else file, progress=progress,
         )  # fmt: skip
+        self.evidence = replace(self.evidence, mesh_error=mesh_errors(
+            self.surrogate, self.baseline, progress,
+            None if keep is None else lambda: file("mesh").with_suffix(".json"),
+        ))  # fmt: skip
+
+    def mesh_error(self) -> dict[str, float]:
+        """Relative error of the test's modes from the mesh; empty where it was not measured."""
+        errors = self.evidence.mesh_error
+        return {} if errors is None else dict(zip(self.data.mode_names, errors.tolist(),
+                                                  strict=True))  # fmt: skip
+
+    def mesh_notes(self) -> list[str]:
+        """A sentence where the mesh's own error is larger than the discrepancy of the case."""
+        asked, errors = self.evidence.discrepancy, self.mesh_error()
+        worst = max(errors, key=errors.get, default=None)
+        if worst is None or errors[worst] <= asked:
+            return []
+        count = sum(e > asked for e in errors.values())
+        return [
+            f"{OF_MODEL}the mesh alone is {percent(errors[worst])} off in {worst}, by the same "
+            f"mesh one degree higher; where that is more than diagnose.discrepancy, "
+            f"{percent(asked)}, it is taken instead: in {count} of {len(errors)} modes"
+        ]
 
     def _travel(self) -> dict:
         pointed = {**self.case.masses, **self.case.attached}
@@ -140,6 +168,12 @@ class Prepared(Subject):
             found.append(values)
         return found
 
+    def rare(self) -> set[str]:
+        """Names of the effects that change what few samples of the reduced model are of: joints,
+        and what is put on."""
+        known = set(sample_ranges(self.case))
+        return {e.name for e in self.effects if is_rare(e, self.baseline, known)}
+
     def _sample(self, ranges: dict, place: dict[str, float]) -> dict[str, float]:
         """Values at a place in the unit cube of the ranges; in their middle where not given."""
         values = dict(self.baseline)
@@ -181,5 +215,8 @@ def prepare(
         **vars(subject), comm=comm, data=data, effects=effects, silent=silent,
         nuisances=case_nuisances(case, zones),
         scatter=case.diagnose.preload_scatter if by_preload(data) else 0.0,
-        evidence=evidence_of(data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy),
+        evidence=evidence_of(
+            data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy,
+            case_weighed(case, subject.full, subject.baseline),
+        ),
     )  # fmt: skip

@@ -1,0 +1,99 @@
+"""The error of a model's own mesh: its frequencies against those of one degree higher."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.gap import VISIBLE, pair_modes
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.parallel import on_root
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.seen import SeenModes
+
+__all__ = ["mesh_errors"]
+
+#: Degrees of freedom of the finer model at most: it is solved once, and may need ten times the
+#: memory of the other.
+_MOST = 150_000
+#: MAC below which two modes are not the same one.
+_SAME = 0.7
+
+
+def mesh_errors(
+    small: SeenModes,
+    values: Mapping[str, float],
+    progress: Progress,
+    keep: Callable[[], Path] | None = None,
+) -> np.ndarray | None:
+    """Relative error of the frequency of each of the test's modes from the mesh, (m,). Collective.
+
+    The same mesh with displacements of one degree more, solved once, is taken for the truth: its
+    own error is smaller by more than the order between them (Babuska and Guo, Comput. Mech. 1,
+    1986), but for edges where stresses are singular. A mode that has no like there gets the largest
+    error of the others.
+
+    Args:
+        small: Knows the full model, its modes at ``values``, and which of them the test saw.
+        values: Parameter values of the nominal model.
+        progress: Told before the solution.
+        keep: Gives the file in which the errors of all modes are kept; None to keep nothing.
+
+    Returns:
+        The errors; None for a model without a finer one, or one that would be too large.
+    """
+    if not small.full.is_meshed:
+        return None
+    comm = small.full.comm
+    keep = keep and keep()
+    kept = comm.bcast(on_root(comm, lambda: _read(keep)))
+    errors = _measured(small, values, progress) if kept is None else np.array(kept)
+    if errors is None:
+        return None
+    if kept is None and keep is not None:
+        on_root(comm, lambda: keep.write_text(json.dumps(errors.tolist())))
+    own = errors[small.pairing.index]
+    return np.where(np.isfinite(own), own, np.nanmax(errors, initial=0.0))
+
+
+def _measured(small: SeenModes, values, progress: Progress) -> np.ndarray | None:
+    """Relative error of all modes of the full model, (n,); nan where none is the same."""
+    finer = small.full.finer()
+    if finer is None or finer.n_dofs > _MOST:
+        return None
+    progress.step("measuring the mesh's own error, one degree higher")
+    modes, sensors = small.nominal, small.sensors
+    better = solve_modes(finer, values, n_modes=small.n_modes)
+    found = np.full(len(modes), np.nan)
+    own = np.arange(modes.n_rigid, len(modes))
+    shapes = None
+    if sensors is not None:
+        own = own[modes.visibility(sensors)[own] > VISIBLE]
+        shapes = modes.at(sensors)[:, own]
+    # The highest of one may have no like among those of the other.
+    count = min(len(own), len(better) - better.n_rigid)
+    for n in range(count, 0, -1):
+        try:
+            pairs = pair_modes(
+                better, n, sensors, reference=None if shapes is None else shapes[:, :n]
+            )
+        except InputError:
+            continue
+        same = np.ones(n, dtype=bool) if pairs.mac is None else pairs.mac > _SAME
+        ratio = modes.frequencies_hz[own[:n]] / better.frequencies_hz[pairs.index]
+        found[own[:n][same]] = np.abs(ratio - 1.0)[same]
+        break
+    return small.full.comm.bcast(found)
+
+
+def _read(file: Path | None) -> list[float] | None:
+    if file is None or not file.is_file():
+        return None
+    try:
+        return [float(x) for x in json.loads(file.read_text())]
+    except (OSError, ValueError, TypeError):
+        return None

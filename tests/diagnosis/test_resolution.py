@@ -1,0 +1,56 @@
+"""The error of the mesh, measured with one degree more, against a mesh thrice as fine."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.model.resolution import mesh_errors
+from fenics_joints.meshes import box
+from fenics_joints.modal import solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.seen import SeenModes
+from fenics_joints.structure import Sensors, Structure, part
+
+SIZE = (0.3, 0.06, 0.006)
+
+
+def strip(*elements, degree):
+    body = part("strip", "body", E=69e9, nu=0.3, rho=2700.0)
+    return Structure(box(MPI.COMM_WORLD, SIZE, elements), [body], degree=degree)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("degree", [1, 2])
+def test_mesh_error_is_that_against_a_finer_mesh(degree, shared_tmp_path):
+    """Of four bending modes: 5 elements of degree 2 along a strip, or 30 of degree 1."""
+    x = np.linspace(0.01, 0.29, 9)
+    line = np.array([x, 0.03 + 0 * x, 0.006 + 0 * x]).T
+    sensors = Sensors(line, [0.0, 0.0, 1.0])
+    given = {"sensors": sensors, "n_test": 4, "n_modes": 24}
+    small = SeenModes(strip(30 if degree == 1 else 5, 2, 1, degree=degree), {}, **given)
+    silent, file = Progress(silent=True), shared_tmp_path / "errors.json"
+    found = mesh_errors(small, {}, silent, lambda: file)
+    fine = SeenModes(strip(30, 6, 2, degree=2), {}, **given)
+    own, best = (s.nominal.frequencies_hz[s.pairing.index] for s in (small, fine))
+    true = own / best - 1
+    assert found == pytest.approx(true, rel=0.15, abs=2e-5)
+    # From the file without a solution, whatever the model.
+    again = mesh_errors(small, {"none such": 1.0}, silent, lambda: file)
+    assert again == pytest.approx(found, abs=1e-12)
+
+
+def test_no_degree_is_above_the_third():
+    cubic = strip(3, 1, 1, degree=2).finer()
+    assert cubic.degree == 3 and cubic.finer() is None
+    modes = solve_modes(cubic, n_modes=7)
+    assert modes.n_rigid == 6
+
+
+def test_the_larger_of_mesh_error_and_discrepancy_counts():
+    log_f = np.log([[100.0, 200.0, 300.0]])
+    test = Evidence(np.array([1.0]), log_f, np.zeros((1, 3)), 0.01,
+                    mesh_error=np.array([0.002, 0.03, 0.01]))  # fmt: skip
+    assert np.sqrt(np.diag(test.covariance())) == pytest.approx([0.01, 0.03, 0.01])
