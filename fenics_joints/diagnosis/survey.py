@@ -35,7 +35,7 @@ def survey(search: Fits, fits: list[Fit]) -> list[Fit]:
             best[name] = f
     if not best:
         return fits
-    search.progress.step("checking each kind of effect on the full model", len(best))
+    search.progress.step("checking each kind of effect on the full model")
     points = {name: search.lowest(f) for name, f in best.items()}
     errors = dict(zip(points, _errors(search, list(points.values())), strict=True))
     astray = [name for name in points if errors[name] > _ASTRAY * model.evidence.discrepancy]
@@ -53,11 +53,15 @@ def survey(search: Fits, fits: list[Fit]) -> list[Fit]:
 
 def _errors(search: Fits, points: Sequence[dict[str, float]]) -> list[float]:
     """Of the reduced model at each point; 0 where a mode that the test saw is gone."""
+    errors = search.model.surrogate.errors
+    try:
+        return errors(points).tolist()
+    except InputError:
+        pass
     found = []
     for point in points:
         try:
-            found.append(float(search.model.surrogate.errors([point])[0]))
+            found += errors([point]).tolist()
         except InputError:
             found.append(0.0)
-        search.progress.advance()
     return found

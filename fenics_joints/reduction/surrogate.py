@@ -77,7 +77,9 @@ class Surrogate(SeenModes):
         Raises:
             InputError: If either lacks a mode that the test saw.
         """
-        self._solved.clear()
+        # Others are let go: they hold vectors of the full model's size.
+        wanted = {tuple(values.items()) for values in points}
+        self._solved = {key: m for key, m in self._solved.items() if key in wanted}
         off = [self.forward(values)[0] - self.log_f(values) for values in points]
         errors = np.array([np.max(np.abs(each)) for each in off])
         # Every rank has to take the same way from here.
