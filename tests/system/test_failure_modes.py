@@ -109,7 +109,9 @@ def prepared(data: TestData | Evidence, library=LIBRARY, shapes=False):
     return SimpleNamespace(
         comm=MPI.COMM_SELF, effects=tuple(library), evidence=evidence, baseline=BASELINE,
         forward=forward_of(MODEL, reference),
-        surrogate=SimpleNamespace(errors=lambda points: np.zeros(len(points)), checking="checking"),
+        surrogate=SimpleNamespace(
+            errors=lambda points: np.zeros(len(points)), checking="checking", n_samples=0
+        ),
         case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=1)),
         hypothesis=lambda effects, **kwargs: Hypothesis(
             tuple(effects), NUISANCES, conditions=conditions, modes=MODES, **kwargs
