@@ -18,8 +18,11 @@ ALSO: dict[str, tuple[str, ...]] = {
     "graded": ("joint compliance graded from zone to zone",),
     # Two names for what happens at a bolt that does not press.
     "loose_bolt": ("compliance at one bolt", "compliance at one joint"),
-    # In the library's words: as one under the bolts and barely touching elsewhere.
-    "lost_contact": ("compliance away from the bolts only",),
+    # In the library's words: as one under the bolts and barely touching elsewhere; or touching near
+    # them only, at any torque.
+    "lost_contact": (
+        "compliance away from the bolts only", "contact area smaller than modelled",
+    ),
 }
 
 

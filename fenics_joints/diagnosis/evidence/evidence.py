@@ -228,6 +228,7 @@ def evidence_of(
     discrepancy: float,
     shape_error: float = 0.05,
     weighed: tuple[Weighed, ...] = (),
+    mesh_error: np.ndarray | None = None,
 ) -> Evidence:
     """A test as the inference sees it.
 
@@ -238,9 +239,10 @@ def evidence_of(
         discrepancy: See `Evidence`.
         shape_error: Likewise.
         weighed: Likewise.
+        mesh_error: Likewise.
     """
     log_f = np.log(data.frequencies_hz)
-    kwargs = {"weighed": weighed}
+    kwargs = {"weighed": weighed, "mesh_error": mesh_error}
     if data.by_level:
         kwargs["changing"] = _BETWEEN_LEVELS
     if has_ratios(data):

@@ -19,7 +19,7 @@ __all__ = ["mesh_errors"]
 
 #: Degrees of freedom of the finer model at most: it is solved once, and may need ten times the
 #: memory of the other.
-_MOST = 150_000
+_MOST = 60_000
 #: MAC below which two modes are not the same one.
 _SAME = 0.7
 

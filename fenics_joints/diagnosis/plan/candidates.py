@@ -185,7 +185,7 @@ class Candidates:
         damping = np.full(data.frequencies_hz.shape, 1e-3)
         evidence = evidence_of(
             replace(data, damping=damping, damping_noise=noise), self.evidence.discrepancy,
-            weighed=self.evidence.weighed,
+            weighed=self.evidence.weighed, mesh_error=self.evidence.mesh_error,
         )  # fmt: skip
         name = f"the damping ratios of the same modes, to {100 * noise:.3g} %"
         return [Candidate(name, self._measurement(evidence))]
@@ -197,7 +197,7 @@ class Candidates:
         shapes = m.surrogate.pairing.shapes
         evidence = evidence_of(
             replace(m.data, shapes=shapes), self.evidence.discrepancy,
-            weighed=self.evidence.weighed,
+            weighed=self.evidence.weighed, mesh_error=self.evidence.mesh_error,
         )  # fmt: skip
         name = f"the mode shapes at the same {len(m.data.sensors)} sensors"
         return [Candidate(name, self._measurement(evidence))]

@@ -67,8 +67,9 @@ def plan(
         model.reduce(progress, keep)
         model.data = _nominal(model, case)
         evidence = evidence_of(
-            model.data, model.case.diagnose.discrepancy, weighed=model.evidence.weighed
-        )
+            model.data, model.case.diagnose.discrepancy, weighed=model.evidence.weighed,
+            mesh_error=model.evidence.mesh_error,
+        )  # fmt: skip
         test = measurement(
             model.nuisances, model.scatter, model.data.mode_names, evidence, model.forward
         )
