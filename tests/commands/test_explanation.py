@@ -393,7 +393,7 @@ def test_no_probability_is_shown_that_experience_does_not_bear():
     assert sum(h["weight"] for h in rows["hypotheses"]) == pytest.approx(1.0, abs=1e-5)
     assert "84 % was right" in rows["probabilities"]["why"]
     words = explain(d)
-    assert "(> 90 %) or joint tangential compliance (< 1 %)" in words.which
+    assert "cannot tell apart (equally likely beforehand), > 90 %" in words.which
     assert "more than 90 times less probable" in words.which
     assert "e-1" not in str(words.to_json()) and "84 % was right" in diagnosis_html(d)
     tables = re.findall(r'<table id="(?:effects|hypotheses)">.*?</table>', diagnosis_html(d), re.S)
