@@ -344,6 +344,8 @@ class Diagnose(Section):
     models. ``nested`` is the number of leading hypotheses whose evidence is sampled, and
     ``patches`` that of patches of each region in which the gap is looked for; 0 for neither these
     nor the error in the constitutive relation, which cost solutions of the full model.
+    ``mesh_error`` says whether the mesh's own error of each frequency is measured, by one solution
+    with elements of one degree more, and counts where it is larger than ``discrepancy``.
     ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that
     nothing of the joints is assumed; or the stiffness ``given`` by ``[joints]``, of which a
     diagnosis can then say that the preload is below the nominal one.
@@ -361,6 +363,7 @@ class Diagnose(Section):
     joints: Literal["bonded", "given"] = "bonded"
     nested: Annotated[int, Field(ge=0, le=50, strict=True)] = 6
     patches: Annotated[int, Field(ge=0, le=200, strict=True)] = 12
+    mesh_error: Annotated[bool, Field(strict=True)] = True
 
 
 def _parallel(a, b) -> bool:

@@ -15,8 +15,9 @@ from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.progress import Progress
 
-#: One effect at a time, and nothing that has tests of its own.
-FEW = ("max_effects = 1", "nested = 0", "patches = 0")
+#: One effect at a time, and nothing that has tests of its own. What a discrepancy does is looked at
+#: here, and these elements of 20 mm are up to 1.5 % off.
+FEW = ("max_effects = 1", "nested = 0", "patches = 0", "mesh_error = false")
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +130,7 @@ def test_small_mass_is_left_open_by_a_coarse_model(diagnosed):
 PAIRS = (
     "max_effects = 2",
     "nested = 2",
+    "mesh_error = false",
     "patches = 0",
     'discrepancy = "0.5 %"',
     'effects = ["accelerometer mass", "joint tangential compliance", "temperature"]',
@@ -184,7 +186,7 @@ def test_a_diagnosis_that_was_stopped_goes_on(tmp_path):
     with pytest.raises(Stopped, match="holding data out"):
         diagnose(case, MPI.COMM_SELF, Stop("holding data out"), keep=keep)
     kept = sorted(path.name.split("-")[0] for path in keep.iterdir())
-    assert kept == ["fits", "model", "model", "model"]
+    assert kept == ["fits", "model", "model"]
 
     def search(folder, progress):
         model = prepare(case, MPI.COMM_SELF, progress)

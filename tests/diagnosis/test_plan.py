@@ -191,6 +191,7 @@ def test_planned_test_says_what_is_wrong(tmp_path, planned, old, new, said):
 # -- the lap plates --------------------------------------------------------------------------------
 
 FEW = """[diagnose]
+mesh_error = false
 discrepancy = "0.2 %"
 samples = 4
 effects = ["modulus error", "density error", "thickness error", "joint tangential compliance"]
@@ -204,7 +205,7 @@ def test_plan_of_the_lap_plates(tmp_path, planned, capfd):
     """On the command line, without a data file.
 
     Bending frequencies see the plates' thickness, modulus and density as one; torsion and in-plane
-    motion do not grow with the thickness, and only a known mass tells modulus from density.
+    motion do not grow with the thickness, and a known mass, or a scale, tells modulus from density.
     """
     folder = planned(tmp_path, ("[diagnose]\n", FEW), ('noise = "0.3 %"', 'noise = "0.1 %"'))
     out, page = tmp_path / "plan.json", tmp_path / "plan.html"
@@ -225,6 +226,9 @@ def test_plan_of_the_lap_plates(tmp_path, planned, capfd):
         for what in ("known mass", "softer rope")
     )
     assert mass > 0.3 > abs(rope)
+    # And a scale.
+    weighed = gained["the mass of the whole structure, to 0.5 %"]
+    assert weighed["mean_gain"] > 0.3
     assert CliRunner().invoke(app, ["diagnose", str(folder)]).exit_code == 1
     assert "test.frequencies is missing" in capfd.readouterr().err
 

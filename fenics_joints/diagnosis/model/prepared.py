@@ -99,10 +99,11 @@ class Prepared(Subject):
             samples=lambda: self._samples(self.case.diagnose.samples), travel=self._travel,
             keep=None if keep is None else file, progress=progress,
         )  # fmt: skip
-        self.evidence = replace(self.evidence, mesh_error=mesh_errors(
-            self.surrogate, self.baseline, progress,
-            None if keep is None else lambda: file("mesh").with_suffix(".json"),
-        ))  # fmt: skip
+        if self.case.diagnose.mesh_error:
+            self.evidence = replace(self.evidence, mesh_error=mesh_errors(
+                self.surrogate, self.baseline, progress,
+                None if keep is None else lambda: file("mesh").with_suffix(".json"),
+            ))  # fmt: skip
 
     def mesh_error(self) -> dict[str, float]:
         """Relative error of the test's modes from the mesh; empty where it was not measured."""
