@@ -160,12 +160,13 @@ def _tabulate(V, element, points, cells, index) -> PointRows:
     gdim, tdim = msh.geometry.dim, msh.topology.dim
     cmap, vertices = coordinate_map(msh), geometry_dofmap(msh)
     linear = basix.ufl.element("Lagrange", msh.topology.cell_name(), 1)
+    orient = _orientation(V, element)
     nodes, values, gradients = [], [], []
     for point, cell in zip(points, cells, strict=True):
         x = msh.geometry.x[vertices[cell], :gdim]
         reference = cmap.pull_back(point[None, :], x)
         jacobian = x.T @ linear.tabulate(1, reference)[1 : tdim + 1, 0, :].T
-        table = element.tabulate(1, reference)[:, 0, :]
+        table = orient(element.tabulate(1, reference)[:, 0, :], cell)
         nodes.append(V.dofmap.cell_dofs(cell))
         values.append(table[0])
         gradients.append(table[1 : tdim + 1].T @ np.linalg.inv(jacobian))
@@ -176,6 +177,26 @@ def _tabulate(V, element, points, cells, index) -> PointRows:
         np.array(values).reshape(len(index), n),
         np.array(gradients).reshape(len(index), n, gdim),
     )
+
+
+def _orientation(V, element):
+    """What turns an element's functions, (k, n), from those of the reference to those of a cell.
+
+    Only functions of degree 3 on edges that two cells see from different ends differ.
+    """
+    if not V.element.needs_dof_transformations:
+        return lambda table, cell: table
+    V.mesh.topology.create_entity_permutations()
+    seen = V.mesh.topology.get_cell_permutation_info()
+    scalar = fem.functionspace(V.mesh, element).element
+
+    def turned(table, cell):
+        found = np.ascontiguousarray(table)
+        for row in found:
+            scalar.T_apply(row, seen[cell : cell + 1], 1)
+        return found
+
+    return turned
 
 
 def observe(rows: PointRows, directions: np.ndarray, vectors: list[PETSc.Vec], V) -> np.ndarray:
