@@ -41,24 +41,27 @@ def diagnosed(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("truth", "discrepancy", "cause", "regions"),
+    ("truth", "discrepancy", "cause", "regions", "held", "over_placebo"),
     [
-        ({"k_t": 3e11}, "1 %", "joint tangential compliance", {"near", "away"}),
-        ({"modulus": 0.85}, "1 %", "modulus error", {"plates"}),
+        ({"k_t": 3e11}, "1 %", "joint tangential compliance", {"near", "away"}, 0.4, 0.75),
+        ({"modulus": 0.85}, "1 %", "modulus error", {"plates"}, 0.4, 0.75),
         # 20 g in 1.2 kg shift the frequencies by no more than 5 %: a model good to 1 % cannot
-        # tell that from the plates' tolerances, one good to 0.5 % can.
-        ({"mass": 0.02}, "0.5 %", "accelerometer mass", {"accelerometer"}),
+        # tell that from the plates' tolerances, one good to 0.5 % can. Without one of the four
+        # modes, though, the library has others that would do as well.
+        ({"mass": 0.02}, "0.5 %", "accelerometer mass", {"accelerometer"}, 0.6, 0.9),
     ],
 )
-def test_one_effect_is_named(diagnosed, truth, discrepancy, cause, regions):
+def test_one_effect_is_named(
+    diagnosed, truth, discrepancy, cause, regions, held, over_placebo
+):
     result = diagnosed(virtual_test(**truth), discrepancy)
     assert result.verdict == "cause", result.summary
     assert result.effects[0].name == cause
     leading = effect_classes(result)[0].name
     assert cause in leading.split(" or ") and leading == result.effects[0].class_name
     assert result.after.rms < 0.25 * result.before.rms
-    assert result.heldout_after < 0.4 * result.heldout_before
-    assert result.heldout_after < 0.75 * result.placebo_after < result.heldout_before
+    assert result.heldout_after < held * result.heldout_before
+    assert result.heldout_after < over_placebo * result.placebo_after < result.heldout_before
     where = {zone.region: zone.share for zone in result.where}
     assert sum(where[region] for region in regions) > 0.6
     assert sum(where.values()) == pytest.approx(1.0)
