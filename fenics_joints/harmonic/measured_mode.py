@@ -16,7 +16,6 @@ from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 
 __all__ = ["ModeData", "Offset", "as_motion"]
 
-_TIMES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 #: The model's frequency at rest is off by this, relative; its damping at rest, of the lowest
 #: damping measured: one standard deviation.
 _AT_REST, _AT_REST_DAMPING = 0.01, 1.0
@@ -66,8 +65,7 @@ class ModeData:
     @property
     def displacements(self) -> np.ndarray:
         """Amplitudes as displacements, m, (n,)."""
-        m = self.measured
-        return m.amplitudes / (2 * np.pi * m.frequencies_hz) ** _TIMES[m.response]
+        return self.measured.displacements
 
     @property
     def _damped(self) -> np.ndarray:

@@ -158,7 +158,20 @@ def _loadings(case: Case, full: FullModel, modes: Modes) -> list:
     push = abs(full.forces[FORCE].dot(shape)) * max(case.harmonic.levels)
     push *= eigenvalue ** (level_power(case) / 2)
     largest = push / (2 * max(zeta, 1e-4) * eigenvalue)
+    sensed = abs(full.sensors[SENSOR].dot(shape))
+    if sensed > 0:
+        largest = max(largest, _measured_reach(case) / sensed)
     return loading_shapes(full, load, largest * np.geomspace(_LEAST, 1.0, _LOADINGS))
+
+
+def _measured_reach(case: Case) -> float:
+    """Largest displacement, m, of a mode over its amplitude that laws are identified from, or 0."""
+    identify = case.harmonic.identify
+    if identify is None or not identify.by_amplitude:
+        return 0.0
+    there = case.backbones()
+    taken = there[identify.mode or next(iter(there))]
+    return 0.0 if taken.response == "force" else float(taken.displacements.max())
 
 
 def _with_contacts(case: Case, comm, progress: Progress):

@@ -78,6 +78,12 @@ class MeasuredBackbone:
         return f"MeasuredBackbone({len(self)} points, {reach}, {self.kind})"
 
     @property
+    def displacements(self) -> np.ndarray:
+        """Amplitudes as displacements, m, (n,), unless they are of force."""
+        times = tuple(RESPONSES).index(self.response)
+        return self.amplitudes / (2 * np.pi * self.frequencies_hz) ** times
+
+    @property
     def has_damping(self) -> bool:
         """Whether damping was measured at some amplitude."""
         return bool(np.isfinite(self.damping).any())
