@@ -220,9 +220,8 @@ class Test(Section):
     universal file bring frequencies, damping and sensors with them. ``mass`` is what the whole
     structure weighed without what is ``[attached]``, for `fenics-joints check` and `diagnose` to
     hold against the model, and ``mass_noise`` how good that is, and the masses of ``[parts]``,
-    with what the mesh leaves out of the volume: 0.5 % unless given.
-    ``amplitude`` are modes
-    over their amplitude, for ``harmonic``, and without ``frequencies`` the test by level that a
+    with what the mesh leaves out of the volume: 0.5 % unless given. ``amplitude`` are modes over
+    their amplitude, for ``harmonic``, and without ``frequencies`` the test by level that a
     diagnosis takes.
     """
 
