@@ -26,14 +26,16 @@ def finite_differences(problem, z, step=1e-7):
 def test_jacobians_are_those_of_finite_differences(kind):
     """All problems, with preload, friction under varying pressure, and sliders."""
     from fenics_joints.harmonic.frf import ForcedResponse
+    from fenics_joints.harmonic.loads import Loading
 
     model = block()
     balance = Balance(model, 3, 32, static=np.array([-1.0, 0.05, 0.0]))
     rng = np.random.default_rng(1)
     X = balance.rest + 0.3 * rng.standard_normal((3, 7))
     row = model.row("forces", "x")
+    load = balance.load(row)
     problem, ends = {
-        "forced": (ForcedResponse(balance, balance.load(row), 1.0), [0.9]),
+        "forced": (ForcedResponse(balance, Loading({0: load, 2: 0.5 * load}), 1.0), [0.9]),
         "response": (ConstantResponse(balance, row, row, 0.4, 2, 1.0), [0.3, 0.9]),
         "mode": (FreeMode(balance, row, 1.1, np.eye(3)[1]), [0.9, 0.03, -0.2]),
         "phase": (PhaseResonance(balance, row, row, 1.1, np.eye(3)[1]), [0.9, 0.3, -0.2]),
