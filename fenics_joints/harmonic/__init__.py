@@ -9,6 +9,7 @@ responses.
 from fenics_joints.harmonic.backbone import Backbone, solve_backbone
 from fenics_joints.harmonic.backbone_points import BackbonePoints, solve_backbone_at
 from fenics_joints.harmonic.balance import Balance, default_samples
+from fenics_joints.harmonic.bifurcations import Bifurcation, Stability, find_bifurcations
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
 from fenics_joints.harmonic.constant_response import solve_constant_response
 from fenics_joints.harmonic.continuation import follow, locate
@@ -19,6 +20,7 @@ from fenics_joints.harmonic.identify import IdentificationResult, identify
 from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.loads import Load
 from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
+from fenics_joints.harmonic.monodromy import floquet_multipliers
 from fenics_joints.harmonic.predict import CurvePrediction, predict
 from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
 from fenics_joints.harmonic.sensitivity import ResponseGradient
@@ -27,11 +29,12 @@ from fenics_joints.harmonic.stability import floquet_exponents, stable
 from fenics_joints.harmonic.static_mode import StaticBackbone, solve_static_backbone
 
 __all__ = [
-    "Backbone", "BackbonePoints", "Balance", "Branch", "CurvePrediction", "Fourier",
+    "Backbone", "BackbonePoints", "Balance", "Bifurcation", "Branch", "CurvePrediction", "Fourier",
     "HarmonicResult", "IdentificationResult",
     "Load", "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem", "SliderRange",
-    "ResponseGradient", "Settings", "StaticBackbone", "default_samples", "fitted_sliders",
-    "floquet_exponents", "follow", "identify",
+    "ResponseGradient", "Settings", "Stability", "StaticBackbone", "default_samples",
+    "fitted_sliders",
+    "find_bifurcations", "floquet_exponents", "floquet_multipliers", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
     "slider_ranges", "solve_backbone", "solve_backbone_at", "solve_constant_response",
     "solve_harmonic", "solve_static_backbone", "stable",

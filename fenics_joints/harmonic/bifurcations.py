@@ -1,0 +1,197 @@
+"""Stability along a branch of responses, and the bifurcations at which it changes."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.harmonic.branch import Branch
+from fenics_joints.harmonic.continuation import locate
+from fenics_joints.harmonic.corrector import Settings, check_settings
+from fenics_joints.harmonic.frf import ForcedResponse
+from fenics_joints.harmonic.loads import Load, Loading
+from fenics_joints.harmonic.monodromy import floquet_multipliers
+from fenics_joints.harmonic.result import HarmonicResult
+
+__all__ = ["Bifurcation", "Stability", "find_bifurcations"]
+
+#: Kinds by what a multiplier does that leaves the unit circle.
+FOLD, BRANCH_POINT, DOUBLING, TORUS = (
+    "fold", "branch point", "period doubling", "Neimark-Sacker"
+)  # fmt: skip
+#: Imaginary part over size below which a multiplier is real.
+_REAL = 1e-3
+
+
+@dataclass(frozen=True)
+class Bifurcation:
+    """A change of stability along a branch.
+
+    Attributes:
+        kind: ``fold``, ``branch point``, ``period doubling`` or ``Neimark-Sacker``.
+        index: The last point of the branch before it.
+        frequency_hz: Its frequency, Hz.
+        amplitude: Amplitude of the result's sensor there, m.
+        multiplier: The multiplier that crosses the unit circle.
+        unstable: How many multipliers are outside before and after it.
+    """
+
+    kind: str
+    index: int
+    frequency_hz: float
+    amplitude: float
+    multiplier: complex
+    unstable: tuple[int, int]
+
+
+@dataclass(frozen=True, repr=False)
+class Stability:
+    """Stability of the responses of a branch.
+
+    Attributes:
+        multipliers: The largest Floquet multiplier of each response, complex, (N,).
+        unstable: How many are outside the unit circle, (N,).
+        bifurcations: Where that number changes, along the branch.
+    """
+
+    multipliers: np.ndarray
+    unstable: np.ndarray
+    bifurcations: tuple[Bifurcation, ...]
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(f"{b.kind} at {b.frequency_hz:.5g} Hz" for b in self.bifurcations[:4])
+        return f"Stability({len(self.unstable)} responses, {kinds or 'no bifurcations'})"
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether each response is stable, (N,)."""
+        return self.unstable == 0
+
+
+def find_bifurcations(
+    result: HarmonicResult,
+    *,
+    steps: int | None = None,
+    tolerance: float | None = None,
+    settings: Settings | None = None,
+) -> Stability:
+    """Floquet multipliers along a branch, and where they cross the unit circle, and how.
+
+    Through +1 a real one leaves at a fold, where the branch turns back in frequency, or at a branch
+    point, through -1 at a period doubling; a complex pair at a Neimark-Sacker bifurcation. They are
+    found to Newton's tolerance on the branch itself.
+
+    Args:
+        result: A branch of responses at constant force (`solve_harmonic` over a band).
+        steps: As for `floquet_multipliers`.
+        tolerance: How far outside the unit circle counts as on it; by default 1e-4, and 0.01 with
+            memory, since sliders turn round within a step.
+        settings: As for `solve_harmonic`.
+
+    Raises:
+        InputError: For responses that are no such branch.
+    """
+    force = result.force_amplitudes
+    if result.tangents is None or np.ptp(force) > 1e-9 * abs(force[0]):
+        raise InputError("result: expected a branch at constant force, as solve_harmonic's.")
+    if tolerance is None:
+        memory = any(points.kernel.m for points in result.model.interfaces)
+        tolerance = 0.01 if memory else 1e-4
+    search = _Search(result, steps, tolerance, check_settings(settings))
+    spectra = [search.multipliers(z) for z in search.branch.z]
+    unstable = np.array([search.outside(values).sum() for values in spectra])
+    found = []
+    for i in range(len(spectra) - 1):
+        found += search.between(i, spectra[i : i + 2])
+    largest = np.array([values[0] for values in spectra])
+    return Stability(largest, unstable, tuple(found))
+
+
+class _Search:
+    """Multipliers along one branch.
+
+    Attributes:
+        branch: The branch, coefficients first and omega last.
+    """
+
+    def __init__(self, result: HarmonicResult, steps, tolerance: float, settings: Settings):
+        self.result, self.balance = result, result.balance
+        self.steps, self.edge, self.settings = steps, 1 + tolerance, settings
+        first = Load(result.force, float(result.force_amplitudes[0]), power=result.power)
+        loading = Loading.of(self.balance, (first, *result.more))
+        width = float(np.ptp(result.omegas)) or float(result.omegas[0])
+        self.problem = ForcedResponse(self.balance, loading, width)
+        flat = result.coefficients.reshape(len(result), -1)
+        z = np.column_stack([flat, result.omegas])
+        self.branch = Branch(z, result.tangents, result.iterations, result.jacobians, 0.01, True)
+
+    def multipliers(self, z: np.ndarray) -> np.ndarray:
+        X = z[:-1].reshape(self.balance.shape)
+        return floquet_multipliers(self.balance, X, z[-1], steps=self.steps)
+
+    def outside(self, values: np.ndarray) -> np.ndarray:
+        """How many multipliers are outside: real above 1, real below -1, complex."""
+        values = values[np.abs(values) > self.edge]
+        real = np.abs(values.imag) <= _REAL * np.abs(values)
+        return np.array([
+            np.sum(real & (values.real > 0)), np.sum(real & (values.real < 0)), np.sum(~real)
+        ])  # fmt: skip
+
+    def between(self, i: int, spectra) -> list[Bifurcation]:
+        """The bifurcations between points i and i + 1.
+
+        A real multiplier that crosses changes how many there are by one; two that meet outside and
+        become a pair, or the other way, change nothing.
+        """
+        before, after = (self.outside(values) for values in spectra)
+        change, kinds = after - before, []
+        if change[0] % 2:
+            turns = np.prod(np.sign(self.branch.tangents[i : i + 2, -1])) < 0
+            kinds.append(FOLD if turns else BRANCH_POINT)
+        if change[1] % 2:
+            kinds.append(DOUBLING)
+        alone = change - np.sign(change) * (change % 2)
+        if abs(alone.sum()) == 2:
+            kinds.append(TORUS)
+        counts = int(before.sum()), int(after.sum())
+        return [self.found(i, kind, counts) for kind in kinds]
+
+    def found(self, i: int, kind: str, counts: tuple[int, int]) -> Bifurcation:
+        """A bifurcation of a kind between points i and i + 1."""
+        if kind == FOLD:
+            z = self._located(i, lambda z, tangent: float(tangent[-1]))
+        else:
+            z = self._located(i, lambda z, tangent: _reach(self.multipliers(z), kind) - self.edge)
+        values, row = self.multipliers(z), self.result.model.row("sensors", self.result.sensor)
+        c = row @ z[:-1].reshape(self.balance.shape)
+        return Bifurcation(
+            kind, int(i), float(z[-1] / (2 * np.pi)), float(np.hypot(c[1], c[2])),
+            complex(values[np.argmin(np.abs(values - _AT[kind](values)))]), counts,
+        )  # fmt: skip
+
+    def _located(self, i: int, slope) -> np.ndarray:
+        """The point where a number along the branch vanishes; the middle where Newton fails."""
+        with suppress(ConvergenceError, InputError, ValueError):
+            return locate(self.problem, self.branch, i, slope, self.settings).z[i + 1]
+        return 0.5 * (self.branch.z[i] + self.branch.z[i + 1])
+
+
+def _reach(values: np.ndarray, kind: str) -> float:
+    """How far out the multiplier is that crosses at a bifurcation."""
+    real = np.abs(values.imag) <= _REAL * np.abs(values)
+    if kind == TORUS:
+        return float(np.abs(values[~real]).max(initial=0.0))
+    sign = -1.0 if kind == DOUBLING else 1.0
+    return float((sign * values[real].real).max(initial=0.0))
+
+
+#: Where the multiplier crosses that a bifurcation is known by.
+_AT = {
+    FOLD: lambda values: 1.0,
+    BRANCH_POINT: lambda values: 1.0,
+    DOUBLING: lambda values: -1.0,
+    TORUS: lambda values: np.exp(1j * np.angle(values[np.argmax(np.abs(values.imag))])),
+}
