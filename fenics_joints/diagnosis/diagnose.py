@@ -181,6 +181,7 @@ class _Run:
             by_level=self.data.by_level,
             joints=self.given.diagnose.joints if len(self.model.zones) else "",
             damping=self._damping(leader),
+            between=leader.between,
             location=locate_gap(self.model, n_patches=self.given.diagnose.patches),
             shrinkage=shrink,
             nested=self.nested,

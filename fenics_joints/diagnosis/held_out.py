@@ -138,7 +138,7 @@ def _predictive(refit: Fit, blind: Evidence, scored: np.ndarray) -> tuple[np.nda
     dz ~ N(0, C) the posterior and e ~ N(0, S_ss - G S_fs): Gaussian regression about the model.
     """
     fitted = blind.fitted
-    total = blind.full_covariance(refit.hypothesis.unknown)
+    total = blind.at(refit.between).full_covariance(refit.hypothesis.unknown)
     cross = total[np.ix_(scored, fitted)]
     gain = np.linalg.solve(total[np.ix_(fitted, fitted)], cross.T).T
     mean = refit.predicted[scored] + gain @ (blind.data[fitted] - refit.predicted[fitted])

@@ -122,6 +122,8 @@ class Diagnosis:
         nested: Evidence by nested sampling of the leading hypotheses, by label of their effects.
         joints: What the comparison starts from: joints ``bonded``, as one with the parts, or
             ``given``, as the case has them; empty if the model has none.
+        between: Of a test by level, standard deviations of what changes between levels and the
+            leading hypothesis does not explain, of ln f and, if it was used, of ln damping.
         damping: Measured and, by the leading hypothesis, predicted damping ratios, each of shape
             (n, m); None if damping was not used.
     """
@@ -149,6 +151,7 @@ class Diagnosis:
     by_level: bool = False
     joints: str = ""
     damping: tuple[np.ndarray, np.ndarray] | None = None
+    between: tuple[float, ...] | None = None
     location: Location | None = None
     shrinkage: Shrinkage | None = None
     nested: dict[str, Nested] = field(default_factory=dict)
@@ -193,6 +196,8 @@ class Diagnosis:
         }
         if self.damping is not None:
             out["damping"] = dict(zip(("test", "after"), self.damping, strict=True))
+        if self.between is not None:
+            out["between_levels"] = dict(zip(("frequency", "damping"), self.between, strict=False))
         if self.validation is not None:
             before, after = self.validation
             out["validation"] = {

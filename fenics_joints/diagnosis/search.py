@@ -237,7 +237,7 @@ class Search:
         if not pairs:
             return []
         self.progress.step(f"a quick look at {size} effects at a time", len(pairs))
-        lower = np.linalg.cholesky(self.model.evidence.covariance())
+        lower = self._lower(known)
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
         starts = [self._start(effects, parent) for effects, parent in pairs]
         best = np.max(self._scores(known))
@@ -285,7 +285,7 @@ class Search:
         for f in known:
             if len(f.hypothesis.effects) == 1:
                 alone[f.hypothesis.effects[0].key] = f
-        lower = np.linalg.cholesky(evidence.covariance())
+        lower = self._lower(known)
         white = {id(f): whitened(f, evidence, lower) for f in known}
         gains = []
         for effects, parent in together:
@@ -303,6 +303,11 @@ class Search:
             [self.model.hypothesis(effects) for effects, _ in together]
         )
         return [together[i] for i in near_best(scores, np.inf, _LOOKS)]
+
+    def _lower(self, known: Sequence[Fit]) -> np.ndarray:
+        """Factor of the test's covariance, between levels as the best of some fits has it."""
+        best = known[int(np.argmax(self._scores(known)))]
+        return np.linalg.cholesky(self.model.evidence.at(best.between).covariance())
 
     def _start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
         """The parent's parameters, with a zero for each of the effect that is added."""

@@ -23,7 +23,6 @@ from mpi4py import MPI
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.effects.amplitude import (
-    FRICTION,
     GROWING,
     NAMES,
     iwan_loss_factor,
@@ -279,7 +278,7 @@ def test_without_damping_they_are_one_class(diagnosed):
     assert sum(p[name] for name in both) > 0.9 and max(p[name] for name in both) < 0.9
     split = next(s for s in result.separations if set(s.members) == both)
     assert "damping ratios" in split.measurement
-    assert [s.effect for s in result.silent] == [FRICTION, GROWING]
+    assert [s.effect for s in result.silent] == [GROWING]
 
 
 def test_linear_joint_does_not_slip(diagnosed):
@@ -337,21 +336,22 @@ def test_damping_slopes_are_those_of_the_prediction():
             log_f = -0.5 * np.log(1 / 3 + 1 / g)
             return np.array([log_f, log_f + 1]), np.full((2, 1), 0.5 * share / g)
 
-    effect = micro_slip([Zone("lap")], reference=4.0)
+    effect, base = micro_slip([Zone("lap")], reference=4.0), {"lap.G": 2.0, "lap.E": 1.0}
     hypothesis = Hypothesis((effect,), modes=("a", "b"), damped=True)
-    z = np.array([0.7, 0.4, -0.3, 0.5, 0.2, -0.6])
+    z = np.array([0.7, 0.4, -0.3, 0.6, -0.5, 0.5, 0.2, -0.6])
     assert len(hypothesis.priors) == len(z)
 
     def predict(z):
-        return RowPrediction(hypothesis, Series(), z, 2.0, {"lap.G": 2.0}).data
+        return RowPrediction(hypothesis, Series(), z, 2.0, base).data
 
     h = 1e-6
     numeric = [(predict(z + s) - predict(z - s)) / (2 * h) for s in h * np.eye(len(z))]
-    slopes = RowPrediction(hypothesis, Series(), z, 2.0, {"lap.G": 2.0}).slopes()
+    slopes = RowPrediction(hypothesis, Series(), z, 2.0, base).slopes()
     assert slopes == pytest.approx(np.array(numeric).T, rel=1e-5, abs=1e-8)
     # And the damping itself: at rest, plus half of loss factor times share.
-    drop = relative_drop(effect.priors[0].value(0.7) * 0.5 ** (1 + effect.priors[1].value(0.4)))
-    g = 2.0 * (1 - drop)
-    eta = effect.priors[2].value(-0.3) * iwan_loss_factor(drop, effect.priors[1].value(0.4))
+    drop, chi, loss, faster, rise = (p.value(x) for p, x in zip(effect.priors, z, strict=False))
+    drop = relative_drop(drop * 0.5 ** (1 + chi))
+    g = 2.0 * (1 - drop) * (1 + rise * 0.5**2)
+    eta = loss * 0.5**faster * iwan_loss_factor(drop, chi)
     at_rest = hypothesis.dampings[0].value(0.2)
     assert np.exp(predict(z)[2]) == pytest.approx(at_rest + 0.5 * eta * (3 / (3 + g)))

@@ -197,6 +197,13 @@ def _not_told(d: Diagnosis) -> str:
     if unseen:
         names = shortened([in_words(e) for e in unseen])
         words.append(f"Too small to be seen at their expected size: {names}.")
+    if d.between is not None:
+        kinds = zip(("frequencies", "damping ratios"), (2, 0), d.between, strict=False)
+        items = joined([f"{kind} {percent(x, n)}" for kind, n, x in kinds])
+        words.append(
+            f"Why, from level to level, {items} (one s.d.) are off beside what is explained and "
+            "noise: drift has no cause here."
+        )
     if d.silent:
         names = shortened([spaced(s.effect) for s in d.silent])
         words.append(f"Nothing at all is said of {names}.")

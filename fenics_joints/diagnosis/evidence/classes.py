@@ -42,13 +42,12 @@ def distance(a: Fit, b: Fit, evidence: Evidence) -> float:
     The nearest prediction is found by one linear refit within the prior. The larger way counts: a
     hypothesis that could mimic another, but not at the values it has, is told apart.
     """
-    lower = np.linalg.cholesky(evidence.covariance())
-    return max(_one_way(a, b, evidence, lower), _one_way(b, a, evidence, lower)) / 2
+    return max(_one_way(a, b, evidence), _one_way(b, a, evidence)) / 2
 
 
-def _one_way(a: Fit, b: Fit, evidence: Evidence, lower) -> float:
+def _one_way(a: Fit, b: Fit, evidence: Evidence) -> float:
     """Whitened distance from a's prediction to the nearest that b can make."""
-    used = evidence.fitted
+    lower, used = np.linalg.cholesky(evidence.at(a.between).covariance()), evidence.fitted
     residual = whiten(lower, (a.predicted - b.predicted)[used])
     slope = whiten(lower, b.jacobian[used])
     # |residual - slope d|^2 + |z + d|^2 - |z|^2: what b loses of its prior counts as well.

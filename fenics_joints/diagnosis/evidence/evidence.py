@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.diagnosis.effects.damping import has_ratios
+from fenics_joints.diagnosis.evidence.between import Scales, correlation, medians
 from fenics_joints.diagnosis.evidence.weighed import Weighed
 from fenics_joints.measurements.data import TestData
 
@@ -33,8 +34,6 @@ _REACH = 0.3
 _LOCAL = 0.5
 #: It reaches a tenth as far: sensors at one place share it.
 _NARROW = 100
-#: Share of the discrepancy that changes from level to level.
-_BETWEEN_LEVELS = 0.02
 #: Scatter of ln damping that no model explains: a joint dissipates otherwise after each tightening.
 _DAMPING_SCATTER = 0.3
 
@@ -73,7 +72,10 @@ class Evidence:
             the condition, so that more of them do not average it out.
         used: Which entries are fitted, shape (n, m); the others are held out.
         changing: The share of the discrepancy's variance that changes with the condition: half for
-            torques; next to nothing for levels, between which nobody touched the structure.
+            torques, nothing for levels, which have ``between``.
+        between: Of a test by level, standard deviations of what changes between levels and no law
+            explains, of ln f and, if it is used, of ln damping
+            (`fenics_joints.diagnosis.evidence.between`): those expected, unless `at` put in others.
         log_damping: ln of the measured damping ratios, shape (n, m), nan where missing; None if
             they are not used.
         damping_sd: Their standard deviation from noise.
@@ -98,6 +100,7 @@ class Evidence:
     discrepancy: float
     used: np.ndarray = field(default=None)
     changing: float = 0.5
+    between: Scales | None = None
     log_damping: np.ndarray | None = None
     damping_sd: float = 0.1
     damping_scatter: float = 0.0
@@ -155,6 +158,10 @@ class Evidence:
         """The same test with some entries held out, mask of shape (n, m)."""
         return replace(self, used=self.used & ~held_out)
 
+    def at(self, between: Scales | None) -> Evidence:
+        """The same test with these standard deviations between levels; as it is for None."""
+        return self if between in (None, self.between) else replace(self, between=between)
+
     def covariance(self, unknown: bool = False) -> np.ndarray:
         """Covariance of the fitted entries, shape (k, k)."""
         used = self.fitted
@@ -171,6 +178,9 @@ class Evidence:
                 self.mesh_error, (0, self.shape[1] - len(self.mesh_error)), mode="maximum"
             ))  # fmt: skip
         total = slow * _blocks(e.kind, by_mode[e.mode], self.damping_scatter)
+        if self.between is not None:
+            drift = correlation(self.conditions)[np.ix_(e.row, e.row)] * same_mode
+            total = total + drift * _blocks(e.kind, *self.between)
         if unknown:
             wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * same_mode
             total = total + wide * _blocks(e.kind, 1.0, _UNKNOWN_DAMPING)
@@ -197,7 +207,7 @@ class Evidence:
 
 
 def _blocks(
-    kind: np.ndarray, of_frequency: float | np.ndarray, of_damping: float
+    kind: np.ndarray, of_frequency: float | np.ndarray, of_damping: float = 0.0
 ) -> np.ndarray:
     """Products of the scales of frequencies and damping, nought between different kinds."""
     scale = np.where(kind == FREQUENCY, of_frequency, np.where(kind == DAMPING, of_damping, 0.0))
@@ -244,7 +254,8 @@ def evidence_of(
     log_f = np.log(data.frequencies_hz)
     kwargs = {"weighed": weighed, "mesh_error": mesh_error}
     if data.by_level:
-        kwargs["changing"] = _BETWEEN_LEVELS
+        kwargs["changing"] = 0.0
+        kwargs["between"] = medians(has_ratios(data)) if len(data) > 1 else None
     if has_ratios(data):
         ratios = data.damping
         kwargs["log_damping"] = np.log(

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.integrate import trapezoid
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from fenics_joints.diagnosis.evidence.evidence import DAMPING, Evidence
+from fenics_joints.diagnosis.evidence.between import Scales, grid, squares, weighed
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.linear import log_evidence, whiten
-from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.linear import evidence_about, log_evidence, whiten
+from fenics_joints.diagnosis.evidence.prediction import frequencies_and_damping, predict
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 
@@ -28,6 +30,8 @@ __all__ = ["Fit", "fit"]
 _FARTHEST = 4.0
 #: Step of differences, in standard deviations of the prior.
 _STEP = 1e-4
+#: Fits of one hypothesis with standard deviations between levels that the one before called for.
+_ROUNDS = 3
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,6 +49,8 @@ class Fit:
         misfit: Squared whitened residual of the fitted entries.
         n_data: Number of fitted entries.
         at_bound: Names of parameters at a limit of their prior.
+        between: Of a test by level, the most probable standard deviations between levels.
+        widening: ln of the evidence over that at those standard deviations.
     """
 
     hypothesis: Hypothesis
@@ -57,6 +63,8 @@ class Fit:
     misfit: float
     n_data: int
     at_bound: tuple[str, ...] = ()
+    between: Scales | None = None
+    widening: float = 0.0
 
     def __repr__(self) -> str:
         label = self.hypothesis.label
@@ -82,8 +90,10 @@ class Fit:
 
         In the linear-Gaussian case misfit + |z|^2 is the data's distance from the prediction in
         the metric of noise and prior together, and distributed as chi-square with n_data degrees.
+        Standard deviations between levels that had to be far from what is expected count as well.
         """
-        return float(chi2.sf(self.misfit + self.z @ self.z, self.n_data))
+        scales = 0.0 if self.between is None else squares(self.between)
+        return float(chi2.sf(self.misfit + self.z @ self.z + scales, self.n_data))
 
 
 def fit(
@@ -100,7 +110,8 @@ def fit(
 
     The evidence is ln Z = ln N(r; 0, Sigma) - |z|^2 / 2 - ln det(J^T Sigma^-1 J + I) / 2 at the
     maximum, with the Gauss-Newton Hessian. Over a parameter that acts in steps (`Prior.scan`) it is
-    integrated on a grid instead, the others linear about their medians.
+    integrated on a grid instead, the others linear about their medians. Over the standard
+    deviations between the levels of a test it is summed, linear about the fit to the most probable.
 
     Args:
         hypothesis: What is fitted.
@@ -111,6 +122,32 @@ def fit(
         tolerance: Relative change of the sum of squares, and of z, at which the search ends.
         progress: Called when done.
     """
+    found = _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance)
+    if evidence.between is not None:
+        tried = grid(damped=len(evidence.between) > 1)
+        for again in range(_ROUNDS):
+            best, over = weighed(tried, partial(_linear, found, evidence))
+            if best == found.between or again == _ROUNDS - 1:
+                break
+            test = evidence.at(best)
+            found = _fit_at(hypothesis, forward, test, baseline, [found.z], tolerance)
+        widening = over(found.between)
+        found = replace(found, log_evidence=found.log_evidence + widening, widening=widening)
+    if progress:
+        progress()
+    return found
+
+
+def _linear(found: Fit, evidence: Evidence, between: Scales) -> float:
+    """ln of the evidence with some standard deviations between levels, linear about a fit."""
+    lower = np.linalg.cholesky(evidence.at(between).covariance(found.hypothesis.unknown))
+    used = evidence.fitted
+    residual = whiten(lower, (found.predicted - evidence.data)[used])
+    return evidence_about(residual, whiten(lower, found.jacobian[used]), found.z, lower)
+
+
+def _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance) -> Fit:
+    """`fit` with the test's standard deviations between levels as they are."""
     lower = np.linalg.cholesky(evidence.covariance(hypothesis.unknown))
     problem = _Problem(hypothesis, forward, evidence, baseline, lower)
     bounds = hypothesis.limits
@@ -130,8 +167,6 @@ def fit(
         )  # fmt: skip
         if best is None or result.cost < best[0]:
             best = (result.cost, result.x)
-    if progress:
-        progress()
     found = problem.finish(best[1])
     return found if scan is None else scan.improved(found)
 
@@ -186,14 +221,14 @@ class _Problem:
         `RowPrediction` takes a joint's share of the energy for that of one spring in series: with
         compliances across and along, what slips may have the other sign.
         """
-        damping = self.evidence.entries.kind == DAMPING
+        n = self.evidence.log_f.size
         jacobian = jacobian.copy()
         for j in range(*self.hypothesis.own.indices(len(z))):
             step = np.where(np.arange(len(z)) == j, _STEP if z[j] < 0 else -_STEP, 0.0)
-            moved, _ = predict(
+            moved = frequencies_and_damping(
                 self.hypothesis, self.forward, self.evidence, z + step, self.baseline
             )
-            jacobian[damping, j] = ((moved - predicted) / step[j])[damping]
+            jacobian[n : 2 * n, j] = (moved[n:] - predicted[n : 2 * n]) / step[j]
         return jacobian
 
     def residual(self, z):
@@ -252,5 +287,5 @@ class _Problem:
             raise InputError(f"{label}: the evidence is not finite; check the data.")
         return Fit(
             self.hypothesis, z, np.linalg.inv(hessian), predicted, self.evidence.shape, jacobian,
-            found, float(residual[:n] @ residual[:n]), n, at_bound,
+            found, float(residual[:n] @ residual[:n]), n, at_bound, self.evidence.between,
         )  # fmt: skip

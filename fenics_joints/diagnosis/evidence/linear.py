@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-__all__ = ["log_evidence", "whiten"]
+__all__ = ["evidence_about", "log_evidence", "whiten"]
 
 
 def whiten(lower: np.ndarray, array: np.ndarray) -> np.ndarray:
@@ -23,3 +23,19 @@ def log_evidence(square: float, hessian: np.ndarray, lower: np.ndarray) -> float
     """
     constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(lower) * np.log(2 * np.pi)
     return float(-0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - constant)
+
+
+def evidence_about(
+    residual: np.ndarray, slope: np.ndarray, z: np.ndarray, lower: np.ndarray
+) -> float:
+    """ln of the marginal likelihood of what is linear about a point that need not be its best.
+
+    Args:
+        residual: Prediction less data there, whitened, (k,).
+        slope: Its derivatives by z, (k, d).
+        z: The point, (d,).
+        lower: Cholesky factor of the covariance, (k, k).
+    """
+    hessian, pull = slope.T @ slope + np.eye(len(z)), slope.T @ residual + z
+    square = residual @ residual + z @ z - pull @ np.linalg.solve(hessian, pull)
+    return log_evidence(square, hessian, lower)

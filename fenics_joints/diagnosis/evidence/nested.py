@@ -133,7 +133,7 @@ def nested_evidence(
     gain, spread = problem.correction(_resample(points, weights, _CORRECTED, seed + 1))
     mean = weights @ points
     return Nested(
-        float(log_z + gain),
+        float(log_z + gain + fit.widening),
         float(np.hypot(1 / np.sqrt(n_eff), spread)),
         calls,
         mean,
@@ -164,7 +164,8 @@ class Marginal:
         self.limits = self.hypothesis.limits[self.own]
         self.n_effects = len(self.limits)
         self.used = evidence.fitted
-        self.lower = np.linalg.cholesky(evidence.covariance(self.hypothesis.unknown))
+        covariance = evidence.at(fit.between).covariance(self.hypothesis.unknown)
+        self.lower = np.linalg.cholesky(covariance)
         noise = evidence.log_sd[evidence.used]
         self.error_limit = _LIMIT * float(np.median(noise))
         self.calls = 0

@@ -14,7 +14,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.weighed import weights
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["RowPrediction", "joined", "predict"]
+__all__ = ["RowPrediction", "frequencies_and_damping", "joined", "predict"]
 
 _DIFFERENCE = 1e-5
 
@@ -49,6 +49,17 @@ def predict(
     m = evidence.shape[1]
     masses, by_mass = weights(evidence.weighed, hypothesis, z, evidence.conditions[0], baseline)
     return joined(rows, [*shapes[0], masses], m), joined(slopes, [*shapes[1], by_mass], m)
+
+
+def frequencies_and_damping(
+    hypothesis: Hypothesis, forward: Forward, evidence: Evidence, z: np.ndarray, baseline
+) -> np.ndarray:
+    """The same without shapes and derivatives, shape (2 n m,) or, without damping, (n m,)."""
+    rows = [
+        RowPrediction(hypothesis, forward, z, condition, baseline, row).data
+        for row, condition in enumerate(evidence.conditions)
+    ]
+    return joined(rows, [], evidence.shape[1])
 
 
 def joined(rows: Sequence[np.ndarray], shapes: Sequence[np.ndarray], m: int) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit
-from fenics_joints.diagnosis.evidence.linear import log_evidence, whiten
+from fenics_joints.diagnosis.evidence.linear import evidence_about, log_evidence, whiten
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.forward import Forward
 
@@ -64,11 +64,9 @@ def linear_evidence(found: Fit, evidence: Evidence) -> float:
         found: The fit, to whatever entries.
         evidence: The entries.
     """
-    lower = np.linalg.cholesky(evidence.covariance(found.hypothesis.unknown))
-    residual, slope = whitened(found, evidence, lower)
-    hessian, pull = slope.T @ slope + np.eye(len(found.z)), slope.T @ residual + found.z
-    square = residual @ residual + found.z @ found.z - pull @ np.linalg.solve(hessian, pull)
-    return log_evidence(square, hessian, lower)
+    covariance = evidence.at(found.between).covariance(found.hypothesis.unknown)
+    lower = np.linalg.cholesky(covariance)
+    return evidence_about(*whitened(found, evidence, lower), found.z, lower)
 
 
 def near_best(values: np.ndarray, margin: float, most: int) -> np.ndarray:
