@@ -26,7 +26,15 @@ from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisRe
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import Shrinkage
-from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, confirm, decide
+from fenics_joints.diagnosis.verdict import (
+    NAMED,
+    NO_GAP,
+    UNKNOWN,
+    class_probabilities,
+    confirm,
+    decide,
+    sure_classes,
+)
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import writable_folder
@@ -152,7 +160,8 @@ class _Run:
             fits, probability, effects, leader, _gap(self.data, leader.log_f)
         )
         wrong = self._is_wrong(fits, leader, grouped)
-        shrink = self._shrink(fits, wrong)
+        causes = self._causes(fits, probability, effects) if verdict in NAMED else {}
+        shrink = self._shrink(fits, wrong, causes)
         verdict, summary = confirm(verdict, summary, shrink)
         self.progress.step("localising the gap")
         shown = self.model.zones.shown
@@ -274,13 +283,32 @@ class _Run:
         )
         return lambda f: bool(f.hypothesis.effects) and (main is None or not holds(f, main))
 
-    def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool]) -> Shrinkage:
+    def _causes(self, fits, probability, effects) -> dict[str, Callable[[Fit], bool]]:
+        """Several causes that are called so, each as whether a hypothesis holds one of its class;
+        by the most probable member's name. A single one is S*'s to confirm."""
+        rated = class_probabilities(fits, probability, effects)
+        other = sum(p for f, p in zip(fits, probability, strict=True) if f.hypothesis.unknown)
+        found = {}
+        for name in sure_classes(rated, float(other)):
+            members = [e for e in effects if e.class_name == name]
+            kind = {(e.name, e.region) for e in members}
+            label = members[0].name + (" (or its like)" if len(members) > 1 else "")
+            found[label] = lambda f, kind=kind: any(
+                (e.name, e.region) in kind for e in f.hypothesis.effects
+            )
+        return found if len(found) > 1 else {}
+
+    def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool], causes) -> Shrinkage:
         masks = folds(self.data.conditions, self.data.mode_names, self.model.condition)
-        fair = self._short_list(fits, masks, [f for f in fits if wrong(f)][:_WRONG])
+        without = [next((f for f in fits if _lists(f) and not holds(f)), None)
+                   for holds in causes.values()]  # fmt: skip
+        always = [f for f in fits if wrong(f)][:_WRONG] + [f for f in without if f is not None]
+        fair = self._short_list(fits, masks, always)
         self.progress.step("holding data out, choosing and fitting anew", len(masks))
         return cross_validate(
             fair, self.search.log_prior([f.hypothesis for f in fair]), wrong, self.forward,
-            self.evidence, self.baseline, masks, comm=self.comm, progress=self.progress.advance,
+            self.evidence, self.baseline, masks, causes=causes, comm=self.comm,
+            progress=self.progress.advance,
         )  # fmt: skip
 
     def _short_list(self, fits: Sequence[Fit], masks, always: Sequence[Fit]) -> list[Fit]:
@@ -357,6 +385,11 @@ class _Run:
 
 def _gap(data: TestData, log_f: Sequence[np.ndarray]) -> Gap:
     return Gap(data.conditions, data.mode_names, data.frequencies_hz, np.exp(log_f))
+
+
+def _lists(found: Fit) -> bool:
+    """Whether a hypothesis is of the library."""
+    return not found.hypothesis.unknown
 
 
 def _can_be_sampled(found: Fit) -> bool:

@@ -5,7 +5,7 @@ What each fold will show is stated before its data are looked at.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit, fit
 from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.predictive import gain, held, predictive
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
 from fenics_joints.parallel import spread
 from fenics_joints.reduction.forward import Forward
@@ -119,7 +120,7 @@ def forecast(
     parts = []
     for refit, count in zip(refits, counts, strict=True):
         if count:
-            mean, root = _predictive(refit, blind, scored)
+            mean, root = predictive(refit, blind, scored)
             parts.append(mean + rng.standard_normal((count, len(mean))) @ root.T)
     drawn = np.concatenate(parts)
     after = _rms_rows(np.expm1(chosen.predicted[scored] - drawn))
@@ -128,24 +129,6 @@ def forecast(
     low, high = np.quantile(drawn, _ends(), axis=0)
     shares = {f.hypothesis.label: float(w) for f, w in zip(refits, weights, strict=True)}
     return Forecast(_interval(after), _interval(gained), low, high, shares)
-
-
-def _predictive(refit: Fit, blind: Evidence, scored: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and a square root of the covariance of the scored entries given the fitted ones.
-
-    With r = data - prediction of the fitted entries, G = S_sf S_ff^-1 and S the covariance of
-    noise and discrepancy, the scored entries are prediction_s + G r + (J_s - G J_f) dz + e,
-    dz ~ N(0, C) the posterior and e ~ N(0, S_ss - G S_fs): Gaussian regression about the model.
-    """
-    fitted = blind.fitted
-    total = blind.at(refit.between).full_covariance(refit.hypothesis.unknown)
-    cross = total[np.ix_(scored, fitted)]
-    gain = np.linalg.solve(total[np.ix_(fitted, fitted)], cross.T).T
-    mean = refit.predicted[scored] + gain @ (blind.data[fitted] - refit.predicted[fitted])
-    slope = refit.jacobian[scored] - gain @ refit.jacobian[fitted]
-    covariance = total[np.ix_(scored, scored)] - gain @ cross.T + slope @ refit.covariance @ slope.T
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    return mean, vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def _noise_variance(chosen: Fit, evidence: Evidence, scored: np.ndarray) -> np.ndarray:
@@ -201,6 +184,7 @@ def cross_validate(
     baseline: dict[str, float],
     masks: Sequence[tuple[str, np.ndarray]],
     *,
+    causes: Mapping[str, Callable[[Fit], bool]] | None = None,
     comm: MPI.Intracomm = MPI.COMM_SELF,
     progress: Callable[[], None] | None = None,
 ) -> Shrinkage:
@@ -216,10 +200,13 @@ def cross_validate(
         evidence: The test.
         baseline: Parameter values of the nominal model.
         masks: From `folds`.
+        causes: Whether a hypothesis holds a cause, by the cause's name: of each is said what it
+            gains on the held-out data (`Shrinkage.gains`).
         comm: Communicator whose ranks share out the folds; the call is collective.
         progress: Called after each fold.
     """
     nominal = _nominal(forward, evidence, baseline)
+    causes = causes or {}
 
     def work(fold):
         name, mask = fold
@@ -229,13 +216,28 @@ def cross_validate(
         if scored.any() and blind.used.any():
             refits = [_refit(c, forward, blind, baseline) for c in candidates]
             closed = _close(refits, log_prior, is_wrong, nominal, blind, scored)
-            found = _open(name, closed, nominal, evidence, scored)
+            gains = _gains(causes, refits, log_prior, blind, evidence, mask)
+            found = (*_open(name, closed, nominal, evidence, scored), gains)
         if progress:
             progress()
         return found
 
-    opened = [pair for pair in spread(comm, masks, work) if pair is not None]
-    return _pooled(*map(list, zip(*opened, strict=True))) if opened else Shrinkage()
+    opened = [found for found in spread(comm, masks, work) if found is not None]
+    if not opened:
+        return Shrinkage()
+    return _pooled(*map(list, zip(*opened, strict=True)), int(evidence.used.sum()))
+
+
+def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]:
+    """What each cause gains on a fold's held-out data."""
+    score = np.array([f.log_evidence for f in refits]) + np.asarray(log_prior)
+    scored = held(evidence, mask)
+    return {
+        name: gain(
+            refits, score, np.array([holds(f) for f in refits]), blind, evidence.data, scored
+        )
+        for name, holds in causes.items()
+    }
 
 
 def _refit(candidate: Fit, forward, blind, baseline) -> Fit:
@@ -311,7 +313,8 @@ def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
     return fold, errors
 
 
-def _pooled(opened: list[Fold], errors: list[_Errors]) -> Shrinkage:
+def _pooled(opened: list[Fold], errors: list[_Errors], gains: list[dict], m) -> Shrinkage:
+    """Folds of ``m`` different frequencies in all, each of which several folds may hold out."""
     total, n = sum(e.squares.sum(axis=1) for e in errors), sum(e.n for e in errors)
     before, after, placebo, noise = map(float, _sizes(total, n))
     own, wrong, excess = map(float, _shrinks(total, n))
@@ -326,6 +329,7 @@ def _pooled(opened: list[Fold], errors: list[_Errors]) -> Shrinkage:
         shrink_coverage=float(np.mean([f.shrink_covered for f in sized])) if sized else np.nan,
         entries_coverage=float(entries),
         folds=opened,
+        gains={name: m / n * float(np.nansum([each[name] for each in gains])) for name in gains[0]},
     )  # fmt: skip
 
 

@@ -177,7 +177,7 @@ class Diagnosis:
             "hypotheses": [_hypothesis(h) for h in self.hypotheses],
             "silent": [asdict(s) for s in self.silent],
             "separations": [_renamed(s, "class_name") for s in self.separations],
-            "folds": [asdict(fold) for fold in self.shrinkage.folds] if self.shrinkage else [],
+            "folds": [fold.to_json() for fold in self.shrinkage.folds] if self.shrinkage else [],
             "conditions": {
                 "name": self.condition[0],
                 "unit": self.condition[1],
@@ -215,11 +215,7 @@ def _effect(e: EffectResult) -> dict:
 
 
 def _hypothesis(h: HypothesisResult) -> dict:
-    """Its attributes; what is weighed against the others, which no one may take for a probability
-    where it is extreme, stands beside."""
-    return {
-        **asdict(h), "probability": bounded(h.probability), "weight": round(h.probability, 6)
-    }  # fmt: skip
+    return {**asdict(h), "probability": bounded(h.probability)}
 
 
 def _renamed(result: EffectResult | Separation, name: str, *without: str) -> dict:

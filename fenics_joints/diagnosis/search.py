@@ -14,6 +14,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit, fit
+from fenics_joints.diagnosis.evidence.linear import log_evidence
 from fenics_joints.diagnosis.evidence.screen import near_best, quick_evidence, whitened
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.kept_fits import KeptFits
@@ -37,6 +38,8 @@ _TOLERANCE = 1e-4
 #: How far, in standard deviations of its prior, an effect of one parameter is tried either way
 #: before it is fitted; how far one of several, and at how many points.
 _ASIDE, _FAR, _TRIES = 1.0, 2.5, 8
+#: How far from the middle of their priors a second look at effects by level is taken from.
+_NEARER = 2.0
 #: Pairs that get a quick look with the model.
 _LOOKS = 100
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
@@ -98,13 +101,21 @@ class Search:
         """
         if not singles:
             return []
-        lower = np.linalg.cholesky(self.model.evidence.covariance())
+        lowers = self._lowers()
         from_none = [self._start(h.effects, none) for h in singles]
+<<<<<<< HEAD
         steps = [z for _, z in self.looked(singles, from_none, lower)]
         tries = [(i, z) for i, h in enumerate(singles) for z in _tries(h)]
         tried = [singles[i] for i, _ in tries]
         looks = self.looked(tried, [z for _, z in tries], lower)
         looks = self.looked(tried, [z for _, z in looks], lower)
+=======
+        steps = [z for _, z in self._looked(singles, from_none, lowers)]
+        tries = [(i, z) for i, h in enumerate(singles) for z in _tries(h)]
+        tried = [singles[i] for i, _ in tries]
+        looks = self._looked(tried, [z for _, z in tries], lowers)
+        looks = self._looked(tried, [z for _, z in looks], lowers)
+>>>>>>> 4827182 (diagnose: of several causes each must make held-out data more probable to be confirmed; no share or confusion in JSON beyond what experience bears; every named cause has its row; what grows with the level gets a second quick look)
         starts = []
         for i, h in enumerate(singles):
             own = h.own
@@ -117,6 +128,7 @@ class Search:
                 starts[i].append(from_none[i])
         return starts
 
+<<<<<<< HEAD
     def looked(
         self,
         hypotheses: Sequence[Hypothesis],
@@ -130,10 +142,14 @@ class Search:
             starts: A point z for each.
             lower: Cholesky factor of the evidence's covariance.
         """
+=======
+    def _looked(self, hypotheses, starts, lowers) -> list[tuple[float, np.ndarray]]:
+        """A quick look at each. Collective."""
+>>>>>>> 4827182 (diagnose: of several causes each must make held-out data more probable to be confirmed; no share or confusion in JSON beyond what experience bears; every named cause has its row; what grows with the level gets a second quick look)
         model = self.model
 
         def look(task):
-            return quick_evidence(*task, model.forward, model.evidence, model.baseline, lower)
+            return quick_evidence(*task, model.forward, model.evidence, model.baseline, lowers)
 
         return spread(model.comm, list(zip(hypotheses, starts, strict=True)), look)
 
@@ -237,11 +253,20 @@ class Search:
         if not pairs:
             return []
         self.progress.step(f"a quick look at {size} effects at a time", len(pairs))
-        lower = self._lower(known)
+        lowers = self._lowers(known)
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
         starts = [self._start(effects, parent) for effects, parent in pairs]
         best = np.max(self._scores(known))
+<<<<<<< HEAD
         looks = self.looked(hypotheses, starts, lower)
+=======
+        looks = self._looked(hypotheses, starts, lowers)
+        if self.model.evidence.between is not None:
+            # What grows with the level does so by exponentials: a first step may go far too far.
+            nearer = [np.clip(z, -_NEARER, _NEARER) for _, z in looks]
+            again = self._looked(hypotheses, nearer, lowers)
+            looks = [max(pair, key=lambda look: look[0]) for pair in zip(looks, again, strict=True)]
+>>>>>>> 4827182 (diagnose: of several causes each must make held-out data more probable to be confirmed; no share or confusion in JSON beyond what experience bears; every named cause has its row; what grows with the level gets a second quick look)
         scores = np.array([value for value, _ in looks]) + self.log_prior(hypotheses)
         # A step that is too long promises too much: what is promised is held against what is
         # fitted, and never against another promise.
@@ -285,29 +310,28 @@ class Search:
         for f in known:
             if len(f.hypothesis.effects) == 1:
                 alone[f.hypothesis.effects[0].key] = f
-        lower = self._lower(known)
-        white = {id(f): whitened(f, evidence, lower) for f in known}
+        white = [
+            (lower, {id(f): whitened(f, evidence, lower) for f in known})
+            for lower in self._lowers(known)
+        ]
         gains = []
         for effects, parent in together:
-            residual, slope = white[id(parent)]
             other = alone[effects[-1].key]
-            own = other.hypothesis.own
-            columns = np.hstack([slope, white[id(other)][1][:, own]])
-            hessian = columns.T @ columns + np.eye(columns.shape[1])
-            pull = columns.T @ residual
-            pull[: len(parent.z)] += parent.z
-            gain = 0.5 * pull @ np.linalg.solve(hessian, pull) - 0.5 * np.linalg.slogdet(hessian)[1]
-            gain += 0.5 * np.linalg.slogdet(slope.T @ slope + np.eye(slope.shape[1]))[1]
-            gains.append(parent.log_evidence + gain)
+            both = [_with_other(parent, other, seen, lower) for lower, seen in white]
+            before, after = np.max(both, axis=0)
+            gains.append(parent.log_evidence + after - before)
         scores = np.array(gains) + self.log_prior(
             [self.model.hypothesis(effects) for effects, _ in together]
         )
         return [together[i] for i in near_best(scores, np.inf, _LOOKS)]
 
-    def _lower(self, known: Sequence[Fit]) -> np.ndarray:
-        """Factor of the test's covariance, between levels as the best of some fits has it."""
-        best = known[int(np.argmax(self._scores(known)))]
-        return np.linalg.cholesky(self.model.evidence.at(best.between).covariance())
+    def _lowers(self, known: Sequence[Fit] = ()) -> list[np.ndarray]:
+        """Factors of the test's covariance: between levels as expected, and as the best of some
+        fits has it, which may have taken for drift what another effect explains."""
+        evidence, found = self.model.evidence, [self.model.evidence]
+        if len(known) and evidence.between is not None:
+            found.append(evidence.at(known[int(np.argmax(self._scores(known)))].between))
+        return [np.linalg.cholesky(each.covariance()) for each in found]
 
     def _start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
         """The parent's parameters, with a zero for each of the effect that is added."""
@@ -359,6 +383,26 @@ class Search:
         found *= 1 - look_alike(leader.p_value)
         found[~known] += (1 - found.sum()) / np.sum(~known)
         return found
+
+
+def _with_other(parent: Fit, other: Fit, white: dict, lower: np.ndarray) -> tuple[float, float]:
+    """ln of a fit's evidence, and of that with another's effect besides, linear about both.
+
+    Args:
+        parent: The fit.
+        other: The one of the effect alone.
+        white: Whitened residuals and slopes of both, by id.
+        lower: Cholesky factor of the covariance.
+    """
+    residual, slope = white[id(parent)]
+    columns = np.hstack([slope, white[id(other)][1][:, other.hypothesis.own]])
+    hessian = columns.T @ columns + np.eye(columns.shape[1])
+    pull = columns.T @ residual
+    pull[: len(parent.z)] += parent.z
+    square = residual @ residual + parent.z @ parent.z
+    before = log_evidence(square, slope.T @ slope + np.eye(slope.shape[1]), lower)
+    after = log_evidence(square - pull @ np.linalg.solve(hessian, pull), hessian, lower)
+    return before, after
 
 
 def _tries(hypothesis: Hypothesis) -> list[np.ndarray]:

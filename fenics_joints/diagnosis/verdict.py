@@ -14,8 +14,8 @@ from fenics_joints.formatting import probability as shown
 from fenics_joints.measurements.gap import Gap
 
 __all__ = [
-    "CAUSE", "LIKELY", "MISFIT", "NAMED", "NO_GAP", "UNKNOWN", "confirm", "confirmed", "decide",
-    "least_sure", "unconfirmed",
+    "CAUSE", "LIKELY", "MISFIT", "NAMED", "NO_GAP", "UNKNOWN", "class_probabilities", "confirm",
+    "confirmed", "decide", "least_sure", "sure_classes", "unconfirmed", "unproved",
 ]  # fmt: skip
 
 #: Verdicts that name a cause: one that held-out data confirm, and one that they do not.
@@ -25,6 +25,8 @@ NAMED = (CAUSE, LIKELY)
 NO_GAP, UNKNOWN = "no gap", "none of these"
 #: Probability that a class must have, of what is left for the library, to be called a cause.
 _SURE = 0.8
+#: ln of the odds from which held-out data confirm one of several causes: 20 to 1.
+_CONFIRMED = float(np.log(20.0))
 #: A best hypothesis that fits the data worse than this is no explanation.
 MISFIT = 0.01
 
@@ -64,12 +66,11 @@ def decide(
     if other > 0.5 or leader.p_value < MISFIT:
         return "unknown", (
             "No effect of the library explains the test. The best of them, "
-            f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} % and would give such a "
-            f"misfit with probability {p_value(leader.p_value)}."
+            f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} %, which noise and model "
+            f"error do not explain (p {_equals(p_value(leader.p_value))})."
         )
     classes = class_probabilities(fits, probability, effects)
-    sure = [name for name, p in classes.items() if p >= least_sure(other)]
-    if sure:
+    if sure := sure_classes(classes, other):
         said = "; and ".join(f"{_sentence(name)} ({shown(classes[name])})" for name in sure)
         maybe = [n for n, p in classes.items() if 0.2 * listed <= p < _SURE * listed]
         tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
@@ -82,8 +83,15 @@ def decide(
 
 def confirmed(s: Shrinkage) -> bool:
     """Whether held-out data confirm a cause: what is chosen and fitted without them predicts them
-    better than the nominal model, and better than the best wrong effect, each with 95 %."""
-    return bool(s.folds) and s.after < s.before and s.shrink_interval[0] > 0 and s.claimed
+    better than the nominal model, and better than the best wrong effect, each with 95 %; and of
+    several causes each makes them more probable, at 20 to 1."""
+    shrinks = bool(s.folds) and s.after < s.before and s.shrink_interval[0] > 0 and s.claimed
+    return shrinks and not unproved(s)
+
+
+def unproved(s: Shrinkage) -> list[str]:
+    """The causes that held-out data do not make surely more probable."""
+    return [name for name, gain in s.gains.items() if not gain > _CONFIRMED]
 
 
 def confirm(verdict: str, summary: str, s: Shrinkage) -> tuple[str, str]:
@@ -115,7 +123,22 @@ def unconfirmed(s: Shrinkage | None) -> str:
             f"that the gap on them goes from {percent(s.before)} to {percent(s.after)} may be "
             "chance"
         )
-    return "the best wrong effect does nearly as well on them"
+    if not s.claimed:
+        return "the best wrong effect does nearly as well on them"
+    weak = unproved(s)
+    proved = [name for name in s.gains if name not in weak]
+    but = f", though they do of {' and '.join(proved)}" if proved else ""
+    return f"they are not surely more probable with {' and '.join(weak)} than without{but}"
+
+
+def sure_classes(classes: dict[str, float], unknown: float) -> list[str]:
+    """The classes that are called causes.
+
+    Args:
+        classes: Their probabilities, from `class_probabilities`.
+        unknown: That of an unknown cause.
+    """
+    return [name for name, p in classes.items() if p >= least_sure(unknown)]
 
 
 def least_sure(unknown: float) -> float:
@@ -136,6 +159,11 @@ def class_probabilities(
         for name in {named[e.name, e.region] for e in f.hypothesis.effects}:
             total[name] += float(p)
     return dict(sorted(total.items(), key=lambda item: -item[1]))
+
+
+def _equals(p: str) -> str:
+    """A p-value as ``= 0.01`` or ``< 0.001``."""
+    return p if p.startswith("<") else f"= {p}"
 
 
 def _sentence(name: str) -> str:

@@ -212,7 +212,8 @@ def test_two_causes_name_the_rival_that_lacks_one():
     )
     why = point(d, "Why this and not another?")
     assert "without modulus error (plate 1), joint normal compliance, leaves 5.00 %" in why
-    assert [float(x) for x in re.findall(r"ln evidence is ([\d.]+)", why)] == [20.0, 3.4]
+    # Beyond 10 a difference says no more: no model of this kind is that exact.
+    assert re.findall(r"ln evidence is (.*?)\.(?: |$)", why) == ["more than 10 lower", "3.4 lower"]
 
 
 def test_other_verdicts_have_sentences_of_their_own():
@@ -390,7 +391,11 @@ def test_no_probability_is_shown_that_experience_does_not_bear():
     rows = d.to_json()
     assert {e["probability"] for e in rows["effects"]} == {0.01, 0.9}
     assert {h["probability"] for h in rows["hypotheses"]} == {0.01, 0.9}
-    assert sum(h["weight"] for h in rows["hypotheses"]) == pytest.approx(1.0, abs=1e-5)
+    assert not any("weight" in h for h in rows["hypotheses"])
+    mixed = replace(plain.shrinkage.folds[0], weights={"the joint": 1 - 1e-9, "modulus": 1e-9})
+    d = replace(d, shrinkage=replace(plain.shrinkage, folds=[mixed]))
+    for folds in (d.to_json()["folds"], d.to_json()["shrinkage"]["folds"]):
+        assert set(folds[0]["weights"].values()) == {0.01, 0.9}
     assert "84 % was right" in rows["probabilities"]["why"]
     words = explain(d)
     assert "cannot tell apart (equally likely beforehand), > 90 %" in words.which

@@ -106,7 +106,7 @@ def test_a_quick_look_is_the_evidence_when_linear():
         hypothesis = model.hypothesis([model.effects[i] for i in chosen])
         start = np.random.default_rng(1).standard_normal(len(hypothesis.priors))
         args = model.forward, model.evidence, model.baseline
-        value, z = quick_evidence(hypothesis, start, *args, lower)
+        value, z = quick_evidence(hypothesis, start, *args, [lower])
         whole = fit(hypothesis, *args)
         assert value == pytest.approx(whole.log_evidence, abs=1e-6)
         assert z == pytest.approx(whole.z, abs=1e-5)

@@ -7,6 +7,7 @@ import numpy as np
 from fenics_joints.commands.diagnose.reading import (
     LEVEL,
     SHARE,
+    EffectClass,
     along,
     best_without,
     by_effect,
@@ -29,6 +30,7 @@ from fenics_joints.commands.diagnose.words import (
     shortened,
     zone_words,
 )
+from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import NO_GAP
@@ -36,6 +38,9 @@ from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 from fenics_joints.formatting import condition_value, interval, percent, quantity, spaced
 
 __all__ = ["questions"]
+
+#: Differences of ln evidence beyond this say no more: models of this kind are not that exact.
+_FAR_LOWER = 10.0
 
 
 def questions(d: Diagnosis) -> dict[str, str]:
@@ -76,8 +81,12 @@ def _in_which_data(d: Diagnosis) -> str:
             continue
         labels = joined([group_words(a, d.condition[1]) for a in loud])
         if not loud:
-            words.append(f"None of {len(parts)} {many} misfits by more than chance.")
-        elif len(loud) == len(parts) > 1:
+            none = f"None of {len(parts)} {many}" if len(parts) > 1 else f"The only {by} does not"
+            verb = "misfits" if len(parts) > 1 else "misfit"
+            words.append(f"{none} {verb} by more than chance.")
+        elif len(loud) == len(parts) == 1:
+            words.append(f"The only {by} misfits by more than chance.")
+        elif len(loud) == len(parts):
             words.append(
                 f"All {len(parts)} {many} misfit by more than chance, most of them "
                 f"{group_words(loud[0], d.condition[1])}."
@@ -177,6 +186,8 @@ def _why(d: Diagnosis) -> str:
 
 def _beside(lower: float) -> str:
     """How a rival's ln evidence stands to the leader's, which may lead by its odds alone."""
+    if lower > _FAR_LOWER:
+        return f"more than {_FAR_LOWER:.0f} lower"
     if lower >= 0.05:
         return f"{lower:.1f} lower"
     words = f"{-lower:.1f} higher" if lower <= -0.05 else "the same"
@@ -188,26 +199,34 @@ def _not_told(d: Diagnosis) -> str:
     for group in causes(d):
         if len(group.effects) > 1 and group.probability >= SHARE:
             names = shortened([in_words(e) for e in group.effects], "or")
-            words.append(f"Which of its class it is: {names}.")
-    for s in d.separations:
-        words.append(
-            f"What would split {spaced(s.class_name)}: {s.measurement} ({s.distance:.1f} s.d.)."
-        )
+            words.append(f"Which it is of {names}.{_split(d, group)}")
     unseen = [e for c in causes(d) for e in c.effects if not e.detectable]
     if unseen:
         names = shortened([in_words(e) for e in unseen])
         words.append(f"Too small to be seen at their expected size: {names}.")
     if d.between is not None:
         kinds = zip(("frequencies", "damping ratios"), (2, 0), d.between, strict=False)
-        items = joined([f"{kind} {percent(x, n)}" for kind, n, x in kinds])
+        items = joined([f"{kind} by {percent(x, n)}" for kind, n, x in kinds])
         words.append(
-            f"Why, from level to level, {items} (one s.d.) are off beside what is explained and "
-            "noise: drift has no cause here."
+            f"Why, beside what is explained and noise, {items} (one s.d.) are off from level to "
+            "level: that is taken for drift."
         )
     if d.silent:
         names = shortened([spaced(s.effect) for s in d.silent])
         words.append(f"Nothing at all is said of {names}.")
     return " ".join(words)
+
+
+def _split(d: Diagnosis, group: EffectClass) -> str:
+    """What measurement would tell the members of a class apart, and whether it is enough."""
+    found = next((s for s in d.separations if s.class_name == group.name), None)
+    if found is None:
+        return ""
+    enough = "" if found.distance >= APART else ", which is not enough alone"
+    return (
+        f" Of further measurements this would split them best: {found.measurement} "
+        f"({found.distance:.1f} s.d.{enough})."
+    )
 
 
 def _predicts(d: Diagnosis) -> str:

@@ -7,10 +7,17 @@ from rich.table import Table
 from rich.text import Text
 
 from fenics_joints.commands.diagnose.explanation import explain
-from fenics_joints.commands.diagnose.reading import by_effect, by_reason, effect_classes, leading
+from fenics_joints.commands.diagnose.reading import (
+    by_effect,
+    by_reason,
+    effect_classes,
+    leading,
+    sure_causes,
+)
 from fenics_joints.commands.diagnose.words import VERDICTS
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.formatting import (
+    bounded,
     condition_value,
     interval,
     percent,
@@ -23,7 +30,9 @@ from fenics_joints.report.terminal import more, new_table, tell
 __all__ = ["show_diagnosis"]
 
 #: Rows of each table; the page has all of them.
-_REGIONS, _EFFECTS, _PARAMETERS = 3, 4, 3
+_REGIONS, _PARAMETERS = 3, 3
+#: Classes of effects that have rows, named causes besides; and their members.
+_CLASSES, _MEMBERS = 2, 3
 _STYLES = {
     "cause": "bold cyan", "likely": "bold yellow", "no gap": "bold green",
     "ambiguous": "bold yellow",
@@ -71,19 +80,18 @@ def _where(console: Console, d: Diagnosis) -> None:
 def _which(console: Console, d: Diagnosis) -> None:
     classes = effect_classes(d)
     table = new_table("which effect", "", ">probability", "")
-    left, shown = _EFFECTS, 0
-    for group in classes:
-        # A class takes a row of its own, and is worth it with a member below.
-        if left <= bool(group.letter):
-            break
+    # Every cause that is named has its row; a class takes one of its own beside its members'.
+    named, shown = {group.name for group in sure_causes(d)}, 0
+    for i, group in enumerate(classes):
+        if i >= _CLASSES and group.name not in named:
+            continue
+        members = group.effects[: _MEMBERS if group.letter else 1]
         if group.letter:
-            left -= 1
             _effect_row(table, f"one of {len(group.effects)} in", group.letter, group.probability)
-        for effect in group.effects[:left]:
+        for effect in members:
             name = f"  {effect.name}" if group.letter else effect.name
             _effect_row(table, name, group.letter, effect.probability)
-        shown += len(group.effects[:left])
-        left -= len(group.effects)
+        shown += len(members)
     more(table, len(d.effects) - shown)
     console.print(table)
     letters = {group.name: group.letter for group in classes if group.letter}
@@ -96,7 +104,7 @@ def _which(console: Console, d: Diagnosis) -> None:
 
 
 def _effect_row(table: Table, name: str, letter: str, p: float) -> None:
-    table.add_row(Text(name), letter, probability(p), _bar(p))
+    table.add_row(Text(name), letter, probability(p), _bar(bounded(p)))
 
 
 def _lead(console: Console, d: Diagnosis) -> None:

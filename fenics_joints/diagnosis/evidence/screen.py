@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
@@ -20,7 +22,7 @@ def quick_evidence(
     forward: Forward,
     evidence: Evidence,
     baseline: dict[str, float],
-    lower: np.ndarray,
+    lowers: Sequence[np.ndarray],
 ) -> tuple[float, np.ndarray]:
     """ln of the evidence if the hypothesis were linear about a point, and the most probable z.
 
@@ -30,15 +32,20 @@ def quick_evidence(
         forward: Predicts.
         evidence: The test.
         baseline: Parameter values of the nominal model.
-        lower: Cholesky factor of the evidence's covariance.
+        lowers: Cholesky factors of covariances that the evidence may have; the best counts.
     """
     used = evidence.fitted
     predicted, jacobian = predict(hypothesis, forward, evidence, start, baseline)
-    residual = whiten(lower, predicted[used] - evidence.data[used])
-    slope = whiten(lower, jacobian[used])
+    residual, slope = predicted[used] - evidence.data[used], jacobian[used]
+    looks = (_look(residual, slope, start, hypothesis.limits.T, lower) for lower in lowers)
+    return max(looks, key=lambda look: look[0])
+
+
+def _look(residual, slope, start, limits, lower) -> tuple[float, np.ndarray]:
+    residual, slope = whiten(lower, residual), whiten(lower, slope)
     hessian = slope.T @ slope + np.eye(len(start))
     z = start - np.linalg.solve(hessian, slope.T @ residual + start)
-    z = np.clip(z, *hypothesis.limits.T)
+    z = np.clip(z, *limits)
     left = residual + slope @ (z - start)
     return log_evidence(left @ left + z @ z, hessian, lower), z
 
