@@ -14,7 +14,9 @@ from fenics_joints.diagnosis.evidence.inference import Fit
 __all__ = ["gain", "held", "predictive"]
 
 
-def predictive(refit: Fit, blind: Evidence, scored: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def predictive(
+    refit: Fit, blind: Evidence, scored: np.ndarray, *, mended: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean and a square root of the covariance of the scored entries given the fitted ones.
 
     With r = data - prediction of the fitted entries, G = S_sf S_ff^-1 and S the covariance of
@@ -25,10 +27,12 @@ def predictive(refit: Fit, blind: Evidence, scored: np.ndarray) -> tuple[np.ndar
         refit: A hypothesis fitted without the held-out data.
         blind: The test without them.
         scored: Which entries, shape (N,).
+        mended: Whether the prediction is mended by what it leaves on the fitted entries; if not,
+            G = 0, and a hypothesis that is off by much at all levels is off at those held out.
     """
     fitted = blind.fitted
     total = blind.at(refit.between).full_covariance(refit.hypothesis.unknown)
-    cross = total[np.ix_(scored, fitted)]
+    cross = total[np.ix_(scored, fitted)] * float(mended)
     gained = np.linalg.solve(total[np.ix_(fitted, fitted)], cross.T).T
     mean = refit.predicted[scored] + gained @ (blind.data[fitted] - refit.predicted[fitted])
     slope = refit.jacobian[scored] - gained @ refit.jacobian[fitted]
@@ -56,7 +60,8 @@ def gain(
     """ln of how much more probable held-out data are with a cause than without it.
 
     Both sides are mixtures of hypotheses, weighed without the data: those that hold the cause and
-    those that do not, an unknown cause among neither. nan if one side has none.
+    those that do not, an unknown cause among neither. Each speaks for itself: what it leaves on the
+    fitted data is not taken off. nan if one side has none.
 
     Args:
         refits: Hypotheses fitted without the held-out data.
@@ -71,7 +76,7 @@ def gain(
         return float("nan")
     logs = np.full(len(refits), -np.inf)
     for i in np.flatnonzero(known):
-        mean, root = predictive(refits[i], blind, scored)
+        mean, root = predictive(refits[i], blind, scored, mended=False)
         logs[i] = multivariate_normal.logpdf(
             data[scored], mean, root @ root.T, allow_singular=True
         )

@@ -127,8 +127,8 @@ def unconfirmed(s: Shrinkage | None) -> str:
         return "the best wrong effect does nearly as well on them"
     weak = unproved(s)
     proved = [name for name in s.gains if name not in weak]
-    but = f", though they do of {' and '.join(proved)}" if proved else ""
-    return f"they are not surely more probable with {' and '.join(weak)} than without{but}"
+    but = f"bear out {' and '.join(proved)} but " if proved else ""
+    return f"they {but}are not surely more probable with {' and '.join(weak)} than without"
 
 
 def sure_classes(classes: dict[str, float], unknown: float) -> list[str]:

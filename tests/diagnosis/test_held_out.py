@@ -178,4 +178,4 @@ def test_each_of_several_causes_has_to_make_held_out_data_more_probable():
     assert unproved(found) == ["effect 2"] and not confirmed(found)
     verdict, summary = confirm("cause", "Three causes.", found)
     assert verdict == "likely"
-    assert "with effect 2 than without, though they do of effect 0 and effect 1" in summary
+    assert "they bear out effect 0 and effect 1 but are not surely more probable" in summary
