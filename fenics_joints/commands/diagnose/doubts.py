@@ -47,9 +47,9 @@ def doubts(d: Diagnosis) -> list[str]:
                 "On held-out data the best wrong effect does nearly as well: how far the gap "
                 "shrinks is no evidence for the cause."
             )
-        if s.shrink < _HALF:
+        if s.after < s.before and s.shrink < _HALF:
             words.append(
-                f"Of the gap in frequency beyond noise, {100 * (1 - max(s.shrink, 0)):.0f} % "
+                f"Of the gap in frequency beyond noise, {100 * (1 - s.shrink):.0f} % "
                 "remains on held-out data: something else may be missing."
             )
         if s.coverage < _COVERAGE:

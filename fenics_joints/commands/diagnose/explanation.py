@@ -154,8 +154,8 @@ def _by_tests(found: Location) -> str:
     if not alone:
         first = telling[0]
         return (
-            f"no change of one region alone explains it, at most {share_words(first.share)} of the "
-            f"misfit, which {spaced(first.zone)} could make"
+            f"no change of one region alone explains it; one in {spaced(first.zone)} comes "
+            f"nearest, with {share_words(first.share)} of the misfit"
         )
     first, others = alone[0], alone[1:]
     words = (
@@ -247,6 +247,10 @@ def _how_far(d: Diagnosis) -> str:
             return f"Nothing could be held out; fitted, the gap goes {fitted}."
         return f"On held-out data the gap goes {from_to(d.heldout_before, d.heldout_after)}."
     words = f"On held-out data the gap goes {from_to(s.before, s.after)}"
+    if s.after >= s.before:
+        best = f" (best wrong effect {percent(s.placebo)})" if np.isfinite(s.placebo) else ""
+        words = f"On held-out data the gap grows {from_to(s.before, s.after)}{best}"
+        return f"{words}: what is chosen without them does not predict them{_folds(s)}."
     if not np.isfinite(s.shrink):
         return f"{words}; the nominal model is already as good as noise allows."
     words += f": {_shrunk(s)}"
@@ -255,17 +259,18 @@ def _how_far(d: Diagnosis) -> str:
         words += f", {gain:.0f} points more than the best wrong effect ({_points(s)})"
     elif np.isfinite(gain):
         words += f", which is not surely more than the best wrong effect ({_points(s)} points)"
+    return f"{words}{_folds(s)}."
+
+
+def _folds(s: Shrinkage) -> str:
     held, better = sum(f.held for f in s.folds), sum(f.better for f in s.folds)
-    words += f"; {held} of {len(s.folds)} folds ended in the interval stated before"
-    return f"{words}{f' or better ({better} better)' if better else ''}."
+    words = f"; {held} of {len(s.folds)} folds ended in the interval stated before"
+    return f"{words}{f' or better ({better} better)' if better else ''}"
 
 
 def _shrunk(s: Shrinkage) -> str:
-    share = f"{100 * abs(s.shrink):.0f} %"
-    ends = f"90 %: {span(s.shrink_interval)}"
-    if s.shrink < 0:
-        return f"it grows, by {share} of the gap beyond noise ({ends})"
-    return f"{share} of the gap beyond noise is gone ({ends})"
+    share = f"{100 * s.shrink:.0f} %"
+    return f"{share} of the gap beyond noise is gone (90 %: {span(s.shrink_interval)})"
 
 
 def _points(s: Shrinkage) -> str:
