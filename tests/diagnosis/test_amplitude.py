@@ -219,7 +219,11 @@ def noisy(clean, sd, seed):
 
 @pytest.fixture(scope="module")
 def diagnosed(rig, tmp_path_factory):
-    """A function that diagnoses noisy data of a law, with or without its damping."""
+    """A function that diagnoses noisy data of a law, with or without its damping.
+
+    The reduced model of the case is made once.
+    """
+    kept = tmp_path_factory.mktemp("kept")
 
     def run(law, damped: bool, levels=LEVELS, *, few=False, rig=rig):
         clean = rig.test(law)
@@ -227,7 +231,7 @@ def diagnosed(rig, tmp_path_factory):
         f = noisy(clean[0], NOISE, 1)[:n]
         damping = noisy(clean[1], DAMPING_NOISE, 2)[:n] if damped else None
         folder = write(tmp_path_factory.mktemp("levels"), f, damping, levels, few=few)
-        return diagnose(load_case(folder), MPI.COMM_SELF)
+        return diagnose(load_case(folder), MPI.COMM_SELF, keep=kept)
 
     return run
 
