@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from fenics_joints.diagnosis.evidence.evidence import SHAPE, Evidence
+from fenics_joints.diagnosis.evidence.evidence import DAMPING, FREQUENCY, Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
 
 __all__ = ["gain", "held", "predictive"]
@@ -46,7 +46,7 @@ def held(evidence: Evidence, mask: np.ndarray) -> np.ndarray:
     """The held-out frequencies and damping ratios that were measured, as a mask of shape (N,)."""
     e = evidence.entries
     there = (mask & evidence.used)[e.row, e.mode] & np.isfinite(evidence.data)
-    return there & (e.kind != SHAPE)
+    return there & np.isin(e.kind, (FREQUENCY, DAMPING))
 
 
 def gain(

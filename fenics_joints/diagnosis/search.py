@@ -14,8 +14,12 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit, fit
-from fenics_joints.diagnosis.evidence.linear import log_evidence
-from fenics_joints.diagnosis.evidence.screen import near_best, quick_evidence, whitened
+from fenics_joints.diagnosis.evidence.screen import (
+    near_best,
+    quick_evidence,
+    whitened,
+    with_other,
+)
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import Prepared
@@ -103,19 +107,11 @@ class Search:
             return []
         lowers = self._lowers()
         from_none = [self._start(h.effects, none) for h in singles]
-<<<<<<< HEAD
-        steps = [z for _, z in self.looked(singles, from_none, lower)]
+        steps = [z for _, z in self.looked(singles, from_none, lowers)]
         tries = [(i, z) for i, h in enumerate(singles) for z in _tries(h)]
         tried = [singles[i] for i, _ in tries]
-        looks = self.looked(tried, [z for _, z in tries], lower)
-        looks = self.looked(tried, [z for _, z in looks], lower)
-=======
-        steps = [z for _, z in self._looked(singles, from_none, lowers)]
-        tries = [(i, z) for i, h in enumerate(singles) for z in _tries(h)]
-        tried = [singles[i] for i, _ in tries]
-        looks = self._looked(tried, [z for _, z in tries], lowers)
-        looks = self._looked(tried, [z for _, z in looks], lowers)
->>>>>>> 4827182 (diagnose: of several causes each must make held-out data more probable to be confirmed; no share or confusion in JSON beyond what experience bears; every named cause has its row; what grows with the level gets a second quick look)
+        looks = self.looked(tried, [z for _, z in tries], lowers)
+        looks = self.looked(tried, [z for _, z in looks], lowers)
         starts = []
         for i, h in enumerate(singles):
             own = h.own
@@ -128,24 +124,19 @@ class Search:
                 starts[i].append(from_none[i])
         return starts
 
-<<<<<<< HEAD
     def looked(
         self,
         hypotheses: Sequence[Hypothesis],
         starts: Sequence[np.ndarray],
-        lower: np.ndarray,
+        lowers: Sequence[np.ndarray],
     ) -> list[tuple[float, np.ndarray]]:
         """A quick look at each, see `quick_evidence`. Collective.
 
         Args:
             hypotheses: The hypotheses.
             starts: A point z for each.
-            lower: Cholesky factor of the evidence's covariance.
+            lowers: Cholesky factors of covariances that the evidence may have; the best counts.
         """
-=======
-    def _looked(self, hypotheses, starts, lowers) -> list[tuple[float, np.ndarray]]:
-        """A quick look at each. Collective."""
->>>>>>> 4827182 (diagnose: of several causes each must make held-out data more probable to be confirmed; no share or confusion in JSON beyond what experience bears; every named cause has its row; what grows with the level gets a second quick look)
         model = self.model
 
         def look(task):
@@ -257,16 +248,12 @@ class Search:
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
         starts = [self._start(effects, parent) for effects, parent in pairs]
         best = np.max(self._scores(known))
-<<<<<<< HEAD
-        looks = self.looked(hypotheses, starts, lower)
-=======
-        looks = self._looked(hypotheses, starts, lowers)
+        looks = self.looked(hypotheses, starts, lowers)
         if self.model.evidence.between is not None:
             # What grows with the level does so by exponentials: a first step may go far too far.
             nearer = [np.clip(z, -_NEARER, _NEARER) for _, z in looks]
-            again = self._looked(hypotheses, nearer, lowers)
+            again = self.looked(hypotheses, nearer, lowers)
             looks = [max(pair, key=lambda look: look[0]) for pair in zip(looks, again, strict=True)]
->>>>>>> 4827182 (diagnose: of several causes each must make held-out data more probable to be confirmed; no share or confusion in JSON beyond what experience bears; every named cause has its row; what grows with the level gets a second quick look)
         scores = np.array([value for value, _ in looks]) + self.log_prior(hypotheses)
         # A step that is too long promises too much: what is promised is held against what is
         # fitted, and never against another promise.
@@ -317,7 +304,7 @@ class Search:
         gains = []
         for effects, parent in together:
             other = alone[effects[-1].key]
-            both = [_with_other(parent, other, seen, lower) for lower, seen in white]
+            both = [with_other(parent, other, seen, lower) for lower, seen in white]
             before, after = np.max(both, axis=0)
             gains.append(parent.log_evidence + after - before)
         scores = np.array(gains) + self.log_prior(
@@ -383,26 +370,6 @@ class Search:
         found *= 1 - look_alike(leader.p_value)
         found[~known] += (1 - found.sum()) / np.sum(~known)
         return found
-
-
-def _with_other(parent: Fit, other: Fit, white: dict, lower: np.ndarray) -> tuple[float, float]:
-    """ln of a fit's evidence, and of that with another's effect besides, linear about both.
-
-    Args:
-        parent: The fit.
-        other: The one of the effect alone.
-        white: Whitened residuals and slopes of both, by id.
-        lower: Cholesky factor of the covariance.
-    """
-    residual, slope = white[id(parent)]
-    columns = np.hstack([slope, white[id(other)][1][:, other.hypothesis.own]])
-    hessian = columns.T @ columns + np.eye(columns.shape[1])
-    pull = columns.T @ residual
-    pull[: len(parent.z)] += parent.z
-    square = residual @ residual + parent.z @ parent.z
-    before = log_evidence(square, slope.T @ slope + np.eye(slope.shape[1]), lower)
-    after = log_evidence(square - pull @ np.linalg.solve(hessian, pull), hessian, lower)
-    return before, after
 
 
 def _tries(hypothesis: Hypothesis) -> list[np.ndarray]:

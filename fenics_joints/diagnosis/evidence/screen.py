@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.evidence.linear import evidence_about, log_evidence
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["linear_evidence", "near_best", "quick_evidence", "whitened"]
+__all__ = ["linear_evidence", "near_best", "quick_evidence", "whitened", "with_other"]
 
 
 def quick_evidence(
@@ -82,3 +82,21 @@ def near_best(values: np.ndarray, margin: float, most: int) -> np.ndarray:
     return order[values[order] > values[order[0]] - margin][:most] if len(order) else order
 
 
+def with_other(parent: Fit, other: Fit, white: dict, lower: np.ndarray) -> tuple[float, float]:
+    """ln of a fit's evidence, and of that with another's effect besides, linear about both.
+
+    Args:
+        parent: The fit.
+        other: The one of the effect alone.
+        white: Whitened residuals and slopes of both, by id.
+        lower: Cholesky factor of the covariance.
+    """
+    residual, slope = white[id(parent)]
+    columns = np.hstack([slope, white[id(other)][1][:, other.hypothesis.own]])
+    hessian = columns.T @ columns + np.eye(columns.shape[1])
+    pull = columns.T @ residual
+    pull[: len(parent.z)] += parent.z
+    square = residual @ residual + parent.z @ parent.z
+    before = log_evidence(square, slope.T @ slope + np.eye(slope.shape[1]), lower)
+    after = log_evidence(square - pull @ np.linalg.solve(hessian, pull), hessian, lower)
+    return before, after
