@@ -31,7 +31,7 @@ class Fits(Protocol):
         self,
         hypotheses: Sequence[Hypothesis],
         starts: Sequence[np.ndarray],
-        lower: np.ndarray,
+        lowers: Sequence[np.ndarray],
     ) -> list[tuple[float, np.ndarray]]:
         """A quick look at each."""
 
