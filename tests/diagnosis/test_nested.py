@@ -26,7 +26,7 @@ class Curved(Forward):
         self.matrix = np.asarray(matrix, dtype=float)
         self.bend = np.zeros(len(self.matrix)) if bend is None else np.asarray(bend)
         names = [f"p{i}" for i in range(self.matrix.shape[1])]
-        model = SimpleNamespace(parameters=dict.fromkeys(names))
+        model = SimpleNamespace(parameters=dict.fromkeys(names), n_dofs=9)
         super().__init__(model, None, n_test=len(self.matrix), n_modes=9)
         self.baseline = dict.fromkeys(names, 0.0)
 
