@@ -105,7 +105,8 @@ def test_page_preload(run_script, tmp_path):
 
 def test_page_slip(run_script, tmp_path):
     """Between rigid plates the documentation's layer dissipates what its backbone says."""
-    (script,) = [b for b in blocks("python") if "solve_quasi_static(" in b]
+    slip = blocks("python", REPOSITORY / "docs/slip.md")
+    (script,) = [b for b in slip if "solve_quasi_static(" in b]
     path = tmp_path / "page_slip.py"
     path.write_text(script, encoding="utf-8")
     edit(path, ("69e9", "69e13"))

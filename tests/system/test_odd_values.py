@@ -129,7 +129,7 @@ def of_structure():
         "tagged": MODEL, "regions": (None, "a", 1.0, [None], ["a"], [AT]),
         "parameters": (None, "a", 1.0, [None], ["a"], [1.0], {"layer.G": 1.0}),
         "masses": (None, "a", [None], [Spring("s", 1.0, (0, 0, 0))]), "springs": (None, "a", [1]),
-        "supports": (None, "a", ["x_min"], [None]), "degree": (*COUNT, 3),
+        "supports": (None, "a", ["x_min"], [None]), "degree": (*COUNT, 4),
         "quadrature_degree": tuple(v for v in COUNT if v is not None and v != 0),
     }  # fmt: skip
 
