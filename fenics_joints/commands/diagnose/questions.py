@@ -41,6 +41,8 @@ __all__ = ["questions"]
 
 #: Differences of ln evidence beyond this say no more: models of this kind are not that exact.
 _FAR_LOWER = 10.0
+#: Shares of the misfit that are apart by less are one.
+_AS_MUCH = 0.005
 
 
 def questions(d: Diagnosis) -> dict[str, str]:
@@ -121,8 +123,10 @@ def _finer(found: Location) -> str:
     zones = [t for t in found.zones if t.zone not in whole and t.p_adjusted < LEVEL]
     words = []
     if zones:
-        best = max(zones, key=lambda t: t.share)
-        alike = f", {_alike(best)}" if best.alike else ""
+        # Bolts that mirror each other explain as much, but for round-off: the first of those.
+        most = max(t.share for t in zones)
+        best = next(t for t in zones if t.share > most - _AS_MUCH)
+        alike = f", {_alike(best, [t.zone for t in found.zones])}" if best.alike else ""
         words.append(f"Of the joints' zones {zone_words(best.zone)} explains most{alike}.")
     patches = found.patches
     if patches is None:
@@ -142,8 +146,8 @@ def _finer(found: Location) -> str:
     return " ".join(words)
 
 
-def _alike(test: ZoneTest) -> str:
-    names = [zone_words(name) for name in test.alike]
+def _alike(test: ZoneTest, order: list[str]) -> str:
+    names = [zone_words(name) for name in sorted(test.alike, key=order.index)]
     more = [f"{len(names) - NAMED} more"] if len(names) > NAMED else []
     return f"which this test does not tell from {'; '.join([*names[:NAMED], *more])}"
 
