@@ -147,7 +147,8 @@ def _finer(found: Location) -> str:
 
 
 def _alike(test: ZoneTest, order: list[str]) -> str:
-    names = [zone_words(name) for name in sorted(test.alike, key=order.index)]
+    place = {zone: i for i, zone in enumerate(order)}
+    names = [zone_words(z) for z in sorted(test.alike, key=lambda z: place.get(z, len(place)))]
     more = [f"{len(names) - NAMED} more"] if len(names) > NAMED else []
     return f"which this test does not tell from {'; '.join([*names[:NAMED], *more])}"
 
