@@ -12,7 +12,9 @@ from fenics_joints.errors import InputError, capable, measured, real, wanted, wh
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["VISIBLE", "Gap", "Pairing", "TooFewModes", "mac", "pair_modes", "rms"]
+__all__ = [
+    "VISIBLE", "Gap", "Pairing", "TooFewModes", "check_sight", "mac", "pair_modes", "rms",
+]  # fmt: skip
 
 
 #: MAC below which two shapes have so little in common that order tells more; and how much MAC a
@@ -89,6 +91,18 @@ class Pairing:
         return f"Pairing({len(self.index)} of {len(self.visible)} modes by {how})"
 
 
+def check_sight(n_test: int, sensors: Sensors | None, threshold: float) -> None:
+    """Refuse what cannot say which modes a test saw; arguments of `pair_modes`.
+
+    Raises:
+        InputError: Names the argument.
+    """
+    whole("n_test", n_test)
+    real("threshold", threshold, least=0.0, most=1.0)
+    if sensors is not None and not isinstance(sensors, Sensors):
+        raise wanted("sensors", sensors, "Sensors, or None")
+
+
 def pair_modes(
     modes: Modes,
     n_test: int,
@@ -117,10 +131,7 @@ def pair_modes(
         InputError: If an argument is not what it should be.
     """
     capable("modes", modes, ("visibility", "at", "n_rigid"), "modes, as solve_modes gives them")
-    whole("n_test", n_test)
-    real("threshold", threshold, least=0.0, most=1.0)
-    if sensors is not None and not isinstance(sensors, Sensors):
-        raise wanted("sensors", sensors, "Sensors, or None")
+    check_sight(n_test, sensors, threshold)
     if reference is not None and sensors is None:
         raise InputError("reference: expected sensors too, to say where its shapes are.")
     elastic = np.arange(modes.n_rigid, len(modes))

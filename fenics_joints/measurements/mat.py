@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,8 @@ KEYS = {
     "units": "text, such as 'm/s2/N'",
     "length_unit": "text, such as 'mm'",
 }
+#: Numbers of one variable, far more than any test has: a packed file says so before it unpacks.
+_MOST = 200_000_000
 
 
 def read_mat(path: Path, said: Said) -> Contents:
@@ -71,10 +74,6 @@ def read_mat(path: Path, said: Said) -> Contents:
     return contents
 
 
-#: Numbers of one variable, far more than any test has: a packed file says so before it unpacks.
-_MOST = 200_000_000
-
-
 class _Variables:
     """Variables of a file by the suite's names."""
 
@@ -83,25 +82,16 @@ class _Variables:
         if unknown:
             raise InputError(f"keys.{unknown[0]}: expected one of {', '.join(KEYS)}")
         self.path, self.keys = path, said.keys
-        try:
-            held = scipy.io.whosmat(path)
-            self.there = [name for name, _, _ in held]
-            wanted = [v for v in held if v[0] in [self.name(key) for key in KEYS]]
-            for name, shape, _ in wanted:
-                if math.prod(shape) > _MOST:
-                    raise InputError(
-                        f"{path}: {name} is {' x '.join(map(str, shape))}: expected at most "
-                        f"{_MOST:,} numbers"
-                    )
-            self.found = scipy.io.loadmat(path, variable_names=[v[0] for v in wanted])
-        except InputError:
-            raise
-        except NotImplementedError as error:
-            raise InputError(
-                f"{path}: is of MATLAB's version 7.3; expected one saved with '-v7'"
-            ) from error
-        except Exception as error:  # scipy raises many kinds for a damaged file
-            raise InputError(f"{path}: cannot be read as a MATLAB file ({error})") from error
+        shapes = {name: shape for name, shape, _ in _scipy(path, scipy.io.whosmat)}
+        self.there = list(shapes)
+        used = [name for name in map(self.name, KEYS) if name in shapes]
+        for name in used:
+            if math.prod(shapes[name]) > _MOST:
+                raise InputError(
+                    f"{path}: {name} is {' x '.join(map(str, shapes[name]))}: expected at most "
+                    f"{_MOST:,} numbers"
+                )
+        self.found = _scipy(path, scipy.io.loadmat, variable_names=used)
 
     def name(self, key: str) -> str:
         return self.keys.get(key, key)
@@ -150,6 +140,18 @@ class _Variables:
                 + (f", of {' x '.join(map(str, shape))}" if shape else "")
             )
         return value
+
+
+def _scipy(path: Path, read: Callable, **options):
+    """What a reader of scipy gives; raises InputError for what is no such file."""
+    try:
+        return read(path, **options)
+    except NotImplementedError as error:
+        raise InputError(
+            f"{path}: is of MATLAB's version 7.3; expected one saved with '-v7'"
+        ) from error
+    except Exception as error:  # scipy raises many kinds for a damaged file
+        raise InputError(f"{path}: cannot be read as a MATLAB file ({error})") from error
 
 
 def _scale(file: _Variables, said: Said) -> tuple[str, float]:

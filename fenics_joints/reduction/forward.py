@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.errors import InputError, capable, measured, real, wanted, whole
-from fenics_joints.measurements.gap import VISIBLE, Pairing, pair_modes
+from fenics_joints.errors import InputError, capable, measured, whole
+from fenics_joints.measurements.gap import VISIBLE, Pairing, check_sight, pair_modes
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
 from fenics_joints.structure.points import Sensors
 
@@ -50,11 +50,8 @@ class Forward:
         threshold: float = VISIBLE,
     ):
         capable("model", model, ("parameters", "n_dofs"), "a model, whole or reduced")
-        if sensors is not None and not isinstance(sensors, Sensors):
-            raise wanted("sensors", sensors, "Sensors, or None")
-        whole("n_test", n_test)
+        check_sight(n_test, sensors, threshold)
         whole("n_modes", n_modes)
-        real("threshold", threshold, least=0.0, most=1.0)
         if reference is not None and sensors is not None:
             reference = measured("reference", reference)
             if reference.shape != (len(sensors), n_test):

@@ -82,21 +82,12 @@ def update_weighted(
         InputError: For a parameter, start or data that cannot be.
         ConvergenceError: If eq. 14 is not reached, or a step leaves the model's range.
     """
-    if not isinstance(target, Target):
-        raise wanted("target", target, "a Target")
+    _check(target, w_f, w_H)
     whole("max_iterations", max_iterations)
     flag("strict", strict)
     for key, tolerance in (("eps_1", eps_1), ("eps_2", eps_2)):
         real(key, tolerance, above=0.0)
-    for key, weights in (("w_f", w_f), ("w_H", w_H)):
-        if not reals(key, weights, least=0.0).size:
-            raise wanted(key, weights, "one weight, or one for each row")
-    if np.shape(w_f) not in ((), (len(target),)):
-        raise wanted("w_f", w_f, f"one weight, or {len(target)}, one for each frequency")
     member("complex_rows", complex_rows, ("parts", "magnitude"))
-    for kind in ("shapes", "damping"):
-        if kind in target.kinds:
-            raise InputError(f"data {kind!r}: expected frequencies and FRFs, all that eq. 16 has")
     if step_limit is not None:
         real("step_limit", step_limit, above=0.0)
     search = _Weighted(complex_rows, model, parameters, target, start, damping, n_modes)
@@ -117,6 +108,20 @@ def update_weighted(
             "nearer, limit the steps, or use the other method"
         )
     return found
+
+
+def _check(target: Target, w_f: float | np.ndarray, w_H: float | np.ndarray) -> None:
+    """Refuse data that eq. 16 has no rows for, and weights that do not fit them."""
+    if not isinstance(target, Target):
+        raise wanted("target", target, "a Target")
+    for kind in ("shapes", "damping"):
+        if kind in target.kinds:
+            raise InputError(f"data {kind!r}: expected frequencies and FRFs, all that eq. 16 has")
+    for key, weights in (("w_f", w_f), ("w_H", w_H)):
+        if not reals(key, weights, least=0.0).size:
+            raise wanted(key, weights, "one weight, or one for each row")
+    if np.shape(w_f) not in ((), (len(target),)):
+        raise wanted("w_f", w_f, f"one weight, or {len(target)}, one for each frequency")
 
 
 class _Weighted(Identification):

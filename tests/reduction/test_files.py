@@ -41,6 +41,6 @@ def test_a_small_file_that_would_become_a_large_model(tmp_path, more):
             group["0"] = np.zeros(10)
             group["1"] = group["0"]
         else:
-            group.create_dataset("0", (50_000, 50_000), chunks=(1000, 1000))
+            group.create_dataset("0", (50_000, 50_000), dtype="f8", chunks=(1000, 1000))
     with pytest.raises(InputError, match="in the file twice" if more == "linked" else "of its"):
         read_array_model(path)
