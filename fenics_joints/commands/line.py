@@ -81,7 +81,13 @@ class _Command(_Plain, TyperCommand):
 
 
 class _Group(_Plain, TyperGroup):
-    """Commands, the nearest of which is suggested for one that is not there."""
+    """Commands, the nearest of which is suggested for one that is not there.
+
+    It has the options that all commands have, too: ``-v`` stands before a command or after it.
+    """
+
+    def __init__(self, *, params=None, **settings):
+        super().__init__(params=[*(params or ()), *_how_much()], **settings)
 
     def resolve_command(self, ctx, args):
         name = args[0]
@@ -116,7 +122,7 @@ def _sets(loudness: str) -> Callable:
     def callback(ctx, param, wanted: bool) -> bool:
         given = ctx.meta.setdefault(__name__, [])
         given += [loudness] * bool(wanted)
-        if len(given) > 1:
+        if len(set(given)) > 1:
             raise typer.BadParameter("expected -q or -v, not both")
         set_loudness(given[0] if given else "normal")
         return wanted

@@ -43,8 +43,7 @@ def test_every_help_has_an_example_and_nothing_is_cut_or_doubled(words):
     assert " ".join(command.help.partition("\n\n")[0].split()) in said
     for below in getattr(command, "commands", {}).values():
         assert " ".join(below.help.partition("\n\n")[0].split()) in said
-    if not hasattr(command, "commands"):
-        assert "-q, --quiet" in said and "-v, --verbose" in said
+    assert "-q, --quiet" in said and "-v, --verbose" in said
 
 
 @pytest.mark.parametrize(
@@ -96,8 +95,14 @@ def test_quiet_says_errors_only_and_verbose_how_long_steps_take(tmp_path, write_
         for step in ("building the model", "solving 14 modes"):
             (line,) = [s for s in said.splitlines() if s.startswith(step) and s.endswith(" s")]
             assert float(line.split()[-2]) >= 0
-        both = CliRunner().invoke(app, ["modes", str(tmp_path), "-q", "-v"])
-        assert both.exit_code == 2 and "not both" in both.output
+        for before, after in (("-qv", ""), ("", "-qv"), ("-q", "-v")):
+            line = [w for w in (before, "modes", str(tmp_path / "none"), after) if w]
+            both = CliRunner().invoke(app, line)
+            assert both.exit_code == 2 and "not both" in both.output
+        ran = CliRunner().invoke(app, ["-v", "modes", str(tmp_path / "none")])
+        assert ran.exit_code == 1 and loudness() == "verbose"
+        ran = CliRunner().invoke(app, ["-q", "modes", str(tmp_path / "none"), "-q"])
+        assert ran.exit_code == 1 and loudness() == "quiet"
         assert CliRunner().invoke(app, ["modes", str(tmp_path / "none")]).exit_code == 1
         assert loudness() == "normal"
     finally:
