@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces.assembly import as_vectors
 from fenics_joints.interfaces.layer_points import LayerPoints, layer_points
-from fenics_joints.interfaces.layers import layer_numbers, normal_modulus
+from fenics_joints.interfaces.layers import layer_numbers, layer_stretch, linear_moduli
 from fenics_joints.interfaces.rigid import FreeMotions, unresisted
 from fenics_joints.interfaces.sparse import FullModel, SparsePoints, point_blocks
 from fenics_joints.joint_laws.law import JointLaw
@@ -52,9 +52,9 @@ def full_layers(
         q, law = structure.field.region_values(number, values), laws[name]
         K.axpy(-1.0, _shear_stiffness(structure, number, q), structure=_SUBSET)
         found = layer_points(structure, number, points_degree)
-        points = _points(name, law, found, q["stretch"])
+        points = _points(name, law, found, layer_stretch(q))
         if law.coupled:
-            _take_normal(K, points, normal_modulus(structure, number, q))
+            _take_normal(K, points, linear_moduli(structure, number, q)[0])
         interfaces.append(points)
     placed = [
         dict(zip(found, as_vectors(K, loads), strict=True))
@@ -69,10 +69,14 @@ def full_layers(
 
 def _shear_stiffness(structure: Structure, number: int, q: Mapping[str, float]) -> PETSc.Mat:
     """Stiffness of a layer's shear, but for the share that stays."""
-    G = (1 - _LEFT) * q["G"]
-    # Of a constrained layer the normal modulus is lambda + 2 G, zero for E = 4 G.
-    E = 4 * G if structure.regions[number].law.name == "constrained" else 0.0
-    K, _ = structure.region_matrices(number, {**q, "E": E, "G": G})
+    law, share = structure.regions[number].law.name, 1 - _LEFT
+    if law == "springs":
+        only = {"k_n": 0.0, "k_t": share * q["k_t"]}
+    else:
+        G = share * q["G"]
+        # Of a constrained layer the normal modulus is lambda + 2 G, zero for E = 4 G.
+        only = {"E": 4 * G if law == "constrained" else 0.0, "G": G}
+    K, _ = structure.region_matrices(number, {**q, **only})
     return K
 
 

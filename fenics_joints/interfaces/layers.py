@@ -31,10 +31,10 @@ from fenics_joints.structure.loads import Places, place_loads
 from fenics_joints.structure.sparse import product
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["layer_numbers", "normal_modulus", "reduce_layers"]
+__all__ = ["layer_numbers", "layer_stretch", "linear_moduli", "reduce_layers"]
 
 #: Layers whose normal and shear stress are apart.
-_SEPARATE = ("uncoupled", "constrained")
+_SEPARATE = ("uncoupled", "constrained", "springs")
 
 
 def reduce_layers(
@@ -60,7 +60,8 @@ def reduce_layers(
 
     Args:
         structure: The structure; every region's properties uniform, its nonlinear layers
-            ``uncoupled`` or ``constrained``.
+            ``uncoupled``, ``constrained`` or ``springs`` (per area, whose strain is the jump over
+            the thickness as meshed).
         laws: Law of each layer that becomes nonlinear, by its region's name. A law that is not
             `coupled` takes the shear stress, a coupled one the normal stress too.
         n_modes: Modes of the linear structure, rigid-body modes included.
@@ -123,15 +124,23 @@ def layer_numbers(structure: Structure, laws: Mapping[str, JointLaw]) -> dict[st
     return {name: names[name] for name in laws}
 
 
-def normal_modulus(structure: Structure, number: int, q: Mapping[str, float]) -> float:
-    """Modulus, Pa, of a linear layer's normal strain: the first of its scalars, unstretched.
+def linear_moduli(
+    structure: Structure, number: int, q: Mapping[str, float]
+) -> tuple[float, float]:
+    """Moduli, Pa, of a linear layer's normal and shear strain, unstretched.
 
     Args:
         structure: The structure.
         number: Index of the layer in ``structure.regions``.
         q: Values of its properties.
     """
-    return float(structure.regions[number].law.stiffness_terms({**q, "stretch": 1.0})[0])
+    terms = structure.regions[number].law.stiffness_terms({**q, "stretch": 1.0})
+    return float(terms[0]), float(terms[1])
+
+
+def layer_stretch(q: Mapping[str, float]) -> float:
+    """Actual over meshed thickness of a layer with these properties; of springs there is none."""
+    return q.get("stretch", 1.0)
 
 
 def _without_stress(
@@ -230,11 +239,11 @@ class _LayerStrains:
         self.layers, values = [], structure.values(given)
         for name, number in layer_numbers(structure, laws).items():
             q, law = structure.field.region_values(number, values), laws[name]
-            moduli = [normal_modulus(structure, number, q)] + [q["G"]] * (structure.gdim - 1)
+            normal, shear = linear_moduli(structure, number, q)
+            moduli = [normal] + [shear] * (structure.gdim - 1)
             moduli = np.array(moduli[0 if law.coupled else 1 :])
-            found = layer_points(structure, number, degree)
-            rows = found.rows(q["stretch"])
-            self.layers.append(_Layer(name, number, law, found, q["stretch"], moduli, rows))
+            found, s = layer_points(structure, number, degree), layer_stretch(q)
+            self.layers.append(_Layer(name, number, law, found, s, moduli, found.rows(s)))
         self.size = sum(int(np.prod(layer.shape)) for layer in self.layers)
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:

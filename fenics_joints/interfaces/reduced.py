@@ -102,7 +102,7 @@ class ReducedInterfaceModel(InterfaceModel):
         if points.name not in self.layers:
             return points
         layer = self.layers[points.name]
-        s = self.pencil.regions[layer.region].values(values)["stretch"]
+        s = self.pencil.regions[layer.region].values(values).get("stretch", 1.0)
         return replace(points, rows=layer.rows(s), weights=layer.volumes * s)
 
     def _rigid_below(self) -> float:
@@ -153,7 +153,7 @@ class ReducedInterfaceModel(InterfaceModel):
         for points in self.interfaces:
             layer = self.layers.get(points.name)
             region = None if layer is None else self.pencil.regions[layer.region]
-            if region is not None and isinstance(region.properties["stretch"], str):
+            if region is not None and isinstance(region.properties.get("stretch"), str):
                 column = list(self.parameters).index(region.properties["stretch"])
                 s = region.values(values)["stretch"]
                 gradient[:, column] += _stretching(points, layer, s, shapes)

@@ -66,6 +66,10 @@ BONDED = (
     ('band = ["78 Hz", "84 Hz"]', 'band = ["115 Hz", "125 Hz"]'),
     ('F_S = "20 kPa"', 'F_S = "20 GPa"'),
 )
+#: The same joint by its stiffness per area.
+SPRINGS = (
+    ('E = "2 MPa"\nG = "10 MPa"', 'law = "springs"\nk_n = "20 GPa/m"\nk_t = "100 GPa/m"'),
+)
 HUNG = (
     "[harmonic]",
     """[springs.cords]
@@ -145,7 +149,9 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
 
 
 @serial
-@pytest.mark.parametrize("changes", [(), BONDED, (HUNG,)], ids=["free", "bonded", "hung"])
+@pytest.mark.parametrize(
+    "changes", [(), BONDED, (HUNG,), SPRINGS], ids=["free", "bonded", "hung", "springs"]
+)
 def test_a_free_beam_resonates_as_its_linear_modes_say_and_slips(tmp_path, changes):
     """Its rigid motions take part in the response, and determine nothing of the joint."""
     case = load_case(write(tmp_path, FREE, *changes))

@@ -19,10 +19,10 @@ from fenics_joints.interfaces import (
     loading_shapes,
     reduce_layers,
 )
-from fenics_joints.joint_laws import IwanLayer, RichardAbbott
+from fenics_joints.joint_laws import Iwan, IwanLayer, RichardAbbott
 from fenics_joints.meshes import lap_beam_section
 from fenics_joints.modal import Modes, solve_modes
-from fenics_joints.structure import Structure, Support, joint, part
+from fenics_joints.structure import Structure, Support, interface, joint, part
 from fenics_joints.transient import solve_transient, steady_harmonics, stepped_sine
 
 #: Of the meshed layer, a hundredth of the paper's, Pa.
@@ -89,6 +89,28 @@ def make_beam(comm: MPI.Comm) -> Beam:
 @pytest.fixture(scope="module")
 def beam() -> Beam:
     return make_beam(MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("coupled", [True, False])
+def test_springs_per_area_are_the_layer_of_that_stiffness(beam, coupled):
+    """In the full model and in the reduced one, with a law that takes all stress or the shear."""
+    backbone = RichardAbbott(RATIO * G, 0.0, 1e5, 2.5)
+    nonlinear = law() if coupled else Iwan(backbone, 6, thickness=RATIO)
+    h, there = 6e-5, beam.structure
+    springs = interface("lap", ("joint",), k_n=E / h, k_t=G / h, meshed=h, normal=(0.0, 1.0))
+    same = Structure(
+        there.tagged, [there.regions[0], springs], [], degree=2, supports=[Support("clamp")]
+    )
+    (a, b), names = (full_layers(s, {"lap": nonlinear}) for s in (there, same)), ("K", "M")
+    for name in names:
+        of_layer, of_springs = getattr(a, name), getattr(b, name)
+        most = of_layer.norm()
+        of_springs.axpy(-1.0, of_layer)
+        assert of_springs.norm() < 1e-12 * most
+    kept = [reduce_layers(s, {"lap": nonlinear}, n_modes=4) for s in (there, same)]
+    hz = [solve_modes(model, n_modes=4).frequencies_hz for model in kept]
+    assert hz[1] == pytest.approx(hz[0], rel=1e-8)
+    assert hz[1] == pytest.approx(beam.modes.frequencies_hz[:4], rel=1e-4)
 
 
 @pytest.fixture(scope="module")

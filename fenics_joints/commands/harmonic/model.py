@@ -60,8 +60,12 @@ def joint_laws(case: Case, structure: Structure) -> dict[str, JointLaw]:
     laws = {}
     for name, section in case.nonlinear.items():
         if name in case.joints:
-            joint = case.joints[name]
-            laws[name] = section.make(joint.E, joint.G, structure.extent(numbers[name]))
+            joint, meshed = case.joints[name], structure.extent(numbers[name])
+            E, G = joint.E, joint.G
+            if joint.law == "springs":
+                meshed = structure.regions[numbers[name]].properties["meshed"]
+                E, G = joint.k_n * meshed, joint.k_t * meshed
+            laws[name] = section.make(E, G, meshed)
     return laws
 
 
