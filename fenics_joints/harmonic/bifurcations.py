@@ -26,7 +26,7 @@ FOLD, BRANCH_POINT, DOUBLING, TORUS = (
 _REAL = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class Bifurcation:
     """A change of stability along a branch.
 
@@ -34,6 +34,7 @@ class Bifurcation:
         kind: ``fold``, ``branch point``, ``period doubling`` or ``Neimark-Sacker``.
         index: The last point of the branch before it.
         frequency_hz: Its frequency, Hz.
+        coefficients: Harmonics of its displacements, m, (n, K).
         amplitude: Amplitude of the result's sensor there, m.
         multiplier: The multiplier that crosses the unit circle.
         unstable: How many multipliers are outside before and after it.
@@ -42,9 +43,13 @@ class Bifurcation:
     kind: str
     index: int
     frequency_hz: float
+    coefficients: np.ndarray
     amplitude: float
     multiplier: complex
     unstable: tuple[int, int]
+
+    def __repr__(self) -> str:
+        return f"Bifurcation({self.kind} at {self.frequency_hz:.5g} Hz, {self.amplitude:.4g} m)"
 
 
 @dataclass(frozen=True, repr=False)
@@ -166,9 +171,10 @@ class _Search:
         else:
             z = self._located(i, lambda z, tangent: _reach(self.multipliers(z), kind) - self.edge)
         values, row = self.multipliers(z), self.result.model.row("sensors", self.result.sensor)
-        c = row @ z[:-1].reshape(self.balance.shape)
+        X = z[:-1].reshape(self.balance.shape)
+        c = row @ X
         return Bifurcation(
-            kind, int(i), float(z[-1] / (2 * np.pi)), float(np.hypot(c[1], c[2])),
+            kind, int(i), float(z[-1] / (2 * np.pi)), X, float(np.hypot(c[1], c[2])),
             complex(values[np.argmin(np.abs(values - _AT[kind](values)))]), counts,
         )  # fmt: skip
 

@@ -26,6 +26,9 @@ __all__ = ["floquet_multipliers"]
 _STEPS, _MEMORYLESS = 512, 1024
 #: Most disturbances whose map is made whole; of more, the largest multipliers alone are found.
 _WHOLE, _LARGEST = 600, 8
+#: Most disturbances for which maps of single steps are multiplied, many at once; of more, stepping
+#: is quicker. Most numbers of such maps at a time.
+_FEW, _BLOCK = 40, 2_000_000
 
 
 def floquet_multipliers(
@@ -43,11 +46,19 @@ def floquet_multipliers(
     Returns:
         All of them, or the eight largest of a model with many sliders that move.
     """
-    memory = any(points.kernel.m for points in balance.model.interfaces)
+    kernels = [points.kernel for points in balance.model.interfaces]
     if steps is None:
+        memory = any(kernel.m for kernel in kernels)
         steps = max(_STEPS if memory else _MEMORYLESS, balance.fourier.samples)
-    period = _Period(balance, X, omega, whole("steps", steps, 8))
-    if period.size <= _WHOLE:
+    steps = 2 * (whole("steps", steps, 8) // 2)
+    period = _Period(balance, X, omega, steps)
+    if period.size <= _FEW:
+        map_ = period.product()
+        if not any(kernel.m or kernel.n_switches for kernel in kernels):
+            # The rule's error falls with the square of the step.
+            map_ = (4 * map_ - _Period(balance, X, omega, steps // 2).product()) / 3
+        values = scipy.linalg.eigvals(map_)
+    elif period.size <= _WHOLE:
         values = scipy.linalg.eigvals(period.apply(np.eye(period.size)))
     else:
         shape = (period.size, period.size)
@@ -100,6 +111,38 @@ class _Slopes:
         moved = np.einsum("pij,pjn->pin", self.by_strain[:, t, :, part], self.rows, optimize=True)
         return self.load @ moved.reshape(-1, self.rows.shape[2])
 
+    def stiffnesses(self, steps: slice, part: slice) -> np.ndarray:
+        """`stiffness` of several steps, (T, n, n)."""
+        slopes = self.by_strain[:, steps, :, part]
+        moved = np.einsum("ptij,pjn->tpin", slopes, self.rows, optimize=True)
+        return self.load @ moved.reshape(len(moved), -1, self.rows.shape[2])
+
+    def memories(self, steps: slice) -> np.ndarray:
+        """Force by states that move, (T, n, count), in several steps."""
+        P, d, n = self.rows.shape
+        load = self.load.reshape(n, P, d)
+        found = np.einsum("npd,ptedm->tnpem", load, self.by_state[:, steps], optimize=True)
+        return found[:, :, self.moves]
+
+    def states_by(self, steps: slice, part: slice) -> np.ndarray:
+        """New states that move by displacement, or by velocity, (T, count, n)."""
+        slopes = self.state_by_strain[:, steps, ..., part]
+        found = np.einsum("ptemi,pin->tpemn", slopes, self.rows, optimize=True)
+        return found[:, self.moves]
+
+    def states_by_states(self, steps: slice) -> np.ndarray:
+        """New states that move by the old ones, (T, count, count)."""
+        place = np.full(self.moves.shape, -1)
+        place[self.moves] = np.arange(self.moves.sum())
+        slopes = self.state_by_state[:, steps]
+        found = np.zeros((slopes.shape[1], self.moves.sum(), self.moves.sum()))
+        for i, j in np.ndindex(slopes.shape[3:]):
+            both = self.moves[..., i] & self.moves[..., j]
+            found[:, place[..., i][both], place[..., j][both]] = (
+                slopes[..., i, j].transpose(1, 0, 2)[:, both]
+            )
+        return found
+
     def after(self, t: int, e: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Disturbed states after step t."""
         new = np.einsum("pemi,pic->pemc", self.state_by_strain[:, t], e, optimize=True)
@@ -132,7 +175,7 @@ class _Period:
         n, h, M, C, K = self.n, self.h, self.M, self.C, self.K
         u, v, *states = np.split(columns, np.cumsum([n, n, *self.counts])[:-1])
         states = [_spread(part.moves, s) for part, s in zip(self.parts, states, strict=True)]
-        force = self._force(0, u, v, states)
+        force = self._force(-1, u, v, states)
         base = 4 / h**2 * M + 2 / h * C
         for t in range(self.steps):
             A, memory = base + K, np.zeros_like(u)
@@ -156,6 +199,65 @@ class _Period:
             ]
         picked = [s[part.moves] for part, s in zip(self.parts, states, strict=True)]
         return np.concatenate([u, v, *picked])
+
+    def product(self) -> np.ndarray:
+        """`apply` of all unit disturbances, (size, size), as the product of the steps' maps.
+
+        They act on displacements, velocities, the interfaces' force and the states.
+        """
+        n, whole = self.n, self.size + self.n
+        kept = [i for i in range(whole) if not 2 * n <= i < 3 * n]
+        found = np.eye(whole)[:, kept]
+        states = np.split(found[3 * n :], np.cumsum(self.counts)[:-1])
+        first = [_spread(part.moves, s) for part, s in zip(self.parts, states, strict=True)]
+        found[2 * n : 3 * n] = self._force(-1, found[:n], found[n : 2 * n], first)
+        block = max(1, _BLOCK // whole**2)
+        for start in range(0, self.steps, block):
+            maps = self._maps(slice(start, min(start + block, self.steps)))
+            while len(maps) > 1:
+                odd = maps[len(maps) - len(maps) % 2 :]
+                maps = np.concatenate([maps[1::2] @ maps[: len(maps) - len(odd) : 2], odd])
+            found = maps[0] @ found
+        return found[kept]
+
+    def _maps(self, steps: slice) -> np.ndarray:
+        """Maps of steps, see `product`, (T, size + n, size + n)."""
+        n, h, T = self.n, self.h, steps.stop - steps.start
+        one, base = np.eye(n), 4 / h**2 * self.M + 2 / h * self.C
+        stiff, rated = np.zeros((2, T, n, n))
+        memory = []
+        for part in self.parts:
+            d = part.kernel.d
+            stiff += part.stiffnesses(steps, slice(0, d))
+            if part.kernel.rated:
+                rated += part.stiffnesses(steps, slice(d, None))
+            memory.append(part.memories(steps))
+        memory = np.concatenate([np.zeros((T, n, 0)), *memory], axis=2)
+        none = np.zeros((T, n, n))
+        right = np.concatenate(
+            [base - self.K + 2 / h * rated, none + 4 / h * self.M + rated, none - one, -memory],
+            axis=2,
+        )  # fmt: skip
+        u = np.linalg.solve(base + self.K + stiff + 2 / h * rated, right)
+        v = 2 / h * u
+        v[..., :n] -= 2 / h * one
+        v[..., n : 2 * n] -= one
+        force = stiff @ u + rated @ v
+        force[..., 3 * n :] += memory
+        return np.concatenate([u, v, force, *self._new_states(steps, u, v)], axis=1)
+
+    def _new_states(self, steps: slice, u: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
+        """States after each step, (T, count, size + n), with its displacement and velocity."""
+        found, first = [], 3 * self.n
+        for part, count in zip(self.parts, self.counts, strict=True):
+            d = part.kernel.d
+            new = part.states_by(steps, slice(0, d)) @ u
+            if part.kernel.rated:
+                new += part.states_by(steps, slice(d, None)) @ v
+            new[..., first : first + count] += part.states_by_states(steps)
+            found.append(new)
+            first += count
+        return found
 
     def _force(self, t: int, u, v, states) -> np.ndarray:
         """Force of the interfaces, (n, columns), with the derivatives of step t."""

@@ -1,12 +1,13 @@
-"""Duffing, Jenkins, and a block with contact: small models for harmonic balance."""
+"""Duffing, Jenkins, absorbers, and a block with contact: small models for harmonic balance."""
 
 import numpy as np
 import ufl
 
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints
-from fenics_joints.joint_laws import CoulombStick, Iwan, JointLaw, Segalman
+from fenics_joints.joint_laws import CoulombStick, CubicSpring, Iwan, JointLaw, Segalman
 
-BAND = (0.5 / (2 * np.pi), 3 / (2 * np.pi))
+TURN = 2 * np.pi
+BAND = (0.5 / TURN, 3 / TURN)
 CUBIC, FORCE, DAMPING = 1.0, 0.05, 0.02  # of the Duffing oscillator
 STICK, SLIDE, PUSH, VISCOUS = 1.0, 0.2, 0.2, 0.05  # of the Jenkins oscillator
 
@@ -14,6 +15,11 @@ STICK, SLIDE, PUSH, VISCOUS = 1.0, 0.2, 0.2, 0.05  # of the Jenkins oscillator
 class Cubic(JointLaw):
     def element(self, normal, slip, state, p):
         return 0, ufl.as_vector([p["k"] * slip[0] ** 3]), None
+
+
+class Square(JointLaw):
+    def element(self, normal, slip, state, p):
+        return 0, ufl.as_vector([p["k"] * slip[0] ** 2]), None
 
 
 class Jenkins(JointLaw):
@@ -43,6 +49,25 @@ def duffing():
 
 def jenkins(k=STICK, s=SLIDE):
     return oscillator(Jenkins(k=k, s=s), VISCOUS)
+
+
+def escape():
+    """A well that motions beyond 1 leave: x'' + 0.1 x' + x - x^2 (Thompson 1989)."""
+    return oscillator(Square(k=-1.0), 0.1)
+
+
+def absorber():
+    """A Duffing oscillator and its nonlinear tuned absorber (Detroux et al. 2015, sec. 4)."""
+    k2, c2, axes = 0.0454, 0.0128, np.eye(2)
+    across = np.array([[1.0, -1.0]])
+    joints = (
+        InterfacePoints("spring", CubicSpring(0.0, 1.0), axes[:1][None], np.ones(1)),
+        InterfacePoints("absorber", CubicSpring(0.0, 0.0042), across[None], np.ones(1)),
+    )
+    between = across.T @ across
+    K, C = np.diag([1.0, 0.0]) + k2 * between, np.diag([0.002, 0.0]) + c2 * between
+    places = {"push": axes[0]}, {"mass": axes[0], "absorber": axes[1]}
+    return InterfaceModel(np.diag([1.0, 0.05]), K, joints, C, *places)
 
 
 def block(pressure=0.0, n_points=5, seed=0):
