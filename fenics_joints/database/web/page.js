@@ -45,7 +45,13 @@ form.addEventListener("submit", event => {
 });
 
 // What was typed or chosen before this script was there.
-const options = [...form.querySelectorAll("option")];
-if (options.some(o => o.selected !== o.defaultSelected) || [...form.elements].some(
-  e => e instanceof HTMLInputElement &&
-    (e.value !== e.defaultValue || e.checked !== e.defaultChecked))) ask();
+function touched(field) {
+  if (field instanceof HTMLSelectElement) {
+    const first = [...field.options].findIndex(option => option.defaultSelected);
+    return field.selectedIndex !== Math.max(first, 0);
+  }
+  // The value of a box without one is "on", and by default "".
+  if (["checkbox", "radio"].includes(field.type)) return field.checked !== field.defaultChecked;
+  return field instanceof HTMLInputElement && field.value !== field.defaultValue;
+}
+if ([...form.elements].some(touched)) ask();

@@ -40,6 +40,8 @@ _MOST_FIELDS = 20
 _MOST_AT_ONCE = 32
 #: Seconds for a request to come, for a reply to leave, and for the client to hang up after it.
 _TO_COME, _TO_LEAVE, _TO_HANG_UP = 5.0, 10.0, 0.5
+#: Seconds for answers under way when the page ends.
+_TO_END = 10.0
 #: Or the signal of a closed pipe could end the process.
 _NO_SIGNAL = getattr(socket, "MSG_NOSIGNAL", 0)
 _POLICY = (
@@ -102,7 +104,8 @@ class PageServer(ThreadingMixIn, TCPServer):
     request_queue_size = 128
 
     def __init__(self, answer: Callable[[str, Mapping[str, str]], Reply], port: int):
-        self.answer, self._free = answer, threading.Semaphore(_MOST_AT_ONCE)
+        self._answer, self._free = answer, threading.Semaphore(_MOST_AT_ONCE)
+        self._change, self._under_way, self._ended = threading.Condition(), 0, False
         try:
             super().__init__((HOST, port), _Request)
         except OSError as error:
@@ -111,6 +114,27 @@ class PageServer(ThreadingMixIn, TCPServer):
             ) from error
         self._secret = secrets.token_urlsafe(24)
         self.url = f"http://{HOST}:{self.server_address[1]}/{self._secret}/"
+
+    def answer(self, path: str, fields: Mapping[str, str]) -> Reply:
+        """The reply to a path below the secret one; raises `Refused`."""
+        with self._change:
+            if self._ended:
+                raise Refused(HTTPStatus.SERVICE_UNAVAILABLE)
+            self._under_way += 1
+        try:
+            return self._answer(path, fields)
+        finally:
+            with self._change:
+                self._under_way -= 1
+                self._change.notify_all()
+
+    def server_close(self) -> None:
+        """Hear nobody else, and wait for answers under way: the interpreter would crash if it ended
+        while one of them draws."""
+        super().server_close()
+        with self._change:
+            self._ended = True
+            self._change.wait_for(lambda: not self._under_way, _TO_END)
 
     def below_secret(self, path: str) -> str | None:
         """The rest of a path that begins with the secret; None for any other."""

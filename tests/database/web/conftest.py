@@ -26,4 +26,4 @@ def page_url():
             _, errors = server.communicate(timeout=20)
         finally:
             server.kill()
-    assert (server.returncode, errors) == (0, "")
+    assert (server.returncode, errors) == (0, ""), errors

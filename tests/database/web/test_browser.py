@@ -170,6 +170,8 @@ def test_what_is_typed_before_the_script_is_there_is_answered_too(page_url):
 
     async def steps(page: Page) -> None:
         await page.until("force-value", "50.0 kN")
+        asked = "performance.getEntriesByType('resource').filter(e => e.name.includes('/?')).length"
+        assert await page.js(f"document.readyState == 'complete' ? {asked} : 0") == 0
         await page.js("document.getElementById('input-torque').value = '60'")  # nobody listens
         await page.js(f"{{ {script} }}")
         await page.until("force-value", "25.0 kN")

@@ -6,6 +6,7 @@ import random
 import socket
 import struct
 import threading
+import time
 from contextlib import contextmanager
 from http import HTTPStatus
 from urllib.parse import urlsplit
@@ -152,6 +153,23 @@ def test_what_goes_wrong_is_said_here_and_not_to_the_client(capfd):
         assert (status, body) == (404, b"404 Not Found\n")
     errors = capfd.readouterr().err
     assert "own.db" in errors and "Traceback" not in errors and "\x1b" not in errors
+
+
+def test_it_does_not_end_while_it_answers():
+    asked, done = threading.Event(), threading.Event()
+
+    def slow(path, fields) -> Reply:
+        asked.set()
+        time.sleep(0.3)
+        done.set()
+        return greet(path, fields)
+
+    with served(slow) as server:
+        client = threading.Thread(target=ask, args=(server.url, get(server.url)))
+        client.start()
+        assert asked.wait(10) and not done.is_set()
+    assert done.is_set()
+    client.join()
 
 
 def test_a_port_that_is_taken_is_said():
