@@ -59,5 +59,7 @@ def stoppable() -> Iterator[Stop]:
     try:
         yield stop
     finally:
+        # Who was asked to end is on the way out: asked again, it must not lose its exit code.
+        deaf = dict.fromkeys(_ENDING, signal.SIG_IGN) if stop.leaving and stop.number else {}
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, deaf.get(number, handler))
