@@ -54,7 +54,7 @@ def write_lean(
     Args:
         path: The file.
         name: What it depends on, see `fenics_joints.case.fingerprint`.
-        frequencies: Of a `fenics_joints.reduction.batch.LeanForward`.
+        frequencies: Of a `fenics_joints.reduction.lean.LeanForward`.
         check: Against the full model.
         bound: Estimated error.
 

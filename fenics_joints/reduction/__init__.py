@@ -1,10 +1,11 @@
 """Reduced models: parametric, plain arrays, checked, narrow enough to sample; and their files."""
 
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.batch import LeanForward, Narrow, freeze, narrow
+from fenics_joints.reduction.batch import Narrow, freeze, narrow
 from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.frf_basis import checked_frf_model, frf_basis, frf_error
+from fenics_joints.reduction.lean import LeanForward
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 
 __all__ = [

@@ -256,6 +256,19 @@ class AffinePencil:
         still = [m.share * rows.T @ rows for m, rows in zip(self._still, at, strict=True)]
         return _Stack([*(r.inertia for r in self.regions), *still], self.n)
 
+    @property
+    def terms(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the scalars multiply in K and in M, each (n_terms, n, n)."""
+        return self._stiffness.whole, self._inertia.whole
+
+    def travelling(self, values: Values) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Mass, kg, and displacement of the basis, (gdim, n), of every mass that moves; of values
+        (b,) each (b,) and (b, gdim, n)."""
+        return [
+            (np.asarray(m.share * number(m.mass, values)), m(values[m.travel])[0])
+            for m in self._moving
+        ]
+
     # -- scalars ---------------------------------------------------------------------------------
 
     @cached_property
@@ -330,9 +343,7 @@ class AffinePencil:
         """(K, M) at all parameters' values, each (n, n); (b, n, n) of values of shape (b,) each."""
         theta, rho = self.scalars(values)
         K, M = self._stiffness.sum(theta), self._inertia.sum(rho)
-        for mass in self._moving:
-            at, _ = mass(values[mass.travel])
-            weight = np.asarray(mass.share * number(mass.mass, values))
+        for weight, at in self.travelling(values):
             M += weight[..., None, None] * (np.swapaxes(at, -1, -2) @ at)
         if self.fixed is not None:
             K, M = K + self.fixed[0], M + self.fixed[1]

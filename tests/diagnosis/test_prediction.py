@@ -10,6 +10,7 @@ from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
 from fenics_joints.diagnosis.evidence.evidence import SHAPE, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
@@ -170,3 +171,49 @@ def test_shapes_alone_are_those_with_derivatives(forward, kind, together):
         forward.prepare(wanted, slopes=False)
     found = RowPrediction(hypothesis, forward, z, 20.0, BASELINE).read_shapes(measured)
     assert found == pytest.approx(exact, rel=1e-8, abs=1e-10)
+
+
+def joint_loss() -> Effect:
+    """Of the chain's stiffness, more at higher torque and frequency."""
+
+    def loss(theta, torque, hz):
+        return {"a.G": theta["eta"] * hz * torque**0.1, "": 0.1 * theta["eta"]}
+
+    return Effect("lossy", "", (Prior("eta", 1e-3, 0.4),), None, loss=loss)
+
+
+@pytest.mark.parametrize("damped", [False, True], ids=["", "damped"])
+@pytest.mark.parametrize("kind", list(EFFECTS))
+def test_many_at_once_are_as_one_by_one(forward, kind, damped):
+    """Predictions, and derivatives by what is no effect in the test."""
+    effects = (stiffer(depends=True), *EFFECTS[kind], *([joint_loss()] if damped else []))
+    hypothesis = Hypothesis(
+        effects, (lighter(),), scatter=0.2, conditions=TORQUES, modes=MODES, damped=damped
+    )
+    evidence = evidence_for(forward, damped)
+    z = 0.5 * np.random.default_rng(7).standard_normal((4, len(hypothesis.priors)))
+    lean = LeanForward(forward, forward.model)
+    by = [j for j, (effect, _) in enumerate(hypothesis.priors) if effect.sensing is None]
+    got, slopes = ManyPredictions(hypothesis, lean, evidence, BASELINE)(z, by)
+    there = np.isfinite(evidence.data)
+    for i, point in enumerate(z):
+        one, slope = predict(hypothesis, forward, evidence, point, BASELINE)
+        assert got[i, there] == pytest.approx(one[there], rel=1e-6, abs=1e-8)
+        assert slopes[i, there] == pytest.approx(slope[there][:, by], rel=1e-4, abs=1e-6)
+
+
+def test_an_effect_that_takes_no_arrays_is_put_in_one_by_one(forward):
+    """And points beyond a law's limit are said to be impossible, the others not."""
+
+    def apply(values, theta, torque):
+        values["a.G"] *= theta["factor"] if theta["factor"] > 0.5 else -1.0
+
+    own = Effect("own", "", (Prior("factor", 1.0, 0.5),), apply)
+    hypothesis = Hypothesis((own,), (lighter(),), conditions=TORQUES, modes=MODES)
+    evidence, lean = evidence_for(forward, damped=False), LeanForward(forward, forward.model)
+    z = np.array([[0.2, 0.3], [0.1, -2.0], [0.4, -0.4]])
+    got, _ = ManyPredictions(hypothesis, lean, evidence, BASELINE)(z)
+    there = np.isfinite(evidence.data)
+    assert np.isfinite(got[:, there]).all(axis=1).tolist() == [True, False, True]
+    one = predict(hypothesis, forward, evidence, z[2], BASELINE)[0]
+    assert got[2, there] == pytest.approx(one[there], rel=1e-6)

@@ -73,7 +73,7 @@ def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect
         if reference is not None:
             left = 1 - theta["cutoff"] * reference / condition
             # What no torque of the test presses hard enough keeps a last bit of contact.
-            far *= np.sqrt(max(left, _LAST_CONTACT))
+            far = far * np.sqrt(np.maximum(left, _LAST_CONTACT))
         lose(values, far)
 
     words, priors = "The faces hold together only near the bolts.", [radius]
@@ -128,5 +128,5 @@ def _lose(values: dict[str, float], zone: Zone, t: float) -> None:
 
 def _smooth_step(t: float) -> float:
     """From 0 at 0 to 1 at 1, with a continuous slope."""
-    t = min(max(t, 0.0), 1.0)
+    t = np.clip(t, 0.0, 1.0)
     return t * t * (3 - 2 * t)

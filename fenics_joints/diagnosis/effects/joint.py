@@ -252,10 +252,10 @@ def _press(values, theta, zones, relative, factor) -> None:
     """Put stiffnesses k_ref (factor p)^beta of zones at relative pressures p in series."""
     for zone, p in zip(zones, relative, strict=True):
         for kind, key in zip(LAYER.keys, zone.parameters(), strict=True):
-            k = theta[f"k_{kind}"] * (factor * p) ** theta["beta"] if p > 0 else 0.0
+            k = np.where(p > 0, theta[f"k_{kind}"] * (factor * p) ** theta["beta"], 0.0)
             floor = LOST * values[key]
             amount = zone.amount(k, values[key]) + floor
-            values[key] = max(1 / (1 / values[key] + 1 / amount), floor)
+            values[key] = np.maximum(1 / (1 / values[key] + 1 / amount), floor)
 
 
 def bell_pressure(low: np.ndarray, high: np.ndarray, radius: float) -> np.ndarray:
@@ -264,13 +264,15 @@ def bell_pressure(low: np.ndarray, high: np.ndarray, radius: float) -> np.ndarra
     Args:
         low: Inner radius of each ring, m, (n,).
         high: Outer radius, m, (n,).
-        radius: R, m.
+        radius: R, m; or many, (b,).
 
     Returns:
-        Pressures, (n,), 0 to 1.
+        Pressures, (n,) or (n, b), 0 to 1.
     """
-    end = radius**2
-    a, b = np.asarray(low, dtype=float) ** 2, np.asarray(high, dtype=float) ** 2
+    end = np.asarray(radius) ** 2
+    a, b = (
+        np.reshape(r, (-1, *(1 for _ in end.shape))).astype(float) ** 2 for r in (low, high)
+    )
 
     def integral(x):
         x = np.minimum(x, end)

@@ -62,7 +62,9 @@ def shear_error(
     def apply(values, theta, condition):
         for part in parts:
             # Another effect, or a tolerance, may have raised it already.
-            values[f"{part}.nu"] = min((1 + values[f"{part}.nu"]) / theta["factor"] - 1, most)
+            values[f"{part}.nu"] = np.minimum(
+                (1 + values[f"{part}.nu"]) / theta["factor"] - 1, most
+            )
 
     name, region, words = _said("shear modulus", parts, whole)
     span = (1 + nu) / (1 + most), (1 + nu) / (1 + least)

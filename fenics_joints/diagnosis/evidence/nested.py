@@ -28,7 +28,7 @@ from fenics_joints.diagnosis.evidence.prediction import RowPrediction, joined, p
 from fenics_joints.diagnosis.evidence.weighed import weights
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.reduction import Forward, LeanForward
-from fenics_joints.reduction.batch import arrays_of, frequency_error, lean_forward, modes_at
+from fenics_joints.reduction.lean import arrays_of, frequency_error, lean_forward, modes_at
 
 __all__ = ["Nested", "nested_evidence"]
 

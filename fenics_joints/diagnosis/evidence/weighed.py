@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import log
 
 import numpy as np
 
@@ -42,8 +41,8 @@ class Weighed:
     points: tuple[str, ...] = ()
     fixed: float = 0.0
 
-    def log_mass(self, values: Mapping[str, float]) -> float:
-        """ln of the model's mass, kg.
+    def log_mass(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
+        """ln of the model's mass, kg; (b,) of values (b,).
 
         Args:
             values: Its parameter values.
@@ -53,7 +52,7 @@ class Weighed:
             for key in _keys(part, self.nominal):
                 mass = mass * values[key] / self.nominal[key]
             total += mass
-        return log(total)
+        return np.log(total)
 
 
 def _keys(part: str, values: Mapping[str, float]) -> list[str]:

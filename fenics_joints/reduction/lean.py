@@ -1,0 +1,259 @@
+"""Forwards that are asked at many parameter values together.
+
+A sampler asks for the frequencies at ten thousands of parameter values: a `LeanForward` has them
+for many values at a time, from a basis of twenty to forty vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from operator import itemgetter
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.gap import mac
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.batch import pod
+from fenics_joints.reduction.forward import SPARE, Forward
+from fenics_joints.reduction.many import ManyModes
+
+__all__ = ["LeanForward", "arrays_of", "frequency_error", "lean_forward", "modes_at"]
+
+#: As in `fenics_joints.modal.modes`: the shift below zero, and what counts as rigid.
+_SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
+#: Round-off of a rigid mode's eigenvalue is to be below its limit by this much, at the nominal
+#: values: stiffnesses may grow from there.
+_MARGIN = 1e3
+#: Modes looked through for the test's, as `Forward.solve` does.
+_SEARCHED = 4
+
+
+def arrays_of(forward: Forward) -> ArrayModel | None:
+    """The model behind a forward; None if it is not one of plain arrays."""
+    return forward.model if type(forward.model) is ArrayModel else None
+
+
+class LeanForward(Forward):
+    """A forward of a lean model that solves for many parameter values at a time.
+
+    Args:
+        forward: The one whose modes it follows.
+        model: Its model on fewer vectors.
+    """
+
+    def __init__(self, forward: Forward, model: ArrayModel):
+        n_modes = min(forward.n_modes, model.n_dofs)
+        unit = _of_unit_mass(model)
+        model = model if unit is None else unit
+        self._unit = unit is not None
+        super().__init__(
+            model, forward.sensors, forward.n_test, n_modes, forward.reference, forward.threshold
+        )
+        if forward.further is not None:
+            self.further = LeanForward(forward.further, model)
+        self._ready: dict[tuple, tuple] = {}
+        self._ready_shapes: dict[tuple, np.ndarray] = {}
+        names = list(model.parameters)
+        self._pick = itemgetter(*names) if len(names) > 1 else lambda v: (v[names[0]],)
+
+    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """See `Forward`; from `prepare` where that knows the values."""
+        ready = self._ready.get(self._key(values))
+        return super().__call__(self._own(values)) if ready is None else ready
+
+    def seen_shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """See `Forward`; from `prepare` where that knows the values."""
+        x = self._ready_shapes.get(self._key(values))
+        if x is None:
+            return super().seen_shapes(self._own(values))
+        return self.model.sensor_rows @ x, self.model.shift_rows @ x
+
+    def _own(self, values) -> dict[str, float]:
+        """Without parameters that the model does not have, which a solution would refuse."""
+        return {name: values[name] for name in self.model.parameters}
+
+    def _key(self, values) -> tuple:
+        return self._pick(values)
+
+    def prepare(self, wanted: Sequence[Mapping[str, float]], slopes: bool) -> np.ndarray:
+        """See `Forward`; solved together."""
+        try:
+            return self._together(wanted, slopes)
+        except (InputError, np.linalg.LinAlgError):
+            self.release()  # one of them is beyond a law's limit, such as a specimen's: one by one
+            return super().prepare(wanted, slopes)
+
+    def _together(self, wanted, slopes: bool) -> np.ndarray:
+        keys = [self._key(values) for values in wanted]
+        unique = dict(zip(keys, wanted, strict=True))
+        self.release()
+        self._shapes.clear()
+        table = np.array(list(unique))
+        values = dict(zip(self.model.parameters, table.T, strict=True))
+        eigenvalues, vectors = (found[..., : self.n_modes] for found in self._modes(values))
+        index, good = self._paired(values, eigenvalues, vectors)
+        lam = np.where(good[:, None], np.take_along_axis(eigenvalues, index, axis=1), np.nan)
+        with np.errstate(invalid="ignore"):
+            log_f = 0.5 * np.log(lam) - np.log(2 * np.pi)
+        blank = np.full((index.shape[1], table.shape[1]), np.nan)
+        for i, key in enumerate(unique):
+            by_values = blank
+            if not good[i]:
+                self._ready[key] = self._searched(unique[key], (log_f[i], blank))
+                continue
+            x = self._ready_shapes[key] = vectors[i][:, index[i]]
+            if slopes:
+                gradients = self.model.pencil_gradients(x, lam[i], unique[key])
+                by_values = gradients / (2 * lam[i][:, None])
+            self._ready[key] = log_f[i], by_values
+        return np.array([self._ready[key][0] for key in keys])
+
+    def release(self) -> None:
+        """See `Forward`."""
+        self._ready, self._ready_shapes = {}, {}
+
+    def _searched(self, values, nothing) -> tuple[np.ndarray, np.ndarray]:
+        """One by one, among more modes; ``nothing`` if the test's are not there either."""
+        try:
+            return super().__call__(self._own(values))
+        except InputError:
+            return nothing
+
+    def many(self, values: Mapping[str, np.ndarray]) -> ManyModes:
+        """The test's modes at many parameter values together, and what their changes need.
+
+        Args:
+            values: Of every parameter of the model, (b,).
+
+        Raises:
+            InputError: If any of the values is beyond a law's limit.
+        """
+        values = self._own(values)
+        eigenvalues, vectors = self._modes(values)
+        count, most = self.n_modes, min(_SEARCHED * self.n_modes, eigenvalues.shape[1])
+        index, good = self._paired(values, eigenvalues[:, :count], vectors[:, :, :count])
+        while not good.all() and count < most:
+            count, few = min(count + self.n_test + SPARE, most), ~good
+            own = {name: value[few] for name, value in values.items()}
+            index[few], good[few] = self._paired(
+                own, eigenvalues[few, :count], vectors[few, :, :count]
+            )
+        return ManyModes(self.model, values, eigenvalues, vectors, index, good)
+
+    def _modes(self, values) -> tuple[np.ndarray, np.ndarray]:
+        """All eigenvalues, (b, n_dofs), and M-normalised vectors, (b, n_dofs, n_dofs)."""
+        K, M = self.model.pencil.matrices(values)
+        if self._unit:
+            return np.linalg.eigh(K)
+        shift = (2 * np.pi * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        inverse_root = np.linalg.inv(np.linalg.cholesky(K + shift * M))
+        root_t = np.swapaxes(inverse_root, 1, 2)
+        inverse, vectors = np.linalg.eigh(inverse_root @ M @ root_t)
+        inverse, vectors = inverse[:, ::-1], vectors[:, :, ::-1]
+        return 1 / inverse - shift, root_t @ (vectors / np.sqrt(inverse)[:, None, :])
+
+    def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
+        """Index of the model's mode of each of the test's, (b, m), and whether there are enough.
+
+        As `measurements.gap.pair_modes`. If each test mode is most like another model mode, these
+        are the assignment; only the rest needs an assignment problem.
+        """
+        b, m = len(eigenvalues), self.n_test
+        rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        n_rigid = np.sum(np.abs(eigenvalues) < rigid, axis=1)
+        seen = np.arange(eigenvalues.shape[1])[None, :] >= n_rigid[:, None]
+        if self.sensors is not None:
+            shapes = self.model.sensor_rows @ vectors
+            mass = self.model.pencil.total_mass(values)
+            seen &= np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None]) > self.threshold
+        good = np.sum(seen, axis=1) >= m
+        index = np.zeros((b, m), dtype=int)
+        if self.sensors is None or self.reference is None:
+            for i in np.flatnonzero(good):
+                index[i] = np.flatnonzero(seen[i])[:m]
+            return index, good
+        flat = mac(self.reference, np.concatenate(shapes, axis=1))
+        match = np.where(seen[:, None, :], flat.reshape(m, b, -1).transpose(1, 0, 2), -1.0)
+        index = np.argmax(match, axis=2)
+        ordered = np.sort(index, axis=1)
+        for i in np.flatnonzero(good & np.any(ordered[:, 1:] == ordered[:, :-1], axis=1)):
+            index[i] = linear_sum_assignment(-match[i])[1]
+        return index, good
+
+
+def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
+    """The model on a basis in which its mass is the identity, a third cheaper to solve.
+
+    None where the mass varies, or where round-off of the stiffest vectors would reach rigid modes.
+    """
+    pencil, values = model.pencil, model.values()
+    travels = any(isinstance(m.travel, str) for m in pencil.masses)
+    if travels or pencil.scalar_slopes(values)[1].any():
+        return None
+    inverse_root = np.linalg.inv(np.linalg.cholesky(model.mass()))
+    highest = np.linalg.eigvalsh(inverse_root @ model.stiffness() @ inverse_root.T)[-1]
+    rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * model.scale_hz) ** 2
+    if _MARGIN * np.finfo(float).eps * highest > rigid:
+        return None
+    return model.on(inverse_root.T)
+
+
+def lean_forward(
+    forward: Forward,
+    model: ArrayModel,
+    given: Mapping[str, float],
+    snapshots: np.ndarray,
+    weights: np.ndarray,
+    checks: Sequence[Mapping[str, float]],
+    limit: float,
+    sizes: Sequence[int] = (16, 20, 24, 28, 32, 36, 40, 50, 60),
+    beyond: bool = False,
+) -> tuple[LeanForward, float]:
+    """The leanest forward whose frequencies are good enough.
+
+    Args:
+        forward: The reduced model's.
+        model: That model.
+        given: The most probable parameter values.
+        snapshots: Modes of the reduced model, (n_dofs, n).
+        weights: Of the snapshots, (n,).
+        checks: Parameter values at which frequencies are compared.
+        limit: Error of ln f that is good enough.
+        sizes: Sizes of the basis to try.
+        beyond: Whether the mode after the test's has to be good enough too (`Forward.further`).
+
+    Returns:
+        The forward, and its largest error of ln f at the checks: above ``limit`` if even the
+        largest basis is not good enough.
+    """
+    vectors, energies = pod(model, snapshots, weights, given)
+    most = int(np.sum(energies > 1e-7 * energies[0]))
+    watched = forward.further if beyond else forward
+    exact = np.array([watched(values)[0] for values in checks])
+    tried = [s for s in sizes if max(6 + forward.n_test, forward.n_modes) <= s < most] + [most]
+    for size in tried:
+        lean = LeanForward(forward, model.on(vectors[:, :size]))
+        error = frequency_error(lean.further if beyond else lean, checks, exact)
+        if error <= limit:
+            break
+    return lean, error
+
+
+def frequency_error(lean: LeanForward, checks, exact: np.ndarray) -> float:
+    """Largest error of ln f at parameter values; infinite if the lean model lacks a mode."""
+    try:
+        found = np.array([lean(values)[0] for values in checks])
+    except InputError:
+        return np.inf
+    return float(np.max(np.abs(found - exact)))
+
+
+def modes_at(forward: Forward, values: Mapping[str, float]) -> np.ndarray:
+    """Modes of the reduced model, as many as the test's ask for, shape (n_dofs, n_modes)."""
+    try:
+        return forward.solve(values)[0].shapes
+    except InputError:
+        return solve_modes(forward.model, values, n_modes=forward.n_modes).shapes

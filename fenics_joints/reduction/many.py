@@ -1,0 +1,146 @@
+"""Modes of a small model at many parameter values together, and how they change with these.
+
+K and M are sums of fixed matrices times scalars (`fenics_joints.reduction.affine`). So what any
+change of the values does to eigenvalues and shapes is known from the modes' products with the
+matrices of these sums, which are formed once, and from the change of the scalars, a few numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fenics_joints.reduction.arrays import ArrayModel
+
+__all__ = ["Change", "ManyModes", "change"]
+
+#: Values of all parameters, each (b,).
+ManyValues = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Derivatives, along one direction, of all that K and M are made of.
+
+    Attributes:
+        theta: Of the scalars of K, (n_terms, b).
+        rho: Likewise of M.
+        moved: For each point mass that moves, what is added to M and what is taken from it, each a
+            number before it, (b,), and displacements of the basis, (b, gdim, n).
+    """
+
+    theta: np.ndarray
+    rho: np.ndarray
+    moved: tuple = ()
+
+
+def change(model: ArrayModel, low: ManyValues, high: ManyValues, width: float) -> Change:
+    """The central difference between two sets of values.
+
+    Args:
+        model: The model.
+        low: Values of all parameters, each (b,).
+        high: Likewise.
+        width: How far they are apart along the direction.
+    """
+    (theta_low, rho_low), (theta, rho) = (model.pencil.scalars(v) for v in (low, high))
+    moved = []
+    for (w_low, at_low), (w, at) in zip(
+        model.pencil.travelling(low), model.pencil.travelling(high), strict=True
+    ):
+        if np.any(w != w_low) or np.any(at != at_low):
+            moved += [(w / width, at), (-w_low / width, at_low)]
+    return Change((theta - theta_low) / width, (rho - rho_low) / width, tuple(moved))
+
+
+@dataclass(frozen=True, eq=False)
+class ManyModes:
+    """All modes of a model at b sets of values, and which of them a test saw.
+
+    Attributes:
+        model: The model.
+        values: Values of its parameters, each (b,).
+        eigenvalues: Of all modes, (b, n).
+        vectors: Of unit modal mass, as columns, (b, n, n).
+        index: Mode of each of the test's, (b, m).
+        good: Whether the test's modes are all there, (b,); what is said of others is nan.
+    """
+
+    model: ArrayModel
+    values: ManyValues
+    eigenvalues: np.ndarray
+    vectors: np.ndarray
+    index: np.ndarray
+    good: np.ndarray
+
+    @cached_property
+    def lam(self) -> np.ndarray:
+        """Eigenvalues of the test's modes, (b, m)."""
+        found = np.take_along_axis(self.eigenvalues, self.index, axis=1)
+        return np.where(self.good[:, None], found, np.nan)
+
+    @cached_property
+    def x(self) -> np.ndarray:
+        """Their shapes, (b, n, m)."""
+        return np.take_along_axis(self.vectors, self.index[:, None, :], axis=2)
+
+    @cached_property
+    def log_f(self) -> np.ndarray:
+        """ln of their frequencies, (b, m)."""
+        with np.errstate(invalid="ignore"):
+            return 0.5 * np.log(self.lam) - np.log(2 * np.pi)
+
+    @cached_property
+    def _squares(self) -> tuple[np.ndarray, np.ndarray]:
+        """x^T A x of every matrix in K and in M, each (b, m, n_terms)."""
+        i, j = np.triu_indices(self.x.shape[1])
+        packed = np.swapaxes(self.x[:, i] * self.x[:, j], 1, 2) * np.where(i == j, 1.0, 2.0)
+        return tuple(packed @ whole[:, i, j].T for whole in self.model.pencil.terms)
+
+    @cached_property
+    def _products(self) -> tuple[np.ndarray, np.ndarray]:
+        """y^T A x of every mode y, test mode x and matrix, each (b, n_terms, n m)."""
+        turned, b = np.swapaxes(self.vectors, 1, 2), len(self.x)
+        return tuple(
+            np.stack([(turned @ (A @ self.x)).reshape(b, -1) for A in whole], axis=1)
+            if len(whole) else np.zeros((b, 0, turned.shape[1] * self.x.shape[2]))
+            for whole in self.model.pencil.terms
+        )
+
+    def slope(self, along: Change) -> np.ndarray:
+        """Derivative of `log_f` along a direction, (b, m)."""
+        stiff, heavy = self._squares
+        by_M = (heavy @ along.rho.T[:, :, None])[:, :, 0]
+        for w, at in along.moved:
+            by_M = by_M + w[:, None] * np.sum((at @ self.x) ** 2, axis=1)
+        by_K = (stiff @ along.theta.T[:, :, None])[:, :, 0]
+        return (by_K - self.lam * by_M) / (2 * self.lam)
+
+    def share(self, name: str, step: float = 1e-6) -> np.ndarray:
+        """Share of the modes' strain energy in stiffness proportional to a parameter, (b, m):
+        d ln lambda / d ln of that parameter, and never below nought."""
+        low, high = (
+            {**self.values, name: self.values[name] * (1 + s * step)} for s in (-1.0, 1.0)
+        )
+        return np.maximum(2 * self.slope(change(self.model, low, high, 2 * step)), 0.0)
+
+    def shape_slope(self, along: Change) -> np.ndarray:
+        """Derivative of `x` along a direction, (b, n, m), by expansion in all modes (Fox and
+        Kapoor, AIAA J. 6, 1968)."""
+        b, n, m = self.x.shape
+        stiff, heavy = self._products
+        by_K = (along.theta.T[:, None, :] @ stiff).reshape(b, n, m)
+        by_M = (along.rho.T[:, None, :] @ heavy).reshape(b, n, m)
+        for w, at in along.moved:
+            by_M = by_M + w[:, None, None] * (
+                np.swapaxes(at @ self.vectors, 1, 2) @ (at @ self.x)
+            )
+        gap = self.lam[:, None, :] - self.eigenvalues[:, :, None]
+        own = self.index[:, None, :]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weight = (by_K - self.lam[:, None, :] * by_M) / gap
+        np.put_along_axis(weight, own, -0.5 * np.take_along_axis(by_M, own, axis=1), axis=1)
+        return self.vectors @ weight
