@@ -27,6 +27,7 @@ from fenics_joints.harmonic.sensitivity import ResponseGradient
 from fenics_joints.harmonic.sliders import SliderRange, fitted_sliders, slider_ranges
 from fenics_joints.harmonic.stability import floquet_exponents, stable
 from fenics_joints.harmonic.static_mode import StaticBackbone, solve_static_backbone
+from fenics_joints.harmonic.switching import switch_branch
 
 __all__ = [
     "Backbone", "BackbonePoints", "Balance", "Bifurcation", "Branch", "CurvePrediction", "Fourier",
@@ -37,5 +38,5 @@ __all__ = [
     "find_bifurcations", "floquet_exponents", "floquet_multipliers", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
     "slider_ranges", "solve_backbone", "solve_backbone_at", "solve_constant_response",
-    "solve_harmonic", "solve_static_backbone", "stable",
+    "solve_harmonic", "solve_static_backbone", "stable", "switch_branch",
 ]  # fmt: skip

@@ -77,6 +77,7 @@ class Balance:
         static: Static load, N, (n,), in the mean's equations, which laws with memory bear before
             the first cycle (`static_state`); None for none.
         cycles: How often laws with memory run through the cycle.
+        periods: Of the force, that one of the response takes: 2 after a period doubling.
         comm: The interfaces' points are split over its ranks; every rank must hold the same model
             and make the same calls. None for this rank alone.
 
@@ -99,12 +100,15 @@ class Balance:
         *,
         static: np.ndarray | None = None,
         cycles: int = 2,
+        periods: int = 1,
         comm: MPI.Comm | None = None,
     ):
         check_interfaces(model)
         harmonics, cycles = whole("harmonics", harmonics), whole("cycles", cycles)
-        samples = default_samples(model, harmonics) if samples is None else samples
-        self.model, self.fourier, self.cycles = model, Fourier(harmonics, samples), cycles
+        if samples is None:
+            samples = default_samples(model, harmonics * whole("periods", periods))
+        self.model, self.cycles = model, cycles
+        self.fourier = Fourier(harmonics, samples, periods)
         self.comm = MPI.COMM_SELF if comm is None else comm
         self.static = np.zeros(model.n_dofs) if static is None else reals("static", static)
         if self.static.shape != (model.n_dofs,):
@@ -138,13 +142,13 @@ class Balance:
         """The same balance of another model of the same size."""
         return Balance(
             model, self.fourier.harmonics, self.fourier.samples, static=self.static,
-            cycles=self.cycles, comm=self.comm,
+            cycles=self.cycles, periods=self.fourier.periods, comm=self.comm,
         )  # fmt: skip
 
     def load(self, force: np.ndarray) -> np.ndarray:
         """Coefficients (n, K) of a load ``force`` (n,) times cos(w t)."""
         load = np.zeros(self.shape)
-        load[:, 1] = force
+        load[:, self.fourier.cosine()] = force
         return load
 
     def linear(self, X: np.ndarray, omega: float) -> np.ndarray:

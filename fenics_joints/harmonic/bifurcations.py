@@ -11,6 +11,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import locate
 from fenics_joints.harmonic.corrector import Settings, check_settings
+from fenics_joints.harmonic.fourier import amplitude
 from fenics_joints.harmonic.frf import ForcedResponse
 from fenics_joints.harmonic.loads import Load, Loading
 from fenics_joints.harmonic.monodromy import floquet_multipliers
@@ -172,9 +173,9 @@ class _Search:
             z = self._located(i, lambda z, tangent: _reach(self.multipliers(z), kind) - self.edge)
         values, row = self.multipliers(z), self.result.model.row("sensors", self.result.sensor)
         X = z[:-1].reshape(self.balance.shape)
-        c = row @ X
+        size = amplitude(row @ X, periods=self.balance.fourier.periods)
         return Bifurcation(
-            kind, int(i), float(z[-1] / (2 * np.pi)), X, float(np.hypot(c[1], c[2])),
+            kind, int(i), float(z[-1] / (2 * np.pi)), X, float(size),
             complex(values[np.argmin(np.abs(values - _AT[kind](values)))]), counts,
         )  # fmt: skip
 

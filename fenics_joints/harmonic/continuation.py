@@ -28,7 +28,7 @@ from fenics_joints.harmonic.corrector import (
     keeps,
 )
 
-__all__ = ["follow", "locate"]
+__all__ = ["follow", "locate", "orientation"]
 
 #: A predictor further off than this share of the step asks for smaller steps.
 _FAR = 0.3
@@ -191,18 +191,18 @@ def _around(problem, z, scales, direction, step, settings):
     neither does the branch run back on itself.
     """
     try:
-        sign = _orientation(_jacobian(problem, z), scales, direction)
+        sign = orientation(_jacobian(problem, z), scales, direction)
         for ahead, share in ((a, s) for a in _AHEAD for s in _SHARES):
             J = _jacobian(problem, z + ahead * scales * direction)
             normal = _tangent(J, scales, direction)
             if normal is None:
                 continue
-            normal = normal * sign * _orientation(J, scales, normal)
+            normal = normal * sign * orientation(J, scales, normal)
             with suppress(NotFound):
                 start = z + share * step * scales * normal
                 point = correct(problem, start, normal, settings)
                 tangent = point.direction * np.sign(point.direction @ normal)
-                forward = _orientation(point.jacobian, scales, tangent) == sign
+                forward = orientation(point.jacobian, scales, tangent) == sign
                 way = (point.z - z) / scales
                 straight = way @ normal > 0.5 * np.linalg.norm(way)
                 if forward and straight and tangent @ normal > 0.5:
@@ -219,8 +219,8 @@ def _runs_back(problem, z, point: Point, scales, direction) -> str:
     along = float(tangent @ direction)
     if abs(along) > 0.5:
         return ""
-    before = _orientation(_jacobian(problem, z), scales, direction)
-    after = _orientation(point.jacobian, scales, tangent * np.sign(along))
+    before = orientation(_jacobian(problem, z), scales, direction)
+    after = orientation(point.jacobian, scales, tangent * np.sign(along))
     return "" if before == after else "the branch turns back at a kink"
 
 
@@ -246,7 +246,9 @@ def _tangent(J, scales, direction) -> np.ndarray | None:
     return found / np.linalg.norm(found)
 
 
-def _orientation(J, scales, direction) -> float:
+def orientation(J: np.ndarray, scales: np.ndarray, direction: np.ndarray) -> float:
+    """Sign of the determinant of Jacobian and scaled direction: along a branch it changes where
+    another one crosses it."""
     return float(np.linalg.slogdet(_scaled(J, scales, direction))[0])
 
 

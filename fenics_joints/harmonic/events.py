@@ -36,7 +36,8 @@ def memoryless_stress(
     Z = np.concatenate([X, omega * (X @ G.T)], axis=1) if kernel.rated else X
     inputs = Z @ fourier.synthesis.T
     stress = kernel.history(inputs.transpose(0, 2, 1), None, values)[0]
-    F, J = kernel.memoryless(Z, Z @ G.T, fourier.synthesis, values, jacobian=jacobian)
+    changes = fourier.periods * Z @ G.T
+    F, J = kernel.memoryless(Z, changes, fourier.synthesis, values, jacobian=jacobian)
     by_omega = None
     if kernel.rated and jacobian:
         by_rate = J[..., d:, :]

@@ -26,9 +26,13 @@ _EXTREMES = 32  # samples per highest harmonic in the search for extremes
 class Fourier:
     """Real Fourier basis up to harmonic H, and samples of one period.
 
+    A response may take several periods of its force, as after a period doubling. Harmonics and
+    omega are the force's then, and the basis has those in between too.
+
     Args:
         harmonics: H, at least 1.
-        samples: T, samples of a period.
+        samples: T, samples of a period, of the response's if that is longer than the force's.
+        periods: Of the force, that one of the response takes.
 
     Raises:
         InputError: If there are no harmonics, or fewer than 2H + 2 samples.
@@ -36,19 +40,21 @@ class Fourier:
 
     harmonics: int
     samples: int
+    periods: int = 1
 
     def __post_init__(self):
         whole("harmonics", self.harmonics)
-        if whole("samples", self.samples) < 2 * self.harmonics + 2:
+        least = 2 * self.harmonics * whole("periods", self.periods) + 2
+        if whole("samples", self.samples) < least:
             raise InputError(
-                f"samples = {self.samples}: expected at least {2 * self.harmonics + 2} for "
-                f"{self.harmonics} harmonics."
+                f"samples = {self.samples}: expected at least {least} for {self.harmonics} "
+                f"harmonics{f' and {self.periods} periods' if self.periods > 1 else ''}."
             )
 
     @property
     def size(self) -> int:
-        """Coefficients of a series, K = 2H + 1."""
-        return 2 * self.harmonics + 1
+        """Coefficients of a series, K = 2H + 1; of more periods 2 H periods + 1."""
+        return 2 * self.harmonics * self.periods + 1
 
     @cached_property
     def synthesis(self) -> np.ndarray:
@@ -65,7 +71,11 @@ class Fourier:
     @cached_property
     def derivative(self) -> np.ndarray:
         """Coefficients of du/d(wt) by those of u, (K, K)."""
-        return derivative(self.size)
+        return derivative(self.size) / self.periods
+
+    def cosine(self, harmonic: int = 1) -> int:
+        """Index of a harmonic's cosine among the coefficients; its sine is the next one."""
+        return 2 * harmonic * self.periods - 1
 
 
 def basis(angles, size: int) -> np.ndarray:
@@ -88,44 +98,52 @@ def derivative(size: int) -> np.ndarray:
     return G
 
 
-def differentiated(c: np.ndarray, omega, kind: str) -> np.ndarray:
+def differentiated(c: np.ndarray, omega, kind: str, periods: int = 1) -> np.ndarray:
     """Coefficients (..., K) of a time derivative; omega in rad/s, scalar or (...,).
+
+    Args:
+        c: Coefficients.
+        omega: Of the force, whose ``periods`` one of the series takes.
+        kind: ``displacement``, ``velocity`` or ``acceleration``.
+        periods: See `Fourier`.
 
     Raises:
         InputError: For an unknown kind.
     """
     if kind not in KINDS:
         raise InputError(f"kind = {kind!r}: expected one of: {', '.join(KINDS)}.")
-    G = derivative(c.shape[-1])
+    G = derivative(c.shape[-1]) / periods
     for _ in range(KINDS[kind]):
         c = np.asarray(omega)[..., None] * (c @ G.T)
     return c
 
 
-def amplitude(c: np.ndarray, measure: str = "first") -> np.ndarray:
+def amplitude(c: np.ndarray, measure: str = "first", periods: int = 1) -> np.ndarray:
     """Amplitudes of series (..., K), without their mean.
 
     Args:
         c: Coefficients.
-        measure: ``first``: of the first harmonic; ``peak``: half of peak to peak.
+        measure: ``first``: of the force's first harmonic; ``peak``: half of peak to peak.
+        periods: See `Fourier`.
 
     Raises:
         InputError: For an unknown measure.
     """
     _check_measure(measure)
     if measure == "first":
-        return np.hypot(c[..., 1], c[..., 2])
+        return np.hypot(c[..., 2 * periods - 1], c[..., 2 * periods])
     high, low = (np.einsum("...k,...k->...", _extreme(c, s), c) for s in (1, -1))
     return 0.5 * (high - low)
 
 
-def amplitude_gradient(c: np.ndarray, measure: str = "first") -> np.ndarray:
+def amplitude_gradient(c: np.ndarray, measure: str = "first", periods: int = 1) -> np.ndarray:
     """Derivatives of amplitudes by the coefficients, (..., K); zero for a series that rests."""
     _check_measure(measure)
     if measure == "first":
-        size = np.hypot(c[..., 1], c[..., 2])
+        first = slice(2 * periods - 1, 2 * periods + 1)
+        size = np.linalg.norm(c[..., first], axis=-1)
         gradient = np.zeros_like(c)
-        gradient[..., 1:3] = c[..., 1:3] / np.where(size > 0, size, 1.0)[..., None]
+        gradient[..., first] = c[..., first] / np.where(size > 0, size, 1.0)[..., None]
         return gradient
     # The time of an extreme may be held: there the velocity vanishes.
     return 0.5 * (_extreme(c, 1) - _extreme(c, -1))

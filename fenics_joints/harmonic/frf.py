@@ -269,7 +269,7 @@ def with_maxima(problem, branch: Branch, row: np.ndarray, measure: str, settings
 
     def slope(z: np.ndarray, tangent: np.ndarray) -> float:
         c, change = (row @ v[: balance.size].reshape(balance.shape) for v in (z, tangent))
-        return float(amplitude_gradient(c, measure) @ change)
+        return float(amplitude_gradient(c, measure, balance.fourier.periods) @ change)
 
     return with_extremes(problem, branch, slope, settings)
 

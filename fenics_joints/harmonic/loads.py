@@ -66,8 +66,9 @@ class Loading:
                 )
             part = parts.setdefault(load.power, np.zeros(balance.shape))
             row = load.amplitude * float(h) ** load.power * balance.model.row("forces", load.force)
-            part[:, 2 * h - 1] += np.cos(load.phase) * row
-            part[:, 2 * h] -= np.sin(load.phase) * row
+            cosine = balance.fourier.cosine(h)
+            part[:, cosine] += np.cos(load.phase) * row
+            part[:, cosine + 1] -= np.sin(load.phase) * row
         return cls(parts)
 
     def at(self, omega: float) -> np.ndarray:
@@ -83,7 +84,8 @@ def load_work(
     balance: Balance, loads: Iterable[Load], X: np.ndarray, omegas: np.ndarray
 ) -> np.ndarray:
     """Work of the loads per cycle, J, (N,), on motions X (N, n, K) at their frequencies (N,)."""
-    loading, h = Loading.of(balance, loads), np.arange(1, balance.fourier.harmonics + 1)
+    loading, periods = Loading.of(balance, loads), balance.fourier.periods
+    h = np.arange(1, balance.fourier.harmonics * periods + 1) / periods
     F = np.array([loading.at(omega) for omega in omegas])
     along = np.einsum("pnh,pnh->ph", F[:, :, 1::2], X[:, :, 2::2])
     against = np.einsum("pnh,pnh->ph", F[:, :, 2::2], X[:, :, 1::2])

@@ -49,7 +49,8 @@ def floquet_multipliers(
     kernels = [points.kernel for points in balance.model.interfaces]
     if steps is None:
         memory = any(kernel.m for kernel in kernels)
-        steps = max(_STEPS if memory else _MEMORYLESS, balance.fourier.samples)
+        steps = (_STEPS if memory else _MEMORYLESS) * balance.fourier.periods
+        steps = max(steps, balance.fourier.samples)
     steps = 2 * (whole("steps", steps, 8) // 2)
     period = _Period(balance, X, omega, steps)
     if period.size <= _FEW:
@@ -161,7 +162,8 @@ class _Period:
         model, free = balance.model, balance.model.free_motions()
         Q = scipy.linalg.null_space(free.inertia.T) if len(free) else np.eye(model.n_dofs)
         self.M, self.C, self.K = (Q.T @ A @ Q for A in (model.M, model.C, model.K))
-        self.steps, self.h, self.n = steps, 2 * np.pi / omega / steps, Q.shape[1]
+        period = 2 * np.pi * balance.fourier.periods / omega
+        self.steps, self.h, self.n = steps, period / steps, Q.shape[1]
         stresses = balance.stresses(X, omega)
         self.parts = [
             _slopes(p, Q, X, omega, balance.fourier.derivative, steps, stresses[p.name].state)

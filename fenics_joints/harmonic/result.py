@@ -64,7 +64,8 @@ class Periodic:
 
     Attributes:
         balance: The equations that they solve.
-        frequencies_hz: Frequency of each motion, Hz, (N,).
+        frequencies_hz: Frequency of each motion, or of its force if it takes several of its
+            periods, Hz, (N,).
         coefficients: Harmonics of the displacements, m, (N, n, K).
         iterations: Newton steps that each took, (N,).
         jacobians: Jacobians that they took, (N,).
@@ -112,7 +113,7 @@ class Periodic:
             InputError: For an unknown sensor or kind.
         """
         c = np.einsum("n,pnk->pk", self.model.row("sensors", sensor), self.coefficients)
-        return differentiated(c, self.omegas, kind)
+        return differentiated(c, self.omegas, kind, self.balance.fourier.periods)
 
     def amplitude(
         self, sensor: str | None = None, kind: str = "displacement", measure: str | None = None
@@ -123,7 +124,7 @@ class Periodic:
             InputError: For an unknown sensor, kind or measure.
         """
         c = self.sensor_coefficients(sensor or self.sensor, kind)
-        return amplitude(c, measure or self.measure)
+        return amplitude(c, measure or self.measure, self.balance.fourier.periods)
 
     def loops(self, i: int) -> dict[str, Loops]:
         """Strain and stress over a cycle at all interfaces, at response ``i``."""
@@ -178,6 +179,7 @@ class Periodic:
         return {
             "harmonics": self.balance.fourier.harmonics,
             "samples": self.balance.fourier.samples,
+            "periods": self.balance.fourier.periods,
             "sensor": self.sensor,
             "measure": self.measure,
             "frequency_hz": self.frequencies_hz.tolist(),
@@ -217,7 +219,8 @@ class HarmonicResult(Periodic):
     def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
         """First harmonic at a sensor over the force, complex, per N, (N,)."""
         c = self.sensor_coefficients(sensor, kind)
-        return (c[:, 1] - 1j * c[:, 2]) / self.force_amplitudes
+        first = self.balance.fourier.cosine()
+        return (c[:, first] - 1j * c[:, first + 1]) / self.force_amplitudes
 
     @cached_property
     def peaks(self) -> tuple[Peak, ...]:
@@ -239,7 +242,8 @@ class HarmonicResult(Periodic):
         """Work of the loads per cycle, J, (N,): all that interfaces and viscous damping take."""
         row = self.model.row("forces", self.force)
         forces = self.force_amplitudes * self.omegas**self.power
-        work = np.pi * forces * (self.coefficients[:, :, 2] @ row)
+        sine = self.balance.fourier.cosine() + 1
+        work = np.pi * forces * (self.coefficients[:, :, sine] @ row)
         return work + load_work(self.balance, self.more, self.coefficients, self.omegas)
 
     def by_parameters(

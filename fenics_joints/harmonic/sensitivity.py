@@ -39,11 +39,16 @@ class ResponseGradient:
     def __repr__(self) -> str:
         return f"ResponseGradient({len(self.indices)} responses by {', '.join(self.parameters)})"
 
+    @property
+    def _fourier(self):
+        return self.result.balance.fourier
+
     def sensor_coefficients(self, sensor: str, kind: str = "displacement") -> np.ndarray:
         """Derivatives of the harmonics at a sensor, (N, parameters, K)."""
         row = self.result.model.row("sensors", sensor)
         change = np.einsum("n,pnkj->pjk", row, self.coefficients)
-        return differentiated(change, self.result.omegas[list(self.indices)][:, None], kind)
+        omegas, periods = self.result.omegas[list(self.indices)], self._fourier.periods
+        return differentiated(change, omegas[:, None], kind, periods)
 
     def amplitude(
         self, sensor: str, kind: str = "displacement", measure: str | None = None
@@ -53,14 +58,16 @@ class ResponseGradient:
         At a peak that is the derivative of the peak's amplitude too, whose frequency may move.
         """
         c = self.result.sensor_coefficients(sensor, kind)[list(self.indices)]
-        gradient = amplitude_gradient(c, measure or self.result.measure)
+        measure = measure or self.result.measure
+        gradient = amplitude_gradient(c, measure, self._fourier.periods)
         return np.einsum("pk,pjk->pj", gradient, self.sensor_coefficients(sensor, kind))
 
     def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
         """Derivatives of the complex first harmonic over the force, (N, parameters)."""
         change = self.sensor_coefficients(sensor, kind)
         force = self.result.force_amplitudes[list(self.indices)]
-        return (change[..., 1] - 1j * change[..., 2]) / force[:, None]
+        first = self._fourier.cosine()
+        return (change[..., first] - 1j * change[..., first + 1]) / force[:, None]
 
 
 def response_gradient(
