@@ -17,6 +17,7 @@ from fenics_joints.harmonic.corrector import Problem, Settings
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.identify import IdentificationResult, identify
+from fenics_joints.harmonic.isolas import solve_isola
 from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.loads import Load
 from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
@@ -28,9 +29,11 @@ from fenics_joints.harmonic.sliders import SliderRange, fitted_sliders, slider_r
 from fenics_joints.harmonic.stability import floquet_exponents, stable
 from fenics_joints.harmonic.static_mode import StaticBackbone, solve_static_backbone
 from fenics_joints.harmonic.switching import switch_branch
+from fenics_joints.harmonic.tracking import Folds, FoldTurn, track_folds, track_resonance
 
 __all__ = [
-    "Backbone", "BackbonePoints", "Balance", "Bifurcation", "Branch", "CurvePrediction", "Fourier",
+    "Backbone", "BackbonePoints", "Balance", "Bifurcation", "Branch", "CurvePrediction", "FoldTurn",
+    "Folds", "Fourier",
     "HarmonicResult", "IdentificationResult",
     "Load", "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem", "SliderRange",
     "ResponseGradient", "Settings", "Stability", "StaticBackbone", "default_samples",
@@ -38,5 +41,6 @@ __all__ = [
     "find_bifurcations", "floquet_exponents", "floquet_multipliers", "follow", "identify",
     "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
     "slider_ranges", "solve_backbone", "solve_backbone_at", "solve_constant_response",
-    "solve_harmonic", "solve_static_backbone", "stable", "switch_branch",
+    "solve_harmonic", "solve_isola", "solve_static_backbone", "stable", "switch_branch",
+    "track_folds", "track_resonance",
 ]  # fmt: skip

@@ -163,9 +163,9 @@ class Balance:
         """Derivative of the residual by omega, (n, K)."""
         m = self.model
         found = m.C @ X @ self._G.T + 2 * omega * (m.M @ X @ self._G2.T)
-        return found + self._rates_by_omega(X, omega) if self._rated else found
+        return found + self.rates_by_omega(X, omega) if self._rated else found
 
-    def _rates_by_omega(self, X: np.ndarray, omega: float) -> np.ndarray:
+    def rates_by_omega(self, X: np.ndarray, omega: float) -> np.ndarray:
         """What the frequency does to the rates that laws ask for, (n, K)."""
         found = np.zeros(self.shape)
         for share in self._shares:

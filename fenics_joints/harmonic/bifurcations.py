@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic.branch import Branch
-from fenics_joints.harmonic.continuation import locate
+from fenics_joints.harmonic.continuation import locate, orientation
 from fenics_joints.harmonic.corrector import Settings, check_settings
 from fenics_joints.harmonic.fourier import amplitude
 from fenics_joints.harmonic.frf import ForcedResponse
@@ -19,7 +19,7 @@ from fenics_joints.harmonic.result import HarmonicResult
 
 __all__ = ["Bifurcation", "Stability", "find_bifurcations"]
 
-#: Kinds by what a multiplier does that leaves the unit circle.
+#: Kinds of bifurcations.
 FOLD, BRANCH_POINT, DOUBLING, TORUS = (
     "fold", "branch point", "period doubling", "Neimark-Sacker"
 )  # fmt: skip
@@ -87,8 +87,10 @@ def find_bifurcations(
     """Floquet multipliers along a branch, and where they cross the unit circle, and how.
 
     Through +1 a real one leaves at a fold, where the branch turns back in frequency, or at a branch
-    point, through -1 at a period doubling; a complex pair at a Neimark-Sacker bifurcation. They are
-    found to Newton's tolerance on the branch itself.
+    point, where the determinant of Jacobian and tangent changes its sign; through -1 at a period
+    doubling; a complex pair at a Neimark-Sacker bifurcation. They are found to Newton's tolerance
+    on the branch itself. With few harmonics the multipliers, of the motion's true equations, may
+    cross beside a fold of the branch.
 
     Args:
         result: A branch of responses at constant force (`solve_harmonic` over a band).
@@ -109,9 +111,11 @@ def find_bifurcations(
     search = _Search(result, steps, tolerance, check_settings(settings))
     spectra = [search.multipliers(z) for z in search.branch.z]
     unstable = np.array([search.outside(values).sum() for values in spectra])
+    points = zip(search.branch.z, search.branch.tangents, strict=True)
+    sides = [search.side(z, tangent) for z, tangent in points]
     found = []
     for i in range(len(spectra) - 1):
-        found += search.between(i, spectra[i : i + 2])
+        found += search.between(i, spectra[i : i + 2], sides[i : i + 2])
     largest = np.array([values[0] for values in spectra])
     return Stability(largest, unstable, tuple(found))
 
@@ -146,21 +150,27 @@ class _Search:
             np.sum(real & (values.real > 0)), np.sum(real & (values.real < 0)), np.sum(~real)
         ])  # fmt: skip
 
-    def between(self, i: int, spectra) -> list[Bifurcation]:
+    def side(self, z: np.ndarray, tangent: np.ndarray) -> float:
+        """Sign of the determinant of Jacobian and tangent."""
+        scales = self.problem.scales(z)
+        tangent = tangent / scales
+        J = self.problem.evaluate(z)[1]
+        return orientation(J, scales, tangent / np.linalg.norm(tangent))
+
+    def between(self, i: int, spectra, sides) -> list[Bifurcation]:
         """The bifurcations between points i and i + 1.
 
-        A real multiplier that crosses changes how many there are by one; two that meet outside and
-        become a pair, or the other way, change nothing.
+        Two real multipliers that meet outside and become a pair, or the other way, change nothing.
         """
         before, after = (self.outside(values) for values in spectra)
         change, kinds = after - before, []
-        if change[0] % 2:
-            turns = np.prod(np.sign(self.branch.tangents[i : i + 2, -1])) < 0
-            kinds.append(FOLD if turns else BRANCH_POINT)
+        if np.prod(np.sign(self.branch.tangents[i : i + 2, -1])) < 0:
+            kinds.append(FOLD)
+        if np.prod(sides) < 0:
+            kinds.append(BRANCH_POINT)
         if change[1] % 2:
             kinds.append(DOUBLING)
-        alone = change - np.sign(change) * (change % 2)
-        if abs(alone.sum()) == 2:
+        if abs(change.sum()) - len(kinds) >= 2:
             kinds.append(TORUS)
         counts = int(before.sum()), int(after.sum())
         return [self.found(i, kind, counts) for kind in kinds]
@@ -169,6 +179,8 @@ class _Search:
         """A bifurcation of a kind between points i and i + 1."""
         if kind == FOLD:
             z = self._located(i, lambda z, tangent: float(tangent[-1]))
+        elif kind == BRANCH_POINT:
+            z = self._located(i, self._determinant)
         else:
             z = self._located(i, lambda z, tangent: _reach(self.multipliers(z), kind) - self.edge)
         values, row = self.multipliers(z), self.result.model.row("sensors", self.result.sensor)
@@ -176,8 +188,15 @@ class _Search:
         size = amplitude(row @ X, periods=self.balance.fourier.periods)
         return Bifurcation(
             kind, int(i), float(z[-1] / (2 * np.pi)), X, float(size),
-            complex(values[np.argmin(np.abs(values - _AT[kind](values)))]), counts,
+            _crossing(values, kind), counts,
         )  # fmt: skip
+
+    def _determinant(self, z: np.ndarray, tangent: np.ndarray) -> float:
+        """The smallest singular value of Jacobian and tangent, with the determinant's sign."""
+        scales = self.problem.scales(z)
+        J = self.problem.evaluate(z)[1] * scales
+        J = np.vstack([J / np.linalg.norm(J, np.inf), tangent / scales])
+        return self.side(z, tangent) * float(np.linalg.svd(J, compute_uv=False)[-1])
 
     def _located(self, i: int, slope) -> np.ndarray:
         """The point where a number along the branch vanishes; the middle where Newton fails."""
@@ -191,14 +210,13 @@ def _reach(values: np.ndarray, kind: str) -> float:
     real = np.abs(values.imag) <= _REAL * np.abs(values)
     if kind == TORUS:
         return float(np.abs(values[~real]).max(initial=0.0))
-    sign = -1.0 if kind == DOUBLING else 1.0
-    return float((sign * values[real].real).max(initial=0.0))
+    return float(-values[real].real.min(initial=0.0))
 
 
-#: Where the multiplier crosses that a bifurcation is known by.
-_AT = {
-    FOLD: lambda values: 1.0,
-    BRANCH_POINT: lambda values: 1.0,
-    DOUBLING: lambda values: -1.0,
-    TORUS: lambda values: np.exp(1j * np.angle(values[np.argmax(np.abs(values.imag))])),
-}
+def _crossing(values: np.ndarray, kind: str) -> complex:
+    """The multiplier that is known to cross at a bifurcation."""
+    if kind == TORUS:
+        pairs = values[np.abs(values.imag) > _REAL * np.abs(values)]
+        if len(pairs):
+            return complex(pairs[np.argmin(np.abs(np.abs(pairs) - 1))])
+    return complex(values[np.argmin(np.abs(values - (-1 if kind == DOUBLING else 1)))])

@@ -71,6 +71,10 @@ class Loading:
             part[:, cosine + 1] -= np.sin(load.phase) * row
         return cls(parts)
 
+    def times(self, share: float) -> Loading:
+        """A share of these loads."""
+        return Loading({p: share * part for p, part in self._parts.items()})
+
     def at(self, omega: float) -> np.ndarray:
         """Coefficients at a frequency, rad/s."""
         return sum(omega**p * part for p, part in self._parts.items())

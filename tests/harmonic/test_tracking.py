@@ -1,0 +1,113 @@
+"""Folds and superharmonic resonances over the force, and isolas."""
+
+import numpy as np
+import pytest
+from oscillators import TURN, absorber, oscillator
+from scipy.integrate import solve_ivp
+
+from fenics_joints.errors import InputError
+from fenics_joints.harmonic import (
+    Settings,
+    find_bifurcations,
+    solve_harmonic,
+    solve_isola,
+    track_folds,
+    track_resonance,
+)
+from fenics_joints.joint_laws import CubicSpring, ElasticFriction
+
+
+def folds_of(result):
+    return [b for b in find_bifurcations(result).bifurcations if b.kind == "fold"]
+
+
+def test_folds_of_duffing_begin_at_its_cusp():
+    """By one harmonic the least force with folds has a closed form; both folds lead to it."""
+    c = 0.1
+    model = oscillator(CubicSpring(0.0, 1.0), c)
+    result = solve_harmonic(model, "push", 0.3, (0.7 / TURN, 3 / TURN), harmonics=1)
+    omega = (np.sqrt(3) * c + np.sqrt(3 * c**2 + 4)) / 2  # omega^2 - 1 = sqrt(3) c omega
+    square = 8 * np.sqrt(3) * c * omega / 9
+    push = 2 * c * omega * np.sqrt(square / 3)
+    for fold in folds_of(result):
+        (turn,) = track_folds(result, fold, (0.01, 0.4), direction="down").turns
+        assert turn.kind == "cusp"
+        found = turn.force, TURN * turn.frequency_hz, turn.amplitude
+        assert found == pytest.approx((push, omega, np.sqrt(square)), rel=1e-6)
+
+
+def returns(model, result, i):
+    """State of a response, and that after twenty periods from beside it, by time integration."""
+    X, omega = result.coefficients[i], result.omegas[i]
+    h, n = np.arange(1, X.shape[1] // 2 + 1), model.n_dofs
+    state = np.concatenate([X[:, 0] + X[:, 1::2].sum(axis=1), omega * X[:, 2::2] @ h])
+    inverse, push = np.linalg.inv(model.M), result.force_amplitudes[i] * model.forces["push"]
+    joints = [(p.rows[0, 0], float(p.law.parameters["k3"])) for p in model.interfaces]
+
+    def rate(t, y):
+        u, v = y[:n], y[n:]
+        spring = sum(k * (r @ u) ** 3 * r for r, k in joints)
+        return [*v, *(inverse @ (push * np.cos(omega * t) - model.C @ v - model.K @ u - spring))]
+
+    start, end = 1.002 * state, 20 * TURN / omega
+    return state, solve_ivp(rate, (0, end), start, method="DOP853", rtol=1e-8).y[:, -1]
+
+
+def test_an_isola_is_found_and_attracts():
+    """The absorber's detached branch of Detroux et al. 2015: it begins, and merges with the main
+    branch, where folds turn back in force; a motion on it is that of time integration."""
+    model = absorber()
+    result = solve_harmonic(model, "push", 0.15, (0.9 / TURN, 1.5 / TURN), harmonics=5)
+    curve = track_folds(result, folds_of(result)[2], (0.1, 0.3))
+    turns = {turn.kind: turn for turn in curve.turns}
+    assert list(turns) == ["merger", "isola"]
+    begins, ends = turns["isola"].force, turns["merger"].force
+    assert 0.12 < begins < 0.13 and 0.18 < ends < 0.19
+    small, large = (solve_isola(curve, force) for force in (1.005 * begins, 0.995 * ends))
+    assert np.ptp(small.omegas) < 0.15 < 0.9 < np.ptp(large.omegas)
+    for isola in (small, large):
+        assert isola.coefficients[-1] == pytest.approx(isola.coefficients[0])
+    i = large.peak.index - 4
+    state, later = returns(model, large, i)
+    assert later == pytest.approx(state, abs=0.02 * np.abs(state).max())
+    assert large.peak.amplitude > 1.5 * result.peak.amplitude
+    with pytest.raises(InputError, match="has no fold there"):
+        solve_isola(curve, 0.99 * begins)
+    with pytest.raises(InputError, match="no branch through these folds closes"):
+        solve_isola(curve, 1.05 * ends)
+
+
+@pytest.mark.parametrize(
+    ("law", "near"), [(CubicSpring(0.0, 1.0), 0.01), (ElasticFriction(0.3, 0.02), 0.02)]
+)
+def test_a_superharmonic_resonance_is_where_its_harmonic_is_largest(law, near):
+    """Nearly, as damping is light or not; a cubic spring's in quadrature by a closed form too."""
+    model = oscillator(law, 0.01)
+    band, options = (0.28 / TURN, 0.45 / TURN), {"harmonics": 5, "samples": 512}
+    fine = Settings(max_step=0.05)
+    result = solve_harmonic(model, "push", 0.3, band, settings=fine, **options)
+    tracked = track_resonance(result, 3, (0.3, 0.5))
+    assert tracked.force_amplitudes[[0, -1]] == pytest.approx([0.3, 0.5])
+    for i, branch in (
+        (0, result),
+        (-1, solve_harmonic(model, "push", 0.5, band, settings=fine, **options)),
+    ):
+        third = np.hypot(*branch.coefficients[:, 0, 5:7].T)
+        inside = slice(*np.searchsorted(branch.omegas, [0.3, 0.44]))
+        top = branch.omegas[inside][np.argmax(third[inside])]
+        assert tracked.omegas[i] == pytest.approx(top, rel=near)
+    if isinstance(law, CubicSpring):
+        first, third = (
+            np.angle(tracked.coefficients[:, 0, k] - 1j * tracked.coefficients[:, 0, k + 1])
+            for k in (1, 5)
+        )
+        assert np.cos(third - 3 * first) == pytest.approx(np.zeros(len(tracked)), abs=1e-6)
+
+
+def test_what_does_not_resonate_is_said():
+    model = oscillator(CubicSpring(0.0, 1.0), 0.01)
+    result = solve_harmonic(model, "push", 0.01, (0.05, 0.052), harmonics=3)
+    with pytest.raises(InputError, match="it resonates nowhere on the branch"):
+        track_resonance(result, 3, (0.005, 0.02))
+    with pytest.raises(InputError, match=r"the result's 0\.01 N between"):
+        track_resonance(result, 3, (0.05, 0.1))
