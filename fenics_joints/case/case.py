@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,7 +27,7 @@ from fenics_joints.case.sections import (
 from fenics_joints.case.test import Test
 from fenics_joints.case.update import UpdateSection
 from fenics_joints.case.values import FileName, Section, named
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.formatting import printable
 from fenics_joints.measurements import (
     MeasuredBackbone,
@@ -35,7 +36,7 @@ from fenics_joints.measurements import (
     MeasuredShapes,
     TestData,
 )
-from fenics_joints.measurements.amplitude import by_mode
+from fenics_joints.measurements.amplitude import by_mode, test_by_level, with_modes_at_rest
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import parameter_unit, to_si
 
@@ -159,6 +160,27 @@ class Case(Section):
             )
         return self._measured
 
+    def diagnosed_test(self) -> TestData:
+        """The measured data that a diagnosis takes: with ``[test.amplitude]``, if there is one.
+
+        Modes without a level and the levels of the driven ones are one test. Of frequencies at
+        several torques the amplitude data are no part, which is said in its notes.
+
+        Raises:
+            InputError: As `measurements`, or if the two do not go together.
+        """
+        data = self.measurements()
+        if not self.test.amplitude or self.test.is_by_amplitude:
+            return data
+        if len(data) > 1:
+            note = (
+                f"test.amplitude is no part of the diagnosis, since the frequencies have "
+                f"{len(data)} values of {data.condition_name}; of one row it would be"
+            )
+            return replace(data, notes=(*data.notes, note))
+        with located(f"{self._path}: test.amplitude"):
+            return with_modes_at_rest(test_by_level(self._backbones), data)
+
     def planned(self) -> TestData:
         """The planned test, or what was measured; nothing but its layout and noise count.
 
@@ -167,7 +189,7 @@ class Case(Section):
         Raises:
             InputError: If the case has no test.
         """
-        return self.measurements() if self._planned is None else self._planned
+        return self.diagnosed_test() if self._planned is None else self._planned
 
     def validation(self) -> TestData | None:
         """The data that is never fitted, or None."""

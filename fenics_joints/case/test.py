@@ -221,8 +221,8 @@ class Test(Section):
     structure weighed without what is ``[attached]``, for `fenics-joints check` and `diagnose` to
     hold against the model, and ``mass_noise`` how good that is, and the masses of ``[parts]``,
     with what the mesh leaves out of the volume: 0.5 % unless given. ``amplitude`` are modes over
-    their amplitude, for ``harmonic``, and without ``frequencies`` the test by level that a
-    diagnosis takes.
+    their amplitude, for ``harmonic``, and the test by level that a diagnosis takes, together with
+    ``frequencies`` or shapes of one row.
     """
 
     __test__ = False

@@ -52,6 +52,11 @@ def new(
     uff: Annotated[
         list[Path] | None, _file("--uff", "Universal files of shapes or functions; several times.")
     ] = None,
+    amplitude: Annotated[
+        list[Path] | None,
+        _file("--amplitude", "A mode over its amplitude (levels, sweeps, ring-downs); several "
+              "times."),
+    ] = None,
     material: Annotated[
         str, typer.Option(metavar="NAME", help="Of parts whose label names none: steel, aluminium, "
                           "cast-iron, ductile-iron, stainless, titanium or brass.")
@@ -81,7 +86,9 @@ def new(
         if beams and builder is not None:
             raise typer.BadParameter("has a builder of its own", param_hint="--beams")
         source = Source(step, msh, "offset_beams" if beams else builder)
-        tests = TestFiles(frequencies, shapes, tuple(frfs or ()), tuple(uff or ()))
+        tests = TestFiles(
+            frequencies, shapes, tuple(frfs or ()), tuple(uff or ()), tuple(amplitude or ())
+        )  # fmt: skip
         ask = _prompt if not yes and comm.size == 1 and sys.stdin.isatty() else _silent
 
         def write() -> None:

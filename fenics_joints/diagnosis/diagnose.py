@@ -198,7 +198,10 @@ class _Run:
                 **self.model.surrogate.facts(),
                 "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),
                 "mesh_error": self.model.mesh_error(),
-                "notes": [*test_notes(self.case, self.model.full), *self.model.mesh_notes()],
+                "notes": list(dict.fromkeys([
+                    *test_notes(self.case, self.model.full), *self.data.notes,
+                    *self.model.mesh_notes(),
+                ])),
                 "seconds": time.perf_counter() - self.started,
             },
         )
@@ -299,7 +302,10 @@ class _Run:
         return found if len(found) > 1 else {}
 
     def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool], causes) -> Shrinkage:
-        masks = folds(self.data.conditions, self.data.mode_names, self.model.condition)
+        masks = folds(
+            self.data.conditions, self.data.mode_names, self.model.condition,
+            measured=np.isfinite(self.data.frequencies_hz),
+        )
         without = [next((f for f in fits if _lists(f) and not holds(f)), None)
                    for holds in causes.values()]  # fmt: skip
         always = [f for f in fits if wrong(f)][:_WRONG] + [f for f in without if f is not None]

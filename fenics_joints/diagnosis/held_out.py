@@ -34,13 +34,15 @@ _BAND = 4
 
 
 def folds(
-    conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str], blocks: int = 3
+    conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str], blocks: int = 3,
+    measured: np.ndarray | None = None,
 ) -> list[tuple[str, np.ndarray]]:
     """Masks (n, m) of what to hold out: each mode in turn, the highest third of the modes together
     if there are four or more, and the conditions in blocks.
 
     Blocks are neighbours in the condition, so that the outer ones ask for extrapolation, as the
-    top band does.
+    top band does. They are of modes at several conditions: of ``measured``, (n, m), those with one
+    are held out by mode alone.
     """
     n, m = len(conditions), len(mode_names)
     found = []
@@ -51,10 +53,15 @@ def folds(
         top = range(m - int(np.ceil(m / 3)), m)
         name = f"top band, {mode_names[top[0]]} to {mode_names[-1]}"
         found.append((name, _columns(n, m, top)))
-    if n > 1:
-        for block in np.array_split(np.arange(n), min(blocks, n)):
+    there = np.ones((n, m), dtype=bool) if measured is None else np.asarray(measured, dtype=bool)
+    several = there.sum(axis=0) > 1
+    if not several.any():
+        several[:] = True  # no mode has a trend
+    rows = np.flatnonzero(there[:, several].any(axis=1))
+    if len(rows) > 1:
+        for block in np.array_split(rows, min(blocks, len(rows))):
             mask = np.zeros((n, m), dtype=bool)
-            mask[block] = True
+            mask[np.ix_(block, several)] = True
             low, high = conditions[block[0]], conditions[block[-1]]
             span = f"{low:g}" if low == high else f"{low:g} to {high:g}"
             found.append((f"{condition[0]} {span} {condition[1]}".strip(), mask))

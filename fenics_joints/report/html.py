@@ -139,6 +139,7 @@ _FACTS = {
     "seconds": "seconds that the diagnosis took",
     "reduced_solutions": "eigenproblems of the reduced model solved",
     "not_converged": "conditions at which the identification did not converge, left out",
+    "mesh_error": "error of the mesh alone, by the same mesh one degree higher",
     "crossing_modes": "modes of the test that change places in the model (followed by MAC)",
 }
 
@@ -153,6 +154,8 @@ def _fact(key: str, value) -> str:
         return formatting.percent(float(value), 4)
     if isinstance(value, list):
         return ", ".join(value) or "none"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {formatting.percent(x)}" for name, x in value.items()) or "none"
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
         return str(value)
     if key == "seconds":

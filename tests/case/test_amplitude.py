@@ -95,7 +95,38 @@ def test_noise_of_the_test_and_lines_of_the_analyser_count(tmp_path):
     assert found["b"].damping_sd == pytest.approx(0.03 * found["b"].damping)
 
 
-def test_beside_frequencies_it_is_for_harmonic_alone(tmp_path):
+def test_beside_frequencies_it_is_for_harmonic_and_one_test_with_them_for_a_diagnosis(tmp_path):
+    """The levels of the driven mode alone, of the others what was measured without a level."""
+    modes = "bending 1 [Hz],bending 2 [Hz],bending 2 damping [%]\n80,300,0.4\n"
+    (tmp_path / "modes.csv").write_text(modes, encoding="utf-8")
+    test = 'frequencies = "modes.csv"\nnoise = "0.3 %"\namplitude = {{ "{}" = "data.csv" }}'
+    own = '[test.amplitude."bending 1"]\nfiles = "data.csv"\nnoise = "0.05 %"\n'
+    of_both = test.partition("amplitude")[0] + own
+    made = case(tmp_path, plain(), test=of_both, more=IDENTIFY)
+    one = made.diagnosed_test()
+    assert one.mode_names == ("bending 1", "bending 2") and one.by_level
+    assert one.conditions == pytest.approx([0.1 * LEVELS[0], *LEVELS])
+    assert np.isnan(one.frequencies_hz[0, 0]) and np.isnan(one.frequencies_hz[1:, 1]).all()
+    f = made.backbones()["bending 1"].frequencies_hz
+    assert one.frequencies_hz[1:, 0] == pytest.approx(f) and one.frequencies_hz[0, 1] == 300
+    assert one.damping[0, 1] == pytest.approx(0.004) and one.damping_noise == pytest.approx(0.1)
+    assert one.noise == pytest.approx([5e-4, 3e-3])
+    assert "the levels alone count of bending 1 (80 Hz without a level" in one.notes[-1]
+    # A mode that the table lacks goes where its frequency is, unless it is one by another name.
+    (tmp_path / "modes.csv").write_text("a [Hz],b [Hz]\n30,300\n", encoding="utf-8")
+    driven = case(tmp_path, plain(), test=test.format("driven"), more=IDENTIFY)
+    assert driven.diagnosed_test().mode_names == ("a", "driven", "b")
+    (tmp_path / "modes.csv").write_text("a [Hz],b [Hz]\n30,80.5\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"within 2 % of 'b' .* expected that name"):
+        case(tmp_path, plain(), test=test.format("driven"), more=IDENTIFY).diagnosed_test()
+    # Of several torques it is no part.
+    (tmp_path / "modes.csv").write_text("torque [N*m],b [Hz]\n5,80\n9,81\n", encoding="utf-8")
+    torques = test.format("driven") + '\ncondition = "torque"'
+    apart = case(tmp_path, plain(), test=torques, more=IDENTIFY).diagnosed_test()
+    assert not apart.by_level and "no part of the diagnosis" in apart.notes[-1]
+
+
+def test_beside_frequencies_nothing_else_changes(tmp_path):
     (tmp_path / "modes.csv").write_text("bending 1 [Hz],bending 2 [Hz]\n80,300\n", encoding="utf-8")
     test = 'frequencies = "modes.csv"\namplitude = { "bending 1" = "data.csv" }'
     made = case(tmp_path, plain(), test=test, more=IDENTIFY)

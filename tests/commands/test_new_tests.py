@@ -9,6 +9,7 @@ from uff_files import mode_55, nodes_15, units_164
 
 from fenics_joints.commands.new.tests import TestFiles, test_sketch
 from fenics_joints.errors import InputError
+from fenics_joints.files import read_toml
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="new is for one process")
 
@@ -74,3 +75,67 @@ def test_what_a_table_of_frequencies_leaves_open(tmp_path):
     found = sketch(TestFiles(frequencies=table))
     assert any("[test.sees]" in line for line in found.lines)
     assert any(question.startswith("What the test saw") for question in found.questions)
+
+
+LEVELS = "level [m/s2],frequency [Hz],damping [%]\n5,80.4,0.15\n20,80.2,0.2\n80,80.0,0.6\n"
+
+
+def test_levels_of_a_mode_that_the_table_of_frequencies_names(tmp_path):
+    """By its frequency; alone it is the lowest; the data read as the case says it."""
+    (tmp_path / "hz.csv").write_text("row,a [Hz],b [Hz]\n1,30,80.5\n", encoding="utf-8")
+    (tmp_path / "levels.csv").write_text(LEVELS, encoding="utf-8")
+    tests = TestFiles(frequencies=tmp_path / "hz.csv", amplitude=(tmp_path / "levels.csv",))
+    found = sketch(tests)
+    assert found.n_modes == 2 and 'condition = "row"  # ? without a unit' in found.lines
+    (tmp_path / "test.toml").write_text("\n".join(found.lines), encoding="utf-8")
+    section = read_toml(tmp_path / "test.toml", "a test")["test"]["amplitude"]
+    assert section == {"b": {"files": ["levels.csv"]}}
+    assert "b at 3 amplitudes (backbone) in levels.csv" in found.found
+    alone = sketch(TestFiles(amplitude=tests.amplitude))
+    assert alone.n_modes == 1 and '[test.amplitude."mode 1"]' in "\n".join(alone.lines)
+    assert any("the lowest that the sensors see" in question for question in alone.questions)
+
+
+def test_ring_downs_of_several_sensors_and_files_that_cannot_be_read(tmp_path):
+    """One sensor is taken and the others named; all bad files are said at once."""
+    t = np.arange(0, 2.0, 1 / 2000)
+    a = 40 * np.exp(-0.004 * 2 * np.pi * 80 * t) * np.sin(2 * np.pi * 80 * t)
+    rows = [f"{x:.6f},{y:.6g},{0.5 * y:.6g}" for x, y in zip(t, a, strict=True)]
+    hit = tmp_path / "hit.csv"
+    hit.write_text("\n".join(["time [s],a1 [m/s2],a2 [m/s2]", *rows]), encoding="utf-8")
+    found = sketch(TestFiles(amplitude=(hit,)))
+    assert 'sensor = "a1"  # ? or a2' in found.lines
+    (tmp_path / "empty.csv").write_text("", encoding="utf-8")
+    (tmp_path / "words.csv").write_text("a,b\nx,y\n", encoding="utf-8")
+    with pytest.raises(InputError) as bad:
+        sketch(TestFiles(amplitude=(tmp_path / "empty.csv", hit, tmp_path / "words.csv")))
+    assert "empty.csv" in str(bad.value) and "words.csv" in str(bad.value)
+
+
+def test_functions_without_levels_are_a_question(tmp_path):
+    """As comments beside other modes; refused alone; asked for where somebody answers."""
+    pyuff, hz = pytest.importorskip("pyuff"), np.linspace(75, 85, 41)
+    w, own = 2 * np.pi * hz, 2 * np.pi * 80
+    function = -(w**2) / (own**2 - w**2 + 2j * 0.01 * own * w)
+    pyuff.UFF(str(tmp_path / "held.uff")).write_sets([
+        pyuff.prepare_58(
+            binary=0, func_type=4, rsp_node=1, rsp_dir=3, ref_node=2, ref_dir=3, data=function,
+            x=hz, id1="f", rsp_ent_name="NONE", ref_ent_name="NONE", abscissa_spacing=1,
+            ordinate_spec_data_type=12, ordinate_axis_units_lab="m/s2",
+            orddenom_spec_data_type=13, orddenom_axis_units_lab="N",
+        ) for _ in range(2)
+    ], "overwrite")  # fmt: skip
+    (tmp_path / "hz.csv").write_text("a [Hz]\n80.1\n", encoding="utf-8")
+    held = (tmp_path / "held.uff",)
+    beside = sketch(TestFiles(frequencies=tmp_path / "hz.csv", amplitude=held))
+    assert '# levels = ["5 m/s2", "10 m/s2"]' in "\n".join(beside.lines)
+    with pytest.raises(InputError, match="expected the levels"):
+        sketch(TestFiles(amplitude=held))
+
+    def answer(question, taken, check):
+        taken = "2 m/s2, 4 m/s2" if question.startswith("Levels of the 2 functions") else taken
+        check(taken)
+        return taken
+
+    asked = sketch(TestFiles(amplitude=held), ask=answer)
+    assert 'levels = ["2 m/s2", "4 m/s2"]' in asked.lines and asked.n_modes == 1

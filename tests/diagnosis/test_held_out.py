@@ -111,6 +111,14 @@ def test_the_right_effect_shrinks_what_a_wrong_one_cannot():
     assert lost.shrink < 0.3 and lost.excess == 0.0 and not lost.claimed
 
 
+def test_modes_without_levels_are_held_out_by_mode_alone():
+    """Conditions are held out of the modes that were measured at several."""
+    measured = np.array([[False, True, True], [True, False, False], [True, False, False]])
+    found = dict(folds(np.array([0.5, 5.0, 20.0]), "abc", ("level", "m/s2"), measured=measured))
+    assert list(found) == ["mode a", "mode b", "mode c", "level 5 m/s2", "level 20 m/s2"]
+    assert np.array_equal(np.argwhere(found["level 20 m/s2"]), [[2, 0]])
+
+
 def test_what_is_held_out_is_not_in_what_states_the_forecast():
     """Other values there, the same forecast; and the blinded test holds none of them."""
     evidence = draw(np.random.default_rng(2), [0.0, 0.7, 0.0])

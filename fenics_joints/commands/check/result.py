@@ -14,6 +14,7 @@ from fenics_joints.commands.check.costs import Cost
 from fenics_joints.commands.check.places import Place
 from fenics_joints.commands.check.weights import Weight
 from fenics_joints.files import plain
+from fenics_joints.measurements.amplitude.backbone import RESPONSES
 
 __all__ = ["Checked"]
 
@@ -75,7 +76,9 @@ class Checked:
         data, frfs = case.measured, case.frfs()
         if data is not None and np.isfinite(data.frequencies_hz).any():
             low, high = np.nanmin(data.frequencies_hz), np.nanmax(data.frequencies_hz)
-            words.append(f"{len(data.mode_names)} modes, {low:.5g} to {high:.5g} Hz")
+            count, span = len(data.mode_names), f"{low:.5g} to {high:.5g} Hz"
+            span = span if high > low else f"{low:.5g} Hz"
+            words.append(f"{count} mode{'s' * (count > 1)}, {span}")
             if len(data) > 1:
                 span = f"{data.conditions[0]:g} to {data.conditions[-1]:g} {data.condition_unit}"
                 words.append(f"at {len(data)} values of {data.condition_name}, {span}".rstrip())
@@ -83,6 +86,11 @@ class Checked:
                 words.append(f"shapes at {len(data.shapes)} sensors")
             if data.damping is not None:
                 words.append("damping ratios")
+        for name in case.test.amplitude if not case.test.is_by_amplitude else ():
+            if (one := case.backbones().get(name)) is not None:
+                a = one.amplitudes
+                span = f"{a[0]:.3g} to {a[-1]:.3g} {RESPONSES[one.response]}"
+                words.append(f"{name} at {len(one)} levels, {span}")
         if frfs is not None:
             words.append(
                 f"{int(frfs.measured.sum())} functions, {frfs.frequencies_hz[0]:g} to "

@@ -29,7 +29,8 @@ def assumptions(case: Case, data: TestData) -> list[tuple[str, str]]:
         ("error of any such model, correlated along the conditions", percent(given.discrepancy)),
         *([] if data.shapes is None else
           [("the same of a shape's components", percent(given.shape_discrepancy, 1))]),
-        ("scatter of the preload at a given torque", percent(given.preload_scatter, 0)),
+        *([] if data.by_level else
+          [("scatter of the preload at a given torque", percent(given.preload_scatter, 0))]),
         ("the nominal model's joints", _JOINTS[given.joints]),
         ("effects that may be at work together", f"up to {given.max_effects}"),
         ("effects that were considered", "all that the case has" if given.effects is None

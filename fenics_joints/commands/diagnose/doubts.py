@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_joints.commands.diagnose.reading import LEVEL, leading
+from fenics_joints.commands.diagnose.reading import LEVEL, SHARE, in_words, leading
 from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words
+from fenics_joints.diagnosis.effects.amplitude import NAMES
+from fenics_joints.diagnosis.evidence.between import medians
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import LIKELY, NAMED, unconfirmed
-from fenics_joints.formatting import percent, spaced
+from fenics_joints.formatting import percent, probability, spaced
 
 __all__ = ["doubts"]
 
@@ -20,6 +22,8 @@ _TOO_GOOD = 0.999
 _COVERAGE = 0.7
 #: Of the gap beyond noise, so much should be gone for a cause to be the whole of it.
 _HALF = 0.5
+#: What changes between levels and is not explained is much at so many times what is expected.
+_DRIFTS = 5.0
 
 
 def doubts(d: Diagnosis) -> list[str]:
@@ -57,6 +61,7 @@ def doubts(d: Diagnosis) -> list[str]:
                 f"Only {share_words(s.coverage)} of the folds ended as well as the 90 % interval "
                 "that was stated before."
             )
+    words += _drifts(d)
     if np.isfinite(d.model_error) and d.model_error > 0.5 * d.noise:
         words.append(
             f"The reduced model's error, up to {percent(d.model_error, 3)}, is not small against "
@@ -65,3 +70,20 @@ def doubts(d: Diagnosis) -> list[str]:
     if any(not np.isfinite(n.log_evidence) or n.error > 0.5 for n in d.nested.values()):
         words.append("Nested sampling left an error of more than 0.5 in some ln evidence.")
     return words
+
+
+def _drifts(d: Diagnosis) -> list[str]:
+    """What changes from level to level by more than a structure's drift does, and is put there."""
+    between = d.between or ()
+    usual = medians(len(between) > 1)
+    kinds = zip(("frequencies", "damping ratios"), between, usual, strict=False)
+    much = [f"{kind} by {percent(x, 0 if x > 0.1 else 2)}"
+            for kind, x, median in kinds if x > _DRIFTS * median]  # fmt: skip
+    if not much:
+        return []
+    words = f"From level to level {joined(much)} are off beside what is explained, much for a drift"
+    named = [f"{in_words(e)} ({probability(e.probability)})" for e in d.effects
+             if e.name in NAMES and e.probability >= SHARE]  # fmt: skip
+    if not named:
+        return [f"{words}."]
+    return [f"{words}: {joined(named, 'or')} may be what these few levels cannot bear out."]

@@ -45,6 +45,7 @@ from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 from fenics_joints.formatting import percent, probability, spaced
 
 __all__ = ["Explanation", "explain"]
@@ -155,7 +156,8 @@ def _by_tests(found: Location) -> str:
         first = telling[0]
         return (
             f"no change of one region alone explains it; one in {spaced(first.zone)} comes "
-            f"nearest, with {share_words(first.share)} of the misfit"
+            f"nearest, with {share_words(first.share)} of the misfit{_in_frequencies(found)}"
+            f"{_like(first)}"
         )
     first, others = alone[0], alone[1:]
     words = (
@@ -166,6 +168,21 @@ def _by_tests(found: Location) -> str:
         names = [f"{spaced(t.zone)} ({share_words(t.share)})" for t in others]
         words += f", but so would one in {shortened(names, 'or')}"
     return words
+
+
+def _like(test: ZoneTest) -> str:
+    """Regions that a test does not tell from the one that comes nearest."""
+    names = shortened([spaced(zone) for zone in test.alike], "or")
+    return f", which this test does not tell from {names}" if names else ""
+
+
+def _in_frequencies(found: Location) -> str:
+    """How much of the misfit is in the frequencies, where there is other data."""
+    kinds = along(found, "kind")
+    own = sum(a.chi2 for a in kinds if a.label == "frequencies")
+    if len(kinds) < 2 or not own:
+        return ""
+    return f", of which {share_words(own / sum(a.chi2 for a in kinds))} is in the frequencies"
 
 
 def _by_shares(d: Diagnosis) -> str:
@@ -256,7 +273,8 @@ def _how_far(d: Diagnosis) -> str:
     words += f": {_shrunk(s)}"
     gain = 100 * s.excess
     if s.claimed:
-        words += f", {gain:.0f} points more than the best wrong effect ({_points(s)})"
+        points = "point" if f"{gain:.0f}" == "1" else "points"
+        words += f", {gain:.0f} {points} more than the best wrong effect ({_points(s)})"
     elif np.isfinite(gain):
         words += f", which is not surely more than the best wrong effect ({_points(s)} points)"
     return f"{words}{_folds(s)}."

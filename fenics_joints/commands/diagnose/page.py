@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.commands.diagnose.explanation import explain
-from fenics_joints.commands.diagnose.pictures import forecasts, gap_bars
+from fenics_joints.commands.diagnose.pictures import forecasts, gap_bars, level_panels
 from fenics_joints.commands.diagnose.reading import (
     EffectClass,
     by_effect,
@@ -62,6 +62,7 @@ def diagnosis_html(
         HTML without any reference to other files.
     """
     classes, found = effect_classes(d), d.location
+    levels = level_panels(d, log_sd)
     shrunk = d.shrinkage if d.shrinkage is not None and d.shrinkage.folds else None
     return render(
         "diagnosis.html",
@@ -93,6 +94,7 @@ def diagnosis_html(
                 validation=d.validation,
             )
         ),
+        levels=None if levels is None else svg(levels),
         far=_FAR,
         limits=LIMITS,
         assumed=assumed,

@@ -8,11 +8,12 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.formatting import percent
-from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO, drawing, to_svg
+from fenics_joints.report.style import CHOSEN, INK, NOISE, NOMINAL, PLACEBO, drawing, to_svg
 
-__all__ = ["forecasts", "gap_bars"]
+__all__ = ["forecasts", "gap_bars", "level_panels"]
 
 #: What was stated before, behind what was found.
 _STATED = "#b9d4ea"
@@ -126,3 +127,48 @@ def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noi
             for name, bars in groups
         )
         return to_svg(figure, "gap", f"Bars of the gap. {words}. Noise {percent(noise)}.")
+
+
+def level_panels(d: Diagnosis, log_sd: np.ndarray | None) -> str | None:
+    """Frequency and damping of every mode over the level, measured and of the leading hypothesis.
+
+    Args:
+        d: The diagnosis of a test by level.
+        log_sd: Standard deviations of the measured ln f, shape (n, m), for error bars of two.
+
+    Returns:
+        None where no mode was measured at two levels.
+    """
+    there = np.isfinite(d.after.test_hz)
+    shown = np.flatnonzero(there.sum(axis=0) > 1)
+    if not d.by_level or not len(shown):
+        return None
+    levels, columns = d.after.conditions, 1 if d.damping is None else 2
+    with drawing(7.6, 2.3 * len(shown) + 0.5) as figure:
+        grid = figure.subplots(len(shown), columns, squeeze=False)
+        for row, i in zip(grid, shown, strict=True):
+            at, name = there[:, i], d.after.mode_names[i]
+            sd = None if log_sd is None else 2 * log_sd[at, i] * d.after.test_hz[at, i]
+            pair = d.after.test_hz[at, i], d.after.model_hz[at, i]
+            _over_level(row[0], levels[at], *pair, sd, f"{name}, Hz")
+            if columns > 1:
+                measured, model = (100 * ratios[at, i] for ratios in d.damping)
+                _over_level(row[1], levels[at], measured, model, None, f"{name}, damping, %")
+        for axes in grid[-1]:
+            axes.set_xlabel(", ".join(word for word in d.condition if word))
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        names = ", ".join(d.after.mode_names[i] for i in shown)
+        kinds = f"Frequency{' and damping' * (columns > 1)}"
+        alt = f"{kinds} of {names} over the level; the numbers are in the tables of this page."
+        return to_svg(figure, "levels", alt)
+
+
+def _over_level(axes, x, measured, model, sd, title: str) -> None:
+    style = {"fmt": "o", "ms": 4.2, "color": INK, "elinewidth": 0.9, "capsize": 2, "zorder": 4}
+    label = "measured" if sd is None else "measured (± 2 s.d.)"
+    axes.errorbar(x, measured, sd, label=label, **style)
+    axes.plot(x, model, color=CHOSEN, lw=1.8, label="leading hypothesis")
+    axes.set_title(title, loc="left")
+    axes.ticklabel_format(axis="y", useOffset=False)
+    axes.grid(axis="y")
+    axes.margins(x=0.05, y=0.1)

@@ -35,7 +35,7 @@ def run_diagnose(
     Raises:
         JointsError: If the case, the mesh or a solution fails.
     """
-    found, data = diagnose(case, comm, progress, keep=keep), case.measurements()
+    found, data = diagnose(case, comm, progress, keep=keep), case.diagnosed_test()
     notes = found.model.get("notes", ())
     assumed = assumptions(case, data)
     for note in notes:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fenics_joints.commands.new.amplitude import amplitude_sketch, check_any
 from fenics_joints.commands.new.extents import UNITS, likely_unit
 from fenics_joints.commands.new.gather import Problems
 from fenics_joints.commands.new.sketch import Ask, TestSketch, toml
@@ -21,6 +22,8 @@ from fenics_joints.units import factor_to_si, to_si
 __all__ = ["TestFiles", "test_sketch"]
 
 _NODES = {15, 2411}
+#: Names of a condition's column without a unit.
+_CONDITIONS = ("torque", "level", "force", "preload", "amplitude", "run", "row", "test")
 _NO_SENSORS = (
     "# [test.sees]  # ? where the sensors were and which way they looked: modes that they cannot",
     "# see are then left out; without it the test's modes are the model's lowest, in their order",
@@ -35,7 +38,8 @@ Extents = Callable[[], np.ndarray | None]
 
 @dataclass(frozen=True)
 class TestFiles:
-    """The files that are there: tables of frequencies and shapes, functions, universal files."""
+    """The files that are there: tables of frequencies and shapes, functions, universal files, and
+    modes over their amplitude."""
 
     __test__ = False
 
@@ -43,11 +47,12 @@ class TestFiles:
     shapes: Path | None = None
     frfs: tuple[Path, ...] = ()
     uff: tuple[Path, ...] = ()
+    amplitude: tuple[Path, ...] = ()
 
     def all(self) -> list[Path]:
         """All of them."""
         one = [path for path in (self.frequencies, self.shapes) if path is not None]
-        return [*one, *self.frfs, *self.uff]
+        return [*one, *self.frfs, *self.uff, *self.amplitude]
 
 
 def test_sketch(
@@ -77,6 +82,8 @@ def test_sketch(
         problems.tried(lambda: draft.add_universal(modal))
     elif table is not None:
         problems.tried(lambda: draft.add_shape_table(table))
+    if files.amplitude:
+        problems.tried(lambda: draft.add_amplitude(files.amplitude))
     if functions:
         problems.tried(lambda: draft.add_functions(functions))
     problems.check()
@@ -91,10 +98,12 @@ class _Draft:
         self.lines, self.tables = ["[test]"], []
         self.found, self.questions = [], []
         self.n_modes, self.at, self.places = 0, None, np.empty((0, 3))
+        self.known: dict[str, float] = {}  # frequencies, Hz, by the modes' names
 
     def add_frequencies(self, path: Path) -> None:
         """A table of them."""
-        head, self.n_modes, self.at = _frequencies(path, self.refer)
+        head, self.known, self.at = _frequencies(path, self.refer)
+        self.n_modes = len(self.known)
         self.lines += head
         self.found.append(f"{self.n_modes} modes in {path.name}")
 
@@ -102,7 +111,9 @@ class _Draft:
         """Files with mode shapes."""
         shapes, unit = _universal(paths, self.ask, self.extents)
         self.places = shapes.sensors.points
-        self.n_modes = self.n_modes or len(shapes.frequencies_hz)
+        if not self.n_modes:
+            self.n_modes = len(shapes.frequencies_hz)
+            self.known = {f"mode {i + 1}": hz for i, hz in enumerate(shapes.frequencies_hz)}
         self.found.append(repr(shapes).removeprefix("MeasuredShapes(").removesuffix(")"))
         names = [self.refer(path) for path in paths]
         if unit is None:
@@ -132,10 +143,19 @@ class _Draft:
         self.questions += [_NO_UNIT] * (unit is not None and _NO_UNIT not in self.questions)
         self.n_modes = self.n_modes or 1
 
+    def add_amplitude(self, paths: Sequence[Path]) -> None:
+        """Modes over their amplitude, as a test of their own where nothing else gives modes."""
+        found = amplitude_sketch(paths, self.refer, self.ask, self.known)
+        check_any(found, alone=not self.n_modes)
+        self.tables += found.lines
+        self.found += found.found
+        self.questions += found.questions
+        self.n_modes = self.n_modes or found.n_modes
+
     def done(self, seen: bool) -> TestSketch:
         """The test; ``seen`` if something says where its sensors were."""
         if not seen:
-            self.tables += _NO_SENSORS
+            self.tables += ("", *_NO_SENSORS)
             self.questions.append(_WHAT_IT_SAW)
         noise = self.ask(
             "Scatter of the measured frequencies", "0.2 %", lambda text: to_si(text, "")
@@ -176,27 +196,34 @@ def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
     return modal + nodes * bool(modal), functions + nodes * bool(universal)
 
 
-def _frequencies(path: Path, refer) -> tuple[list[str], int, float | None]:
-    """Lines for a table of frequencies; the number of modes; the last condition."""
+def _frequencies(path: Path, refer) -> tuple[list[str], dict[str, float], float | None]:
+    """Lines for a table of frequencies; its modes, with what stands in its last row, Hz; the last
+    condition."""
     table = read_table(path)
     conditions = [name for name in table.names if _is_condition(table, name)]
     lines = [f"frequencies = {toml(refer(path))}"]
     if not conditions:
         at = None if len(table.values) == 1 else float(len(table.values))
-        return lines, len(table.names), at
+        return lines, _last(table, table.names), at
     name = conditions[0]
     modes = [other for other in table.names if other not in conditions]
     unit = f"  # in {table.unit(name)}" if table.unit(name) else "  # ? without a unit"
     lines += [f"condition = {toml(name)}{unit}", f"modes = {toml(modes)}"]
     values = table.column(name)
-    return lines, len(modes), float(values[-1]) if len(values) > 1 else None
+    return lines, _last(table, modes), float(values[-1]) if len(values) > 1 else None
+
+
+def _last(table: Table, modes: Sequence[str]) -> dict[str, float]:
+    """Frequencies, Hz, of the last row; nan where it has none."""
+    values = {name: table.column(name, "Hz" if table.unit(name) else None) for name in modes}
+    return {name: float(column[-1]) for name, column in values.items()}
 
 
 def _is_condition(table: Table, name: str) -> bool:
     """Whether a column is what the test was repeated at, by its unit, or its name."""
     unit = table.unit(name)
     if not unit:
-        return name.lower() in ("torque", "level", "force", "preload", "amplitude", "run", "test")
+        return name.lower() in _CONDITIONS
     try:
         factor_to_si(unit, "Hz")
     except InputError:

@@ -70,6 +70,7 @@ def _keys(bolts: Sequence[str], count: int) -> frozenset[str]:
 def _loose(name, region, zones, words, weight, holds=frozenset()) -> Effect:
     interface, prior, effect = PRIORS[zones[0].interface.name].loose
     zones = [replace(zone, interface=interface) for zone in zones]
+    them = "them" if holds else "it"
 
     def apply(values, theta, condition):
         for zone in zones:
@@ -77,8 +78,8 @@ def _loose(name, region, zones, words, weight, holds=frozenset()) -> Effect:
                 zone.give_way(values, kind, theta[prior.name])
 
     return Effect(
-        name, region, (prior,), apply, f"{words}{effect}", family="bolt", weight=weight,
-        holds=holds,
+        name, region, (prior,), apply, words + effect.format(them=them), family="bolt",
+        weight=weight, holds=holds,
     )  # fmt: skip
 
 

@@ -81,8 +81,8 @@ _LAYER = InterfacePrior(
     # Faces that rest on each other: a hundredth of clamped ones, within a factor of 10 either way.
     loose=(
         LAYER, Prior("k", 1e10, np.log(10.0), "Pa/m", True, (1e6, 1e13)),
-        ": the faces around it only rest on each other. All bolts equally loose are the joint's "
-        "compliance as a whole.",
+        ": the faces around {them} only rest on each other. All bolts equally loose are the "
+        "joint's compliance as a whole.",
     ),
 )
 _LAP = InterfacePrior(
@@ -113,8 +113,8 @@ _LAP = InterfacePrior(
     # A tenth of the lap's own stiffness, within a factor of 3.
     loose=(
         GIVEN_LAP, Prior("left", 0.1, np.log(3.0), "", True, (1e-4, 1.0)),
-        ", and the lap softer around it. All bolts equally loose are the joint's stiffness as a "
-        "whole.",
+        ", and the lap softer around {them}. All bolts equally loose are the joint's stiffness "
+        "as a whole.",
     ),
 )
 #: By kind of zones. Where the lap's own stiffness was given, identified elsewhere or taken from a

@@ -206,7 +206,7 @@ def prepare(
     Raises:
         InputError: If the case has no test, or names effects that do not exist.
     """
-    data = case.measurements() if data is None else data
+    data = case.diagnosed_test() if data is None else data
     subject = subject_of(case.diagnosed(), comm, progress)
     case, zones = subject.case, subject.zones
     effects, silent = case_effects(case, data, zones)

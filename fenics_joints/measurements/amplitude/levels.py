@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,12 +12,16 @@ from fenics_joints.measurements.amplitude.backbone import RESPONSES, MeasuredBac
 from fenics_joints.measurements.amplitude.columns import level_unit
 from fenics_joints.measurements.data import TestData
 
-__all__ = ["NOISE", "by_mode", "test_by_level"]
+__all__ = ["NOISE", "by_mode", "test_by_level", "with_modes_at_rest"]
 
 #: Relative deviation of a frequency that nobody states.
 NOISE = 1e-3
 #: Levels nearer than this are one.
 _SAME = 1e-5
+#: Level of what was measured near rest, as a share of the lowest level of all.
+_REST = 0.1
+#: Frequencies of two modes nearer than this, relative, are of one mode by two names, as a rule.
+_ONE_MODE = 0.02
 
 
 def test_by_level(backbones: Mapping[str, MeasuredBackbone], most: int = 8) -> TestData:
@@ -56,6 +61,85 @@ def test_by_level(backbones: Mapping[str, MeasuredBackbone], most: int = 8) -> T
 
 #: Not a test, whatever pytest thinks of the name.
 test_by_level.__test__ = False
+
+
+def with_modes_at_rest(driven: TestData, rest: TestData) -> TestData:
+    """A test by level of some modes, and of the others what was measured near rest, as one test.
+
+    The others stand at a tenth of the lowest level, where what depends on the level hardly shows.
+    Of a mode that is in both the levels alone count: they were measured in another set-up, with a
+    shaker, as a rule. Frequencies keep the noise of their own test.
+
+    Args:
+        driven: From `test_by_level`.
+        rest: One row of the modes, such as a hammer test's; perhaps with damping and shapes.
+
+    Raises:
+        InputError: If a driven mode is not in the other test but has the frequency of one that is.
+    """
+    f = np.nanmean(driven.frequencies_hz, axis=0)
+    missing = [j for j, name in enumerate(driven.mode_names) if name not in rest.mode_names]
+    for j in missing:
+        away = np.abs(rest.frequencies_hz[0] / f[j] - 1)
+        if np.nanmin(away) < _ONE_MODE:
+            same = rest.mode_names[int(np.nanargmin(away))]
+            raise InputError(
+                f"the mode {driven.mode_names[j]!r} by amplitude, {f[j]:.4g} Hz, is within "
+                f"{100 * _ONE_MODE:g} % of {same!r} of the frequencies; expected that name if it "
+                "is that mode"
+            )
+    hz = dict(zip(rest.mode_names, rest.frequencies_hz[0], strict=True))
+    hz |= {driven.mode_names[j]: f[j] for j in missing}
+    names = sorted(hz, key=lambda name: hz[name]) if missing else list(rest.mode_names)
+    rows = _rows_at_rest(driven, rest, names)
+    shapes = None
+    if rest.shapes is not None:
+        shapes = np.full((len(rest.shapes), len(names)), np.nan)
+        shapes[:, [names.index(name) for name in rest.mode_names]] = rest.shapes
+    return replace(
+        driven, **rows, mode_names=tuple(names), sensors=rest.sensors, shapes=shapes,
+        shapes_at=None if shapes is None else float(rows["conditions"][0]),
+        shape_noise=rest.shape_noise, notes=(*rest.notes, *driven.notes, _said(driven, rest)),
+    )  # fmt: skip
+
+
+def _rows_at_rest(driven: TestData, rest: TestData, names: list[str]) -> dict[str, np.ndarray]:
+    """Conditions, frequencies, damping and their noise, with the row at rest before the others."""
+    n, both = len(driven) + 1, (driven, rest)
+    found = {key: np.full((n, len(names)), np.nan) for key in ("frequencies_hz", "damping")}
+    each = {key: np.zeros(len(names)) for key in ("noise", "resolution_hz")}
+    for test in reversed(both):  # what was driven comes last, and stands
+        at = slice(1, n) if test is driven else slice(0, 1)
+        for j, name in enumerate(test.mode_names):
+            column = names.index(name)
+            for key, values in found.items():
+                values[:, column] = np.nan
+                if getattr(test, key) is not None:
+                    values[at, column] = getattr(test, key)[:, j]
+            for key, values in each.items():
+                values[column] = getattr(test, key)[j]
+    known = [test for test in both if test.damping is not None]
+    counts = [np.isfinite(test.damping).sum() for test in known]
+    squares = np.dot(counts, [test.damping_sd**2 for test in known])
+    found |= {"damping_noise": float(np.sqrt(squares / max(sum(counts), 1)))} if known else {}
+    return {
+        **found, **each, "damping": found["damping"] if known else None,
+        "conditions": np.append(_REST * driven.conditions[0], driven.conditions),
+    }  # fmt: skip
+
+
+def _said(driven: TestData, rest: TestData) -> str:
+    """What was taken for granted, in a sentence."""
+    level = f"{_REST * driven.conditions[0]:g} {driven.condition_unit}"
+    words = f"modes measured without a level stand at {level}, a tenth of the lowest, as near rest"
+    both = [name for name in driven.mode_names if name in rest.mode_names]
+    items = []
+    for name in both:
+        column = driven.frequencies_hz[:, driven.mode_names.index(name)]
+        lowest = column[np.isfinite(column)][0]
+        alone = rest.frequencies_hz[0, rest.mode_names.index(name)]
+        items.append(f"{name} ({alone:.5g} Hz without a level, {lowest:.5g} Hz at its lowest)")
+    return f"{words}; the levels alone count of {', '.join(items)}" if items else words
 
 
 def _apart(levels: np.ndarray) -> np.ndarray:

@@ -1,0 +1,225 @@
+"""Modes over their amplitude in a new case: each file by what it holds, questions on the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.commands.new.gather import Problems
+from fenics_joints.commands.new.sketch import Ask, toml
+from fenics_joints.errors import InputError
+from fenics_joints.measurements import MeasuredBackbone, read_amplitude, read_table
+from fenics_joints.measurements.amplitude.tables import history_of, is_history
+from fenics_joints.measurements.files import UFF_SUFFIXES, reader_of
+from fenics_joints.measurements.records import Said
+from fenics_joints.measurements.uff_sets import read_sets
+
+__all__ = ["AmplitudeSketch", "amplitude_sketch", "check_any"]
+
+#: A mode of a table is that of amplitude data if their frequencies differ by less, relative.
+_ONE_MODE = 0.05
+#: Type of a response over time in datasets 58.
+_TIME = 1
+_NAMED = (
+    "The mode of the amplitude data: by its frequency where there are others, else the lowest that "
+    "the sensors see."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Files of one mode: their names in the case, options of the section, and what they say.
+
+    Without a backbone the levels of so many ``functions`` are not known.
+    """
+
+    files: tuple[str, ...]
+    options: Mapping[str, str] = field(default_factory=dict)
+    backbone: MeasuredBackbone | None = None
+    functions: int = 0
+
+    @property
+    def hz(self) -> float:
+        """Frequency at its lowest level, Hz; nan where that is not known."""
+        return np.nan if self.backbone is None else float(self.backbone.frequencies_hz[0])
+
+
+@dataclass(frozen=True)
+class AmplitudeSketch:
+    """Lines of ``[test.amplitude]``, what was found, what was guessed, and how many modes it is."""
+
+    lines: tuple[str, ...]
+    found: tuple[str, ...]
+    questions: tuple[str, ...]
+    n_modes: int
+
+
+def amplitude_sketch(
+    paths: Sequence[Path], refer: Callable[[Path], str], ask: Ask, known: Mapping[str, float]
+) -> AmplitudeSketch:
+    """What files of modes over their amplitude say, as a section of a case.
+
+    Args:
+        paths: The files: each of one mode; those of one mode are put together.
+        refer: The name that a file has in the case.
+        ask: Asks the user.
+        known: Frequencies, Hz, of the test's other modes by their names.
+
+    Raises:
+        InputError: For what is wrong in the files, all of them.
+    """
+    problems, groups = Problems(), []
+    for path in paths:
+        one = problems.tried(lambda path=path: _looked(path, refer, ask))
+        if one is not None:
+            _put(groups, one)
+    problems.check()
+    names = _names(groups, known)
+    lines, found, questions = [], [], [_NAMED]
+    for name, data in zip(names, groups, strict=True):
+        files = ", ".join(data.files)
+        if data.backbone is None:
+            questions.append(f"The levels of the {data.functions} functions in {files}.")
+            found.append(f"{data.functions} functions of one mode, of unknown levels, in {files}")
+            lines += _commented(name, data)
+            continue
+        lines += _section(name, data)
+        kind = data.backbone.kind
+        found.append(f"{name} at {len(data.backbone)} amplitudes ({kind}) in {files}")
+        if "sensor" in data.options:
+            questions.append(f"The sensor that the amplitude in {files} is of.")
+    read = [data for data in groups if data.backbone is not None]
+    return AmplitudeSketch(tuple(lines), tuple(found), tuple(questions), len(read))
+
+
+def _looked(path: Path, refer, ask: Ask) -> _Data:
+    """One file, with what it leaves open."""
+    if path.suffix.lower() in (*UFF_SUFFIXES, ".mat") and not _is_record(path):
+        count, units = _functions(path, ask)
+        levels = _asked_levels(path, count, ask)
+        options = {} if units is None else {"units": toml(units)}
+        if not levels:
+            return _Data((refer(path),), options, functions=count)
+        read = read_amplitude(path, levels=levels, units=units)
+        return _Data((refer(path),), {"levels": toml(levels), **options}, read)
+    sensors = _sensors(path)
+    if len(sensors) > 1:
+        def known(answer: str) -> None:
+            if answer not in sensors:
+                raise ValueError(f"{answer!r}: expected one of {', '.join(sensors)}")
+
+        question = f"Sensor that the amplitude in {path.name} is of ({', '.join(sensors)})"
+        sensor = ask(question, sensors[0], known)
+        options = {"sensor": f"{toml(sensor)}  # ? or {', '.join(sensors[1:])}"}
+        return _Data((refer(path),), options, read_amplitude(path, sensor=sensor))
+    return _Data((refer(path),), {}, read_amplitude(path))
+
+
+def _functions(path: Path, ask: Ask) -> tuple[int, str | None]:
+    """How many functions a file has, and their unit where it had to be asked for."""
+    def read(units: str | None) -> int:
+        return len(reader_of(path)(path, Said(units=units)).functions)
+
+    try:
+        return read(None), None
+    except InputError as error:
+        question = f"{error}. Unit of the functions, such as m/s2/N (or none)"
+        units = ask(question, "", lambda answer: answer and read(answer))
+        if not units:
+            raise
+        return read(units), units
+
+
+def _is_record(path: Path) -> bool:
+    """Whether a universal file holds responses over time."""
+    if path.suffix.lower() not in UFF_SUFFIXES:
+        return False
+    return any(data["func_type"] == _TIME for _, data in read_sets(path, (58,)))
+
+
+def _sensors(path: Path) -> list[str]:
+    """Sensors of records over time; none of other files."""
+    if path.suffix.lower() in UFF_SUFFIXES:
+        from fenics_joints.measurements.amplitude.universal import histories_of
+
+        return list(dict.fromkeys(n for history in histories_of(path) for n in history.signals))
+    table = read_table(path) if path.suffix.lower() in (".csv", ".toml", ".txt") else None
+    return list(history_of(table).signals) if table is not None and is_history(table) else []
+
+
+def _asked_levels(path: Path, count: int, ask: Ask) -> list[str]:
+    """The levels of functions, which no file says; none if nobody does."""
+    def known(answer: str) -> None:
+        if answer.strip() and len(_split(answer)) != count:
+            raise ValueError(f"{answer!r}: expected {count} levels, such as 5 m/s2, 10 m/s2")
+
+    question = f"Levels of the {count} functions in {path.name}, such as 5 m/s2, 10 m/s2 (or none)"
+    return _split(ask(question, "", known))
+
+
+def _split(answer: str) -> list[str]:
+    return [part.strip() for part in answer.split(",") if part.strip()]
+
+
+def _put(groups: list[_Data], one: _Data) -> None:
+    """Add a file to those of its mode and kind, or as a mode of its own."""
+    for i, there in enumerate(groups):
+        same = np.isfinite(there.hz) and abs(there.hz - one.hz) < _ONE_MODE * there.hz
+        kinds = {(d.backbone.kind, d.backbone.response) for d in (there, one)} if same else ()
+        if same and len(kinds) == 1 and there.options == one.options == {}:
+            groups[i] = _Data((*there.files, *one.files), {}, there.backbone)
+            return
+    groups.append(one)
+
+
+def _names(groups: Sequence[_Data], known: Mapping[str, float]) -> list[str]:
+    """A name for each: that of the test's mode of that frequency, or by its place."""
+    taken, names = set(), []
+    free = (f"mode {i}" for i in range(1, len(groups) + len(known) + 1))
+    for data in groups:
+        name = None
+        if known and np.isfinite(data.hz):
+            near = min(known, key=lambda n: abs(known[n] - data.hz))
+            if abs(known[near] - data.hz) < _ONE_MODE * data.hz and near not in taken:
+                name = near
+        if name is None:
+            name = next(n for n in free if n not in taken and n not in known)
+        taken.add(name)
+        names.append(name)
+    return names
+
+
+def _section(name: str, data: _Data) -> list[str]:
+    noise = [] if data.backbone.kind != "backbone" else [
+        '# noise = "0.1 %"  # ? of these frequencies alone; or a column frequency sd [Hz]',
+        '# damping_noise = "10 %"  # ? or a column damping sd [%]',
+    ]  # fmt: skip
+    options = [f"{key} = {value}" for key, value in data.options.items()]
+    hz = f"  # ? {data.hz:.4g} Hz at its lowest level"
+    return ["", f"[test.amplitude.{toml(name)}]{hz}", f"files = {toml(data.files)}", *options,
+            *noise]  # fmt: skip
+
+
+def _commented(name: str, data: _Data) -> list[str]:
+    """A section that is not complete, as a comment: what was held constant no file says."""
+    levels = toml([f"{5 * (i + 1)} m/s2" for i in range(data.functions)])
+    return [
+        "", f"# [test.amplitude.{toml(name)}]", f"# files = {toml(data.files)}",
+        f"# levels = {levels}  # ? of each function, in the file's order, with their unit",
+    ]  # fmt: skip
+
+
+def check_any(sketch: AmplitudeSketch, alone: bool) -> None:
+    """Refuse files that leave no test at all.
+
+    Raises:
+        InputError: If nothing else is measured and no file is complete.
+    """
+    if alone and not sketch.n_modes:
+        raise InputError(
+            f"{'; '.join(sketch.found)}: expected the levels (answer for them, without --yes), "
+            "or frequencies beside them"
+        )
