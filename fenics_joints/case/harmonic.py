@@ -7,6 +7,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from fenics_joints.case.contact_laws import (
+    CoulombSection,
+    ElasticFrictionSection,
+    GapSection,
+    UnilateralSection,
+)
 from fenics_joints.case.values import (
     Direction,
     File,
@@ -36,13 +42,12 @@ from fenics_joints.joint_laws import (
 from fenics_joints.units import to_si
 
 __all__ = [
-    "BaseSection", "CoulombSection", "HarmonicSection", "IdentifySection", "LoadSection",
-    "NonlinearSection", "Place", "identifiable",
+    "BaseSection", "HarmonicSection", "IdentifySection", "LoadSection", "NonlinearSection",
+    "Place", "identifiable",
 ]  # fmt: skip
 
 Force = quantity("N", 0, above=True)
 Frequency = quantity("Hz", 0, above=True)
-PerLength = quantity("Pa/m", 0, above=True)
 Shape = quantity("", -0.99, 10)
 #: Unit of the levels of a base's motion.
 _LEVEL_UNITS = {"acceleration": "m/s2", "displacement": "m"}
@@ -136,29 +141,10 @@ class BilinearSection(Hysteretic):
     S_y: Modulus
 
 
-class CoulombSection(Section):
-    """``[nonlinear.NAME]`` with ``law = "coulomb"``: elastic stick and friction on a contact.
-
-    The pressure is that of the bolts' preload, and changes with the opening.
-    """
-
-    units: ClassVar = {
-        "normal_stiffness": "Pa/m", "tangential_stiffness": "Pa/m", "friction": "",
-    }  # fmt: skip
-
-    law: Literal["coulomb"]
-    normal_stiffness: PerLength
-    tangential_stiffness: PerLength
-    friction: Positive
-
-    def needs_modulus(self) -> bool:
-        """Whether an elastic modulus must come from the joint: never."""
-        return False
-
-
 NonlinearSection = chosen(
-    "law", RichardAbbottSection, SegalmanSection, BilinearSection, CoulombSection
-)
+    "law", RichardAbbottSection, SegalmanSection, BilinearSection, CoulombSection,
+    UnilateralSection, ElasticFrictionSection, GapSection,
+)  # fmt: skip
 
 
 class Place(Section):

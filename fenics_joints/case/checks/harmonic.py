@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.harmonic import CoulombSection, identifiable
+from fenics_joints.case.contact_laws import ContactSection
+from fenics_joints.case.harmonic import identifiable
 from fenics_joints.case.messages import did_you_mean, indexed, refused, said, unknown
 from fenics_joints.files import is_file, shown_path
 from fenics_joints.units import to_si
@@ -63,14 +64,19 @@ def _check_nonlinear(case: Case, name: str, section) -> list[str]:
         if section.needs_modulus():
             what = "stress = 'shear' and an elastic modulus"
             return [f"{key}: expected {what}, since a contact has no moduli of its own"]
-        if not isinstance(section, CoulombSection) and section.thickness is None:
+        if isinstance(section, ContactSection):
+            if section.presses and section.gap > 0 and case.bolts:
+                expected = "expected none: the bolts' preload says it"
+                return [said(f"{key}.gap", section.gap, expected)]
+            return []
+        if section.thickness is None:
             return [f"{key}.thickness: expected that of the layer whose strain is slip / thickness"]
         return []
     if name not in case.joints:
         known = did_you_mean(name, [*case.joints, *case.contacts])
         return [f"{key}: no joint or contact has that name{known}"]
-    if isinstance(section, CoulombSection):
-        return [said(f"{key}.law", "coulomb", "expected a contact of that name, not a layer")]
+    if isinstance(section, ContactSection):
+        return [said(f"{key}.law", section.law, "expected a contact of that name, not a layer")]
     if case.joints[name].law == "transition":
         return [f"{key}: joints.{name} has law = 'transition', expected a layer with E and G"]
     return []

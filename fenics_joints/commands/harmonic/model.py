@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload, build_structure
 from fenics_joints.case.checks.beams import refuse_beams
-from fenics_joints.case.harmonic import CoulombSection
+from fenics_joints.case.contact_laws import ContactSection
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces import (
     FullModel,
@@ -20,9 +20,9 @@ from fenics_joints.interfaces import (
 )
 from fenics_joints.interfaces.full import full_layers
 from fenics_joints.interfaces.loading import loading_shapes
-from fenics_joints.joint_laws import CoulombStick, JointLaw
+from fenics_joints.joint_laws import JointLaw
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.preload import ContactState, LinearJoint, PreloadSolver
+from fenics_joints.preload import LinearJoint, PreloadSolver
 from fenics_joints.progress import Progress
 from fenics_joints.structure.structure import Structure
 
@@ -190,11 +190,8 @@ def _with_contacts(case: Case, comm, progress: Progress):
     for name, section in case.nonlinear.items():
         if name not in case.contacts:
             continue
-        if isinstance(section, CoulombSection):
-            pressure = _pressure(states[name], section) if name in states else 0.0
-            laws[name] = CoulombStick(
-                section.normal_stiffness, section.tangential_stiffness, section.friction, pressure
-            )
+        if isinstance(section, ContactSection):
+            laws[name] = section.contact_law(states.get(name))
         else:
             laws[name] = section.make(None, None, 1.0)
     joint = LinearJoint(preload)
@@ -211,8 +208,3 @@ def _with_contacts(case: Case, comm, progress: Progress):
     modes = solve_modes(model, n_modes=min(h.modes, model.n_dofs))
     return model, preload.jumps.n, modes, None
 
-
-def _pressure(state: ContactState, section: CoulombSection) -> np.ndarray:
-    """Pressure of every pair, Pa, (P, 1); where one is open, what would close it, negative."""
-    gap = np.maximum(state.gap, 0.0)
-    return np.where(gap > 0, -section.normal_stiffness * gap, state.pressure)[:, None]
