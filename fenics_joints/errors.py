@@ -7,9 +7,10 @@ type that it is. Texts, None, truth values, NaN and infinities are no numbers.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from numbers import Integral, Real
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +18,8 @@ from numpy.typing import ArrayLike
 from fenics_joints.formatting import printable
 
 __all__ = [
-    "MOST", "MOST_OF", "ConvergenceError", "InputError", "JointsError", "MeshError", "capable",
+    "MOST", "MOST_OF", "ConvergenceError", "InputError", "JointsError", "MeshError", "Problems",
+    "capable",
     "direction", "flag", "items", "located", "mapping", "measured", "member", "real", "reals",
     "shown", "text", "wanted", "whole",
 ]  # fmt: skip
@@ -26,6 +28,12 @@ __all__ = [
 MOST = 1e100
 #: No count is larger: it would not fit the index of an array.
 MOST_OF = 2**31 - 1
+#: Errors of one file that are shown; of more their number is.
+_SHOWN = 10
+#: Places in it that have one and the same error, of which so many are named.
+_PLACES = 4
+
+T = TypeVar("T")
 
 
 class JointsError(Exception):
@@ -68,6 +76,66 @@ def located(where: object) -> Iterator[None]:
         yield
     except InputError as error:
         raise type(error)(f"{where}: {error}") from error
+
+
+class Problems:
+    """Errors of steps that do not need one another, so that all are said and not the first.
+
+    Args:
+        where: What they all are in, such as a file: said once, and not with each. Without it they
+            are of several files.
+    """
+
+    def __init__(self, where: object = ""):
+        self._where, self._found = str(where), []
+
+    def tried(self, step: Callable[[], T]) -> T | None:
+        """What a step returns; None if it fails, and its error is kept."""
+        try:
+            return step()
+        except InputError as error:
+            self.add(error)
+            return None
+
+    def add(self, error: InputError) -> None:
+        """Keep an error; of a list of several files those of each."""
+        self._found += getattr(error, "of_files", ()) or [error]
+
+    def __bool__(self) -> bool:
+        return bool(self._found)
+
+    def check(self) -> None:
+        """Raise what was found, ten of them at most and how many more there are.
+
+        Raises:
+            InputError: The error, or a list of several; a MeshError if they all are.
+        """
+        if not self._found:
+            return
+        if len(self._found) == 1:
+            raise self._found[0]
+        texts = list(dict.fromkeys(str(error) for error in self._found))
+        head = f"{len(texts)} errors in the files:"
+        if self._where:
+            head, texts = f"{self._where}: {len(texts)} errors:", self._alike(texts)
+        lines = [text.replace("\n", "\n  ") for text in texts]
+        kind = MeshError if all(isinstance(e, MeshError) for e in self._found) else InputError
+        several = kind("\n  ".join([head, *lines]))
+        several.of_files = () if self._where else tuple(self._found)
+        raise several
+
+    def _alike(self, texts: list[str]) -> list[str]:
+        """Errors in one file, those that say the same of several places in one line."""
+        places: dict[str, list[str]] = {}
+        for text in texts:
+            place, colon, said = text.removeprefix(f"{self._where}: ").partition(": ")
+            places.setdefault(said if colon else place, []).extend([place] if colon else [])
+        lines = []
+        for said, named in places.items():
+            more = f" and {len(named) - _PLACES} more" if len(named) > _PLACES else ""
+            lines.append(": ".join([*[f"{', '.join(named[:_PLACES])}{more}"][: len(named)], said]))
+        left = len(lines) - _SHOWN
+        return [*lines[:_SHOWN], f"and {left} more"] if left > 0 else lines
 
 
 def shown(value: object) -> str:

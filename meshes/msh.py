@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.errors import MeshError, located
+from fenics_joints.errors import MeshError, Problems, located
 from fenics_joints.files import is_file
 from fenics_joints.meshes.arguments import is_positive, requirement
 from fenics_joints.meshes.check import check_mesh
@@ -101,11 +101,18 @@ def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
     """The whole mesh of a file, on one rank; raises as `read_msh`."""
     _check_header(path)
     with _opened(path) as model:
-        cell_groups = _groups(path, model, gdim)
-        facet_groups = _groups(path, model, gdim - 1)
-        _check_ungrouped(path, model, gdim, cell_groups)
-        cell, cells, cell_values = _elements(path, model, gdim, cell_groups, _CELLS)
-        _, facets, facet_values = _elements(path, model, gdim - 1, facet_groups, _FACETS)
+        problems = Problems(path)
+        cell_groups = _groups(path, model, gdim, problems)
+        facet_groups = _groups(path, model, gdim - 1, problems)
+        problems.tried(lambda: _check_ungrouped(path, model, gdim, cell_groups))
+        found = [
+            problems.tried(lambda d=dim, g=groups, s=shapes: _elements(path, model, d, g, s))
+            for dim, groups, shapes in (
+                (gdim, cell_groups, _CELLS), (gdim - 1, facet_groups, _FACETS)
+            )
+        ]  # fmt: skip
+        problems.check()
+        (cell, cells, cell_values), (_, facets, facet_values) = found
         tags, x, _ = model.mesh.getNodes()
     nodes = np.unique(cells)
     order = np.argsort(tags)
@@ -150,21 +157,22 @@ def _opened(path: Path) -> Iterator:
         yield model
 
 
-def _groups(path: Path, model, dim: int) -> dict[int, tuple[str, list[int]]]:
+def _groups(path: Path, model, dim: int, problems: Problems) -> dict[int, tuple[str, list[int]]]:
     """Name and entities of each physical group that has any, by the group's number."""
     groups: dict[int, tuple[str, list[int]]] = {}
     group_of: dict[int, str] = {}
     for _, tag in model.getPhysicalGroups(dim):
         name = model.getPhysicalName(dim, tag)
         if not name:
-            raise MeshError(f"{path}: {_KINDS[dim]} group {tag} has no name, expected one")
-        if name in (other for other, _ in groups.values()):
-            raise MeshError(f"{path}: two {_KINDS[dim]} groups are named {name!r}, expected one")
+            problems.add(MeshError(f"{path}: {_KINDS[dim]} group {tag} has no name, expected one"))
+        elif name in (other for other, _ in groups.values()):
+            what = f"two {_KINDS[dim]} groups are named {name!r}"
+            problems.add(MeshError(f"{path}: {what}, expected one"))
         entities = [abs(entity) for entity in model.getEntitiesForPhysicalGroup(dim, tag)]
         for entity in entities:
             if group_of.setdefault(entity, name) != name:
-                both = f"{group_of[entity]!r} and {name!r}"
-                raise MeshError(f"{path}: {_KINDS[dim]} {entity} is in {both}, expected one group")
+                what = f"{_KINDS[dim]} {entity} is in {group_of[entity]!r} and {name!r}"
+                problems.add(MeshError(f"{path}: {what}, expected one group"))
         groups[tag] = (name, entities)
     return groups
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError, items, measured, real, reals, wanted
+from fenics_joints.errors import InputError, Problems, items, measured, real, reals, wanted
 from fenics_joints.measurements.tables import LISTED, Table, read_table
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import factor_to_si
@@ -26,6 +26,8 @@ _DAMPING_NOISE = 0.1
 _ONE_CONDITION = 1e-6
 #: More columns of frequencies and conditions than any test has: such a table is of something else.
 _MODES, _CONDITIONS = 1000, 10_000
+#: Wrong cells that a message names.
+_CELLS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,18 +270,29 @@ def read_test_data(
     measured = [name for name in table.names if name not in (condition, *beside)]
     modes = list(measured if modes is None else modes)
     _check_size(table, modes, condition)
-    f = np.column_stack([_frequencies(table, name, condition) for name in modes])
+    problems, files = Problems(table.path), Problems()
+    columns = [
+        problems.tried(lambda name=name: _frequencies(table, name, condition)) for name in modes
+    ]
     left = [name for name in measured if name not in set(modes)]
     if left:
-        raise InputError(
+        problems.add(InputError(
             f"{table.path}: has columns {', '.join(map(repr, left[:LISTED]))}, which are no "
             f"modes; expected {len(modes)} columns of frequencies: {', '.join(modes[:LISTED])}"
+        ))  # fmt: skip
+    if not problems:
+        f = np.column_stack(columns)
+        problems.tried(lambda: _check_values(table, modes, f > 0, "a frequency above 0 Hz"))
+        problems.tried(
+            lambda: _check_measured(table, condition, conditions, modes, np.isfinite(f))
         )
-    _check_values(table, modes, f > 0, "a frequency above 0 Hz")
-    _check_measured(table, condition, conditions, modes, np.isfinite(f))
-    ratios = None if damping is None else _damping(damping, condition, unit, conditions, modes)
+    ratios = None
     if beside:
-        ratios = _damping_beside(table, beside, modes, damping)
+        ratios = problems.tried(lambda: _damping_beside(table, beside, modes, damping))
+    files.tried(problems.check)
+    if damping is not None and not beside:
+        ratios = files.tried(lambda: _damping(damping, condition, unit, conditions, modes))
+    files.check()
     order = np.argsort(conditions)
     return TestData(
         conditions[order], f[order], tuple(modes), condition or "row", unit,
@@ -388,28 +401,29 @@ def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
 
 def _check_measured(table: Table, condition, conditions, modes, there: np.ndarray) -> None:
     """A row or a column without any frequency says nothing, and is likely to be a slip."""
+    problems = Problems(table.path)
     for i in np.flatnonzero(~there.any(axis=1)):
         where = f" ({condition} = {conditions[i]:g})" if condition is not None else ""
-        raise InputError(
+        problems.add(InputError(
             f"{table.path}: data row {i + 1}{where} has no frequency, expected one or more, or no "
             "such row"
-        )
+        ))  # fmt: skip
     for j in np.flatnonzero(~there.any(axis=0)):
-        raise InputError(
+        problems.add(InputError(
             f"{table.path}: column {modes[j]!r} has no frequency, expected one or more, or no such "
             "column"
-        )
+        ))  # fmt: skip
+    problems.check()
 
 
 def _check_values(table: Table, modes, good: np.ndarray, expected: str) -> None:
     columns = np.column_stack([table.column(name) for name in modes])
     bad = np.argwhere(~good & ~np.isnan(columns))
     if len(bad):
-        i, j = bad[0]
-        raise InputError(
-            f"{table.path}: data row {i + 1}, column {modes[j]!r} = {columns[i, j]:g}, "
-            f"expected {expected}"
-        )
+        items = [f"data row {i + 1}, column {modes[j]!r} = {columns[i, j]:g}"
+                 for i, j in bad[:_CELLS]]  # fmt: skip
+        more = f" and {len(bad) - _CELLS} more" if len(bad) > _CELLS else ""
+        raise InputError(f"{table.path}: {'; '.join(items)}{more}, expected {expected}")
 
 
 def _damping(path, condition, unit, conditions, modes) -> np.ndarray:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError, located
+from fenics_joints.errors import InputError, Problems, located
 from fenics_joints.files import path_of, read_text, read_toml
 from fenics_joints.formatting import control_character
 from fenics_joints.units import factor_to_si
@@ -24,7 +24,7 @@ _COMMA = re.compile(r"^([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)$")
 #: A number that a comma of thousands may have, too.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 #: How many wrong cells, or rows, a message names.
-_NAMED = 6
+_NAMED = 10
 #: How many columns a message names.
 LISTED = 30
 
@@ -102,23 +102,29 @@ def read_table(path: str | Path) -> Table:
         InputError: Names the file, the row (the line, for CSV), the column and what was expected.
     """
     path = path_of(path)
-    heads, rows, notes = (_toml_rows if path.suffix == ".toml" else _csv_rows)(path)
+    problems = Problems(path)
+    if path.suffix == ".toml":
+        heads, rows, notes = _toml_rows(path)
+    else:
+        heads, rows, notes = _csv_rows(path, problems)
     split = [column_head(head) for head in heads]
     names = tuple(name for name, _ in split)
-    hidden = next((head for head in heads if control_character(head)), None)
-    if hidden is not None:
-        raise InputError(
+    for hidden in (head for head in heads if control_character(head)):
+        problems.add(InputError(
             f"{path}: the head {hidden[:40]!r} has the control character "
             f"{control_character(hidden)}; expected text that can be printed"
-        )
-    bad = [name for name, count in Counter(names).items() if not name or count > 1]
-    if bad:
-        raise InputError(f"{path}: column name {bad[0]!r}, expected a name for each, used once")
-    return Table(path, names, tuple(unit for _, unit in split), _numbers(path, heads, rows), notes)
+        ))  # fmt: skip
+    for name, count in Counter(names).items():
+        if not name or count > 1:
+            what = f"column name {name!r}, expected a name for each, used once"
+            problems.add(InputError(f"{path}: {what}"))
+    values = problems.tried(lambda: _numbers(path, heads, rows))
+    problems.check()
+    return Table(path, names, tuple(unit for _, unit in split), values, notes)
 
 
-def _csv_rows(path: Path):
-    """Heads, and (line number, cells) of each row."""
+def _csv_rows(path: Path, problems: Problems):
+    """Heads, (line number, cells) of each row that has as many, and notes."""
     lines = read_text(path, "measured data in CSV or TOML").splitlines()
     kept = [(i, s) for i, s in enumerate(lines, 1) if s.strip() and not s.lstrip().startswith("#")]
     if len(kept) < 2:
@@ -130,11 +136,14 @@ def _csv_rows(path: Path):
              in zip(kept[1:], cells[1:], strict=True) if len(row) != len(heads)]  # fmt: skip
     if wrong:
         more = f" and {len(wrong) - _NAMED} more" if len(wrong) > _NAMED else ""
-        raise InputError(
+        problems.add(InputError(
             f"{path}: {'; '.join(wrong[:_NAMED])}{more}, expected {len(heads)} as in the head"
-        )
-    rows, notes = (cells[1:], ()) if comma == "," else _with_points(path, cells[1:])
-    return heads, [(line, row) for (line, _), row in zip(kept[1:], rows, strict=True)], notes
+        ))  # fmt: skip
+    whole = [(line, row) for (line, _), row in zip(kept[1:], cells[1:], strict=True)
+             if len(row) == len(heads)]  # fmt: skip
+    rows = [row for _, row in whole]
+    rows, notes = (rows, ()) if comma == "," else _with_points(path, rows)
+    return heads, [(line, row) for (line, _), row in zip(whole, rows, strict=True)], notes
 
 
 def _cells(path: Path, line: int, text: str, comma: str) -> list[str]:

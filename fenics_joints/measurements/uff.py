@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError, located
+from fenics_joints.errors import InputError, Problems, located
 from fenics_joints.measurements.records import (
     CoherenceRecord,
     Contents,
@@ -73,23 +73,26 @@ def read_uff(path: Path, said: Said) -> Contents:
         InputError: If pyuff is missing, or for what is wrong in the file; names the file, the
             dataset by its place (from 1) and type, and what was expected.
     """
-    sets = read_sets(path, (58, *GEOMETRY))
-    length, force = units_of(sets, said)
-    contents = Contents()
-    axes = axes_of(sets)
-    for where, data in sets:
-        if data["type"] in (15, 2411):
-            add_nodes(contents, where, data, length, axes)
+    problems, contents = Problems(path), Contents()
+    sets = read_sets(path, (58, *GEOMETRY), problems)
+    units = length, force = problems.tried(lambda: units_of(sets, said)) or (1.0, 1.0)
+    axes = problems.tried(lambda: axes_of(sets)) or {}
     other: Counter[str] = Counter()
     for where, data in sets:
+        if data["type"] in (15, 2411):
+            problems.tried(lambda w=where, d=data: add_nodes(contents, w, d, length, axes))
         if data["type"] != 58:
             continue
         if data["func_type"] == _FRF:
-            contents.functions.append(_function(where, data, (length, force), said))
+            one = problems.tried(lambda w=where, d=data: _function(w, d, units, said))
+            contents.functions.append(one)
         elif data["func_type"] in (_COHERENCE, _MULTIPLE):
-            contents.coherences.append(_coherence(where, data))
+            contents.coherences.append(
+                problems.tried(lambda w=where, d=data: _coherence(w, d))
+            )
         else:
             other[word(_TYPES, data["func_type"])] += 1
+    problems.check()
     left = ", ".join(f"{n} of type {kind}" for kind, n in other.items())
     if left and not contents.functions:
         raise InputError(

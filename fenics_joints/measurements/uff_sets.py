@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, Problems
 from fenics_joints.measurements.records import Contents, Node, Said
 from fenics_joints.response.units import length_factor
 
@@ -27,10 +27,18 @@ GEOMETRY = (15, 18, 164, 2411, 2420)
 FORMS = {2: "real single", 4: "real double", 5: "complex single", 6: "complex double"}
 
 
-def read_sets(path: Path, kinds: Collection[int]) -> list[Dataset]:
+def read_sets(
+    path: Path, kinds: Collection[int], problems: Problems | None = None
+) -> list[Dataset]:
     """(place, content) of each dataset of these types.
 
     Of a dataset 55 the content is its ``lines``: pyuff does not read all that labs write.
+
+    Args:
+        path: The file.
+        kinds: The types.
+        problems: Takes the errors of single datasets, so that the caller finds those of the others
+            too; without it they are raised.
 
     Raises:
         InputError: If pyuff is missing, or a dataset cannot be read; names the file, the dataset
@@ -53,14 +61,20 @@ def read_sets(path: Path, kinds: Collection[int]) -> list[Dataset]:
     if not types:
         raise InputError(f"{path}: holds no dataset; expected blocks between lines of '    -1'")
     sets, shapes = [], iter(_blocks(path, 55) if 55 in kinds else [])
+    found = Problems(path) if problems is None else problems
     for i, kind in enumerate(types):
         where = f"{path}: dataset {i + 1} (type {kind or 'unknown'})"
         if not kind:
-            raise InputError(f"{where}: has no type; expected its number after the line '    -1'")
-        if kind == 55 and kind in kinds:
+            expected = "expected its number after the line '    -1'"
+            found.add(InputError(f"{where}: has no type; {expected}"))
+        elif kind == 55 and kind in kinds:
             sets.append((where, {"type": 55, "lines": next(shapes, [])}))
         elif kind in kinds:
-            sets.append((where, _read_set(file, i, kind, where)))
+            read = found.tried(lambda i=i, kind=kind, at=where: _read_set(file, i, kind, at))
+            if read is not None:
+                sets.append((where, read))
+    if problems is None:
+        found.check()
     return sets
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, Problems
 from fenics_joints.measurements.records import Contents, Said
 from fenics_joints.measurements.uff_sets import (
     GEOMETRY,
@@ -92,23 +92,28 @@ def read_uff_shapes(paths: Sequence[Path], said: Said) -> ShapeContents:
         InputError: If pyuff is missing, or for what is wrong in a file; names the file, the
             dataset and what was expected.
     """
-    sets = [found for path in paths for found in read_sets(path, (55, 82, *GEOMETRY))]
-    found = ShapeContents()
-    length, _ = units_of(sets, said)
-    axes = axes_of(sets)
+    problems = Problems(paths[0] if len(paths) == 1 else "")
+    sets = [
+        one for path in paths
+        for one in problems.tried(
+            lambda path=path: read_sets(path, (55, 82, *GEOMETRY), problems)
+        ) or ()
+    ]  # fmt: skip
+    found, others = ShapeContents(), []
+    length, _ = problems.tried(lambda: units_of(sets, said)) or (1.0, 1.0)
+    axes = problems.tried(lambda: axes_of(sets)) or {}
     for where, data in sets:
         if data["type"] in (15, 2411):
-            add_nodes(found.places, where, data, length, axes)
+            problems.tried(lambda w=where, d=data: add_nodes(found.places, w, d, length, axes))
         elif data["type"] == 82:
             found.lines += _lines(data)
-    others = []
-    for where, data in sets:
-        if data["type"] == 55:
-            record = _shape(where, data["lines"])
+        elif data["type"] == 55:
+            record = problems.tried(lambda w=where, d=data: _shape(w, d["lines"]))
             if isinstance(record, ShapeRecord):
                 found.shapes.append(record)
-            else:
+            elif record is not None:
                 others.append(record)
+    problems.check()
     if not found.shapes:
         _refuse_none(paths, sets, others)
     found.notes += [f"{text}, left out" for text in others]

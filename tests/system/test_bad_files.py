@@ -37,7 +37,7 @@ def plates(occ, unit=1.0):
         occ.addBox(*(unit * v for v in (x, 0, z, 100, 60, 10)))
 
 
-def msh(path, scale=1.0, mirrored=False):
+def msh(path, scale=1.0, mirrored=False, order=1):
     """The same with gmsh's groups, in the drawing's numbers times a scale."""
     import gmsh
 
@@ -51,6 +51,7 @@ def msh(path, scale=1.0, mirrored=False):
         gmsh.model.addPhysicalGroup(3, [tag], name=name)
     gmsh.option.setNumber("Mesh.MeshSizeMax", 40 * scale)
     gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(order)
     if mirrored:
         gmsh.model.mesh.affineTransform([-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0])
     gmsh.write(str(path))
@@ -189,3 +190,43 @@ def test_several_bad_files(tmp_path, good):
     with pytest.raises(InputError, match=r"(?s)x.csv: no such file.*y.csv: no such file"):
         source = Source(step=files["step"])
         run_new(tmp_path / "new", source, missing, silent, Progress(silent=True))
+
+
+def several_in(folder, kind):
+    """A file with mistakes that do not need one another, and what each is said to be."""
+    path = folder / f"several.{kind}"
+    if kind == "uff":
+        modes = [mode_55(k, hz, dict.fromkeys(range(1, 7), (0, 0, 1.0)))
+                 for k, hz in ((1, 60), (2, -5), (3, 80))]  # fmt: skip
+        modes[2] = modes[2].replace("\n         6\n", "\n         5\n")
+        uff(path)
+        text(path, path.read_text(encoding="utf-8").partition("    55")[0][:-7] + "".join(modes))
+        return path, ["dataset 4 (type 55): frequency -5", "dataset 5 (type 55): node 5 is there"]
+    if kind == "csv":
+        rows = [f"{10 * i},x{i},30" for i in range(1, 14)]
+        text(path, "\n".join(["a [Hz],b [Hz],a [Hz]", *rows, "1,2", "1"]) + "\n")
+        return path, ["column name 'a'", "row 15 has 2 cells; row 16 has 1 cells, expected 3",
+                      "row 2, column 'b [Hz]' = 'x1'", "= 'x10' and 3 more"]  # fmt: skip
+    msh(path, order=2)
+    content = path.read_text(encoding="utf-8").replace('"lower-alu"', '"upper-alu"')
+    text(path, content)
+    return path, ["groups are named 'upper-alu'", "has elements of order 2"]
+
+
+@pytest.mark.parametrize("kind", ["uff", "csv", "msh"])
+def test_all_that_is_wrong_in_one_file(tmp_path, good, kind):
+    """Its name once, and a line for each mistake, by new and by check."""
+    folder, files = good
+    bad, wanted = several_in(tmp_path, kind)
+    with pytest.raises(InputError) as refused:
+        run_new(tmp_path / "new", *sources(files, kind, bad), silent, Progress(silent=True))
+    said = str(refused.value)
+    assert re.search(r"several\.\w+: \d errors:", said) and said.count("several.") == 1
+    assert all(any(words in line for line in said.splitlines()[1:]) for words in wanted), said
+    own = folder / f"own_{kind}.{kind}"
+    shutil.copy(bad, own)
+    try:
+        found = check_case(folder / kind, MPI.COMM_SELF, Progress(silent=True))
+    finally:
+        shutil.copy(files[kind], own)
+    assert all(words in "\n".join(found.errors) for words in wanted), found.errors

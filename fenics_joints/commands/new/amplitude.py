@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.commands.new.gather import Problems
 from fenics_joints.commands.new.sketch import Ask, toml
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, Problems
 from fenics_joints.measurements import MeasuredBackbone, read_amplitude, read_table
 from fenics_joints.measurements.amplitude.tables import history_of, is_history
 from fenics_joints.measurements.files import UFF_SUFFIXES, reader_of

@@ -23,12 +23,11 @@ from fenics_joints.commands.new.extents import (
     extents_of_step,
     likely_unit,
 )
-from fenics_joints.commands.new.gather import Problems
 from fenics_joints.commands.new.meshed import builder_sketch, msh_sketches
 from fenics_joints.commands.new.sketch import MATERIALS, Ask, Sketch, TestSketch, text_of
 from fenics_joints.commands.new.step import step_sketches
 from fenics_joints.commands.new.tests import TestFiles, test_sketch
-from fenics_joints.errors import InputError, member
+from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.files import is_file, shown_path, writable_folder, write_text
 from fenics_joints.meshes.cad_survey import StepSurvey, survey_step
 from fenics_joints.progress import Progress

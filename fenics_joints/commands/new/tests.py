@@ -10,9 +10,8 @@ import numpy as np
 
 from fenics_joints.commands.new.amplitude import amplitude_sketch, check_any
 from fenics_joints.commands.new.extents import UNITS, likely_unit
-from fenics_joints.commands.new.gather import Problems
 from fenics_joints.commands.new.sketch import Ask, TestSketch, toml
-from fenics_joints.errors import InputError, member
+from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.measurements import read_frfs, read_shapes, read_table
 from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import Table
