@@ -13,13 +13,17 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
 __all__ = [
-    "VISIBLE", "Gap", "Pairing", "TooFewModes", "check_sight", "mac", "pair_modes", "rms",
+    "ALIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight", "likeness",
+    "mac", "pair_modes", "rms",
 ]  # fmt: skip
 
 
 #: MAC below which two shapes have so little in common that order tells more; and how much MAC a
 #: place in the order is worth then.
-_ALIKE, _PLACE = 0.3, 0.2
+ALIKE, _PLACE = 0.3, 0.2
+#: How much MAC a factor of e in frequency is worth, from that of the mode of the same place in the
+#: order: at few sensors a mode of thirty times the frequency may look the same.
+_FAR = 0.1
 #: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen.
 VISIBLE = 0.3
 
@@ -115,9 +119,10 @@ def pair_modes(
 
     Without sensors all elastic modes count as seen and are taken in order. With sensors only the
     modes that move where and as they measure are candidates. With reference shapes (measured, or a
-    near model's paired shapes) candidates are matched by MAC: modes that cross are followed. Test
-    modes that are like none, as where a joint has changed much, go by their order among what is
-    left: the best of poor matches may be a mode of several times the frequency.
+    near model's paired shapes) candidates are matched by MAC: modes that cross are followed, and of
+    those that look alike at the sensors the one whose frequency is nearer to that of its place in
+    the order counts. Test modes that are like none, as where a joint has changed much, go by their
+    order among what is left: the best of poor matches may be a mode of several times the frequency.
 
     Args:
         modes: The model's modes.
@@ -144,7 +149,7 @@ def pair_modes(
     if reference is None:
         return Pairing(visible[:n_test], visible, shapes[:, :n_test])
     match = mac(reference, shapes)
-    columns = _by_order_where_unlike(match, linear_sum_assignment(-match)[1])
+    columns = assigned(match, modes.frequencies_hz[visible])
     crossing = tuple(
         (i, i + 1) for i in range(n_test - 1) if columns[i] > columns[i + 1]
     )
@@ -152,9 +157,32 @@ def pair_modes(
     return Pairing(visible[columns], visible, shapes[:, columns], agreement, crossing)
 
 
+def likeness(match: np.ndarray, frequencies: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """MAC, less what candidates are far in frequency from the mode of the same place in the order.
+
+    Args:
+        match: MAC of test modes with candidates, shape (..., m, n).
+        frequencies: Of the candidates, in any unit, (..., n).
+        places: Those of the candidates that each test mode would be by order alone, (..., m).
+    """
+    log_f, at = (np.log(np.maximum(f, np.finfo(float).tiny)) for f in (frequencies, places))
+    return match - _FAR * np.abs(log_f[..., None, :] - at[..., :, None])
+
+
+def assigned(match: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """Column of each row of MAC values, (m,): the most alike, by order where none is like.
+
+    Args:
+        match: MAC of test modes with candidates, shape (m, n).
+        frequencies: Of the candidates, ascending, (n,).
+    """
+    alike = likeness(match, frequencies, frequencies[: len(match)])
+    return _by_order_where_unlike(match, linear_sum_assignment(-alike)[1])
+
+
 def _by_order_where_unlike(match: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Columns of an assignment, those of poor matches chosen anew by order and MAC together."""
-    unlike = match[np.arange(len(columns)), columns] < _ALIKE
+    unlike = match[np.arange(len(columns)), columns] < ALIKE
     if not unlike.any():
         return columns
     free = np.setdiff1d(np.arange(match.shape[1]), columns[~unlike])

@@ -127,6 +127,11 @@ class EigenSolver:
         """The SLEPc solver (None before the first solve); ``.solver.getST().getKSP()`` solves."""
         return self._eps
 
+    @property
+    def shifted(self) -> PETSc.Mat | None:
+        """``A = K - shift M`` of the last solution, the solver's own; None before the first."""
+        return self._shifted
+
     def solve(
         self, K: PETSc.Mat, M: PETSc.Mat, initial: Sequence[PETSc.Vec] | None = None
     ) -> EigenResult:

@@ -10,10 +10,9 @@ from collections.abc import Mapping, Sequence
 from operator import itemgetter
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import mac
+from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod
@@ -158,8 +157,8 @@ class LeanForward(Forward):
     def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
         """Index of the model's mode of each of the test's, (b, m), and whether there are enough.
 
-        As `measurements.gap.pair_modes`. If each test mode is most like another model mode, these
-        are the assignment; only the rest needs an assignment problem.
+        As `measurements.gap.pair_modes`. If each test mode is most like another model mode, and
+        like it at all, these are the assignment; only the rest needs an assignment problem.
         """
         b, m = len(eigenvalues), self.n_test
         rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * self.model.scale_hz) ** 2
@@ -176,11 +175,17 @@ class LeanForward(Forward):
                 index[i] = np.flatnonzero(seen[i])[:m]
             return index, good
         flat = mac(self.reference, np.concatenate(shapes, axis=1))
-        match = np.where(seen[:, None, :], flat.reshape(m, b, -1).transpose(1, 0, 2), -1.0)
-        index = np.argmax(match, axis=2)
+        match = flat.reshape(m, b, -1).transpose(1, 0, 2)
+        first = np.argsort(~seen, axis=1, kind="stable")[:, :m]
+        f = np.sqrt(np.maximum(eigenvalues, 0.0))
+        alike = likeness(match, f, np.take_along_axis(f, first, axis=1))
+        index = np.argmax(np.where(seen[:, None, :], alike, -np.inf), axis=2)
         ordered = np.sort(index, axis=1)
-        for i in np.flatnonzero(good & np.any(ordered[:, 1:] == ordered[:, :-1], axis=1)):
-            index[i] = linear_sum_assignment(-match[i])[1]
+        best = np.take_along_axis(match, index[:, :, None], axis=2)
+        hard = np.any(ordered[:, 1:] == ordered[:, :-1], axis=1) | np.any(best < ALIKE, axis=(1, 2))
+        for i in np.flatnonzero(good & hard):
+            own = np.flatnonzero(seen[i])
+            index[i] = own[assigned(match[i][:, own], f[i][own])]
         return index, good
 
 

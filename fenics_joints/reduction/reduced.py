@@ -19,15 +19,11 @@ from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.projection import Projection
-from fenics_joints.reduction.snapshots import (
-    SNAPSHOT,
-    Snapshots,
-    orthonormal,
-)
+from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
 from fenics_joints.structure import Region, Sensors, Structure
 from fenics_joints.structure.rows import PlaceRows
 
-__all__ = ["ReducedStructure", "enrich", "reduce"]
+__all__ = ["ReducedStructure", "reduce"]
 
 
 class ReducedStructure(ArrayModel):
@@ -206,23 +202,3 @@ def reduce(
         if progress:
             progress()
     return ReducedStructure(structure, snapshots.basis(tolerance), travel)
-
-
-def enrich(
-    structure: Structure,
-    basis: list[PETSc.Vec],
-    shapes: list[PETSc.Vec],
-    travel: Mapping[str, tuple[float, float]] | None = None,
-    tolerance: float = 1e-8,
-) -> ReducedStructure:
-    """A reduced model on a basis with further shapes of the full one in it.
-
-    Args:
-        structure: The full model.
-        basis: The basis so far.
-        shapes: Shapes to add.
-        travel: Ranges of moving masses, see `ReducedStructure`.
-        tolerance: As in `reduce`.
-    """
-    joined = orthonormal(structure, [*basis, *shapes], None, tolerance)
-    return ReducedStructure(structure, joined, travel)

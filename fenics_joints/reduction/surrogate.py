@@ -11,21 +11,26 @@ from petsc4py import PETSc
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.files import write_arrays
-from fenics_joints.modal.modes import Modes
+from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.files import read_array_model, write_array_model
-from fenics_joints.reduction.reduced import ReducedStructure, enrich, reduce
+from fenics_joints.reduction.reduced import ReducedStructure, reduce
+from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.seen import SeenModes
+from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.sparse import vectors_like
 
 __all__ = ["Surrogate"]
 
-#: Share of the largest energy below which a direction is left out of the basis.
-_BASIS = 1e-6
+#: Share of a mode's energy at a sample that the basis may lack: 1e-4 of its frequency, well below
+#: what tests can see.
+_LACKING = 2e-4
+#: Share of the largest energy below which a combination of the basis's vectors is round-off.
+_DEPENDENT = 1e-13
 
 
 class Surrogate(SeenModes):
@@ -60,10 +65,10 @@ class Surrogate(SeenModes):
         self.n_samples, self.keep = len(self.samples), keep and keep(self.samples)
         self.progress.step("reduced model: sampling the parameters", self.n_samples)
         super().__init__(full, start, **given)
-        self._reduced: ReducedStructure | None = None
+        self._basis: list[PETSc.Vec] | None = None
         keep = self.keep
         kept = keep is not None and full.comm.bcast(keep.is_file() if full.comm.rank == 0 else None)
-        model = read_array_model(keep) if kept else self._reduce().arrays(sensors=self.sensors)
+        model = read_array_model(keep) if kept else self._reduce()
         if keep is not None and not kept:
             self._write(model)
         self.forward = self._forward(model)
@@ -88,12 +93,14 @@ class Surrogate(SeenModes):
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis."""
         solved = [self.solve(values) for values in points]
-        shapes = [m.vector(int(i)) for m in solved for i in self._in_basis(m)]
-        basis = self._kept_basis() if self._reduced is None else self._reduced.basis
-        if basis is None:
-            basis = self._reduce().basis
-        self._reduced = enrich(self.full, basis, shapes, self.travel)
-        self.forward.model = self._reduced.arrays(sensors=self.sensors)
+        if self._basis is None:
+            self._basis = self._kept_basis()
+        if self._basis is None:
+            self._reduce()
+        sampled = SampledBasis(_LACKING, self._basis)
+        for modes in solved:
+            sampled.add(modes, self._in_basis(modes))
+        self.forward.model = self._on(sampled)
         self.forward.forget()
 
     def facts(self) -> dict[str, object]:
@@ -130,20 +137,30 @@ class Surrogate(SeenModes):
         points = np.repeat(middles[chosen], full.gdim, axis=0)
         return Sensors(points, np.tile(np.eye(full.gdim), (len(chosen), 1)))
 
-    def _reduce(self) -> ReducedStructure:
+    def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""
-        self._reduced = reduce(
-            self.full, self.samples, self.n_modes, travel=self.travel, keep=self._in_basis,
-            tolerance=_BASIS, progress=self.progress.advance,
-        )  # fmt: skip
-        return self._reduced
+        sampled, solver = SampledBasis(_LACKING), None
+        for values in self.samples:
+            modes = solve_modes(
+                self.full, values, n_modes=self.n_modes, solver=solver, tolerance=SNAPSHOT
+            )
+            solver = modes.solver
+            sampled.add(modes, self._in_basis(modes), just_solved=True)
+            self.progress.advance()
+        return self._on(sampled)
+
+    def _on(self, sampled: SampledBasis) -> ArrayModel:
+        """The reduced model on a basis, made orthonormal."""
+        self._basis = orthonormal(self.full, sampled.vectors, self.samples[0], _DEPENDENT)
+        reduced = ReducedStructure(self.full, self._basis, self.travel)
+        return reduced.arrays(sensors=self.sensors)
 
     def _write(self, model: ArrayModel) -> None:
         """Keep the model, and on one rank, whose part of the mesh is the same again, its basis."""
         comm = self.full.comm
         on_root(comm, lambda: write_array_model(model, self.keep))
         if comm.size == 1:
-            basis = np.array([vector.array_r for vector in self._reduced.basis])
+            basis = np.array([vector.array_r for vector in self._basis])
             write_arrays(self.keep.with_suffix(".npz"), basis=basis)
 
     def _kept_basis(self) -> list[PETSc.Vec] | None:

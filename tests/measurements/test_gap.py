@@ -74,6 +74,20 @@ def test_crossing_modes_are_followed_by_shape_and_not_by_order(strip):
     assert in_plane[1] == pytest.approx(in_plane[0], rel=5e-3)
 
 
+def test_of_modes_that_look_alike_at_few_sensors_the_near_one_counts(strip):
+    """At the middle and the ends many bending modes look alike, and by MAC alone noise decides."""
+    few = Sensors([LINE[0], LINE[4], LINE[8]], [0.0, 0.0, 1.0])
+    modes = solve_modes(strip, n_modes=40)
+    exact = pair_modes(modes, 3, few)
+    noise = np.random.default_rng(3).normal(0.0, 0.05, (20, *exact.shapes.shape))
+    for each in noise:
+        measured = exact.shapes * (1.0 + each)
+        found = mac(measured, modes.at(few)[:, exact.visible])
+        alike = np.sum(found > 0.95, axis=1)
+        assert alike.max() > 1  # or this test says nothing
+        assert pair_modes(modes, 3, few, reference=measured).index.tolist() == exact.index.tolist()
+
+
 def test_too_few_visible_modes_say_what_to_do(strip):
     modes = solve_modes(strip, n_modes=9)
     with pytest.raises(InputError, match=r"n_modes = 9: .* expected at least 6. Compute more"):
