@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -118,6 +119,15 @@ class Case(Section):
         """The folder that the files named in the case stand in."""
         return self._path.parent
 
+    def file(self, name: str) -> Path:
+        """The path of a file that the case names; without ``..`` where that is the same file."""
+        path = self.folder / name
+        short = Path(os.path.normpath(path))
+        try:
+            return short if os.path.samefile(path, short) else path
+        except OSError:
+            return path
+
     def files(self) -> list[Path]:
         """All files that the case is read from, itself the first."""
         return [self._path, *(self.folder / name for name in _file_names(self))]
@@ -216,10 +226,14 @@ class Case(Section):
         """The modes of universal files with their sensors, or None."""
         return self._shapes
 
-    def test_notes(self) -> tuple[str, ...]:
-        """What was left out or is doubtful in the files of the test, in sentences."""
+    def test_notes(self, by_amplitude: bool = True) -> tuple[str, ...]:
+        """What was left out or is doubtful in the files of the test, in sentences.
+
+        Args:
+            by_amplitude: Also in those of modes over their amplitude beside other modes.
+        """
         files = [self._measured, self._validation, self._shapes, self._frfs]
-        if self.test is not None and not self.test.is_by_amplitude:
+        if by_amplitude and self.test is not None and not self.test.is_by_amplitude:
             files += self._backbones.values()
         return tuple(note for data in files if data is not None for note in data.notes)
 

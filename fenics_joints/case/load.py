@@ -135,7 +135,7 @@ def _read_frfs(case: Case) -> list[str]:
         return []
     try:
         frfs = read_frfs(
-            [case.folder / file for file in section.files], kind=section.kind, units=section.units,
+            [case.file(file) for file in section.files], kind=section.kind, units=section.units,
             length_unit=section.length_unit, points=section.points, directions=section.directions,
             keys=section.keys,
         )  # fmt: skip
@@ -172,7 +172,7 @@ def _read_curves(case: Case) -> list[str]:
     if case.harmonic is None or case.harmonic.measured is None:
         return []
     try:
-        curves = read_curves(case.folder / case.harmonic.measured, case.harmonic.response)
+        curves = read_curves(case.file(case.harmonic.measured), case.harmonic.response)
     except InputError as error:
         return [f"harmonic.measured: {error}"]
     case._curves = curves
@@ -223,7 +223,7 @@ def _read_amplitude(case: Case, name: str) -> MeasuredBackbone:
     noise = section.noise or (test.noise[0] if len(test.noise) == 1 else None) or None
     with located(f"test.amplitude.{name}"):
         found = read_amplitude(
-            [case.folder / file for file in section.files], levels=section.levels,
+            [case.file(file) for file in section.files], levels=section.levels,
             band=section.band, sensor=section.sensor, units=section.units, noise=noise,
             damping_noise=section.damping_noise or test.damping_noise,
         )  # fmt: skip
@@ -236,7 +236,7 @@ def _read_amplitude(case: Case, name: str) -> MeasuredBackbone:
 
 
 def _existing(case: Case, key: str, file: str) -> Path:
-    path = case.folder / file
+    path = case.file(file)
     if not is_file(path):
         expected = f"no such file, expected CSV or TOML at {shown_path(path)}"
         raise InputError(said(key, file, expected))

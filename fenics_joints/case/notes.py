@@ -27,7 +27,8 @@ def test_notes(case: Case, model: object) -> tuple[str, ...]:
         case: The case.
         model: The case's model; of one that has no mesh no sensor is moved.
     """
-    notes = [*case.test_notes(), *(f"{OF_MODEL}{note}" for note in case.joint_notes())]
+    own = case.test_notes(by_amplitude=False)
+    notes = [*own, *(f"{OF_MODEL}{note}" for note in case.joint_notes())]
     sensors = case.sensors()
     structure = getattr(model, "structure", model)
     if not isinstance(structure, Structure):

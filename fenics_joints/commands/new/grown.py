@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.commands.new.sketch import (
+    BOLT_FORCE,
     UNBOLTED,
     JointSketch,
     Sketch,
@@ -89,7 +90,7 @@ def _with_rings(sketch: Sketch, found: list[Touch], bolts: list[_Bolt]) -> Sketc
         *_bonded(found, bolts), "",
         "[mesh.bolts]  # a ring of the joint around each bolt",
         *([f"thread = {toml(one.thread.name)}  # ? {one.why}",
-           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? of each bolt, class 8.8']
+           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}']
           if one else []),
         "# Outer radii of the rings, where the pressure ends: a cone from the head.",
         f"r_wai = {toml(radii[0] if len(set(radii)) == 1 else radii)}", "at = [",

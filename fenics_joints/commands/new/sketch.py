@@ -11,11 +11,12 @@ import numpy as np
 from fenics_joints.preload.threads import Thread
 
 __all__ = [
-    "MATERIALS", "UNBOLTED", "Ask", "JointSketch", "Material", "PartSketch", "Sketch", "TestSketch",
-    "ask_materials", "force_of", "material_of", "millimetres", "text_of", "toml",
+    "BOLT_FORCE", "MATERIALS", "UNBOLTED", "Ask", "JointSketch", "Material", "PartSketch",
+    "Sketch", "TestSketch", "ask_materials", "force_of", "material_of", "millimetres", "text_of",
+    "toml",
 ]  # fmt: skip
 
-#: Pressure between faces where no bolt is, Pa.
+#: Pressure between faces where no bolt is, Pa: assumed.
 UNBOLTED = 1e6
 
 
@@ -114,8 +115,11 @@ class Sketch:
 
 
 #: Stress in a bolt of which only the thread is known: 60 % of the proof stress of property class
-#: 8.8 (ISO 898-1: 580 MPa); force of one of which not even that is known, N.
+#: 8.8 (ISO 898-1: 580 MPa). The class and the 60 % are assumed; for joints that are taken apart
+#: again 75 % are recommended (Shigley's Mechanical Engineering Design, 9th ed., eq. 8-31). Force of
+#: one of which not even the thread is known, N: assumed.
 STRESS, FORCE = 0.6 * 580e6, 10e3
+BOLT_FORCE = "of each bolt; assumed: 60 % of the proof stress of class 8.8 (ISO 898-1)"
 
 
 def force_of(thread: Thread | None) -> float:
@@ -153,8 +157,8 @@ def _material_of(part: PartSketch) -> str:
 
 
 def millimetres(value: float, digits: int = 6) -> str:
-    """A length as a case has it."""
-    return f"{1e3 * value:.{digits}g} mm"
+    """A length as a case has it; without the round-off of a drawing program."""
+    return f"{1e3 * round(float(value), 11) + 0.0:.{digits}g} mm"
 
 
 def toml(value: object) -> str:
@@ -204,12 +208,14 @@ def _part(part: PartSketch) -> list[str]:
 def _joint(joint: JointSketch) -> list[str]:
     head = [f"[joints.{joint.name}]  # {joint.words}", f"cells = {toml(joint.cells)}"]
     if joint.thickness is None:
+        why = "assumed" if joint.pressure == UNBOLTED else "by the bolts' assumed forces"
         pressure = [] if joint.pressure is None else [
-            f'pressure = "{1e-6 * joint.pressure:.3g} MPa"  # ? between the faces, mean'
+            f'pressure = "{1e-6 * joint.pressure:.3g} MPa"  # ? between the faces, mean; {why}'
         ]  # fmt: skip
         return [
             *head, 'law = "springs"  # where to start from: rough faces under this pressure',
-            'roughness = "1.6 um"  # ? Ra of the faces, milled', *pressure, "",
+            'roughness = "1.6 um"  # ? Ra; assumed: N7 of ISO 1302, common for machined faces',
+            *pressure, "",
         ]  # fmt: skip
     normal = [float(f"{c:.9f}") + 0.0 for c in joint.normal]
     return [

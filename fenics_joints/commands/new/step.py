@@ -10,6 +10,7 @@ from statistics import fmean
 import numpy as np
 
 from fenics_joints.commands.new.sketch import (
+    BOLT_FORCE,
     UNBOLTED,
     Ask,
     JointSketch,
@@ -120,7 +121,7 @@ def _with_rings(
     lines = [
         "", "[mesh.bolts]  # a ring of the joint's layer around each bolt",
         *([f"thread = {toml(*names)}  # ? {one.why}{_or(one)}",
-           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? of each bolt, class 8.8']
+           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}']
           if one else []),
         "# Outer radii of the rings, where the pressure ends: a cone of 30 degrees from the head,",
         "# as far as there is room on the faces.",
