@@ -270,9 +270,10 @@ def test_damping_tells_slip_from_softening(diagnosed, law, cause, few):
     assert p[cause] > 0.9 and all(p[other] < 0.1 for other in NAMES if other != cause)
     assert all(e.detectable for e in result.effects if e.name == cause)
     assert not {s.effect for s in result.silent} & set(NAMES)
-    # A level is predicted from the others.
+    # A level is predicted from the others: of three values noise alone is beyond this once in a
+    # thousand times.
     middle = next(fold for fold in result.shrinkage.folds if fold.name == "level 2 N")
-    assert cause in middle.chosen and middle.after < 2 * NOISE
+    assert cause in middle.chosen and middle.after < 2.5 * NOISE
     measured, fitted = result.damping
     assert np.std(np.log(fitted / measured)) < 2 * DAMPING_NOISE
     growth = fitted[-1, 0] / fitted[0, 0]

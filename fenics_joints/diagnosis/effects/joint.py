@@ -252,7 +252,9 @@ def _press(values, theta, zones, relative, factor) -> None:
     """Put stiffnesses k_ref (factor p)^beta of zones at relative pressures p in series."""
     for zone, p in zip(zones, relative, strict=True):
         for kind, key in zip(LAYER.keys, zone.parameters(), strict=True):
-            k = np.where(p > 0, theta[f"k_{kind}"] * (factor * p) ** theta["beta"], 0.0)
+            # Of no pressure the power could be endless.
+            pressed = np.where(p > 0, factor * p, 1.0)
+            k = np.where(p > 0, theta[f"k_{kind}"] * pressed ** theta["beta"], 0.0)
             floor = LOST * values[key]
             amount = zone.amount(k, values[key]) + floor
             values[key] = np.maximum(1 / (1 / values[key] + 1 / amount), floor)
