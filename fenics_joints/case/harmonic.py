@@ -234,6 +234,8 @@ class HarmonicSection(Section):
     beside the ``modes``: none in layers, which show how they give way under static load instead,
     and 60 in contacts, or all they have, unless the case says so. ``quasi_static`` asks for the
     mode over its amplitude from static loads too, of the ``reduced`` model or the ``full`` one.
+    ``bifurcations`` are those where the responses' stability changes: to ``find`` them, or to
+    ``follow`` the motions of broken symmetry or of twice the period that begin there, too.
     """
 
     force: Place | None = None
@@ -247,6 +249,7 @@ class HarmonicSection(Section):
     measured: File | None = None
     backbone: bool = True
     quasi_static: Literal["no", "reduced", "full"] = "no"
+    bifurcations: Literal["no", "find", "follow"] = "no"
     harmonics: Annotated[int, Field(ge=1, le=51, strict=True)] = 5
     samples: Annotated[int, Field(ge=8, le=65_536, strict=True)] = 128
     modes: ModeCount = 12

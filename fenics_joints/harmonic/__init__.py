@@ -26,7 +26,7 @@ from fenics_joints.harmonic.predict import CurvePrediction, predict
 from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
 from fenics_joints.harmonic.sensitivity import ResponseGradient
 from fenics_joints.harmonic.sliders import SliderRange, fitted_sliders, slider_ranges
-from fenics_joints.harmonic.stability import floquet_exponents, stable
+from fenics_joints.harmonic.stability import floquet_exponents, hill_multipliers, stable
 from fenics_joints.harmonic.static_mode import StaticBackbone, solve_static_backbone
 from fenics_joints.harmonic.switching import switch_branch
 from fenics_joints.harmonic.tracking import Folds, FoldTurn, track_folds, track_resonance
@@ -38,8 +38,9 @@ __all__ = [
     "Load", "Loops", "MeasuredLoop", "Peak", "Periodic", "Problem", "SliderRange",
     "ResponseGradient", "Settings", "Stability", "StaticBackbone", "default_samples",
     "fitted_sliders",
-    "find_bifurcations", "floquet_exponents", "floquet_multipliers", "follow", "identify",
-    "kept_model", "load_branch", "locate", "predict", "read_loops", "save_branch",
+    "find_bifurcations", "floquet_exponents", "floquet_multipliers", "follow",
+    "hill_multipliers", "identify", "kept_model", "load_branch", "locate", "predict",
+    "read_loops", "save_branch",
     "slider_ranges", "solve_backbone", "solve_backbone_at", "solve_constant_response",
     "solve_harmonic", "solve_isola", "solve_static_backbone", "stable", "switch_branch",
     "track_folds", "track_resonance",

@@ -7,15 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import ConvergenceError, InputError, member
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import locate, orientation
 from fenics_joints.harmonic.corrector import Settings, check_settings
 from fenics_joints.harmonic.fourier import amplitude
 from fenics_joints.harmonic.frf import ForcedResponse
 from fenics_joints.harmonic.loads import Load, Loading
-from fenics_joints.harmonic.monodromy import floquet_multipliers
+from fenics_joints.harmonic.monodromy import LARGEST, floquet_multipliers
 from fenics_joints.harmonic.result import HarmonicResult
+from fenics_joints.harmonic.stability import hill_multipliers
 
 __all__ = ["Bifurcation", "Stability", "find_bifurcations"]
 
@@ -80,6 +81,7 @@ class Stability:
 def find_bifurcations(
     result: HarmonicResult,
     *,
+    method: str | None = None,
     steps: int | None = None,
     tolerance: float | None = None,
     settings: Settings | None = None,
@@ -94,6 +96,10 @@ def find_bifurcations(
 
     Args:
         result: A branch of responses at constant force (`solve_harmonic` over a band).
+        method: ``shooting`` (`floquet_multipliers`), by default for models with up to 600
+            displacements, velocities and states of laws, or ``hill`` with linearised sliders
+            (`hill_multipliers`), for larger ones: folds and branch points are as exact, what
+            friction does to disturbances that beat or alternate is approximate.
         steps: As for `floquet_multipliers`.
         tolerance: How far outside the unit circle counts as on it; by default 1e-4, and 0.01 with
             memory, since sliders turn round within a step.
@@ -108,7 +114,9 @@ def find_bifurcations(
     if tolerance is None:
         memory = any(points.kernel.m for points in result.model.interfaces)
         tolerance = 0.01 if memory else 1e-4
-    search = _Search(result, steps, tolerance, check_settings(settings))
+    method = _method(result) if method is None else method
+    member("method", method, ("shooting", "hill"))
+    search = _Search(result, method, steps, tolerance, check_settings(settings))
     spectra = [search.multipliers(z) for z in search.branch.z]
     unstable = np.array([search.outside(values).sum() for values in spectra])
     points = zip(search.branch.z, search.branch.tangents, strict=True)
@@ -120,6 +128,16 @@ def find_bifurcations(
     return Stability(largest, unstable, tuple(found))
 
 
+def _method(result: HarmonicResult) -> str:
+    """How multipliers are found, by the number of disturbances and what the laws ask for."""
+    count, rated = 2 * result.model.n_dofs, False
+    for points in result.model.interfaces:
+        kernel = points.kernel
+        count += len(points) * points.law.n_elements * kernel.m
+        rated |= kernel.rated
+    return "shooting" if rated or count <= LARGEST else "hill"
+
+
 class _Search:
     """Multipliers along one branch.
 
@@ -127,8 +145,8 @@ class _Search:
         branch: The branch, coefficients first and omega last.
     """
 
-    def __init__(self, result: HarmonicResult, steps, tolerance: float, settings: Settings):
-        self.result, self.balance = result, result.balance
+    def __init__(self, result, method, steps, tolerance: float, settings: Settings):
+        self.result, self.balance, self.method = result, result.balance, method
         self.steps, self.edge, self.settings = steps, 1 + tolerance, settings
         first = Load(result.force, float(result.force_amplitudes[0]), power=result.power)
         loading = Loading.of(self.balance, (first, *result.more))
@@ -140,6 +158,8 @@ class _Search:
 
     def multipliers(self, z: np.ndarray) -> np.ndarray:
         X = z[:-1].reshape(self.balance.shape)
+        if self.method == "hill":
+            return hill_multipliers(self.balance, X, z[-1])
         return floquet_multipliers(self.balance, X, z[-1], steps=self.steps)
 
     def outside(self, values: np.ndarray) -> np.ndarray:

@@ -20,12 +20,12 @@ from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.interfaces.model import InterfacePoints
 
-__all__ = ["floquet_multipliers"]
+__all__ = ["LARGEST", "floquet_multipliers"]
 
 #: Steps of a period, without memory more: their stiffness may jump within a step.
 _STEPS, _MEMORYLESS = 512, 1024
 #: Most disturbances whose map is made whole; of more, the largest multipliers alone are found.
-_WHOLE, _LARGEST = 600, 8
+LARGEST, _WANTED = 600, 8
 #: Most disturbances for which maps of single steps are multiplied, many at once; of more, stepping
 #: is quicker. Most numbers of such maps at a time.
 _FEW, _BLOCK = 40, 2_000_000
@@ -59,7 +59,7 @@ def floquet_multipliers(
             # The rule's error falls with the square of the step.
             map_ = (4 * map_ - _Period(balance, X, omega, steps // 2).product()) / 3
         values = scipy.linalg.eigvals(map_)
-    elif period.size <= _WHOLE:
+    elif period.size <= LARGEST:
         values = scipy.linalg.eigvals(period.apply(np.eye(period.size)))
     else:
         shape = (period.size, period.size)
@@ -67,7 +67,7 @@ def floquet_multipliers(
             shape, matvec=lambda x: period.apply(x[:, None])[:, 0], dtype=float
         )
         start = np.ones(period.size)
-        values = scipy.sparse.linalg.eigs(map_, _LARGEST, v0=start, return_eigenvectors=False)
+        values = scipy.sparse.linalg.eigs(map_, _WANTED, v0=start, return_eigenvectors=False)
     return values[np.argsort(-np.abs(values))]
 
 

@@ -9,7 +9,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.result import HarmonicResult
 
-__all__ = ["floquet_exponents", "stable"]
+__all__ = ["floquet_exponents", "hill_multipliers", "stable"]
 
 
 def floquet_exponents(balance: Balance, X: np.ndarray, omega: float) -> np.ndarray:
@@ -49,6 +49,35 @@ def floquet_exponents(balance: Balance, X: np.ndarray, omega: float) -> np.ndarr
     values = scipy.linalg.eigvals(A, B)
     values = values[np.isfinite(values)]
     return values[np.argsort(np.abs(values.imag))][: 2 * model.n_dofs]
+
+
+def hill_multipliers(balance: Balance, X: np.ndarray, omega: float) -> np.ndarray:
+    """Floquet multipliers by Hill's method with linearised sliders, complex, the largest first.
+
+    The derivative of harmonic balance stands for that of the laws' forces, which it is where a
+    multiplier is 1: a disturbance that grows slowly moves sliders as a lasting one does. Of the
+    exponents those count whose imaginary part is at most half the response's frequency.
+
+    Args:
+        balance: The equations; laws without the rate of strain.
+        X: Coefficients of the solution, (n, K).
+        omega: Its angular frequency, rad/s.
+    """
+    N, one, G = balance.size, np.eye(balance.fourier.size), balance.fourier.derivative
+    J, model = balance.evaluate(X, omega)[1], balance.model
+    damping = np.kron(model.C, one) + 2 * omega * np.kron(model.M, G)
+    right = np.hstack([damping, np.kron(model.M, one)])
+    # By the inverses of the exponents: a basis may have directions without mass.
+    companion = np.zeros((2 * N, 2 * N))
+    companion[:N], companion[N:, :N] = -scipy.linalg.solve(J, right), np.eye(N)
+    inverses = scipy.linalg.eigvals(companion, overwrite_a=True)
+    own = omega / balance.fourier.periods
+    values = 1 / inverses[np.abs(inverses) > 1e-9 / own]
+    values = values[np.argsort(np.abs(values.imag))]
+    inside = int(np.sum(np.abs(values.imag) <= 0.5 * own * (1 + 1e-6)))
+    values = values[: max(inside, 2)]
+    found = np.exp(values * 2 * np.pi / own)
+    return found[np.argsort(-np.abs(found))]
 
 
 def stable(result: HarmonicResult, *, tolerance: float = 1e-6) -> np.ndarray:

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from oscillators import BAND, TURN, VISCOUS, absorber, duffing, escape, oscillator
+from oscillators import BAND, TURN, VISCOUS, absorber, duffing, escape, jenkins, oscillator
 from scipy.integrate import solve_ivp
 
 from fenics_joints.harmonic import (
     find_bifurcations,
     floquet_exponents,
     floquet_multipliers,
+    hill_multipliers,
     solve_harmonic,
     stable,
 )
@@ -70,6 +71,17 @@ def test_multipliers_with_a_slider_are_those_of_its_equations_of_motion():
     expected = expected[np.argsort(-np.abs(expected))]
     values = floquet_multipliers(result.balance, X, omega, steps=4096)
     assert np.abs(values[:2] - expected[:2]).max() < 3e-3
+
+
+def test_hills_multipliers_with_linearised_sliders_are_near_those_of_shooting():
+    """As many folds of the same branch; beside a slider that slides, a few percent off."""
+    found = find_bifurcations(branch(), method="hill")
+    assert [b.kind for b in found.bifurcations] == ["fold", "fold"]
+    result = solve_harmonic(jenkins(), "push", 0.2, at=[0.14, 0.17], harmonics=9)
+    for X, omega in zip(result.coefficients, result.omegas, strict=True):
+        hill = hill_multipliers(result.balance, X, omega)
+        shot = floquet_multipliers(result.balance, X, omega)
+        assert abs(hill[0]) == pytest.approx(abs(shot[0]), abs=0.1)
 
 
 def shot_multipliers(model, force, omega, state, stiffness, push):

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from fenics_joints.commands.harmonic.identified import mode_notes, mode_rows, source
 from fenics_joints.commands.harmonic.model import SENSOR
 from fenics_joints.commands.harmonic.result import HarmonicReport
+from fenics_joints.commands.harmonic.stability import LevelStability
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import drawing, to_svg
@@ -48,6 +49,9 @@ def responses_chart(r: HarmonicReport) -> str:
             label = quantity(f.level, r.level_unit)
             axes.plot(response.frequencies_hz, amplitude, color=shade, lw=1.6, label=label)
             axes.plot(f.frequency_hz, f.amplitude, "o", color=shade, ms=4)
+            for found in r.stability:
+                if found.level == f.level:
+                    _stability(axes, found, response, amplitude, r.kind, shade)
             if f.measured is not None:
                 hz, measured = r.curves.at(f.level)
                 axes.plot(hz, measured, "x", color=shade, ms=5)
@@ -66,6 +70,17 @@ def responses_chart(r: HarmonicReport) -> str:
         axes.legend(loc="best", title="x: measured" if r.curves is not None else None)
         peaks = "; ".join(f"{f.level:g} N: {f.frequency_hz:.3f} Hz" for f in r.facts)
         return to_svg(figure, "responses", f"Response over frequency. Peaks at {peaks}.")
+
+
+def _stability(axes, found: LevelStability, response, amplitude, kind: str, shade: str) -> None:
+    """Unstable responses pale, bifurcations as squares, the branches that leave there dotted."""
+    lost = np.where(found.stability.stable, np.nan, amplitude)
+    axes.plot(response.frequencies_hz, lost, color="white", lw=0.9)
+    for b in found.stability.bifurcations:
+        height = 0.5 * (amplitude[b.index] + amplitude[b.index + 1])
+        axes.plot(b.frequency_hz, height, "s", color=shade, ms=3.5, mfc="white")
+    for _, made in found.branches:
+        axes.plot(made.frequencies_hz, made.amplitude(SENSOR, kind), color=shade, lw=1.2, ls=":")
 
 
 def _cycle():

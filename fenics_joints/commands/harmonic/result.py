@@ -11,6 +11,7 @@ import fenics_joints
 from fenics_joints.case import Case
 from fenics_joints.case.harmonic import identifiable
 from fenics_joints.commands.harmonic.model import SENSOR, HarmonicModel
+from fenics_joints.commands.harmonic.stability import LevelStability
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.harmonic import (
     Backbone,
@@ -93,6 +94,7 @@ class HarmonicReport:
             of the last.
         predictions: What that model makes of every measured curve.
         static_backbone: Frequency and damping over amplitude from static loads, or None.
+        stability: Of the responses at each level, if the case asks for bifurcations.
     """
 
     case: Case
@@ -106,6 +108,7 @@ class HarmonicReport:
     identified: tuple[IdentificationResult, ...] = ()
     predictions: tuple[CurvePrediction, ...] = ()
     static_backbone: StaticBackbone | None = None
+    stability: tuple[LevelStability, ...] = ()
 
     def __repr__(self) -> str:
         unit, facts = self.level_unit, self.facts[:4]
@@ -204,7 +207,8 @@ class HarmonicReport:
         Keys: ``version``, ``title``, ``dofs``, ``basis``, ``interface_points``,
         ``frequencies_at_rest_hz``, ``level_unit``, ``response``, ``levels`` (each with the facts of
         `LevelFacts`, of a base ``level`` instead of ``level_n``, and its ``branch``), ``backbone``,
-        ``static_backbone``, ``identified``, ``predictions`` and ``notes``.
+        ``static_backbone``, ``stability`` (of each level, see `LevelStability.to_json`),
+        ``identified``, ``predictions`` and ``notes``.
         """
         model = self.built.model
         return {
@@ -222,9 +226,10 @@ class HarmonicReport:
             ],
             "backbone": None if self.backbone is None else self.backbone.to_dict(),
             "static_backbone": self.static_backbone and self.static_backbone.to_dict(),
+            "stability": [found.to_json() for found in self.stability],
             "identified": [found.to_dict() for found in self.identified],
             "predictions": [made.to_dict() for made in self.predictions],
-            "notes": self.slider_notes,
+            "notes": [*self.slider_notes, *(n for s in self.stability for n in s.notes)],
         }
 
 

@@ -22,6 +22,7 @@ from fenics_joints.commands.harmonic.model import (
 )
 from fenics_joints.commands.harmonic.page import harmonic_html
 from fenics_joints.commands.harmonic.result import HarmonicReport, LevelFacts
+from fenics_joints.commands.harmonic.stability import level_stability
 from fenics_joints.commands.harmonic.summary import show_harmonic
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.files import writable_folder
@@ -108,10 +109,11 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
         progress.step("responses at the measured frequencies", len(curves.levels))
         points = h.identify.points if h.identify else IdentifySection.model_fields["points"].default
         predictions = predict(built.model, curves, points=points, **_equations(case, comm))
+    stability = level_stability(h.bifurcations, responses, progress)
     seconds = time.perf_counter() - started
     return HarmonicReport(
         case, built, responses, facts, backbone, curves, seconds, comm.rank, identified,
-        predictions, static,
+        predictions, static, stability,
     )  # fmt: skip
 
 

@@ -38,6 +38,8 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
     console.print(rows)
     if r.static_backbone is not None:
         _modes(console, r)
+    if r.stability:
+        _stability(console, r)
     if r.identified:
         _identified(console, r)
     if r.predictions:
@@ -63,6 +65,24 @@ def _modes(console: Console, r: HarmonicReport) -> None:
     console.print(rows)
     if r.static_backbone.end != "reached":
         say(console, "under static loads the joint gives way before the highest amplitude")
+
+
+def _stability(console: Console, r: HarmonicReport) -> None:
+    """Where the responses' stability changes, and what leaves there."""
+    console.print()
+    if not any(s.stability.bifurcations for s in r.stability):
+        lost = any(not s.stability.stable.all() for s in r.stability)
+        say(console, f"no bifurcations; {'not all' if lost else 'all'} responses are stable")
+        return
+    say(console, "bifurcations, and how many disturbances grow before and after", "bold")
+    rows = new_table(f">{r.drive}", "", ">Hz", ">displacement", ">growing", ">branch")
+    for found in r.stability:
+        for words in found.rows():
+            rows.add_row(quantity(found.level, r.level_unit), *words)
+    console.print(rows)
+    for found in r.stability:
+        for note in found.notes:
+            say(console, note)
 
 
 def _identified(console: Console, r: HarmonicReport) -> None:

@@ -1,0 +1,103 @@
+"""Stability, bifurcations and the branches that leave there, as a case asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fenics_joints.errors import ConvergenceError
+from fenics_joints.formatting import hertz, quantity
+from fenics_joints.harmonic import (
+    Bifurcation,
+    HarmonicResult,
+    Stability,
+    find_bifurcations,
+    switch_branch,
+)
+from fenics_joints.progress import Progress
+
+__all__ = ["LevelStability", "level_stability"]
+
+#: Kinds at which another branch leaves, and to which sides.
+_LEAVES = {"branch point": (1, -1), "period doubling": (1,)}
+
+
+@dataclass(frozen=True, eq=False)
+class LevelStability:
+    """Of the responses at one level.
+
+    Attributes:
+        level: Amplitude of the force, N, or of the base's motion, m/s2 or m.
+        stability: Which are stable, and the bifurcations.
+        branches: Branches that leave there, with the bifurcation each comes from.
+        notes: Branches that could not be followed, in words.
+    """
+
+    level: float
+    stability: Stability
+    branches: tuple[tuple[Bifurcation, HarmonicResult], ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def rows(self) -> list[tuple[str, str, str, str, str]]:
+        """Kind, frequency, displacement, how many multipliers grow before and after, branches."""
+        rows = []
+        for b in self.stability.bifurcations:
+            left = [made for at, made in self.branches if at is b]
+            spans = (
+                f"{hertz(made.frequencies_hz.min())} to {hertz(made.frequencies_hz.max())} Hz"
+                for made in left
+            )
+            rows.append((
+                b.kind, hertz(b.frequency_hz), quantity(b.amplitude, "m"),
+                f"{b.unstable[0]}, {b.unstable[1]}", "; ".join(spans),
+            ))  # fmt: skip
+        return rows
+
+    def to_json(self) -> dict[str, object]:
+        """Keys: ``stable``, ``bifurcations`` and ``branches``."""
+        found = self.stability.bifurcations
+        return {
+            "stable": self.stability.stable.tolist(),
+            "bifurcations": [
+                {
+                    "kind": b.kind, "after_point": b.index, "frequency_hz": b.frequency_hz,
+                    "displacement_m": b.amplitude, "unstable": list(b.unstable),
+                }
+                for b in found
+            ],
+            "branches": [
+                {"bifurcation": found.index(at), **made.to_dict()} for at, made in self.branches
+            ],
+        }  # fmt: skip
+
+
+def level_stability(
+    wanted: str, responses: Sequence[HarmonicResult], progress: Progress
+) -> tuple[LevelStability, ...]:
+    """Stability of the responses at every level.
+
+    Args:
+        wanted: ``no``, ``find``, or ``follow`` for the branches too.
+        responses: One branch for each level.
+        progress: Told what is being done.
+    """
+    if wanted == "no":
+        return ()
+    made = []
+    for response in responses:
+        level = float(response.force_amplitudes[0])
+        progress.step(f"stability of {len(response)} responses")
+        stability = find_bifurcations(response)
+        branches, notes = [], []
+        for at in stability.bifurcations if wanted == "follow" else ():
+            for side in _LEAVES.get(at.kind, ()):
+                try:
+                    found = switch_branch(response, at, side=side, progress=progress)
+                    branches.append((at, found))
+                except ConvergenceError as error:
+                    notes.append(
+                        f"the branch from the {at.kind} at {hertz(at.frequency_hz)} Hz was not "
+                        f"followed: {error}"
+                    )
+        made.append(LevelStability(level, stability, tuple(branches), tuple(notes)))
+    return tuple(made)
