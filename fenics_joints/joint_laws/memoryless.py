@@ -135,6 +135,8 @@ class RateDamping(JointLaw):
         square = sum(w**2 for w in v)
         small = (1e-4 * p["smoothing"]) ** 2
         speed = ufl.sqrt(square + small)
-        friction = p["strength"] * ufl.tanh(speed / p["smoothing"]) / speed
+        # tanh by what does not overflow: UFL's derivative of it is not finite beyond 355.
+        fallen = ufl.exp(-2.0 * speed / p["smoothing"])
+        friction = p["strength"] * (1.0 - fallen) / (1.0 + fallen) / speed
         factor = p["c1"] + p["c3"] * square + friction
         return ufl.as_ufl(0.0), ufl.as_vector([factor * w for w in v]), None

@@ -54,7 +54,8 @@ def test_a_doubled_period_is_followed_and_told(tmp_path):
     unstable = np.arange(len(report.responses[0])) % 2
     (at,) = found.stability.bifurcations
     drawn = Stability(unstable, unstable, (replace(at, index=0),))
-    drawn = replace(found, level=report.facts[0].level, stability=drawn)
+    branches = ((drawn.bifurcations[0], report.responses[0]),)
+    drawn = replace(found, level=report.facts[0].level, stability=drawn, branches=branches)
     assert "period doubling" in harmonic_html(replace(report, stability=(drawn,)))
 
 

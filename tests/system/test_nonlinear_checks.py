@@ -1,17 +1,13 @@
 """Nonlinear joints against others' numbers: the cases of docs/nonlinear_checks.md.
 
-Run as a script, it prints the table anew.
+As a script it prints the rows anew (``env PYTHONPATH=tests/helpers python3 FILE``).
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
 import pytest
+from checks_page import Case, hold, rows, show
 from scipy.integrate import quad
 from scipy.special import ellipk
 
@@ -29,7 +25,6 @@ from fenics_joints.joint_laws import (
     UnilateralSpring,
 )
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "nonlinear_checks.md"
 TURN = 2 * np.pi
 NLVIB, TMD = "NLvib", "tmdsimpy"
 
@@ -196,17 +191,6 @@ def static_iwan(what: str) -> float:
     return float(np.mean(found.energies / exact))
 
 
-@dataclass(frozen=True)
-class Case:
-    """One row: what, whose, their number, ours, and how near they have to be."""
-
-    name: str
-    source: str
-    theirs: Callable[[], float]
-    ours: Callable[[], float]
-    near: float
-
-
 CASES = [
     Case("Duffing, P = 0.18, upper frequency of amplitude 1", f"{NLVIB} 01",
          lambda: 1.0, lambda: duffing_response(duffing_omega(1.0, 1)), 1e-6),
@@ -275,22 +259,10 @@ CASES = [
 ]  # fmt: skip
 
 
-def rows() -> dict[str, list[str]]:
-    """Cells of the page's table by case."""
-    lines = [line.strip("| ").split(" | ") for line in PAGE.read_text("utf-8").splitlines()
-             if line.startswith("| ")]  # fmt: skip
-    return {cells[0].strip(): [c.strip() for c in cells] for cells in lines if len(cells) == 4}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda c: c.name)
 def test_the_number_is_theirs_and_the_pages(case):
-    theirs, ours = float(case.theirs()), float(case.ours())
-    assert ours == pytest.approx(theirs, rel=case.near)
-    _, source, told, found = rows()[case.name]
-    assert source == case.source
-    assert float(told) == pytest.approx(theirs, rel=1e-5)
-    assert float(found) == pytest.approx(ours, rel=max(1e-5, 0.1 * case.near))
+    hold(case)
 
 
 def test_the_page_has_every_case():
@@ -298,10 +270,4 @@ def test_the_page_has_every_case():
 
 
 if __name__ == "__main__":
-    for one in CASES:
-        try:
-            cells = one.name, one.source, f"{float(one.theirs()):.7g}", f"{float(one.ours()):.7g}"
-        except Exception as error:
-            cells = one.name, one.source, "failed", repr(error)
-        sys.stdout.write("| " + " | ".join(cells) + " |\n")
-        sys.stdout.flush()
+    show(CASES)
