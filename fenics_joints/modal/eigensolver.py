@@ -61,12 +61,15 @@ class EigenResult:
             not swamped by the round-off of stiff thin layers.
         statistics: ``method``, ``seconds``, of which ``factor_seconds``, and ``basis``; from block
             Lanczos also ``solve_seconds``, ``solves`` (right-hand sides) and ``block_solves``.
+        round_off: What round-off may make of each eigenvalue, shape (n,): the unit round-off times
+            x^T D x with D the diagonal of K; that of a layer of a micrometre is large.
     """
 
     values: np.ndarray
     shapes: list[PETSc.Vec]
     residuals: np.ndarray
     statistics: dict[str, float | int | str] = field(default_factory=dict)
+    round_off: np.ndarray | float = 0.0
 
     def __repr__(self) -> str:
         low, high = self.values[0], self.values[-1]
@@ -162,7 +165,8 @@ class EigenSolver:
                 "below zero"
             )
         stats["seconds"] = time.perf_counter() - begin
-        return EigenResult(values, vectors_like(K.createVecRight(), X.T), residuals, stats)
+        shapes = vectors_like(K.createVecRight(), X.T)
+        return EigenResult(values, shapes, residuals, stats, _round_off(K, X))
 
     def inverse(self, block: np.ndarray) -> np.ndarray:
         """``(K - shift M)^-1 block`` with the last solution's factorisation. Collective.
@@ -343,6 +347,12 @@ def _residuals(K, M, values, X, shift) -> np.ndarray:
     squares = np.sum(np.abs(r) ** 2 / np.abs(diagonal.array_r)[:, None], axis=0)
     squares = K.comm.tompi4py().allreduce(squares, op=MPI.SUM)
     return np.sqrt(squares / np.maximum(values - shift, np.finfo(float).tiny))
+
+
+def _round_off(K: PETSc.Mat, X: np.ndarray) -> np.ndarray:
+    """See `EigenResult`."""
+    squares = np.abs(K.getDiagonal().array_r) @ X**2
+    return np.finfo(float).eps * K.comm.tompi4py().allreduce(squares, op=MPI.SUM)
 
 
 def _set_up(ksp: PETSc.KSP) -> float:

@@ -25,6 +25,9 @@ __all__ = [
 SHIFT_SHARE = 0.002
 #: A mode below this share of the shift's frequency moves the body without straining it.
 _RIGID_SHARE = 0.01
+#: Or below so many round-offs of the stiffness: those of rigid bodies with joint layers of a
+#: micrometre came to 3 at most, elastic modes had 400 and more.
+_ROUND_OFFS = 20.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -194,7 +197,8 @@ def _shift(model, given, shift_hz: float | None) -> float:
 
 
 def _modes(model, given, solver, result) -> Modes:
-    n_rigid = count_rigid(result.values, np.sqrt(-solver.shift) / (2 * np.pi))
+    shift_hz = np.sqrt(-solver.shift) / (2 * np.pi)
+    n_rigid = count_rigid(result.values, shift_hz, result.round_off)
     return Modes(
         model, given, result.values, result.shapes, n_rigid, result.residuals, solver,
         result.statistics,
@@ -250,9 +254,18 @@ def inverted_modes(
     return inverse[::-1], vectors[:, ::-1]
 
 
-def count_rigid(eigenvalues: np.ndarray, shift_hz: float) -> int:
-    """Number of rigid-body modes among eigenvalues that were found with that shift."""
-    return int(np.sum(np.abs(eigenvalues) < rigid_below(shift_hz)))
+def count_rigid(
+    eigenvalues: np.ndarray, shift_hz: float, round_off: np.ndarray | float = 0.0
+) -> int:
+    """Number of rigid-body modes among eigenvalues that were found with that shift.
+
+    Args:
+        eigenvalues: (rad/s)^2, shape (n,).
+        shift_hz: The shift's frequency, Hz.
+        round_off: What round-off may make of each, as `EigenResult` has it.
+    """
+    least = np.maximum(rigid_below(shift_hz), _ROUND_OFFS * np.asarray(round_off))
+    return int(np.sum(np.abs(eigenvalues) < least))
 
 
 def rigid_below(shift_hz: float) -> float:

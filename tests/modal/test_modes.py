@@ -8,9 +8,18 @@ import scipy.linalg
 from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.meshes import box, lap_plates
+from fenics_joints.meshes import box, half_lap_beam, lap_plates
 from fenics_joints.modal import solve_modes
-from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Structure, joint, part
+from fenics_joints.structure import (
+    Parameter,
+    PointMass,
+    Sensors,
+    Spring,
+    Structure,
+    interface,
+    joint,
+    part,
+)
 
 VALUES = {"plates.E": 69e9, "layer.E": 8e7, "layer.G": 3e7, "tip.mass": 0.03, "tip.travel": 0.004}
 #: Odd places: no line of the mesh runs through them, and the last is inside a plate.
@@ -65,6 +74,23 @@ def test_massless_layers_leave_no_spurious_mode(G):
     # Rigid motions stand far below the first strained one, on both routes.
     assert np.abs(modes.eigenvalues[:6]).max() < 1e-6 * exact[6]
     assert np.abs(exact[:6]).max() < 1e-3 * exact[6]
+
+
+@pytest.mark.parametrize("hung", [False, True])
+def test_round_off_of_a_layer_of_a_micrometre_makes_no_mode_elastic(hung):
+    """A long beam, its halves bonded over it: 0.08 Hz by round-off; on soft cords it bounces."""
+    n = {"n_length": 3, "n_lap": 4, "n_width": 1}
+    mesh, h = half_lap_beam(MPI.COMM_WORLD, length=3.0, layer=1e-6, washer=0.0, **n), 1e-6
+    regions = [
+        part("beams", ("beam_1", "beam_2"), E=194e9, nu=0.3, rho=7745.0),
+        interface("lap", ("joint",), k_n=194e9 / h, k_t=75e9 / h, meshed=h),
+    ]
+    cords = [Spring(f"cord {x}", 300.0, (x, 0.0, 0.00635), (0.0, 0.0, 1.0)) for x in (0.5, 2.5)]
+    beam = Structure(mesh, regions, [], degree=2, springs=cords if hung else [])
+    modes = solve_modes(beam, n_modes=8)
+    assert modes.n_rigid == (4 if hung else 6)
+    bounce = np.sqrt(600 / beam.total_mass()) / (2 * np.pi)
+    assert not hung or modes.frequencies_hz[4] == pytest.approx(bounce, rel=0.05)
 
 
 def test_shapes_are_orthonormal_in_mass_and_carry_their_eigenvalue():
