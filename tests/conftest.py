@@ -87,3 +87,17 @@ def write_case() -> Callable[..., Path]:
         return folder
 
     return write
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A headless Chromium; skips where there is none, and on several ranks."""
+    import browser as helper
+
+    pytest.importorskip("choreographer", reason="drives the browser")
+    mpi = sys.modules.get("mpi4py.MPI")
+    if helper.CHROMIUM is None or (mpi is not None and mpi.COMM_WORLD.size > 1):
+        pytest.skip("no browser, or several ranks")
+    found = helper.Browser()
+    yield found
+    found.close()

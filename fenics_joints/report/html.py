@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
@@ -21,6 +24,10 @@ from fenics_joints.report.mesh_pictures import diverging
 __all__ = ["HeatCell", "facts", "heat_map", "heat_pair", "mac_cells", "noted", "render", "svg"]
 
 
+#: What draws a view, in this order.
+_SCRIPTS = ("viewer_shapes.js", "viewer.js")
+
+
 def _environment(filters: Mapping[str, Callable]) -> jinja2.Environment:
     env = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
@@ -30,8 +37,18 @@ def _environment(filters: Mapping[str, Callable]) -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
     )
     env.globals["version"] = fenics_joints.__version__
+    env.globals["script"], env.globals["policy"] = _script()
     env.filters.update({name: getattr(formatting, name) for name in formatting.__all__}, **filters)
     return env
+
+
+@cache
+def _script() -> tuple[Markup, str]:
+    """The script of pages with a view, and the one policy that lets nothing else run."""
+    folder = Path(__file__).parent / "templates"
+    text = "".join((folder / name).read_text("utf-8") for name in _SCRIPTS)
+    key = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return Markup(text), f"script-src 'sha256-{key}'"
 
 
 def render(template: str, filters: Mapping[str, Callable] = MappingProxyType({}), **values) -> str:
@@ -40,7 +57,7 @@ def render(template: str, filters: Mapping[str, Callable] = MappingProxyType({})
     Args:
         template: File in ``templates``.
         filters: Filters of this page, beside those of all.
-        values: What the template shows.
+        values: What the template shows; ``view``, a `view.scene`, brings the script that draws it.
     """
     return _environment(filters).get_template(template).render(**values)
 

@@ -80,6 +80,10 @@ def test_page_is_well_formed_and_stands_alone():
     check_page(diagnosis_html(diagnosis(), log_sd=np.full((3, 2), 0.01)))
 
 
+def test_page_keeps_the_rules(browser, tmp_path):
+    browser.check(diagnosis_html(diagnosis(), log_sd=np.full((3, 2), 0.01)), tmp_path)
+
+
 def test_diagnosis_page_shows_the_numbers_of_the_result():
     d = diagnosis()
     page = Page(diagnosis_html(d))

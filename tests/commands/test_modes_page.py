@@ -39,6 +39,10 @@ def test_page_is_well_formed_and_stands_alone():
     check_page(modes_page_text())
 
 
+def test_page_keeps_the_rules(browser, tmp_path):
+    browser.check(modes_page_text(), tmp_path)
+
+
 def test_modes_page_says_what_the_test_saw():
     page = Page(modes_page_text())
     assert page.column("modes", 1) == ["0.00", "0.00", "423.12", "800.50"]

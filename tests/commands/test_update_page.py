@@ -56,6 +56,10 @@ def test_page_is_well_formed_and_stands_alone():
     check_page(page.update_page(report()))
 
 
+def test_page_keeps_the_rules(browser, tmp_path):
+    browser.check(page.update_page(report()), tmp_path)
+
+
 def test_update_page_shows_the_numbers_of_the_result():
     shown = Page(page.update_page(report()))
     row = shown.tables["values"][1]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import re
 from html.parser import HTMLParser
 
 __all__ = ["Page", "check_page"]
 
+POLICY = "Content-Security-Policy"
 VOID = {"meta", "link", "br", "img", "hr", "input"}
 
 
@@ -68,7 +71,18 @@ def check_page(text: str) -> None:
     assert len(page.ids) == len(set(page.ids))
     inside = {f"#{name}" for name in page.ids}
     assert all(r.startswith("data:") or r in inside for r in page.references)
-    assert not {"script", "link", "iframe"} & {tag for tag, _ in page.tags}
+    assert not {"link", "iframe"} & {tag for tag, _ in page.tags}
+    # Numbers of a view, and the one script that draws them: the policy lets no other run.
+    data, run = [], []
+    for attributes, content in re.findall(r"<script([^>]*)>(.*?)</script>", text, re.DOTALL):
+        (data if attributes else run).append(content)
+        assert attributes in ("", ' type="application/json"')
+    assert len(run) == (1 if data else 0) and all(not set("<>&") & set(d) for d in data)
+    policy = next(a["content"] for t, a in page.tags if a.get("http-equiv") == POLICY)
+    assert policy.startswith("default-src 'none';") and "script-src 'unsafe" not in policy
+    keys = [base64.b64encode(hashlib.sha256(r.encode()).digest()).decode() for r in run]
+    assert re.findall(r"script-src 'sha256-([^']+)'", policy) == keys
+    assert len(text) < 1_500_000
     assert "url(http" not in text and "@import" not in text
     pictures = [attrs for tag, attrs in page.tags if tag == "svg"]
     assert pictures and all(a["role"] == "img" and len(a["aria-label"]) > 4 for a in pictures)

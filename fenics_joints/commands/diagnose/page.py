@@ -18,6 +18,7 @@ from fenics_joints.commands.diagnose.reading import (
     sampled,
     with_place,
 )
+from fenics_joints.commands.diagnose.view import diagnosis_view
 from fenics_joints.commands.diagnose.words import VERDICTS, group_words, zone_words
 from fenics_joints.diagnosis.evidence.classes import confusion
 from fenics_joints.diagnosis.location import Location
@@ -73,6 +74,7 @@ def diagnosis_html(
         lead=leading(d),
         bars=svg(_gap_picture(d)),
         patches=svg(_patch_picture(found.patches)) if _has_map(found) else None,
+        view=diagnosis_view(found.patches if _has_map(found) else None, d.cells),
         map=None if d.cells is None else svg(_cell_picture(d.cells)),
         zones=[] if found is None else _zones(found),
         axes=[] if found is None else _axes(found, d.condition),

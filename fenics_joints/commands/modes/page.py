@@ -10,7 +10,8 @@ from markupsafe import Markup
 
 from fenics_joints.commands.modes.compared import condition_words
 from fenics_joints.commands.modes.result import ModeList, ring_row
-from fenics_joints.formatting import extents
+from fenics_joints.commands.modes.view import measured_arrows, modes_view
+from fenics_joints.formatting import extents, hertz
 from fenics_joints.report.html import mac_cells, render, svg
 from fenics_joints.report.mesh_pictures import mode_shape
 from fenics_joints.report.sensor_pictures import sensor_shapes
@@ -20,7 +21,7 @@ __all__ = ["modes_html", "modes_page"]
 
 def modes_html(
     result: ModeList, shapes: Mapping[int, Markup] = MappingProxyType({}),
-    pairs: Mapping[int, Markup] = MappingProxyType({}),
+    pairs: Mapping[int, Markup] = MappingProxyType({}), view: Markup | None = None,
 ) -> str:
     """Modes as a page, with pictures of some of them, by index.
 
@@ -28,6 +29,7 @@ def modes_html(
         result: The modes.
         shapes: Pictures from `mesh_pictures.mode_shape`.
         pairs: Pictures from `sensor_pictures.sensor_shapes`: measured shapes beside the model's.
+        view: Shapes to turn and to play, from `modes_view`.
     """  # fmt: skip
     visible, frequencies = result.visible, result.frequencies_hz
     return render(
@@ -37,6 +39,7 @@ def modes_html(
         sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
         size=extents(result.size_m) if len(result.size_m) else "",
         rings=[ring_row(ring) for ring in result.rings], notes=result.notes, pairs=pairs,
+        view=view,
         beside=_beside(result), at="" if result.beside is None else condition_words(result.beside),
     )  # fmt: skip
 
@@ -67,16 +70,43 @@ def modes_page(result: ModeList, *, n_shapes: int | None = 6) -> str:
     lowest = np.flatnonzero(shown).tolist()
     wanted = sorted(list(dict.fromkeys([*partners, *lowest]))[:n_shapes])
     vertices, motions = modes.model.corner_motion([modes.vector(int(i)) for i in wanted])
+    beside = result.beside
+    seen = None if beside is None or beside.sensors is None else modes.at(beside.sensors)
     if not len(vertices):
         return ""
     sensors = result.case.sensors()
+    ways = [_mean_direction(sensors, motion) for motion in motions]
     shapes = {}
-    for i, motion in zip(wanted, motions, strict=True):
-        way = _mean_direction(sensors, motion)
+    for i, motion, way in zip(wanted, motions, ways, strict=True):
         hz = float(result.frequencies_hz[i])
         alt = f"Mode shape {i + 1} at {hz:.2f} Hz, coloured by its motion along {way.tolist()}."
         shapes[int(i)] = svg(mode_shape(vertices, motion, way, f"mode{i + 1}", alt))
-    return modes_html(result, shapes, _pairs(result, vertices, wanted))
+    view = None
+    if wanted:
+        names = [f"mode {i + 1}, {hertz(float(result.frequencies_hz[i]))} Hz" for i in wanted]
+        view = modes_view(vertices, motions, names, ways, *_measured(result, seen, wanted))
+    return modes_html(result, shapes, _pairs(result, vertices, wanted), view)
+
+
+def _measured(result: ModeList, seen: np.ndarray | None, wanted) -> tuple[dict, dict]:
+    """Arrows of the test beside the modes that it measured, and what is said of them."""
+    beside = result.beside
+    if seen is None or beside.sensors.points.shape[1] != 3:
+        return {}, {}
+    arrows, notes = {}, {}
+    for j, i in enumerate(beside.index.tolist()):
+        if i not in wanted:
+            continue
+        own, scaled = seen[:, i], beside.model_shapes[:, j]
+        factor = float(scaled @ own) / max(float(own @ own), 1e-300)
+        if factor:
+            k = wanted.index(i)
+            arrows[k] = measured_arrows(beside.sensors, beside.test_shapes[:, j] / factor, own)
+            notes[k] = (
+                f"{beside.names[j]} of the test beside it, in the scale that brings both nearest; "
+                f"MAC {beside.mac[j]:.3f}."
+            )
+    return arrows, notes
 
 
 def _pairs(result: ModeList, vertices: np.ndarray, wanted) -> dict[int, Markup]:

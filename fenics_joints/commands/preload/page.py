@@ -7,6 +7,7 @@ from markupsafe import Markup
 
 from fenics_joints.commands.preload.contacts import bolt_axes, contact_rows, forces_in_words
 from fenics_joints.commands.preload.result import PreloadReport
+from fenics_joints.commands.preload.view import preload_view
 from fenics_joints.formatting import quantity
 from fenics_joints.preload import PreloadResult
 from fenics_joints.report.contact_pictures import pressure_map, pressure_profile
@@ -19,11 +20,13 @@ __all__ = ["contact_pictures", "picture", "preload_html"]
 def preload_html(p: PreloadReport) -> str:
     """The page of the ``preload`` command. Collective; empty on all ranks but the first."""
     centres = np.array(list(bolt_axes(p.result).values()))
+    view = preload_view(p.result)
     if p.result.model.comm.rank != 0:
         return ""
     return render(
         "preload.html", p=p, title=p.case.title, contacts=contact_rows(p.contacts),
         pictures=contact_pictures(p.result, centres), forces=forces_in_words(p.result),
+        view=view,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from fenics_joints.commands.update.pictures import (
     shown_functions,
 )
 from fenics_joints.commands.update.result import Functions, UpdateReport
+from fenics_joints.commands.update.view import shapes_view
 from fenics_joints.commands.update.words import (
     accuracy,
     decibel,
@@ -43,9 +44,13 @@ def update_page(r: UpdateReport) -> str:
     macs = None if modes is None or modes.mac_after is None else [
         ("Before", mac_cells(modes.mac_before)), ("After", mac_cells(modes.mac_after)),
     ]  # fmt: skip
-    found = r.update.identifiability
+    found, view, stills = r.update.identifiability, None, []
+    if r.shapes is not None and modes is not None:
+        best = None if modes.mac_after is None else np.diag(modes.mac_after)
+        view, stills = shapes_view(r.shapes, modes.names, best)
     return render(
         "update.html",
+        view=view, stills=stills,
         r=r, u=r.update, method=METHODS[r.update.method], data=data_words(r),
         at=at_words(r), words=in_words(found), verdict=verdict_words(r),
         pull=start_words(found, r.pull),

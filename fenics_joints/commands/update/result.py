@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fenics_joints.commands.update.view import UpdatedShapes
 from fenics_joints.commands.update.words import decibel, in_words
 from fenics_joints.files import plain
 from fenics_joints.formatting import percent
@@ -14,6 +15,7 @@ from fenics_joints.updating.result import Update
 
 __all__ = [
     "Compared", "Functions", "HeldMode", "ModeTable", "Predicted", "Sweep", "UpdateReport",
+    "prediction_sd",
 ]  # fmt: skip
 
 
@@ -268,6 +270,7 @@ class UpdateReport:
             keys source, parameters, frequencies_hz, model_hz, errors_percent; or None.
         pull: Standard deviation by which the fit held each parameter at its start, of its logarithm
             (or its value over its size there); None where nothing did.
+        shapes: Shapes of the updated model, to be seen; None but on rank 0.
     """
 
     title: str
@@ -283,6 +286,7 @@ class UpdateReport:
     notes: list[str] = field(default_factory=list)
     published: dict | None = None
     pull: float | None = None
+    shapes: UpdatedShapes | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         return f"UpdateReport({self.title[:30]!r}, {', '.join(self.kinds)}: {self.update!r})"[:120]
@@ -368,3 +372,8 @@ class UpdateReport:
             "model": self.model,
             "notes": self.notes,
         })  # fmt: skip
+
+
+def prediction_sd(found: Update, slopes: np.ndarray) -> float:
+    """Standard deviation of what has these derivatives by the parameters, by their covariance."""
+    return float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))

@@ -24,8 +24,10 @@ from fenics_joints.commands.update.result import (
     ModeTable,
     Predicted,
     UpdateReport,
+    prediction_sd,
 )
 from fenics_joints.commands.update.summary import show_update
+from fenics_joints.commands.update.view import updated_shapes
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import plain
 from fenics_joints.formatting import percent, quantity
@@ -172,6 +174,7 @@ class _Run:
             notes=self.notes,
             pull=None if found.method == "weighted" else self.section.regularisation,
             published=self._published(),
+            shapes=updated_shapes(self.case, self.data.target, modes),
         )
 
     def _checked(self) -> tuple[Update, Modes, ModelError]:
@@ -267,7 +270,7 @@ class _Run:
 
     def _held_row(self, j, first: Modes, modes: Modes, found: Update, alone) -> HeldMode:
         before, after = (m.frequencies_hz[self._pair(m).index[j]] for m in (first, modes))
-        sd = _prediction_sd(found, found.prediction.frequency_slopes[j])
+        sd = prediction_sd(found, found.prediction.frequency_slopes[j])
         numbers = (float(v) for v in (self._measured_hz()[j], before, after, sd))
         return HeldMode(
             *numbers, self.data.mode_names[j], found.mapping(), alone,
@@ -281,7 +284,7 @@ class _Run:
         after, sd = self.model.ratios(self._values(found), modes)[j], np.nan
         if found.prediction.damping_ratios is not None:
             by_values = found.prediction.damping_slopes[j] / found.prediction.damping_ratios[j]
-            sd = _prediction_sd(found, by_values)
+            sd = prediction_sd(found, by_values)
         return Predicted(*(float(v) for v in (self._measured_ratios()[j], before[j], after, sd)))
 
     # -- before and after ----------------------------------------------------------------------
@@ -393,8 +396,3 @@ class _Run:
                 "solution_error": percent(functions.solution, 2),
             }
         return facts
-
-
-def _prediction_sd(found: Update, slopes: np.ndarray) -> float:
-    """Standard deviation of what has these derivatives by the parameters, by their covariance."""
-    return float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))

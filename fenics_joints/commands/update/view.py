@@ -1,0 +1,105 @@
+"""The view of an updated model's modes, beside what the test measured of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from fenics_joints.case import Case
+from fenics_joints.commands.modes.view import measured_arrows, modes_view
+from fenics_joints.formatting import hertz
+from fenics_joints.measurements import Target
+from fenics_joints.modal.modes import Modes
+from fenics_joints.reduction.combined import paired
+from fenics_joints.report.html import svg
+from fenics_joints.report.mesh_pictures import mode_shape
+from fenics_joints.structure import Sensors
+
+__all__ = ["UpdatedShapes", "shapes_view", "updated_shapes"]
+
+
+#: Modes that have a picture for paper.
+_STILLS = 6
+
+
+@dataclass(frozen=True, repr=False)
+class UpdatedShapes:
+    """Shapes of the updated model's modes that are the test's, m of them; on rank 0.
+
+    Attributes:
+        vertices: Corners of all cells, m, (n_cells, n_corners, 3).
+        motions: How they move, kg^-1/2, (m, n_cells, n_corners, 3).
+        frequencies_hz: Hz, (m,).
+        sensors: Where shapes were measured, k of them; None where they were not.
+        test: Measured shapes in the model's scale, (k, m), nan where a sensor was missing.
+        model: The model's, (k, m).
+    """
+
+    vertices: np.ndarray
+    motions: np.ndarray
+    frequencies_hz: np.ndarray
+    sensors: Sensors | None = None
+    test: np.ndarray | None = None
+    model: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        return f"UpdatedShapes({len(self.motions)} modes, {len(self.vertices)} cells)"
+
+
+def updated_shapes(case: Case, target: Target, modes: Modes) -> UpdatedShapes | None:
+    """Shapes of the modes that are the test's. Collective; None but on rank 0.
+
+    Args:
+        case: The case, whose measured shapes stand beside.
+        target: The test's data.
+        modes: Modes of the updated model, in full.
+    """
+    if not len(target):
+        return None
+    pairing, test = paired(modes, target), case.measurements().shapes
+    sensors = None if test is None else target.shape_sensors
+    vectors = [modes.vector(int(i)) for i in pairing.index]
+    vertices, motions = modes.model.corner_motion(vectors)
+    seen = None if test is None else modes.at(sensors)[:, pairing.index]
+    if not len(vertices):
+        return None
+    hz = modes.frequencies_hz[pairing.index]
+    if seen is None or sensors.points.shape[1] != 3:
+        return UpdatedShapes(vertices, motions, hz)
+    known = np.where(np.isnan(test), 0.0, test)
+    scale = np.sum(known * seen, axis=0) / np.maximum(np.sum(known**2, axis=0), 1e-300)
+    return UpdatedShapes(vertices, motions, hz, sensors, test * scale, seen)
+
+
+def shapes_view(
+    shapes: UpdatedShapes, names: Sequence[str], macs: np.ndarray | None
+) -> tuple[Markup, list[tuple[str, Markup]]]:
+    """The view, and a picture of each of the first modes with its title.
+
+    Args:
+        shapes: The shapes.
+        names: The test's names of the modes.
+        macs: MAC of each with the test's, (m,), or None.
+    """
+    ways, arrows, notes = [], {}, {}
+    for j, motion in enumerate(shapes.motions):
+        largest = int(np.argmax(np.sum(motion**2, axis=(0, 1))))
+        ways.append(np.eye(3)[largest])
+        if shapes.sensors is not None:
+            arrows[j] = measured_arrows(shapes.sensors, shapes.test[:, j], shapes.model[:, j])
+            notes[j] = "The test beside it, in the scale that brings both nearest"
+            notes[j] += "." if macs is None else f"; MAC {macs[j]:.3f}."
+    titles = [
+        f"{name}, {hertz(float(hz))} Hz"
+        for name, hz in zip(names, shapes.frequencies_hz, strict=True)
+    ]
+    stills = [
+        (title, svg(mode_shape(shapes.vertices, motion, way, f"mode{j}", f"Shape of {title}.")))
+        for j, (title, motion, way) in enumerate(zip(titles, shapes.motions, ways, strict=True))
+        if j < _STILLS
+    ]
+    view = modes_view(shapes.vertices, shapes.motions, titles, ways, arrows, notes)
+    return view, stills

@@ -1,0 +1,105 @@
+"""A headless Chromium that looks at the project's pages, started once for all tests."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+import threading
+from pathlib import Path
+
+import pytest
+
+__all__ = ["Browser", "CHROMIUM"]
+
+_NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
+CHROMIUM = next((path for name in _NAMES if (path := shutil.which(name))), None)
+#: Seconds until a step counts as hung.
+_PATIENCE = 60
+#: Rules of axe-core that do not hold for a page that is a report, or that it judges by pixels.
+_RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"],
+          "resultTypes": ["violations"], "rules": {"region": {"enabled": False}}}  # fmt: skip
+
+
+class Browser:
+    """One tab, driven from the tests' own thread."""
+
+    def __init__(self):
+        import choreographer.browsers
+
+        class Chromium(choreographer.browsers.Chromium):
+            """As people use it: the driver would turn off what keeps web sites apart."""
+
+            def get_cli(self) -> list[str]:
+                return [part for part in super().get_cli() if part != "--disable-web-security"]
+
+        self._loop = asyncio.new_event_loop()
+        threading.Thread(target=self._loop.run_forever, daemon=True).start()
+        self._browser = choreographer.Browser(
+            CHROMIUM, browser_cls=Chromium, headless=True, enable_sandbox=False
+        )
+        self._run(self._browser.open())
+        self._tab = self._run(self._browser.create_tab("about:blank"))
+        self._send("Page.enable")
+
+    def _run(self, coroutine):
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(_PATIENCE)
+
+    def _send(self, name: str, **values):
+        return self._run(self._tab.send_command(name, values))
+
+    def close(self) -> None:
+        """End it."""
+        self._run(self._browser.close())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+
+    def show(self, file: Path, *, width: int = 1280, dark: bool = False) -> None:
+        """Load a page from a file, as by a double click."""
+        self._send("Emulation.setDeviceMetricsOverride", width=width, height=900,
+                   deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self._send("Emulation.setEmulatedMedia", features=[scheme])
+        self._send("Page.navigate", url=file.resolve().as_uri())
+        for _ in range(400):
+            there = "location.protocol === 'file:' && document.readyState === 'complete'"
+            if self.js(there):
+                return
+            threading.Event().wait(0.02)
+        raise AssertionError(f"{file} is not loaded")
+
+    def js(self, expression: str):
+        """Value of an expression, which may be a promise.
+
+        Raises:
+            AssertionError: If it raises.
+        """
+        answer = self._send(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )["result"]
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def rules(self) -> list[str]:
+        """What axe-core finds wrong with the page as it is shown, and where."""
+        pytest.importorskip("axe_core_python", reason="checks rules of pages")
+        from axe_core_python.base import AXE_SCRIPT
+
+        self.js(f"{AXE_SCRIPT}; 0")
+        found = self.js(
+            f"axe.run(document, {json.dumps(_RULES)}).then(r => r.violations.flatMap(v => "
+            "v.nodes.map(n => `${v.id}: ${n.html.slice(0, 120)} ${n.failureSummary}`)))"
+        )
+        return found[:12]
+
+    def check(self, text: str, folder: Path) -> None:
+        """Fail if a page breaks a rule, in light or dark, or does not fit a phone."""
+        file = folder / "page.html"
+        file.write_text(text, encoding="utf-8")
+        for width, dark in ((1280, False), (1280, True), (390, False)):
+            self.show(file, width=width, dark=dark)
+            assert self.js("document.documentElement.scrollWidth") <= width
+            views = text.count('type="application/json"')
+            assert self.js("document.querySelectorAll('.live').length") == views
+            if width > 600:
+                found = self.rules()
+                assert not found, "\n".join(found)
