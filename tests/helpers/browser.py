@@ -92,7 +92,7 @@ class Browser:
         return found[:12]
 
     def check(self, text: str, folder: Path) -> None:
-        """Fail if a page breaks a rule, in light or dark, or does not fit a phone."""
+        """Fail if a page breaks a rule, in light or dark, or does not fit a phone or paper."""
         file = folder / "page.html"
         file.write_text(text, encoding="utf-8")
         for width, dark in ((1280, False), (1280, True), (390, False)):
@@ -100,6 +100,17 @@ class Browser:
             assert self.js("document.documentElement.scrollWidth") <= width
             views = text.count('type="application/json"')
             assert self.js("document.querySelectorAll('.live').length") == views
+            self.js("document.querySelectorAll('details').forEach(d => { d.open = true; })")
             if width > 600:
                 found = self.rules()
                 assert not found, "\n".join(found)
+        # A4 less 10 mm on either side: what does not fit there is lost.
+        self._send("Emulation.setDeviceMetricsOverride", width=718, height=1047,
+                   deviceScaleFactor=1, mobile=False)  # fmt: skip
+        self._send("Emulation.setEmulatedMedia", media="print")
+        cut = self.js(
+            "[...document.querySelectorAll('table')].filter(t => t.getBoundingClientRect().right "
+            "> 719).map(t => t.id + ' ' + t.innerText.slice(0, 60))"
+        )
+        self._send("Emulation.setEmulatedMedia", media="")
+        assert cut == []
