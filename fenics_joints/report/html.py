@@ -21,7 +21,9 @@ from fenics_joints.formatting import spaced
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.report.mesh_pictures import diverging
 
-__all__ = ["HeatCell", "facts", "heat_map", "heat_pair", "mac_cells", "noted", "render", "svg"]
+__all__ = [
+    "HeatCell", "facts", "heat_map", "heat_pair", "ink_on", "mac_cells", "noted", "render", "svg",
+]  # fmt: skip
 
 
 #: What draws a view, in this order.
@@ -100,10 +102,13 @@ def _heat_cell(error: float, largest: float) -> HeatCell:
     strength = math.copysign(math.sqrt(min(abs(error) / largest, 1.0)), error) if largest else 0.0
     colour = diverging(0.5 + 0.5 * 0.9 * strength)[:3]
     background = "#" + "".join(f"{round(255 * c):02x}" for c in colour)
-    # White on dark, at the luminance where both inks have the same contrast (WCAG 2.1).
-    ink = "#ffffff" if _luminance(colour) < 0.18 else "#14181d"
-    style = f"background:{background};color:{ink}"
+    style = f"background:{background};color:{ink_on(colour)}"
     return HeatCell(formatting.percent(error, 1, sign=True), style)
+
+
+def ink_on(colour: Sequence[float]) -> str:
+    """White or dark, whichever is told better from a colour from 0 to 1 (WCAG 2.1)."""
+    return "#ffffff" if _luminance(colour) < 0.18 else "#14181d"
 
 
 def mac_cells(values: np.ndarray) -> list[list[HeatCell]]:
@@ -116,9 +121,8 @@ def _mac_cell(value: float) -> HeatCell:
     # White to the accent's blue; ink by contrast.
     white, blue = np.array([247, 249, 250]), np.array([31, 95, 150])
     colour = white + share * (blue - white)
-    ink = "#ffffff" if share > 0.55 else "#14181d"
     background = "#" + "".join(f"{round(c):02x}" for c in colour)
-    return HeatCell(f"{value:.2f}", f"background:{background};color:{ink}")
+    return HeatCell(f"{value:.2f}", f"background:{background};color:{ink_on(colour / 255)}")
 
 
 def _luminance(colour: Sequence[float]) -> float:

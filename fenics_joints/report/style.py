@@ -14,11 +14,12 @@ from contextlib import contextmanager
 
 import matplotlib
 import numpy as np
+from cycler import cycler
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 __all__ = [
-    "CHOSEN", "INK", "NOISE", "NOMINAL", "PLACEBO", "drawing", "grid", "style", "to_svg",
+    "CHOSEN", "INK", "NOISE", "NOMINAL", "PLACEBO", "SERIES", "drawing", "grid", "style", "to_svg",
 ]  # fmt: skip
 
 #: Colours that the page replaces by its own, and those that suit light and dark pages alike.
@@ -26,7 +27,11 @@ INK, _MUTED, _LINE, _PAPER = "#1b2027", "#5b6470", "#d3d8de", "#fdfdfc"
 _PAGE = {INK: "--ink", _MUTED: "--muted", _LINE: "--line", _PAPER: "--paper"}
 CHOSEN, NOMINAL, PLACEBO, NOISE = "#2b7bba", "#8d949e", "#d9822b", "#4d9a6a"
 
+#: Colours one after the other that all kinds of colour vision tell apart (Okabe and Ito 2008).
+SERIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
+
 _STYLE = {
+    "axes.prop_cycle": cycler(color=SERIES),
     "font.size": 9.5,
     "font.family": "sans-serif",
     "svg.fonttype": "none",

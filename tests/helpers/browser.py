@@ -86,8 +86,9 @@ class Browser:
 
         self.js(f"{AXE_SCRIPT}; 0")
         only = {"runOnly": {"type": "rule", "values": names}} if names else {}
+        asked = json.dumps({**_RULES, **only})
         found = self.js(
-            f"axe.run(document, {json.dumps({**_RULES, **only})}).then(r => r.violations.flatMap(v => "
+            f"axe.run(document, {asked}).then(r => r.violations.flatMap(v => "
             "v.nodes.map(n => `${v.id}: ${n.html.slice(0, 120)} ${n.failureSummary}`)))"
         )
         return found[:12]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 
 import matplotlib
 import numpy as np
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from fenics_joints.bayes.arviz_files import draw
 from fenics_joints.bayes.chains import Chains
@@ -21,6 +22,8 @@ __all__ = ["Shown", "correlations", "frequencies", "scatter"]
 #: Draws of a chain that are shown: more would only make the page larger. Quantities in a grid, and
 #: against each other; columns of a grid.
 _SHOWN, _PAIRS, _MOST, _AGAINST, _COLUMNS = 600, 300, 12, 6, 3
+#: Letters of a line of a label in a panel of pairs.
+_WIDE = 17
 
 
 class Shown:
@@ -36,6 +39,8 @@ class Shown:
         self.draws: dict[str, np.ndarray] = {}
         for name, values in list(chains.by_name().items())[:_MOST]:
             factor, label = _labelled(name, values, units.get(name, ""))
+            # ArviZ takes a slash for a path: N/m with a division slash instead.
+            label = label.replace("/", "\N{DIVISION SLASH}")
             self.draws[label] = factor * values
 
     def traces(self) -> str:
@@ -106,7 +111,23 @@ def _tidied(figure, kind: str, count: int, columns: int, every: int) -> None:
             axes.set_ylabel("" if i % columns else "ESS")
 
 
+def _wrapped(label: str) -> str:
+    """A label in lines that fit a panel, broken where a name or a sentence may be."""
+    lines = [""]
+    for part in re.findall(r"[^ ._]+[ ._]*", label):
+        if lines[-1] and len(lines[-1] + part.rstrip()) > _WIDE:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(line.rstrip() for line in lines)
+
+
 def _tidied_pair(axes) -> None:
+    for text in (axes.xaxis.label, axes.yaxis.label):
+        text.set_text(_wrapped(text.get_text()))
+        text.set_fontsize(8)
+    for axis in (axes.xaxis, axes.yaxis):  # a power of ten beside an axis would be over a label
+        axis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:.6g}"))
+    axes.tick_params(labelsize=7)
     axes.xaxis.set_major_locator(MaxNLocator(2))
     for points in axes.collections:
         points.set(sizes=[4], alpha=0.4)

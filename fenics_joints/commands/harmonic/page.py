@@ -11,11 +11,10 @@ from fenics_joints.commands.harmonic.result import HarmonicReport
 from fenics_joints.commands.harmonic.stability import LevelStability
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.report.html import render, svg
-from fenics_joints.report.style import drawing, to_svg
+from fenics_joints.report.style import INK, SERIES, drawing, to_svg
 
 __all__ = ["harmonic_html", "interface_map", "loops_chart", "over_amplitude", "responses_chart"]
 
-_SHADES = ("#8d949e", "#2b7bba", "#d9822b", "#7a5aa6", "#4d9a6a", "#c2571a")
 
 
 def harmonic_html(r: HarmonicReport) -> str:
@@ -60,7 +59,7 @@ def responses_chart(r: HarmonicReport) -> str:
         if r.backbone is not None:
             b = r.backbone
             axes.plot(
-                b.frequencies_hz, b.amplitude(SENSOR, r.kind), color="#14181d", lw=1.0,
+                b.frequencies_hz, b.amplitude(SENSOR, r.kind), color=INK, lw=1.0,
                 ls=(0, (4, 3)), label="backbone",
             )  # fmt: skip
         axes.set(
@@ -85,7 +84,7 @@ def _stability(axes, found: LevelStability, response, amplitude, kind: str, shad
 
 def _cycle():
     while True:
-        yield from _SHADES
+        yield from SERIES
 
 
 def over_amplitude(r: HarmonicReport) -> str:
@@ -95,7 +94,7 @@ def over_amplitude(r: HarmonicReport) -> str:
     x = b.amplitude()
     with drawing(7.6, 3.2) as figure:
         left, right = figure.subplots(1, 2)
-        lines = {"color": "#2b7bba"}, {"color": "#14181d", "ls": "--"}
+        lines = {"color": "#2b7bba"}, {"color": INK, "ls": "--"}
         for found, line in zip(both, lines, strict=True):
             if found is not None:
                 a, name = found.amplitude(), found.method.replace("epmc", "periodic")
@@ -109,8 +108,8 @@ def over_amplitude(r: HarmonicReport) -> str:
             left.plot(f.displacement, f.frequency_hz, "o", color=shade, ms=4.5)
             right.plot(f.displacement, 100 * f.damping_ratio, "o", color=shade, ms=4.5)
         tested = np.array(mode_rows(r.identified[-1]) if r.identified else []).reshape(-1, 5)
-        left.plot(tested[:, 0], tested[:, 1], "x", color="#14181d", ms=5)
-        right.plot(tested[:, 0], 100 * tested[:, 3], "x", color="#14181d", ms=5)
+        left.plot(tested[:, 0], tested[:, 1], "x", color=INK, ms=5)
+        right.plot(tested[:, 0], 100 * tested[:, 3], "x", color=INK, ms=5)
         left.set_ylabel("frequency, Hz")
         right.set_ylabel("damping ratio, %")
         left.ticklabel_format(axis="y", useOffset=False)
@@ -190,5 +189,5 @@ def _plan(figure: Figure, axes, x, along, across, values) -> None:
 
 def _line(figure: Figure, axes, x, along, across, values) -> None:
     order = np.argsort(x[:, along])
-    axes.plot(x[order, along], values[order], color=_SHADES[1], lw=1.4)
+    axes.plot(x[order, along], values[order], color=SERIES[0], lw=1.4)
     axes.set_xlabel(f"{'xyz'[along]}, mm")

@@ -10,7 +10,7 @@ from fenics_joints.commands.diagnose.reading import by_reason
 from fenics_joints.diagnosis.evidence.classes import APART, confusion
 from fenics_joints.diagnosis.plan.result import Plan, PlannedEffect
 from fenics_joints.formatting import quantity, spaced
-from fenics_joints.report.html import facts, render, svg
+from fenics_joints.report.html import facts, ink_on, render, svg
 from fenics_joints.report.style import CHOSEN, PLACEBO, drawing, to_svg
 
 __all__ = ["likeliest", "matrix_picture", "plan_html", "size_words"]
@@ -70,18 +70,17 @@ def matrix_picture(p: Plan) -> str:
         axes.xaxis.set_label_position("top")
         axes.spines[:].set_visible(False)
         if n <= _NUMBERED:
-            _write_numbers(axes, D)
+            _write_numbers(axes, D, colours)
         _frame_classes(axes, p)
         return to_svg(figure, "matrix", _matrix_words(p))
 
 
-def _write_numbers(axes, D) -> None:
+def _write_numbers(axes, D, colours) -> None:
     for i, j in zip(*np.nonzero(~np.ma.getmaskarray(D)), strict=True):
         value = float(D[i, j])
-        # Dark on the pale middle, white on the strong ends.
-        ink = "#14181d" if 0.2 * APART < value < 1.6 * APART else "#ffffff"
+        ink = ink_on(colours(min(value / (2 * APART), 1.0))[:3])
         text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
-        axes.text(j, i, text, ha="center", va="center", fontsize=7.5, color=ink)
+        axes.text(j, i, text, ha="center", va="center", fontsize=8.5, color=ink)
 
 
 def _frame_classes(axes, p: Plan) -> None:

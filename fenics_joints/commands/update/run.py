@@ -174,7 +174,7 @@ class _Run:
             notes=self.notes,
             pull=None if found.method == "weighted" else self.section.regularisation,
             published=self._published(),
-            shapes=updated_shapes(self.case, self.data.target, modes),
+            shapes=updated_shapes(self.case, self.full, self.data.target, modes),
         )
 
     def _checked(self) -> tuple[Update, Modes, ModelError]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
+from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case
 from fenics_joints.commands.modes.view import measured_arrows, modes_view
 from fenics_joints.formatting import hertz
@@ -16,7 +17,7 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.combined import paired
 from fenics_joints.report.html import svg
 from fenics_joints.report.mesh_pictures import mode_shape
-from fenics_joints.structure import Sensors
+from fenics_joints.structure import Sensors, Structure
 
 __all__ = ["UpdatedShapes", "shapes_view", "updated_shapes"]
 
@@ -49,20 +50,23 @@ class UpdatedShapes:
         return f"UpdatedShapes({len(self.motions)} modes, {len(self.vertices)} cells)"
 
 
-def updated_shapes(case: Case, target: Target, modes: Modes) -> UpdatedShapes | None:
+def updated_shapes(
+    case: Case, full: Structure | BeamStructure, target: Target, modes: Modes
+) -> UpdatedShapes | None:
     """Shapes of the modes that are the test's. Collective; None but on rank 0.
 
     Args:
         case: The case, whose measured shapes stand beside.
+        full: The full model, whose cells are drawn.
         target: The test's data.
         modes: Modes of the updated model, in full.
     """
-    if not len(target):
+    if not len(target) or modes.model.n_dofs != full.n_dofs:
         return None
     pairing, test = paired(modes, target), case.measurements().shapes
     sensors = None if test is None else target.shape_sensors
     vectors = [modes.vector(int(i)) for i in pairing.index]
-    vertices, motions = modes.model.corner_motion(vectors)
+    vertices, motions = full.corner_motion(vectors)
     seen = None if test is None else modes.at(sensors)[:, pairing.index]
     if not len(vertices):
         return None
