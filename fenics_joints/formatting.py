@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import html
 import math
 import re
 from collections.abc import Sequence
 
 __all__ = [
     "LEAST", "LIMITS", "MISSING", "MOST", "bounded", "condition_value", "control_character",
-    "extents", "hertz", "interval", "number", "p_value", "percent", "prefixed", "printable",
-    "probability", "quantity", "spaced", "spread",
+    "extents", "hertz", "html_table", "interval", "number", "p_value", "percent",
+    "prefixed", "printable", "probability", "quantity", "spaced", "spread",
 ]  # fmt: skip
 
 #: Probabilities are shown between these, since experience of such models allows no surer ones, and
@@ -157,3 +158,22 @@ def condition_value(value: float, unit: str = "") -> str:
 def spaced(name: str) -> str:
     """A name from a case file in words: ``bolts_and_nuts`` is ``bolts and nuts``."""
     return name.replace("_", " ")
+
+
+def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A short table as HTML for a notebook, all of its texts escaped.
+
+    Args:
+        caption: Above it.
+        head: Of the columns.
+        rows: Texts, each as many as there are columns.
+    """
+
+    def row(kind: str, texts: Sequence[str]) -> str:
+        return f"<tr>{''.join(f'<{kind}>{html.escape(str(t))}</{kind}>' for t in texts)}</tr>"
+
+    body = "".join(row("td", texts) for texts in rows)
+    return (
+        f"<table><caption>{html.escape(caption)}</caption><thead>{row('th', head)}</thead>"
+        f"<tbody>{body}</tbody></table>"
+    )

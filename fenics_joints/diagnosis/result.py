@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
 from fenics_joints.files import plain
-from fenics_joints.formatting import LEAST, LIMITS, MOST, bounded
+from fenics_joints.formatting import LEAST, LIMITS, MOST, bounded, html_table, percent, probability
 from fenics_joints.measurements.gap import Gap
 
 __all__ = ["Diagnosis", "EffectResult", "HypothesisResult", "Separation"]
@@ -155,6 +155,13 @@ class Diagnosis:
     location: Location | None = None
     shrinkage: Shrinkage | None = None
     nested: dict[str, Nested] = field(default_factory=dict)
+
+    def _repr_html_(self) -> str:
+        rows = [(e.name, e.region, probability(e.probability)) for e in self.effects[:8]]
+        gap = f"gap {percent(self.before.rms)} to {percent(self.after.rms)}"
+        held = f"held out {percent(self.heldout_before)} to {percent(self.heldout_after)}"
+        caption = f"{self.title}: {self.verdict}; {gap}, {held}"
+        return html_table(caption, ("effect", "region", "probability"), rows)
 
     def __repr__(self) -> str:
         gap = f"gap {self.before.rms:.2%} to {self.after.rms:.2%}"

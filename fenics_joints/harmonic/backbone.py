@@ -15,6 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import InputError, real, reals
+from fenics_joints.formatting import hertz, html_table, number, percent
 from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow
@@ -59,6 +60,16 @@ class Backbone(Periodic):
     force: str | None
     force_amplitudes: np.ndarray
     end: str = "reached"
+
+    def _repr_html_(self) -> str:
+        shown = np.unique(np.linspace(0, len(self.modal_amplitudes) - 1, 8).round().astype(int))
+        rows = [
+            (number(self.modal_amplitudes[i]), hertz(self.frequencies_hz[i]),
+             percent(self.damping_ratios[i], 3))
+            for i in shown
+        ]  # fmt: skip
+        head = ("modal amplitude, m kg^1/2", "Hz", "damping ratio")
+        return html_table(f"Backbone, {self.method}: {self.end}", head, rows)
 
     def to_dict(self) -> dict:
         """Everything that people read, for JSON."""

@@ -11,9 +11,11 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError, capable, member, real, whole
+from fenics_joints.formatting import hertz, html_table
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
 from fenics_joints.structure import Model, Sensors
+from fenics_joints.structure.grids import cell_grid, pyvista
 
 __all__ = [
     "SHIFT_SHARE", "Modes", "check_model", "count_rigid", "dense_modes", "inverted_modes",
@@ -87,6 +89,38 @@ class Modes:
         displacement = getattr(self.model, "displacement", None)
         vector = self.vector(i)
         return vector if displacement is None else displacement(vector)
+
+    def to_pyvista(self, i: int):
+        """Mode ``i`` as ``displacement`` of the model's cells, for pyvista. Collective.
+
+        ``grid.warp_by_vector("displacement", factor=...)`` shows it.
+
+        Returns:
+            A ``pyvista.UnstructuredGrid`` in metres on rank 0, the displacement M-normalised,
+            kg^-1/2; None on the other ranks.
+
+        Raises:
+            InputError: If there is no such mode, the model has no cells, or pyvista is not
+                installed.
+        """
+        i = whole("i", i, least=-len(self), most=len(self) - 1)
+        motion = getattr(self.model, "corner_motion", None)
+        if motion is None:
+            raise InputError(f"{self.model!r}: has no cells to look at.")
+        pyvista()
+        corners, (shape,) = motion([self.vector(i)])
+        if not len(corners):
+            return None
+        flat = np.ptp(corners.reshape(-1, 3), axis=0) > 0
+        tdim = 3 if flat.all() else 2
+        return cell_grid(corners, tdim, {"displacement": shape})
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (str(i + 1), hertz(f), "rigid body" if i < self.n_rigid else "elastic")
+            for i, f in enumerate(self.frequencies_hz)
+        ]
+        return html_table(f"{len(self)} modes", ("mode", "Hz", ""), rows)
 
     def at(self, sensors: Sensors) -> np.ndarray:
         """Mass-normalised shapes at sensors, kg^-1/2, shape (n_sensors, n)."""

@@ -13,10 +13,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
+from fenics_joints.formatting import html_table, quantity
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK, Pairs
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.patch import contour_area, largest_radius, mean_within
 from fenics_joints.preload.system import PreloadSystem
+from fenics_joints.structure.grids import facet_mesh
 
 __all__ = ["ContactState", "PreloadResult"]
 
@@ -44,6 +46,22 @@ class ContactState:
     def __repr__(self) -> str:
         n, closed = len(self.status), int(self.closed.sum())
         return f"ContactState({self.name!r}, {closed} of {n} closed, {self.normal_force:.4g} N)"
+
+    def to_pyvista(self):
+        """The contact's facets for pyvista: ``pressure``, ``gap`` and ``status`` at the pairs,
+        ``facet_pressure`` over the facets, in SI units.
+
+        Returns:
+            A ``pyvista.PolyData``, the same on every rank.
+
+        Raises:
+            InputError: If pyvista is not installed: ``pip install 'fenics-joints[view]'``.
+        """
+        at_pairs = {"pressure": self.pressure, "gap": self.gap, "status": self.status}
+        return facet_mesh(
+            self.interface.points, self.interface.facets, at_pairs,
+            {"facet_pressure": self.facet_pressure},
+        )  # fmt: skip
 
     @property
     def pressure(self) -> np.ndarray:
@@ -154,6 +172,15 @@ class PreloadResult:
     def __repr__(self) -> str:
         contacts = shorten(", ".join(self.contacts), 60)
         return f"PreloadResult({self.iterations} iterations, contacts {contacts})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, quantity(c.normal_force, "N"), quantity(float(c.pressure.max(initial=0)), "Pa"),
+             f"{c.area * 1e6:.0f} mm²", f"{int(c.closed.sum())} of {len(c.status)}")
+            for name, c in self.contacts.items()
+        ]  # fmt: skip
+        head = ("contact", "force", "peak pressure", "closed area", "closed pairs")
+        return html_table(f"Preload after {self.iterations} iterations", head, rows)
 
     def _contacts(self) -> dict[str, ContactState]:
         jumps, states = self.model.jumps, {}

@@ -21,6 +21,7 @@ from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.structure.assembly import Assembly
 from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.grids import cell_grid, pyvista
 from fenics_joints.structure.points import PointRows, Sensors, observe
 from fenics_joints.structure.sparse import MatrixForm, RowForm
 from fenics_joints.structure.values import number, slopes
@@ -366,6 +367,25 @@ class Structure(Assembly):
             except MeshError:
                 continue  # no flat layer: its joint's law may be for any shape
         return tuple(found)
+
+    def to_pyvista(self):
+        """The cells with their ``region``, its place in `regions`, for pyvista. Collective.
+
+        Returns:
+            A ``pyvista.UnstructuredGrid`` in metres on rank 0; None on the other ranks.
+
+        Raises:
+            InputError: If pyvista is not installed: ``pip install 'fenics-joints[view]'``.
+        """
+        pyvista()
+        tdim = self.mesh.topology.dim
+        region = np.full(self.mesh.topology.index_map(tdim).size_local, -1)
+        for i, (_, cells) in enumerate(self.field.regions):
+            region[cells[cells < len(region)]] = i
+        parts, (corners, _) = self.comm.gather(region), self.corner_motion([])
+        if parts is None:
+            return None
+        return cell_grid(corners, tdim, cells={"region": np.concatenate(parts)})
 
     def corner_motion(self, vectors: Sequence[PETSc.Vec]) -> tuple[np.ndarray, np.ndarray]:
         """Corners of all cells and how they move. Collective.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.formatting import html_table, number, percent
 from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.updating.prediction import Prediction
 from fenics_joints.updating.residuals import Widths
@@ -105,6 +106,16 @@ class Update:
             f"{name}={value:.4g}" for name, value in zip(self.names, self.values, strict=True)
         )
         return f"Update({textwrap.shorten(found, 70, placeholder='...')}: {self.message[:30]})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, number(a, 4), number(b, 4), percent(sd, 1) if sd < 1 else "open")
+            for name, a, b, sd in zip(
+                self.names, self.start, self.values, self.relative_sd, strict=True
+            )
+        ]
+        head = ("parameter", "start", "identified (SI)", "standard deviation")
+        return html_table(f"Update, {self.message}", head, rows)
 
     def mapping(self) -> dict[str, float]:
         """The values by name."""

@@ -15,6 +15,7 @@ from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
+from fenics_joints.structure.grids import cell_grid, pyvista
 
 __all__ = ["PatchMap", "Patches", "patch_columns", "patch_tests", "patches"]
 
@@ -98,6 +99,22 @@ class PatchMap:
         """Which of them leave no more unexplained than chance would: each could be all, (P,)."""
         rest = np.array([test.rest_p for test in self.tests])
         return self.significant & (rest >= self.level)
+
+    def to_pyvista(self):
+        """The cells for pyvista, with the number of their ``patch``, the ``share`` that it
+        explains, and whether it is ``significant``, ``sufficient`` and ``seen``.
+
+        Raises:
+            InputError: If pyvista is not installed, or the cells are on another rank.
+        """
+        pyvista()
+        if self.vertices is None:
+            raise InputError("vertices is None: expected the map of rank 0.")
+        names = ("share", "significant", "sufficient", "seen")
+        values = {name: getattr(self, name)[self.patch] for name in names}
+        corners = np.asarray(self.vertices, dtype=float)
+        tdim = 3 if (np.ptp(corners.reshape(-1, 3), axis=0) > 0).all() else 2
+        return cell_grid(corners, tdim, cells={"patch": self.patch, **values})
 
     def to_json(self) -> dict:
         """The tests with places and volumes; not the cells."""
