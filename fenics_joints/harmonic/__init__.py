@@ -11,6 +11,7 @@ from fenics_joints.harmonic.backbone_points import BackbonePoints, solve_backbon
 from fenics_joints.harmonic.balance import Balance, default_samples
 from fenics_joints.harmonic.bifurcations import Bifurcation, Stability, find_bifurcations
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
+from fenics_joints.harmonic.chosen import neglected_harmonics, solve_to_tolerance
 from fenics_joints.harmonic.constant_response import solve_constant_response
 from fenics_joints.harmonic.continuation import follow, locate
 from fenics_joints.harmonic.corrector import Problem, Settings
@@ -39,9 +40,11 @@ __all__ = [
     "ResponseGradient", "Settings", "Stability", "StaticBackbone", "default_samples",
     "fitted_sliders",
     "find_bifurcations", "floquet_exponents", "floquet_multipliers", "follow",
-    "hill_multipliers", "identify", "kept_model", "load_branch", "locate", "predict",
+    "hill_multipliers", "identify", "kept_model", "load_branch", "locate",
+    "neglected_harmonics", "predict",
     "read_loops", "save_branch",
     "slider_ranges", "solve_backbone", "solve_backbone_at", "solve_constant_response",
-    "solve_harmonic", "solve_isola", "solve_static_backbone", "stable", "switch_branch",
+    "solve_harmonic", "solve_isola", "solve_static_backbone", "solve_to_tolerance",
+    "stable", "switch_branch",
     "track_folds", "track_resonance",
 ]  # fmt: skip
