@@ -341,9 +341,10 @@ class Diagnose(Section):
     ``shape_discrepancy`` that of a shape's components, relative to its root mean square.
     ``zones`` is the number of zones of equal pressure that a contact is split into, and ``mesh``
     what its mesh has otherwise than ``[mesh]``, such as larger elements: a diagnosis solves many
-    models. ``nested`` is the number of leading hypotheses whose evidence is sampled, and
-    ``patches`` that of patches of each region in which the gap is looked for; 0 for neither these
-    nor the error in the constitutive relation, which cost solutions of the full model.
+    models. ``nested`` is the number of leading hypotheses that may take nested sampling where
+    importance sampling does not find its way (0: no evidence is sampled), and ``patches`` that of
+    patches of each region in which the gap is looked for; 0 for neither these nor the error in the
+    constitutive relation, which cost solutions of the full model.
     ``mesh_error`` says whether the mesh's own error of each frequency is measured, by one solution
     with elements of one degree more, and counts where it is larger than ``discrepancy``.
     ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that

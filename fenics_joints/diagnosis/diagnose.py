@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from fenics_joints.case import Case, test_notes
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import classes, detectable
 from fenics_joints.diagnosis.evidence.inference import Fit
-from fenics_joints.diagnosis.evidence.nested import Nested, nested_evidence
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_best
 from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
@@ -23,6 +21,7 @@ from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
+from fenics_joints.diagnosis.sampling import sample
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import Shrinkage
@@ -36,10 +35,10 @@ from fenics_joints.diagnosis.verdict import (
     sure_classes,
 )
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
-from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.errors import InputError
 from fenics_joints.files import writable_folder
 from fenics_joints.measurements import Gap, TestData
-from fenics_joints.parallel import on_root, spread
+from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
 __all__ = ["diagnose"]
@@ -47,9 +46,6 @@ __all__ = ["diagnose"]
 #: A hypothesis this far (in ln) behind the best of a fold is not refitted, and at most so many are;
 #: beside them the best wrong ones.
 _HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
-#: Parameters of a hypothesis' effects up to which its evidence is sampled: seven take ten times as
-#: many points as four.
-_MOST_SAMPLED = 6
 
 
 def diagnose(
@@ -104,48 +100,15 @@ class _Run:
         self.search, self.started = search, started
         self.comm, self.case, self.data = model.comm, model.case, model.data
         self.evidence, self.baseline = model.evidence, model.baseline
-        self.nested: dict[str, Nested] = {}
-        self.laplace: dict[str, float] = {}
 
     @property
     def forward(self):
         return self.model.forward
 
     def answer(self) -> Diagnosis:
-        return self._report(self._sample(self.search.run()))
-
-    # -- nested sampling -----------------------------------------------------------------------
-
-    def _sample(self, fits: list[Fit]) -> list[Fit]:
-        """The evidence of the leading hypotheses anew, by nested sampling where they have few
-        enough parameters."""
-        count = self.given.diagnose.nested
-        order = [
-            i for i in np.argsort(-self.search.probabilities(fits), kind="stable")
-            if fits[i].hypothesis.effects
-        ][:count]  # fmt: skip
-        sampled = [i for i in order if _can_be_sampled(fits[i])]
-        if not sampled:
-            return fits
-        self.progress.step("nested sampling of the leading hypotheses", len(sampled))
-
-        def sample(i: int) -> Nested | None:
-            try:
-                found = nested_evidence(fits[i], self.forward, self.evidence, self.baseline)
-            except ConvergenceError:
-                found = None  # Laplace's evidence stays
-            self.progress.advance()
-            return found
-
-        results = spread(self.comm, sampled, sample)
-        fits = list(fits)
-        for i, result in zip(sampled, results, strict=True):
-            if result is None:
-                continue
-            self.nested[fits[i].hypothesis.label_of_keys] = result
-            self.laplace[fits[i].hypothesis.label_of_keys] = fits[i].log_evidence
-            fits[i] = replace(fits[i], log_evidence=result.log_evidence)
-        return fits
+        found = sample(self.search, self.search.run(), self.given.diagnose.nested)
+        self.nested, self.laplace = found.sampled, found.laplace
+        return self._report(found.fits)
 
     # -- the answer --------------------------------------------------------------------------
 
@@ -396,8 +359,3 @@ def _gap(data: TestData, log_f: Sequence[np.ndarray]) -> Gap:
 def _lists(found: Fit) -> bool:
     """Whether a hypothesis is of the library."""
     return not found.hypothesis.unknown
-
-
-def _can_be_sampled(found: Fit) -> bool:
-    """Whether the effects of a hypothesis have something to sample, and not too much."""
-    return 0 < sum(len(effect.priors) for effect in found.hypothesis.effects) <= _MOST_SAMPLED

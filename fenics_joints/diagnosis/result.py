@@ -8,7 +8,7 @@ from textwrap import shorten
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Silent
-from fenics_joints.diagnosis.evidence.nested import Nested
+from fenics_joints.diagnosis.evidence.sampled import Sampled
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
@@ -17,6 +17,9 @@ from fenics_joints.formatting import LEAST, LIMITS, MOST, bounded, html_table, p
 from fenics_joints.measurements.gap import Gap
 
 __all__ = ["Diagnosis", "EffectResult", "HypothesisResult", "Separation"]
+
+#: What the JSON file has of a sampled evidence.
+_OF_SAMPLED = ("log_evidence", "error", "calls", "way", "n_eff")
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ class Diagnosis:
         by_level: Whether the condition is a level of force or amplitude.
         location: Tests of regions and patches, and along modes, frequencies and conditions.
         shrinkage: How far the gap shrinks on held-out data, with what was stated before.
-        nested: Evidence by nested sampling of the leading hypotheses, by label of their effects.
+        nested: Evidence by sampling of the leading hypotheses, by label of their effects.
         joints: What the comparison starts from: joints ``bonded``, as one with the parts, or
             ``given``, as the case has them; empty if the model has none.
         between: Of a test by level, standard deviations of what changes between levels and the
@@ -154,7 +157,7 @@ class Diagnosis:
     between: tuple[float, ...] | None = None
     location: Location | None = None
     shrinkage: Shrinkage | None = None
-    nested: dict[str, Nested] = field(default_factory=dict)
+    nested: dict[str, Sampled] = field(default_factory=dict)
 
     def _repr_html_(self) -> str:
         rows = [(e.name, e.region, probability(e.probability)) for e in self.effects[:8]]
@@ -198,7 +201,7 @@ class Diagnosis:
             if getattr(self, key) is not None:
                 out[key] = getattr(self, key).to_json()
         out["nested"] = {
-            label: {key: getattr(n, key) for key in ("log_evidence", "error", "calls")}
+            label: {key: getattr(n, key) for key in _OF_SAMPLED}
             for label, n in self.nested.items()
         }
         if self.damping is not None:

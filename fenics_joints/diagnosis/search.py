@@ -167,7 +167,7 @@ class Search:
 
     def _fit_again(self, fits: list[Fit]) -> None:
         """Fit what leads with the better model, in place."""
-        near = list(near_best(self._scores(fits), _AGAIN, len(fits)))
+        near = list(near_best(self.scores(fits), _AGAIN, len(fits)))
         near += [i for i, f in enumerate(fits) if f.hypothesis.name and i not in near]
         self.progress.step("fitting again with the better model", len(near))
         # Where the old model was far off, the way on from its end may be shut.
@@ -247,7 +247,7 @@ class Search:
         lowers = self._lowers(known)
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
         starts = [self._start(effects, parent) for effects, parent in pairs]
-        best = np.max(self._scores(known))
+        best = np.max(self.scores(known))
         looks = self.looked(hypotheses, starts, lowers)
         if self.model.evidence.between is not None:
             # What grows with the level does so by exponentials: a first step may go far too far.
@@ -317,7 +317,7 @@ class Search:
         fits has it, which may have taken for drift what another effect explains."""
         evidence, found = self.model.evidence, [self.model.evidence]
         if len(known) and evidence.between is not None:
-            found.append(evidence.at(known[int(np.argmax(self._scores(known)))].between))
+            found.append(evidence.at(known[int(np.argmax(self.scores(known)))].between))
         return [np.linalg.cholesky(each.covariance()) for each in found]
 
     def _start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
@@ -341,7 +341,7 @@ class Search:
             ]
         )
 
-    def _scores(self, fits: Sequence[Fit]) -> np.ndarray:
+    def scores(self, fits: Sequence[Fit]) -> np.ndarray:
         """ln of the evidence times the prior odds of each."""
         return np.array([f.log_evidence for f in fits]) + self.log_prior(
             [f.hypothesis for f in fits]
@@ -354,7 +354,7 @@ class Search:
         of wrong explanations is none. And what explains the test may be a look-alike
         (`fenics_joints.diagnosis.evidence.unlisted`).
         """
-        score = self._scores(fits)
+        score = self.scores(fits)
         unknown = max((s for s, f in zip(score, fits, strict=True) if f.hypothesis.unknown),
                       default=np.inf)  # fmt: skip
         known = np.array([not f.hypothesis.unknown for f in fits])

@@ -19,7 +19,9 @@ from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.many import ManyModes
 
-__all__ = ["LeanForward", "arrays_of", "frequency_error", "lean_forward", "modes_at"]
+__all__ = [
+    "LeanForward", "arrays_of", "frequency_error", "lean_forward", "modes_at", "seen_modes_at",
+]  # fmt: skip
 
 #: As in `fenics_joints.modal.modes`: the shift below zero, and what counts as rigid.
 _SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
@@ -214,7 +216,7 @@ def lean_forward(
     weights: np.ndarray,
     checks: Sequence[Mapping[str, float]],
     limit: float,
-    sizes: Sequence[int] = (16, 20, 24, 28, 32, 36, 40, 50, 60),
+    sizes: Sequence[int] = (16, 20, 24, 28, 32, 36, 40, 50, 60, 80, 100),
     beyond: bool = False,
 ) -> tuple[LeanForward, float]:
     """The leanest forward whose frequencies are good enough.
@@ -238,7 +240,7 @@ def lean_forward(
     most = int(np.sum(energies > 1e-7 * energies[0]))
     watched = forward.further if beyond else forward
     exact = np.array([watched(values)[0] for values in checks])
-    tried = [s for s in sizes if max(6 + forward.n_test, forward.n_modes) <= s < most] + [most]
+    tried = [s for s in sizes if 6 + forward.n_test <= s < most] + [most]
     for size in tried:
         lean = LeanForward(forward, model.on(vectors[:, :size]))
         error = frequency_error(lean.further if beyond else lean, checks, exact)
@@ -254,6 +256,22 @@ def frequency_error(lean: LeanForward, checks, exact: np.ndarray) -> float:
     except InputError:
         return np.inf
     return float(np.max(np.abs(found - exact)))
+
+
+def seen_modes_at(
+    forward: Forward, values: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """`modes_at`, and which of them are the test's, (n_test,); (0,) where they are not all there.
+
+    Args:
+        forward: Of the reduced model.
+        values: Parameter values.
+    """
+    try:
+        modes, pairing = forward.solve(values)
+    except InputError:
+        return modes_at(forward, values), np.zeros(0, dtype=int)
+    return modes.shapes, pairing.index
 
 
 def modes_at(forward: Forward, values: Mapping[str, float]) -> np.ndarray:

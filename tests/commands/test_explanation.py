@@ -20,7 +20,7 @@ from fenics_joints.commands.diagnose.page import diagnosis_html
 from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
-from fenics_joints.diagnosis.evidence.nested import Nested
+from fenics_joints.diagnosis.evidence.sampled import Sampled
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
@@ -260,7 +260,7 @@ def test_doubts_are_told_and_only_where_there_are_any():
 
     bad = [replace(clean[0], at_bound=("k_n",), p_value=0.02), *clean[1:]]
     low = shrinkage(shrink=0.2, coverage=0.5, claimed=False)
-    nested = {clean[0].effects[0]: Nested(42.0, 0.7, 900, np.zeros(1), np.ones(1), 0.0)}
+    nested = {clean[0].effects[0]: Sampled(42.0, 0.7, 900, np.zeros(1), np.ones(1), 0.0)}
     d = diagnosis(hypotheses=bad, shrinkage=low, model_error=0.004, nested=nested)
     doubts = " ".join(explain(d).doubts)
     for words in (
@@ -302,7 +302,7 @@ def test_zone_names_in_words():
 
 def test_page_and_terminal_lead_with_the_sentences():
     key = "joint normal compliance (joint)"
-    d = diagnosis(nested={key: Nested(42.0, 0.05, 900, np.zeros(1), np.ones(1), 0.0)})
+    d = diagnosis(nested={key: Sampled(42.0, 0.05, 900, np.zeros(1), np.ones(1), 0.0)})
     page, words = diagnosis_html(d), explain(d)
     assert "42.0 ± 0.05" in page and "41.2</td>" in page
     which = escape(words.which, quote=False)

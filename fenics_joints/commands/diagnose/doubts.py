@@ -68,7 +68,7 @@ def doubts(d: Diagnosis) -> list[str]:
             f"the noise, {percent(d.noise, 3)}."
         )
     if any(not np.isfinite(n.log_evidence) or n.error > 0.5 for n in d.nested.values()):
-        words.append("Nested sampling left an error of more than 0.5 in some ln evidence.")
+        words.append("Sampling left an error of more than 0.5 in some ln evidence.")
     return words
 
 

@@ -9,7 +9,7 @@ from itertools import groupby
 from fenics_joints.commands.diagnose.words import joined, shortened
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
-from fenics_joints.diagnosis.evidence.nested import Nested
+from fenics_joints.diagnosis.evidence.sampled import Sampled
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN, least_sure
 from fenics_joints.diagnosis.where.zone_tests import Attribution
@@ -88,8 +88,8 @@ def by_reason(silent: Iterable[Silent]) -> list[tuple[str, list[str]]]:
     return list(names.items())
 
 
-def sampled(d: Diagnosis, hypothesis: HypothesisResult) -> Nested | None:
-    """What nested sampling found of a hypothesis; None where it has Laplace's evidence."""
+def sampled(d: Diagnosis, hypothesis: HypothesisResult) -> Sampled | None:
+    """What sampling found of a hypothesis; None where it has Laplace's evidence."""
     return d.nested.get(" + ".join(hypothesis.effects) or hypothesis.label)
 
 

@@ -30,6 +30,8 @@ __all__ = ["Fit", "fit"]
 _FARTHEST = 4.0
 #: Step of differences, in standard deviations of the prior.
 _STEP = 1e-4
+#: How much less probable, in ln, another end may be, and how far away in prior standard deviations.
+_CLOSE, _ELSEWHERE = 6.0, 0.3
 #: Fits of one hypothesis with standard deviations between levels that the one before called for.
 _ROUNDS = 3
 
@@ -51,6 +53,8 @@ class Fit:
         at_bound: Names of parameters at a limit of their prior.
         between: Of a test by level, the most probable standard deviations between levels.
         widening: ln of the evidence over that at those standard deviations.
+        ends: Other points at which the search ended, from other starts, nearly as probable, each
+            (d,).
     """
 
     hypothesis: Hypothesis
@@ -65,6 +69,7 @@ class Fit:
     at_bound: tuple[str, ...] = ()
     between: Scales | None = None
     widening: float = 0.0
+    ends: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
         label = self.hypothesis.label
@@ -124,7 +129,7 @@ def fit(
     """
     found = _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance)
     if evidence.between is not None:
-        tried = grid(damped=len(evidence.between) > 1)
+        tried, ends = grid(damped=len(evidence.between) > 1), found.ends
         for again in range(_ROUNDS):
             best, over = weighed(tried, partial(_linear, found, evidence))
             if best == found.between or again == _ROUNDS - 1:
@@ -132,7 +137,9 @@ def fit(
             test = evidence.at(best)
             found = _fit_at(hypothesis, forward, test, baseline, [found.z], tolerance)
         widening = over(found.between)
-        found = replace(found, log_evidence=found.log_evidence + widening, widening=widening)
+        found = replace(
+            found, log_evidence=found.log_evidence + widening, widening=widening, ends=ends
+        )
     if progress:
         progress()
     return found
@@ -155,20 +162,30 @@ def _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance) -> Fit:
     scan = None if scanned is None else problem.scan(scanned, bounds[scanned])
     if scan is not None:
         starts = [scan.start, *(starts or ())]
-    best = None
+    ends: list[tuple[float, np.ndarray]] = []
     for start in starts or (np.zeros(len(bounds)),):
         if len(bounds) == 0:
-            best = (0.0, start)
+            ends = [(0.0, start)]
             break
         inside = np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6)
         result = least_squares(
             problem.residual, inside, problem.slope, bounds=tuple(bounds.T), method="trf",
             x_scale=1.0, ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=30,
         )  # fmt: skip
-        if best is None or result.cost < best[0]:
-            best = (result.cost, result.x)
-    found = problem.finish(best[1])
+        ends.append((result.cost, result.x))
+    cost, z = min(ends, key=lambda end: end[0])
+    found = replace(problem.finish(z), ends=_others(ends, cost, z, hypothesis.own))
     return found if scan is None else scan.improved(found)
+
+
+def _others(ends, cost, z, own: slice) -> tuple[np.ndarray, ...]:
+    """Ends nearly as good as the best that are elsewhere in the effects' parameters."""
+    found = [z]
+    for other, x in sorted(ends, key=lambda end: end[0]):
+        away = min(np.max(np.abs((x - at)[own]), initial=0.0) for at in found)
+        if other < cost + _CLOSE and away > _ELSEWHERE:
+            found.append(x)
+    return tuple(found[1:])
 
 
 @dataclass(frozen=True)

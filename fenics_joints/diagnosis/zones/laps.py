@@ -147,7 +147,7 @@ def lap_as_one(case: Case, zones: Zones, values: Mapping[str, float]) -> dict[st
     Args:
         case: The case.
         zones: Its laps in zones.
-        values: Values of the parts' parameters.
+        values: Values of the parts' parameters; or many of each, (b,).
     """
     mesh, found = case.mesh, {}
     owners = {cell: name for name, part in case.parts.items() for cell in part.cells}
@@ -162,11 +162,11 @@ def lap_as_one(case: Case, zones: Zones, values: Mapping[str, float]) -> dict[st
             side = h / 2 if j == i else -h / 2
             E, nu = values[f"{part}.E"], values[f"{part}.nu"]
             sections.append((E * b * h, E * b * h**3 / 12, side, E / (2 * (1 + nu)) * b * h))
-        EA, EI, q, GA = np.array(sections).T
-        axis = EA @ q / EA.sum()
-        whole = EI.sum() + EA @ (q - axis) ** 2
-        phi = 12 * whole * mesh.shear / (GA.sum() * L**2)
+        EA, EI, q, GA = (np.array(np.broadcast_arrays(*of)) for of in zip(*sections, strict=True))
+        axis = (EA * q).sum(axis=0) / EA.sum(axis=0)
+        whole = EI.sum(axis=0) + (EA * (q - axis) ** 2).sum(axis=0)
+        phi = 12 * whole * mesh.shear / (GA.sum(axis=0) * L**2)
         for zone in dict.fromkeys(lap.zones):
-            found[f"{zone}.k1"] = float(3 * whole / ((1 + phi) * L))
-            found[f"{zone}.k2"] = float(whole / L)
+            found[f"{zone}.k1"] = 3 * whole / ((1 + phi) * L)
+            found[f"{zone}.k2"] = whole / L
     return found

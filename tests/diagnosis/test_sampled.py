@@ -1,4 +1,4 @@
-"""Nested sampling of the evidence against closed forms and grids."""
+"""Sampled evidence, importance and nested, against closed forms, grids and another sampler."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
-from fenics_joints.diagnosis.evidence.nested import nested_evidence
+from fenics_joints.diagnosis.evidence.sampled import importance_evidence, nested_evidence
 from fenics_joints.reduction import Forward
 
 TORQUES = np.array([5.0, 10.0, 30.0])
@@ -50,7 +50,8 @@ def evidence_of(log_f, sd=0.01, discrepancy=0.01):
     return Evidence(TORQUES[: len(log_f)], log_f, np.full(log_f.shape, sd), discrepancy)
 
 
-def test_evidence_is_the_closed_form_when_linear():
+@pytest.mark.parametrize("sampled", [importance_evidence, nested_evidence])
+def test_evidence_is_the_closed_form_when_linear(sampled):
     """Two effects, a nuisance with a median, a missing entry: one multivariate normal."""
     rng = np.random.default_rng(3)
     forward = Curved(rng.standard_normal((4, 3)) * 0.05)
@@ -60,7 +61,7 @@ def test_evidence_is_the_closed_form_when_linear():
     log_f[1, 2] = np.nan
     evidence = evidence_of(log_f)
     found = fit(Hypothesis(effects, (nuisance,)), forward, evidence, forward.baseline)
-    got = nested_evidence(found, forward, evidence, forward.baseline)
+    got = sampled(found, forward, evidence, forward.baseline)
     used = evidence.used.ravel()
     J = (np.tile(forward.matrix, (3, 1)) * [0.8, 1.2, 0.6])[used]
     mean = (5.0 + np.tile(forward.matrix @ [0.0, 0.3, -0.2], 3))[used]
@@ -70,7 +71,7 @@ def test_evidence_is_the_closed_form_when_linear():
     assert got.error < 0.05
     gain = J.T @ np.linalg.solve(covariance, log_f.ravel()[used] - mean)
     assert np.all(np.abs(got.mean - gain[:2]) < 0.15 * got.sd)
-    again = nested_evidence(found, forward, evidence, forward.baseline)
+    again = sampled(found, forward, evidence, forward.baseline)
     assert (again.log_evidence, again.calls) == (got.log_evidence, got.calls)
 
 
@@ -92,8 +93,9 @@ def test_one_parameter_is_enough(narrow):
     assert got.mean == pytest.approx(gain[:1], abs=0.02 * got.sd[0])
 
 
+@pytest.mark.parametrize("sampled", [importance_evidence, nested_evidence])
 @pytest.mark.parametrize("limit", [np.inf, 0.5])
-def test_two_modes_and_a_bend_against_a_grid(limit):
+def test_two_modes_and_a_bend_against_a_grid(limit, sampled):
     """p0^2 is what the data see: Laplace finds one of two bent modes, and no limit of a prior."""
     forward = Curved([[0.0, 0.05], [0.0, 0.0]], bend=[0.05, 0.04])
     span = (-limit, limit)
@@ -102,7 +104,7 @@ def test_two_modes_and_a_bend_against_a_grid(limit):
     found = fit(
         Hypothesis(effects), forward, evidence, forward.baseline, starts=[np.array([0.4, 0.1])]
     )
-    got = nested_evidence(found, forward, evidence, forward.baseline)
+    got = sampled(found, forward, evidence, forward.baseline)
     x, y = np.linspace(max(-5, -limit), min(5, limit), 1201), np.linspace(-5, 5, 801)
     X, Y = np.meshgrid(x, y, indexing="ij")
     predicted = np.stack([5 + 0.05 * Y + 0.05 * X**2, 5 + 0.04 * X**2], axis=-1)
@@ -117,7 +119,7 @@ def test_two_modes_and_a_bend_against_a_grid(limit):
 
 def test_evidence_agrees_with_another_sampler():
     dynesty = pytest.importorskip("dynesty")
-    from fenics_joints.diagnosis.evidence.nested import Marginal
+    from fenics_joints.diagnosis.evidence.marginal import Marginal
 
     forward = Curved([[0.0, 0.05, 0.03], [0.0, 0.0, 0.02]], bend=[0.05, 0.04])
     evidence = evidence_of([[5.02, 5.03]] * 3, sd=0.004, discrepancy=0.003)
@@ -132,3 +134,6 @@ def test_evidence_agrees_with_another_sampler():
     )  # fmt: skip
     sampler.run_nested(print_progress=False)
     assert got.log_evidence == pytest.approx(sampler.results.logz[-1], abs=0.5)
+    drawn = importance_evidence(found, forward, evidence, forward.baseline)
+    assert drawn.way == "importance" and drawn.calls < 0.2 * got.calls
+    assert abs(drawn.log_evidence - got.log_evidence) < 4 * np.hypot(drawn.error, got.error)
