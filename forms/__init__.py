@@ -30,6 +30,7 @@ from fenics_joints.forms.elasticity import (
     lame_from_moduli,
     lame_parameters,
     mass,
+    plane_stress,
 )
 from fenics_joints.forms.hysteresis import (
     bouc_wen,
@@ -101,6 +102,7 @@ __all__ = [
     "parallel",
     "peak_pressure",
     "penalty_pressure",
+    "plane_stress",
     "pressure_cone",
     "radius",
     "richard_abbott",

@@ -27,6 +27,7 @@ __all__ = [
     "lame_from_moduli",
     "lame_parameters",
     "mass",
+    "plane_stress",
 ]
 
 
@@ -57,6 +58,23 @@ def lame_from_moduli(E, G):
     if isinstance(E, Real) and isinstance(G, Real) and not 0 < E < 3 * G:
         raise InputError(f"E = {E} Pa with G = {G} Pa: an isotropic solid needs 0 < E < 3 G")
     return G * (E - 2 * G) / (3 * G - E), G
+
+
+def plane_stress(E, nu):
+    """Moduli (E, nu) with which two-dimensional forms, of plane strain, are those of plane stress.
+
+    E (1 + 2 nu) / (1 + nu)^2 and nu / (1 + nu) (Timoshenko and Goodier, Theory of Elasticity, 1970,
+    art. 16). Forces are per unit of thickness; a part that is t thick has t times this E and rho.
+
+    Args:
+        E: Young's modulus, Pa.
+        nu: Poisson's ratio.
+
+    Raises:
+        InputError: As `lame_parameters`.
+    """
+    lame_parameters(E, nu)
+    return E * (1 + 2 * nu) / (1 + nu) ** 2, nu / (1 + nu)
 
 
 def isotropic_stress(eps, lmbda, mu):
