@@ -10,7 +10,7 @@ from pathlib import Path
 
 #: Captions of the site's side bar, and their pages.
 SECTIONS = {
-    "Learn": ("tutorial", "install", "diagnosis", "gallery/index"),
+    "Learn": ("tutorial", "install", "diagnosis", "notebooks", "gallery/index"),
     "Do": (
         "case", "own-mesh", "own-data", "levels", "amplitude", "updating", "posterior",
         "functions", "slip", "preload", "beams", "database", "forms", "own-law", "own-effect",

@@ -108,7 +108,7 @@ def _heat_cell(error: float, largest: float) -> HeatCell:
 
 def ink_on(colour: Sequence[float]) -> str:
     """White or dark, whichever is told better from a colour from 0 to 1 (WCAG 2.1)."""
-    return "#ffffff" if _luminance(colour) < 0.18 else "#14181d"
+    return "#ffffff" if _luminance(colour) < 0.179 else "#000000"
 
 
 def mac_cells(values: np.ndarray) -> list[list[HeatCell]]:

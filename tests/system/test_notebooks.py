@@ -1,0 +1,36 @@
+"""The notebooks of the documentation run from the first cell to the last."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+pytest.importorskip("dolfinx")
+pytest.importorskip("jupytext")
+
+import jupytext
+from mpi4py import MPI
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+NOTEBOOKS = sorted((REPOSITORY / "docs" / "notebooks").glob("*.py"))
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="once is enough")
+
+
+def test_they_are_linked_and_have_no_outputs():
+    page = (REPOSITORY / "docs" / "notebooks.md").read_text(encoding="utf-8")
+    assert len(NOTEBOOKS) == 5 and all(f"(notebooks/{n.name})" in page for n in NOTEBOOKS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_cells_run(notebook):
+    matplotlib.use("Agg")
+    cells = jupytext.read(notebook, fmt="py:light").cells
+    code = [cell.source for cell in cells if cell.cell_type == "code"]
+    assert cells[0].cell_type == "markdown" and len(code) >= 2
+    names = {"__file__": str(notebook)}
+    for number, source in enumerate(code):
+        exec(compile(source, f"{notebook.name}, cell {number + 1}", "exec"), names)
