@@ -15,6 +15,8 @@ from mpi4py import MPI
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((REPOSITORY / "docs" / "notebooks").glob("*.py"))
+#: Of more than some seconds.
+SLOW = ("diagnose", "harmonic")
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="once is enough")
 
@@ -24,8 +26,11 @@ def test_they_are_linked_and_have_no_outputs():
     assert len(NOTEBOOKS) == 5 and all(f"(notebooks/{n.name})" in page for n in NOTEBOOKS)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "notebook",
+    [pytest.param(n, marks=pytest.mark.slow) if n.stem in SLOW else n for n in NOTEBOOKS],
+    ids=lambda path: path.stem,
+)
 def test_cells_run(notebook):
     matplotlib.use("Agg")
     cells = jupytext.read(notebook, fmt="py:light").cells
