@@ -33,4 +33,3 @@ assert found.modes.n_rigid == 6 and found.beside.mac.min() > 0.9
 
 shape = found.modes.shape(6)
 print(shape.function_space.mesh.topology.cell_name(), len(shape.x.array))
-page = outcome.page()
