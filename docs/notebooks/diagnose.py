@@ -1,7 +1,7 @@
 # # Where, which and how far
 #
 # The command `fenics-joints diagnose`, call by call, on lapped beams whose test was computed with a
-# joint that is softer than the model says: half as stiff along the lap.
+# joint. The diagnosis starts from beams that are one piece over the lap, and has to find the joint.
 
 # +
 import csv
@@ -46,7 +46,8 @@ comm = MPI.COMM_WORLD
 folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None))
 # -
 
-# The test: eight frequencies of the same beams with half the stiffness of the lap against slip.
+# The test: eight frequencies of the same beams with a joint, half as stiff against slip as the case
+# says. A case is read with its test, so a first file holds its place.
 
 # +
 header = ["torque [N m]", *(f"mode {i + 1} [Hz]" for i in range(8))]

@@ -269,8 +269,11 @@ class View {
     }
     const [drawn, whole] = scene.coarse;
     const coarse = whole ? ` Drawn coarser than the mesh: ${drawn} of ${whole} faces.` : "";
-    this.note.textContent = `${look.note} Drag to turn it, with Shift to move it; click, then roll `
-      + `the wheel to zoom; point at it for values.${coarse}`;
+    const how = matchMedia("(pointer: coarse)").matches
+      ? "Drag sideways to turn it, with two fingers to move and zoom."
+      : "Drag to turn it, with Shift to move it; click, then roll the wheel to zoom; point at it "
+        + "for values.";
+    this.note.textContent = `${look.note} ${how}${coarse}`;
   }
 
   /** The model's axes in a corner. */
