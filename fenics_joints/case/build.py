@@ -10,6 +10,7 @@ from fenics_joints.case.build_beams import build_beams, springs_of
 from fenics_joints.case.case import Case
 from fenics_joints.case.checks.beams import refuse_beams
 from fenics_joints.case.checks.names import matching, unknown_groups
+from fenics_joints.case.dimensions import directed_parts
 from fenics_joints.case.mesh import JoinedMesh, MeshFile, OffsetBeamsMesh
 from fenics_joints.case.parameters import parameters
 from fenics_joints.case.sections import Joint, MassSection, SupportSection
@@ -107,7 +108,7 @@ def build_structure(
     with located(case.path):
         return Structure(
             tagged,
-            [*_parts(case, width), *_joints(case, tagged, law)],
+            [*_parts(directed_parts(case, tagged), width), *_joints(case, tagged, law)],
             parameters(
                 case,
                 attached=attached,

@@ -61,6 +61,7 @@ class Part(Section):
     """``[parts.NAME]``: cells of a solid material, with E and one of G and nu.
 
     Its thickness is along ``normal`` and its width along ``across``: y, or z if the normal is y.
+    Without a ``normal`` those of an own mesh's part are measured: `case.dimensions`.
     ``mass`` is what it weighs, for `check` and `diagnose` to hold against its density.
     """
 

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from fenics_joints.case import Case, test_notes
+from fenics_joints.case.dimensions import unfit
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import classes, detectable
 from fenics_joints.diagnosis.evidence.inference import Fit
@@ -312,6 +313,7 @@ class _Run:
             slope[:, names.index(f"{part}.{key}")] * self.baseline[f"{part}.{key}"]
             for part in self.case.parts
             for key in ("E", "rho", "thickness")
+            if unfit(self.model.dimensions, [f"{part}.{key}"]) is None
         ]
         surrogate = self.model.surrogate
         return cell_map(

@@ -11,6 +11,7 @@ from effect_rig import LAYER, RIG, TORQUES, theta_of, touched, whole
 from mpi4py import MPI
 
 from fenics_joints.case import Case, build_mesh, build_structure
+from fenics_joints.case.dimensions import Dimensions
 from fenics_joints.diagnosis.effects.library import case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
 from fenics_joints.diagnosis.zones.joints import joint_zones
@@ -150,6 +151,22 @@ def test_what_a_test_cannot_speak_of_is_said(case, zones):
     assert {e.name for e in one} == {"loose bolt"}
     with pytest.raises(InputError, match=r"diagnose.effects: 'rust' does not exist"):
         library(case, zones, measured(), effects=["rust"])
+
+
+def test_what_a_mesh_cannot_have_is_no_cause(case, zones):
+    """One of two plates with a joint between them may be thicker, and wider only with the other."""
+    more = {"law": "uncoupled", "width": True, "tagged": zones.tagged}
+    dimensions = Dimensions(zones.case, build_structure(zones.case, MPI.COMM_SELF, **more))
+    zones = zones.with_thickness(dict.fromkeys(case.joints, LAYER))
+    found, silent = case_effects(case, measured(), zones, dimensions)
+    regions = {(e.name, e.region) for e in found}
+    assert {("thickness error", "lower"), ("width error of all parts", "all parts")} <= regions
+    assert not {("width error", "lower"), ("width error", "upper")} & regions
+    (reason,) = (s.reason for s in silent if s.effect == "width error")
+    assert "of upper, lower: joined" in reason
+    names = {effect.name for effect in case_nuisances(case, zones, dimensions)}
+    assert "width of lower, within tolerance" not in names
+    assert "thickness of lower, within tolerance" in names
 
 
 def test_nuisances_hold_what_the_case_says():

@@ -14,6 +14,7 @@ from fenics_joints.bayes.priors import Prior, default_density, density
 from fenics_joints.bayes.sampled import SampledModel
 from fenics_joints.case import Case, build_structure
 from fenics_joints.case.bayes import bayes_data, prior_numbers
+from fenics_joints.case.dimensions import refuse_unfit
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.case.update import Bayes
 from fenics_joints.errors import InputError
@@ -92,6 +93,7 @@ def case_model(
     progress = progress or Progress(silent=True)
     progress.step("building the model")
     full, start = build_structure(case, comm), {**case.nominal(), **case.start()}
+    refuse_unfit(case, full, case.update.parameters)
     parameters = within_laws([full.parameters[n] for n in case.update.parameters], start, full)
     prior = case_prior(case, parameters, start, full)
     data = bayes_data(case)

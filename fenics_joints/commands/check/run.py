@@ -18,6 +18,7 @@ from fenics_joints.case import (
     examine_case,
     plausibility,
 )
+from fenics_joints.case.dimensions import long_normals
 from fenics_joints.case.machine import available_bytes
 from fenics_joints.case.mesh import OffsetBeamsMesh
 from fenics_joints.commands.check.body import body_of, face_centres
@@ -174,7 +175,8 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     model = _model(found, tagged)
     if isinstance(model, str):
         return _more(found, [model])
-    return _more(replace(found, dofs=model), (), _apart(case, tagged))
+    odd = [*_apart(case, tagged), *long_normals(case, tagged)]
+    return _more(replace(found, dofs=model), (), odd)
 
 
 def _odd_size(size: float) -> list[str]:

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_structure, model_damping, test_notes
+from fenics_joints.case.dimensions import refuse_unfit
 from fenics_joints.commands.cutoff.run import run_cutoff
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
@@ -101,6 +102,7 @@ class _Run:
         progress.step("building the model")
         damped = bool({"damping", "frfs"} & set(self.data.kinds))
         self.full: Structure | BeamStructure = build_structure(case, comm, damping=damped)
+        refuse_unfit(case, self.full, self.section.parameters)
         self.damping = model_damping(case, self.full) if damped else Damping()
         self.parameters = [self.full.parameters[n] for n in self.section.parameters]
         self.start = {**case.nominal(damping=damped), **case.start()}

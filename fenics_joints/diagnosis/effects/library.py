@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fenics_joints.case import Case
+from fenics_joints.case.dimensions import Dimensions, unfit
 from fenics_joints.case.sections import AttachedMass
 from fenics_joints.diagnosis.effects.amplitude import NAMES, amplitude_effects
 from fenics_joints.diagnosis.effects.bolts import (
@@ -33,7 +34,7 @@ from fenics_joints.diagnosis.effects.joint import (
     pressed_by_bolts,
     pressed_compliance,
 )
-from fenics_joints.diagnosis.effects.part import CAUSES, part_error, shear_error, temperature
+from fenics_joints.diagnosis.effects.part import part_effects
 from fenics_joints.diagnosis.effects.rig import (
     MISPLACED,
     MISSCALED,
@@ -77,19 +78,22 @@ _NOT_OF_LAPS = {
 Group = tuple[Sequence[Effect], Sequence[Silent]]
 
 
-def case_nuisances(case: Case, zones: Zones) -> tuple[Effect, ...]:
+def case_nuisances(
+    case: Case, zones: Zones, dimensions: Dimensions | None = None
+) -> tuple[Effect, ...]:
     """What is known within tolerance only, and free in every hypothesis.
 
     Args:
         case: The case.
         zones: Its joints in zones; laps that are as one piece go with their parts.
+        dimensions: Which thicknesses and widths the model can represent; None: all.
     """
     given = case.tolerances()
     found = []
     for name in case.parts:
         for key, usual in _TOLERANCE.items():
             spread = given.get(f"{name}.{key}", usual)
-            if spread > 0:
+            if spread > 0 and unfit(dimensions, [f"{name}.{key}"]) is None:
                 words = f"{key} of {name}, within tolerance"
                 most = 3.0 if key != "nu" else max(_NU / case.parts[name].nominal()["nu"], 1.01)
                 found.append(
@@ -110,7 +114,7 @@ def case_nuisances(case: Case, zones: Zones) -> tuple[Effect, ...]:
 
 
 def case_effects(
-    case: Case, data: TestData, zones: Zones
+    case: Case, data: TestData, zones: Zones, dimensions: Dimensions | None = None
 ) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
     """The effects of the library that this case can hold, and those its test cannot speak of.
 
@@ -118,6 +122,7 @@ def case_effects(
         case: The case, with a joint for each zone.
         data: The test.
         zones: Its joints in zones.
+        dimensions: Which thicknesses and widths the model can represent; None: all.
 
     Raises:
         InputError: If the case asks for an effect that is not there.
@@ -131,7 +136,7 @@ def case_effects(
     of_beams = [] if zones.laps is None else [_missed_modes(data)]
     groups = [
         *(of_joints if len(zones) else ()), amplitude_effects(data, zones.all),
-        (_parts(case, data, zones), ()), (_attached_effects(case), ()), _test_effects(data),
+        _parts(case, data, zones, dimensions), (_attached_effects(case), ()), _test_effects(data),
         *of_beams,
     ]  # fmt: skip
     return _wanted(case, groups)
@@ -290,8 +295,9 @@ def _damping(data: TestData, zones: Zones) -> Group:
 # -- in parts, around them, and in the test --------------------------------------------------------
 
 
-def _parts(case: Case, data: TestData, zones: Zones) -> list[Effect]:
-    return [_with_laps(effect, case, zones) for effect in _part_effects(case, data)]
+def _parts(case: Case, data: TestData, zones: Zones, dimensions) -> Group:
+    effects, silent = part_effects(case, data, dimensions)
+    return [_with_laps(effect, case, zones) for effect in effects], silent
 
 
 def _with_laps(effect: Effect, case: Case, zones: Zones) -> Effect:
@@ -312,23 +318,6 @@ def _with_laps(effect: Effect, case: Case, zones: Zones) -> Effect:
             values[key] *= k / before[key]
 
     return replace(effect, apply=apply)
-
-
-def _part_effects(case: Case, data: TestData) -> list[Effect]:
-    parts, alike = tuple(case.parts), {}
-    for name, part in case.parts.items():
-        nominal = part.nominal()
-        alike.setdefault((nominal["E"], nominal["nu"], nominal["rho"]), []).append(name)
-    effects = [part_error(key, [name], 1 / len(parts)) for name in parts for key in CAUSES]
-    effects += [shear_error([name], case.parts[name].nominal()["nu"], 1 / len(parts))
-                for name in parts]  # fmt: skip
-    for (_, nu, _), group in alike.items():
-        if len(group) > 1:
-            whole = len(group) == len(parts)
-            effects += [part_error(key, group, 1.0, whole) for key in CAUSES]
-            effects.append(shear_error(group, nu, 1.0, whole))
-    # By level a mode's amplitude stands in for the condition, whose order is then lost.
-    return [*effects, temperature(parts, data.conditions, drifts=not data.by_level)]
 
 
 def _attached_effects(case: Case) -> list[Effect]:

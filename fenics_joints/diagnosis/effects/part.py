@@ -6,9 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior, relative_error
+from fenics_joints.case import Case
+from fenics_joints.case.dimensions import Dimensions, unfit
+from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
+from fenics_joints.measurements.data import TestData
 
-__all__ = ["CAUSES", "SHEAR", "part_error", "shear_error", "temperature"]
+__all__ = ["CAUSES", "SHEAR", "part_effects", "part_error", "shear_error", "temperature"]
 
 #: Spread of a part's property as a cause, far beyond its tolerance: a wrong material or gauge.
 CAUSES = {"E": 0.15, "rho": 0.10, "thickness": 0.10, "width": 0.10}
@@ -109,3 +112,41 @@ def temperature(parts: Sequence[str], conditions: Sequence[float], drifts: bool)
         "temperature", "all parts", (_OFFSET, _DRIFT) if drifts else (_OFFSET,), apply, words,
         family="temperature", drifts=drifts,
     )  # fmt: skip
+
+
+def part_effects(
+    case: Case, data: TestData, dimensions: Dimensions | None
+) -> tuple[list[Effect], list[Silent]]:
+    """Errors of the parts of a case, and those that its model cannot represent.
+
+    Args:
+        case: The case.
+        data: The test.
+        dimensions: Which thicknesses and widths the model can represent; None: all.
+    """
+    parts, alike = tuple(case.parts), {}
+    for name, part in case.parts.items():
+        nominal = part.nominal()
+        alike.setdefault((nominal["E"], nominal["nu"], nominal["rho"]), []).append(name)
+    asked = [(key, [name], 1 / len(parts), False) for name in parts for key in CAUSES]
+    asked += [("nu", [name], 1 / len(parts), False) for name in parts]
+    for group in alike.values():
+        if len(group) > 1:
+            asked += [(key, group, 1.0, len(group) == len(parts)) for key in (*CAUSES, "nu")]
+    found, left_out = [], {}
+    for key, group, *more in asked:
+        if key == "nu":
+            found.append(shear_error(group, case.parts[group[0]].nominal()["nu"], *more))
+            continue
+        effect = part_error(key, group, *more)
+        reason = unfit(dimensions, [f"{part}.{key}" for part in group])
+        if reason is None:
+            found.append(effect)
+        else:
+            left_out.setdefault((effect.name, reason), []).append(effect.region)
+    silent = [
+        Silent(name, f"of {', '.join(where)}: {reason}")
+        for (name, reason), where in left_out.items()
+    ]
+    # By level a mode's amplitude stands in for the condition, whose order is then lost.
+    return [*found, temperature(parts, data.conditions, drifts=not data.by_level)], silent

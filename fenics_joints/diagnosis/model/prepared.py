@@ -11,6 +11,7 @@ from mpi4py import MPI
 from scipy.stats import qmc
 
 from fenics_joints.case import Case
+from fenics_joints.case.dimensions import unfit
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
@@ -140,7 +141,7 @@ class Prepared(Subject):
     def _samples(self, count: int) -> list[dict[str, float]]:
         """The baseline, some parameters at the ends of their ranges, a Sobol sequence of those that
         are no joint's, and every effect at places of its prior."""
-        ranges = sample_ranges(self.case)
+        ranges = self._ranges()
         samples = [self.baseline]
         for name in ranges:
             if name.endswith(".thickness"):
@@ -159,6 +160,11 @@ class Prepared(Subject):
         samples += sample_values(self.effects, self.baseline, conditions, count, 2, ranges)
         return samples + self._cutoffs()
 
+    def _ranges(self) -> dict[str, tuple[float, float, bool]]:
+        """`sample_ranges` of what the model can represent."""
+        ranges = sample_ranges(self.case)
+        return {name: r for name, r in ranges.items() if unfit(self.dimensions, [name]) is None}
+
     def _cutoffs(self) -> list[dict[str, float]]:
         """The cut-off between every two zones of a contact once."""
         lost = next((e for e in self.effects if [p.name for p in e.priors] == ["cutoff"]), None)
@@ -172,7 +178,7 @@ class Prepared(Subject):
     def rare(self) -> set[str]:
         """Names of the effects that change what few samples of the reduced model are of: joints,
         and what is put on."""
-        known = set(sample_ranges(self.case))
+        known = set(self._ranges())
         return {e.name for e in self.effects if is_rare(e, self.baseline, known)}
 
     def _sample(self, ranges: dict, place: dict[str, float]) -> dict[str, float]:
@@ -209,12 +215,12 @@ def prepare(
     data = case.diagnosed_test() if data is None else data
     subject = subject_of(case.diagnosed(), comm, progress)
     case, zones = subject.case, subject.zones
-    effects, silent = case_effects(case, data, zones)
+    effects, silent = case_effects(case, data, zones, subject.dimensions)
     extra = [for_zones(effect, zones.by("joint")) for effect in extra]
     effects = distinct((*effects, *extra), subject.baseline, data.conditions)
     return Prepared(
         **vars(subject), comm=comm, data=data, effects=effects, silent=silent,
-        nuisances=case_nuisances(case, zones),
+        nuisances=case_nuisances(case, zones, subject.dimensions),
         scatter=case.diagnose.preload_scatter if by_preload(data) else 0.0,
         evidence=evidence_of(
             data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy,

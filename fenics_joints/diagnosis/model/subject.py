@@ -9,6 +9,7 @@ from mpi4py import MPI
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.build_beams import build_beams
+from fenics_joints.case.dimensions import Dimensions
 from fenics_joints.case.mesh import OffsetBeamsMesh
 from fenics_joints.diagnosis.where.cells import BeamElements, Cells, MeshCells
 from fenics_joints.diagnosis.zones.contacts import contact_zones
@@ -33,6 +34,7 @@ class Subject:
         zones: Its joints in zones.
         baseline: Parameter values of the nominal model.
         cells: Its cells.
+        dimensions: Which thicknesses and widths it can represent; None: all, as beams can.
     """
 
     case: Case
@@ -40,6 +42,7 @@ class Subject:
     zones: Zones
     baseline: dict[str, float]
     cells: Cells
+    dimensions: Dimensions | None
 
 
 def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
@@ -80,7 +83,8 @@ def solid_subject(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subjec
     bonded = bonded_values(zones.case)
     baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
     zones = zones.with_thickness(layer_thickness(full))
-    return Subject(zones.case, full, zones, baseline, MeshCells(full))
+    dimensions = Dimensions(zones.case, full)
+    return Subject(zones.case, full, zones, baseline, MeshCells(full), dimensions)
 
 
 def beam_subject(case: Case, comm: MPI.Intracomm) -> Subject:
@@ -103,4 +107,4 @@ def beam_subject(case: Case, comm: MPI.Intracomm) -> Subject:
     owners = {cell: name for name, part in case.parts.items() for cell in part.cells}
     parts = [owners[f"beam_{i + 1}"] for i in range(len(full.beams))]
     cells = BeamElements(full, comm, parts, [lap.zones for lap in zones.laps], zones.bolts)
-    return Subject(zones.case, full, zones, baseline, cells)
+    return Subject(zones.case, full, zones, baseline, cells, None)

@@ -173,7 +173,7 @@ class Candidates:
             m.data, conditions=np.array([at / 2, at]), damping=None, shapes=None, shapes_at=None,
             frequencies_hz=np.repeat(m.data.frequencies_hz, 2, axis=0),
         )  # fmt: skip
-        effects, _ = case_effects(m.case, two, m.zones)
+        effects, _ = case_effects(m.case, two, m.zones, m.dimensions)
         return {e.key: e for e in effects}
 
     def _damping(self) -> list[Candidate]:
