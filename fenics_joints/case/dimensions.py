@@ -16,7 +16,7 @@ from fenics_joints.structure.stretching import Stretching
 from fenics_joints.structure.structure import Structure
 
 __all__ = [
-    "Dimensions", "directed_parts", "long_normals", "refuse_unfit", "unfit",
+    "Dimensions", "directed_parts", "long_normals", "measured_directions", "refuse_unfit", "unfit",
 ]  # fmt: skip
 
 #: What of a part is a dimension, relative to the mesh's.
@@ -81,6 +81,15 @@ def directed_parts(case: Case, tagged: TaggedMesh) -> Case:
         update = {"normal": normal, "across": across if given is None else given}
         parts[name] = part.model_copy(update=update)
     return case.model_copy(update={"parts": parts})
+
+
+def measured_directions(case: Case, tagged: TaggedMesh) -> dict[str, tuple[tuple, tuple]]:
+    """Normal and across of the parts that have them from the mesh. Collective."""
+    directed = directed_parts(case, tagged).parts
+    return {
+        name: (directed[name].normal, directed[name].across)
+        for name, part in case.parts.items() if directed[name] is not part
+    }  # fmt: skip
 
 
 def long_normals(case: Case, tagged: TaggedMesh) -> list[str]:

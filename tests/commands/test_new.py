@@ -69,6 +69,8 @@ def test_step_of_three_parts_and_six_bolts(tmp_path):
     text = (tmp_path / "case" / "case.toml").read_text(encoding="utf-8")
     assert text.count("9 mm, M8?") == 3 and text.count("8.5 and 11 mm, M10?") == 3
     assert [part.rho for part in case.parts.values()] == [2700, 7850, 7850]
+    assert text.count("normal = [0.0, 0.0, 1.0]  # ?") == 3
+    assert [part.across for part in case.parts.values()] == [(0, 1, 0), (1, 0, 0), (1, 0, 0)]
     assert [len(joint.cells) for joint in case.joints.values()] == [3, 3]
     modes = frequencies(case, 7)
     assert np.all(modes[:6] < 1e-3 * modes[6]) and 500 < modes[6] < 3000

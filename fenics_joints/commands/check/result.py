@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -36,6 +38,7 @@ class Checked:
         dofs: Degrees of freedom; None where no model could be made.
         estimate: What one modal solution takes; None where it is not known.
         costs: What the commands take.
+        directions: Normal and across that the mesh gives to parts without any.
     """
 
     path: Path
@@ -50,6 +53,7 @@ class Checked:
     dofs: int | None = None
     estimate: Estimate | None = None
     costs: tuple[Cost, ...] = ()
+    directions: Mapping[str, tuple[tuple, tuple]] = MappingProxyType({})
 
     def __repr__(self) -> str:
         return f"Checked({self.path.name}: {len(self.errors)} errors, {len(self.notes)} notes)"

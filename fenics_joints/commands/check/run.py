@@ -18,7 +18,7 @@ from fenics_joints.case import (
     examine_case,
     plausibility,
 )
-from fenics_joints.case.dimensions import long_normals
+from fenics_joints.case.dimensions import long_normals, measured_directions
 from fenics_joints.case.machine import available_bytes
 from fenics_joints.case.mesh import OffsetBeamsMesh
 from fenics_joints.commands.check.body import body_of, face_centres
@@ -176,7 +176,8 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     if isinstance(model, str):
         return _more(found, [model])
     odd = [*_apart(case, tagged), *long_normals(case, tagged)]
-    return _more(replace(found, dofs=model), (), odd)
+    found = replace(found, dofs=model, directions=measured_directions(case, tagged))
+    return _more(found, (), odd)
 
 
 def _odd_size(size: float) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -162,10 +162,19 @@ def _first_good(folder: Path, sketches, test: TestSketch, files: _Files, progres
         checked = check_case(folder, MPI.COMM_SELF, progress)
         tried.append((text, Written(sketch, test, checked, tuple(files.copied))))
         if not checked.errors:
-            return tried[-1][1]
+            return _with_directions(folder, tried[-1][1])
     text, written = tried[0]
     write_text(folder / "case.toml", text)
     return written
+
+
+def _with_directions(folder: Path, written: Written) -> Written:
+    """With the directions that the mesh gives to parts that are thin in one."""
+    known, sketch = written.checked.directions, written.sketch
+    parts = tuple(replace(p, directions=known.get(p.name, ())) for p in sketch.parts)
+    sketch = replace(sketch, parts=parts)
+    write_text(folder / "case.toml", text_of(folder.resolve().name, sketch, written.test))
+    return replace(written, sketch=sketch)
 
 
 class _Files:

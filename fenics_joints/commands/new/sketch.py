@@ -44,12 +44,16 @@ MATERIALS = {
 
 @dataclass(frozen=True)
 class PartSketch:
-    """A section of ``[parts]``: its name, cells, what the file says of it, and its material."""
+    """A section of ``[parts]``: its name, cells, what the file says of it, and its material.
+
+    ``directions`` are those of its thickness and of its width, if it is thin in one of them.
+    """
 
     name: str
     cells: tuple[str, ...]
     words: str
     material: str
+    directions: tuple[Sequence[float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -200,9 +204,17 @@ def _part(part: PartSketch) -> list[str]:
         f"[parts.{part.name}]" + (f"  # {part.words}" if part.words else ""),
         f"cells = {toml(part.cells)}",
         f"E = {toml(material.E)}  # ? {part.material}, handbook",
-        f"nu = {material.nu}", f"rho = {toml(material.rho)}",
+        f"nu = {material.nu}", f"rho = {toml(material.rho)}", *_ways(part),
         '# mass = "1 kg"  # what it weighs, for check', "",
     ]  # fmt: skip
+
+
+def _ways(part: PartSketch) -> list[str]:
+    keys = {"normal": "of the thickness: the least extent", "across": "of the width: the next"}
+    return [
+        f"{key} = {toml([float(f'{c:.9f}') for c in way])}  # ? {words}"
+        for (key, words), way in zip(keys.items(), part.directions, strict=False)
+    ]
 
 
 def _joint(joint: JointSketch) -> list[str]:
