@@ -14,7 +14,7 @@ import numpy as np
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.cad_bolts import BoltPlace
-from fenics_joints.meshes.cad_kinds import is_flat
+from fenics_joints.meshes.cad_kinds import is_flat, surface_points
 from fenics_joints.meshes.cad_shapes import TOUCH, Contact, Solids
 
 __all__ = ["Glued", "Interface", "Sizes", "glue"]
@@ -331,9 +331,9 @@ def _elements(model, dim: int, entity: int) -> np.ndarray:
 def _contact_of(model, contacts, planes, face: int, pair) -> int | None:
     if not is_flat(model, face):
         return None
-    box = np.array(model.getBoundingBox(2, face)).reshape(2, 3)
+    points = surface_points(model, face)
     for i, (contact, (normal, point)) in enumerate(zip(contacts, planes, strict=True)):
-        in_plane = np.abs((box - point) @ normal).max() < 10 * TOUCH
+        in_plane = np.abs((points - point) @ normal).max() < 10 * TOUCH
         if (contact.lower, contact.upper) == pair and in_plane:
             return i
     return None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["TOUCH", "circle_of", "is_flat"]
+__all__ = ["TOUCH", "circle_of", "is_flat", "surface_points"]
 
 #: Distances below this are those of round-off in CAD.
 TOUCH = 1e-3
@@ -22,11 +22,16 @@ def is_flat(model, face: int) -> bool:
     kind = model.getType(2, face)
     if kind not in _SPLINES:
         return kind == "Plane"
-    low, high = (np.array(ends) for ends in model.getParametrizationBounds(2, face))
-    uv = [(low + (high - low) * [s, t]).tolist() for s in _LOOK for t in _LOOK]
-    points = np.reshape(model.getValue(2, face, np.ravel(uv).tolist()), (-1, 3))
+    points = surface_points(model, face)
     least = np.linalg.svd(points - points.mean(axis=0))[2][2]
     return float(np.ptp(points @ least)) < TOUCH
+
+
+def surface_points(model, face: int) -> np.ndarray:
+    """Points of a face's surface over the rectangle of its parameters, (n, 3)."""
+    low, high = (np.array(ends) for ends in model.getParametrizationBounds(2, face))
+    uv = [(low + (high - low) * [s, t]).tolist() for s in _LOOK for t in _LOOK]
+    return np.reshape(model.getValue(2, face, np.ravel(uv).tolist()), (-1, 3))
 
 
 def circle_of(model, curve: int) -> tuple[np.ndarray, float] | None:

@@ -184,6 +184,22 @@ def pile(occ):
         occ.cut([(3, block)], bores(occ, [(20, 20), (60, 20)], z - 1, z + 21, 5))
 
 
+def turned_pile(occ):
+    pile(occ)
+    occ.rotate(occ.getEntities(3), 0, 0, 0, 1, 2, -0.5, 0.7)
+
+
+def test_layers_of_a_drawing_that_is_turned_in_space(tmp_path):
+    """Their areas and normal are those of the drawing as it stands."""
+    path = write_step(tmp_path / "t.step", turned_pile)
+    tagged = read_step(path, MPI.COMM_SELF, joint="layer", element_size=25 * MM, circle=8)
+    assert list(tagged.cell_names)[3:] == ["joint_1", "joint_2"]
+    for name in ("joint_1", "joint_2"):
+        layer = measure_ring(tagged, name)
+        assert np.abs(layer.normal @ turned(0, 0, 1000)) == pytest.approx(1, abs=1e-9)
+        assert layer.area == pytest.approx((80 * 40 - 2 * np.pi * 5**2) * MM2, rel=0.02)
+
+
 def test_pile_of_parts(tmp_path):
     """A bolt through three parts has two rings, lifted by those below; one if two are welded.
 
