@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from fenics_joints.case import Case, test_notes
 from fenics_joints.case.dimensions import unfit
 from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.alike import one_of_alike
 from fenics_joints.diagnosis.evidence.classes import classes, detectable
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction
@@ -86,6 +87,9 @@ def diagnose(
         if folder is not None:
             on_root(comm, lambda: writable_folder(folder, "--keep"))
         model.reduce(progress, folder)
+        model.effects = one_of_alike(
+            model.effects, model.forward, model.evidence, model.baseline
+        )
         kept = KeptFits(folder, model.evidence, model.baseline, comm.rank == 0)
         run = _Run(case, model, progress, Search(model, progress, kept), started)
         return run.answer()

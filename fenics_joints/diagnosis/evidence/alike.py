@@ -1,0 +1,130 @@
+"""Effects at different places that predict the same of a test, which are weighed as one.
+
+A bolt and its mirror image, or two sets of loose bolts that the sensors cannot tell apart, are one
+cause whose place is a further parameter, of a few values: by the prior's share of each, for the
+data say nothing of it. Two causes of different kinds that look alike are a class
+(`fenics_joints.diagnosis.evidence.classes`) and stay two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.linear import whiten
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.reduction import Forward, LeanForward
+from fenics_joints.reduction.lean import arrays_of
+
+__all__ = ["one_of_alike"]
+
+#: Half the whitened distance, in standard deviations, up to which predictions are the same: one is
+#: then taken for the other with 46 % probability, and 50 % is chance.
+_SAME = 0.1
+#: How far from their medians, one by one, parameters are compared besides, in standard deviations.
+_SIZES = (-1.0, 1.0)
+#: Effects of a kind that are compared at most; of more, as of every three of a dozen bolts, few are
+#: ever fitted.
+_MOST = 150
+
+
+def one_of_alike(
+    effects: Sequence[Effect], forward: Forward, evidence: Evidence, baseline: dict[str, float]
+) -> tuple[Effect, ...]:
+    """Effects of which those that differ by their place alone, and not in this test, are one.
+
+    Args:
+        effects: The effects.
+        forward: Predicts frequencies and shapes.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+    """
+    look = _Look(forward, evidence, baseline)
+    kinds: dict[tuple, list[Effect]] = {}
+    for effect in effects:
+        kinds.setdefault(_kind(effect), []).append(effect)
+    first = {e.key: e.key for e in effects}
+    for group in kinds.values():
+        for chosen, others in _groups(group, look) if 1 < len(group) <= _MOST else ():
+            first |= {other.key: chosen.key for other in others}
+    members: dict[str, list[Effect]] = {}
+    for effect in effects:
+        members.setdefault(first[effect.key], []).append(effect)
+    merged = {key: _merged(own) for key, own in members.items()}
+    name = {key: merged[chosen].key for key, chosen in first.items()}
+    return tuple(
+        replace(e, holds=frozenset(name.get(key, key) for key in e.holds))
+        for e in merged.values()
+    )
+
+
+def _kind(effect: Effect) -> tuple:
+    """What effects have in common that can be one; a fault of a sensor is none of its like's."""
+    own = effect.key if effect.sensing is not None or not effect.region else ""
+    return (
+        effect.name, own, effect.family, effect.weight, effect.priors, effect.by_level,
+        effect.depends_on_condition, effect.drifts, effect.loss is None,
+    )  # fmt: skip
+
+
+def _groups(group: Sequence[Effect], look) -> list[tuple[Effect, list[Effect]]]:
+    """Each effect that no earlier one is like, with those that are like it."""
+    found: list[tuple[Effect, np.ndarray, list[Effect]]] = []
+    for effect in group:
+        seen = look(effect)
+        for _, known, others in found:
+            apart = np.linalg.norm(seen - known, axis=1) / 2
+            if np.all(apart <= _SAME):
+                others.append(effect)
+                break
+        else:
+            found.append((effect, seen, []))
+    return [(effect, others) for effect, _, others in found]
+
+
+class _Look:
+    """Whitened predictions of an effect over its prior, all else at its median."""
+
+    def __init__(self, forward: Forward, evidence: Evidence, baseline: dict[str, float]):
+        model = arrays_of(forward)
+        self._lean = None if model is None else LeanForward(forward, model)
+        self._given = forward, evidence, baseline
+        self._lower = np.linalg.cholesky(evidence.covariance())
+
+    def __call__(self, effect: Effect) -> np.ndarray:
+        """Shape (n_points, k)."""
+        forward, evidence, baseline = self._given
+        m = evidence.log_f.shape[1]
+        hypothesis = Hypothesis(
+            (effect,), modes=tuple(f"mode {j + 1}" for j in range(m)),
+            damped=evidence.log_damping is not None,
+        )  # fmt: skip
+        d = len(effect.priors)
+        limits = np.array([prior.limits() for prior in effect.priors]).reshape(d, 2)
+        steps = [np.zeros((1, d)), *(size * np.eye(d) for size in _SIZES)]
+        points = np.clip(np.vstack(steps), *limits.T)
+        z = np.array([hypothesis.at(point) for point in points])
+        if self._lean is not None:
+            predicted = ManyPredictions(hypothesis, self._lean, evidence, baseline)(z)[0]
+        else:
+            predicted = np.array([predict(hypothesis, forward, evidence, each, baseline)[0]
+                                  for each in z])  # fmt: skip
+        return whiten(self._lower, (predicted[:, evidence.fitted]).T).T
+
+
+def _merged(own: Sequence[Effect]) -> Effect:
+    """One of them for all, with the prior odds of all."""
+    if len(own) == 1:
+        return own[0]
+    words = "As far as this test can tell they are the same"
+    return replace(
+        own[0], region=" / ".join(e.region for e in own), weight=sum(e.weight for e in own),
+        describe=f"{own[0].describe} {words}: {'; '.join(e.region for e in own)}.".strip(),
+        holds=frozenset().union(*(e.holds for e in own)),
+    )  # fmt: skip

@@ -1,0 +1,64 @@
+"""Effects at several places that a test cannot tell apart are one, with the prior odds of all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis.evidence.alike import one_of_alike
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.reduction import ArrayModel, Forward
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
+from fenics_joints.structure import Parameter
+from fenics_joints.structure.laws import LAYER_LAWS
+
+N = 9
+GROUNDS = {"left": 1, "right": 7, "inner": 3}
+BASELINE = {"a.rho": 1.0, **{name: 2e6 for name in GROUNDS}}
+
+
+def symmetric_chain() -> Forward:
+    """On grounding springs: the left one and the right one are mirror images."""
+    stiffness = np.zeros((4, N, N))
+    for i in range(N - 1):
+        rod = np.zeros(N)
+        rod[i : i + 2] = -1.0, 1.0
+        stiffness[1] += np.outer(rod, rod)
+    properties = {"E": 1.0, "G": 3e6, "rho": "a.rho", "stretch": 1.0}
+    region = RegionTerm("a", LAYER_LAWS["uncoupled"], properties, stiffness, np.eye(N), 1.0)
+    springs = [SpringTerm(name, name, 1.0, np.eye(N)[i]) for name, i in GROUNDS.items()]
+    parameters = {name: Parameter(name, value) for name, value in BASELINE.items()}
+    return Forward(ArrayModel(AffinePencil(parameters, [region], springs), 100.0), None, 4, 6)
+
+
+def loose(*places: str, holds=(), weight=0.5) -> Effect:
+    def apply(values, theta, condition):
+        for place in places:
+            values[place] *= theta["left"]
+
+    name = {1: "loose", 2: "two loose"}[len(places)]
+    prior = Prior("left", 0.1, 1.0, span=(1e-4, 1.0))
+    held = frozenset(f"loose ({place})" for place in holds)
+    return Effect(name, ", ".join(places), (prior,), apply, weight=weight, holds=held)
+
+
+@pytest.mark.parametrize("nearly", [1.0, 1.0 + 1e-9])
+def test_mirror_images_are_one(nearly):
+    """Also with a round-off between them; what holds them holds the one."""
+    forward = symmetric_chain()
+    baseline = {**BASELINE, "right": nearly * BASELINE["right"], "inner": 1e-3}
+    evidence = Evidence(
+        np.ones(1), forward(baseline)[0][None], np.full((1, 4), 1e-3), 0.01
+    )
+    effects = [
+        loose("left"), loose("right"), loose("inner"),
+        loose("left", "inner", holds=("left", "inner")),
+        loose("right", "inner", holds=("right", "inner")),
+    ]  # fmt: skip
+    found = {e.key: e for e in one_of_alike(effects, forward, evidence, baseline)}
+    both = "two loose (left, inner / right, inner)"
+    assert list(found) == ["loose (left / right)", "loose (inner)", both]
+    assert [e.weight for e in found.values()] == [1.0, 0.5, 1.0]
+    assert found[both].holds == {"loose (left / right)", "loose (inner)"}
+    assert "left; right" in found["loose (left / right)"].describe
