@@ -25,6 +25,9 @@ ALSO: dict[str, tuple[str, ...]] = {
     ),
 }
 
+#: Places up to which an answer that holds for any of them says where.
+_PLACES = 5
+
 
 def same_cause(world: str, library: str) -> bool:
     """Whether an effect of the library, by its name, is that effect of the world."""
@@ -52,13 +55,15 @@ def cause_of(library: str) -> str:
 def same_region(world: str | list[str], library: str) -> bool:
     """Whether the library's region is the world's: one of several that are right, or its equal.
 
-    Places that a test cannot tell apart are one to the library, "bolt 1 / bolt 4".
+    Places that a test cannot tell apart are one to the library, "bolt 1 / bolt 4"; of more than
+    five it names none.
 
     An effect of the whole structure (no region on either side) is in the right place anywhere.
     """
     allowed = [world] if isinstance(world, str) else list(world)
     given = [plain_name(place) for place in library.split(" / ")]
-    return given == [""] or any(not a or plain_name(a) in given for a in allowed)
+    named = given if len(given) <= _PLACES else []
+    return given == [""] or any(not a or plain_name(a) in named for a in allowed)
 
 
 def opened(answer: Mapping) -> dict:

@@ -88,7 +88,7 @@ def diagnose(
             on_root(comm, lambda: writable_folder(folder, "--keep"))
         model.reduce(progress, folder)
         model.effects = one_of_alike(
-            model.effects, model.forward, model.evidence, model.baseline
+            model.effects, model.forward, model.evidence, model.baseline, comm
         )
         kept = KeptFits(folder, model.evidence, model.baseline, comm.rank == 0)
         run = _Run(case, model, progress, Search(model, progress, kept), started)

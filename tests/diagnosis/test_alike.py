@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.alike import one_of_alike
@@ -56,9 +57,27 @@ def test_mirror_images_are_one(nearly):
         loose("left", "inner", holds=("left", "inner")),
         loose("right", "inner", holds=("right", "inner")),
     ]  # fmt: skip
-    found = {e.key: e for e in one_of_alike(effects, forward, evidence, baseline)}
+    found = {e.key: e for e in one_of_alike(effects, forward, evidence, baseline, MPI.COMM_SELF)}
     both = "two loose (left, inner / right, inner)"
     assert list(found) == ["loose (left / right)", "loose (inner)", both]
     assert [e.weight for e in found.values()] == [1.0, 0.5, 1.0]
     assert found[both].holds == {"loose (left / right)", "loose (inner)"}
     assert "left; right" in found["loose (left / right)"].describe
+
+
+def test_what_shows_when_it_is_large_is_not_the_same():
+    """At its expected size the test sees neither."""
+    forward = symmetric_chain()
+    baseline = {**BASELINE, "inner": 1e6}
+    f = forward(baseline)[0][None]
+    evidence = Evidence(np.ones(1), f, np.full((1, 4), 1e-3), 0.01)
+
+    def stiffer(place: str) -> Effect:
+        def apply(values, theta, condition):
+            values[place] *= 1 + theta["more"]
+
+        return Effect("stiffer", place, (Prior("more", 1e-4, 3.0),), apply)
+
+    effects = [stiffer(place) for place in GROUNDS]
+    found = one_of_alike(effects, forward, evidence, baseline, MPI.COMM_SELF)
+    assert [e.region for e in found] == ["left / right", "inner"]

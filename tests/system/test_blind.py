@@ -326,6 +326,9 @@ def test_names_of_the_world_are_matched():
     """The table of names, and numbers of sensors and bolts."""
     assert matching.same_region("Bolt 2", "bolt_2") and not matching.same_region("bolt 2", "bolt 1")
     assert matching.same_region(["near", "far"], "far") and matching.same_region("x", "")
+    five = "bolt 1 / bolt 2 / bolt 3 / bolt 4 / bolt 5"
+    assert matching.same_region("bolt 2", five)
+    assert not matching.same_region("bolt 2", f"{five} / bolt 6")
     assert matching.same_cause("modulus", "modulus error")
     assert not matching.same_cause("modulus", "modulus error of all parts")
     assert matching.cause_of("clamp compliance") == "clamp"
