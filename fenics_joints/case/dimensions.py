@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -118,12 +118,16 @@ class Dimensions:
     Args:
         case: The case.
         structure: Its model, with the widths as parameters if they are asked for.
+        called: What the user calls regions that have other names in the model.
 
     Attributes:
         names: Of the parameters in question.
     """
 
-    def __init__(self, case: Case, structure: Structure):
+    def __init__(
+        self, case: Case, structure: Structure, called: Mapping[str, str] | None = None
+    ):
+        self._called = called or {}
         self.names = {f"{part}.{key}" for part in case.parts for key in _DIMENSIONS}
         self._stretching = Stretching(structure)
         tagged = structure.tagged
@@ -144,7 +148,7 @@ class Dimensions:
         if self._stretching.keeps(names):
             return None
         touched = [n for name in names for n in self._stretching.spanned(name)]
-        where = ", ".join(dict.fromkeys(touched))
+        where = ", ".join(dict.fromkeys(self._called.get(name, name) for name in touched))
         where = f"joined ({where}) on faces along that direction" if where else "joined in a ring"
         return f"{where}, where what is stretched {_UNFIT}"
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis.effects.amplitude import micro_slip
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
-from fenics_joints.diagnosis.evidence.evidence import SHAPE, Evidence
+from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, SHAPE, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
+from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
 from fenics_joints.structure import Parameter, Sensors
@@ -217,3 +221,36 @@ def test_an_effect_that_takes_no_arrays_is_put_in_one_by_one(forward):
     assert np.isfinite(got[:, there]).all(axis=1).tolist() == [True, False, True]
     one = predict(hypothesis, forward, evidence, z[2], BASELINE)[0]
     assert got[2, there] == pytest.approx(one[there], rel=1e-6)
+
+
+@pytest.mark.parametrize("driven", [(1,), (1, 2)], ids=["one", "two"])
+def test_modes_of_one_level_have_no_amplitude_of_their_own(forward, driven):
+    """And the level is the first driven mode's own, whichever that is."""
+    measured = evidence_for(forward, damped=True)
+    there = np.isin(range(3), driven) | (np.arange(2) == 0)[:, None]
+    log_f = np.where(there, measured.log_f, np.nan)
+    evidence = replace(measured, log_f=log_f, log_damping=log_f - 4, used=None)
+    assert evidence.driven == driven
+    hypothesis = Hypothesis(
+        (micro_slip([Zone("a")], 20.0),), (lighter(),), conditions=TORQUES, modes=MODES,
+        damped=True, driven=evidence.driven,
+    )  # fmt: skip
+    assert [p.name for p in hypothesis.amplitudes] == ["three over two"][: len(driven) - 1]
+    z = 0.4 * np.random.default_rng(8).standard_normal((2, len(hypothesis.priors)))
+    got, slopes = predict(hypothesis, forward, evidence, z[0], BASELINE)
+    there, step = np.isfinite(evidence.data), 1e-4
+    moved = [
+        [predict(hypothesis, forward, evidence, z[0] + x, BASELINE)[0] for x in (s, -s)]
+        for s in step * np.eye(len(z[0]))
+    ]
+    numeric = np.array([(high - low) / (2 * step) for high, low in moved]).T
+    entries = evidence.entries
+    is_f = there & (entries.kind == FREQUENCY)
+    assert slopes[is_f] == pytest.approx(numeric[is_f], rel=1e-4, abs=1e-6)
+    if len(driven) == 2:
+        at = hypothesis.places["amplitudes"].start
+        assert np.unique(entries.mode[slopes[:, at] != 0]).tolist() == [2]
+    lean = LeanForward(forward, forward.model)
+    together = ManyPredictions(hypothesis, lean, evidence, BASELINE)(z, range(len(z[0])))
+    assert together[0][0, there] == pytest.approx(got[there], rel=1e-6, abs=1e-8)
+    assert together[1][0, there] == pytest.approx(slopes[there], rel=1e-4, abs=1e-6)

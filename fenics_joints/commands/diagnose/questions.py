@@ -180,8 +180,8 @@ def _why(d: Diagnosis) -> str:
         other = best_without(d, [group])
         if other is None:
             continue
-        like = " (or its like)" if len(group.effects) > 1 else ""
-        without = f" without {in_words(group.effects[0])}{like}" if len(sure) > 1 else ""
+        like = " or its like" if len(group.effects) > 1 else ""
+        without = f" without {in_words(group.effects[0])}{like}"
         words.append(
             f"The best explanation{without}, {named(other)}, leaves {percent(other.gap)} "
             f"({p_value_words(other.p_value)}), and its ln evidence is "

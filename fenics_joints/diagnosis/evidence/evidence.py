@@ -126,6 +126,15 @@ class Evidence:
         return self.log_f.shape
 
     @cached_property
+    def driven(self) -> tuple[int, ...] | None:
+        """The modes that were measured at several conditions; None if all or none were."""
+        there = np.sum(np.isfinite(self.log_f), axis=0)
+        if self.log_damping is not None:
+            there = np.maximum(there, np.sum(np.isfinite(self.log_damping), axis=0))
+        several = np.flatnonzero(there > 1)
+        return tuple(several.tolist()) if 0 < len(several) < len(there) else None
+
+    @cached_property
     def entries(self) -> Entries:
         """What each entry of `data` is."""
         n, m = self.shape

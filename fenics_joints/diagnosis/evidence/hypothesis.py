@@ -39,9 +39,11 @@ class Hypothesis:
         scatter: Standard deviation of ln(preload / torque) from one tightening to the next, for
             effects that depend on the torque; about 0.2 with a torque wrench (VDI 2230).
         conditions: The torques of the test, each with a tightening of its own.
-        modes: Names of the test's modes, each with an amplitude of its own at the same level, for
-            effects that depend on the level.
+        modes: Names of the test's modes.
         damped: Whether it predicts damping too.
+        driven: Those measured at several levels, by their place, each with an amplitude of its own
+            at the same level for effects that depend on it; None for all. The first one's is the
+            level itself, and others than these are measured near rest, where it does not matter.
     """
 
     effects: tuple[Effect, ...]
@@ -52,6 +54,7 @@ class Hypothesis:
     conditions: tuple[float, ...] = ()
     modes: tuple[str, ...] = ()
     damped: bool = False
+    driven: tuple[int, ...] | None = None
 
     def __repr__(self) -> str:
         return f"Hypothesis({self.label}: {len(self.priors)} parameters)"
@@ -76,13 +79,28 @@ class Hypothesis:
         )
 
     @cached_property
-    def amplitudes(self) -> tuple[Prior, ...]:
-        """A factor on the level in every mode but the first, where the effects depend on it."""
+    def moved(self) -> tuple[int, ...]:
+        """The modes with a factor on the level: all driven ones but the first, where the effects
+        depend on it."""
         if not any(e.by_level for e in self.effects):
             return ()
-        return tuple(
-            Prior(f"{name} over {self.modes[0]}", *_MOTION) for name in self.modes[1:]
-        )
+        return (tuple(range(len(self.modes))) if self.driven is None else self.driven)[1:]
+
+    @cached_property
+    def amplitudes(self) -> tuple[Prior, ...]:
+        """These factors, in the order of `moved`."""
+        first = self.modes[self.driven[0] if self.driven else 0] if self.moved else ""
+        return tuple(Prior(f"{self.modes[i]} over {first}", *_MOTION) for i in self.moved)
+
+    @cached_property
+    def looks(self) -> tuple[int | None, ...]:
+        """How the model is looked at, at each condition: as a mode sees it, for those in `moved`,
+        behind None, as all others do."""
+        return (None, *self.moved)
+
+    def look_of(self, n: int) -> list[int]:
+        """Which of `looks` is that of each of n modes."""
+        return [self.moved.index(i) + 1 if i in self.moved else 0 for i in range(n)]
 
     @cached_property
     def dampings(self) -> tuple[Prior, ...]:
@@ -149,7 +167,7 @@ class Hypothesis:
             condition: The torque or level.
             baseline: Parameter values of the nominal model.
             row: Which of ``conditions`` it is; None for a tightening that was not measured.
-            mode: The mode that is looked at; None for the first.
+            mode: The mode of `moved` that looks at it; None for the others.
         """
         values = dict(baseline)
         felt = self._condition(z, condition, row, mode)
@@ -178,7 +196,7 @@ class Hypothesis:
         if tightened.start <= j < tightened.stop:
             return row is not None and j == tightened.start + row
         if moved.start <= j < moved.stop:
-            return bool(mode) and j == moved.start + mode - 1
+            return mode in self.moved and j == moved.start + self.moved.index(mode)
         return not damped.start <= j < damped.stop
 
     @cached_property
@@ -237,9 +255,10 @@ class Hypothesis:
         if self.tightenings and row is not None:
             at = self.places["tightenings"].start + row
             condition = condition * self.tightenings[row].value(z[at])
-        if self.amplitudes and mode:
-            at = self.places["amplitudes"].start + mode - 1
-            condition = condition * self.amplitudes[mode - 1].value(z[at])
+        if mode in self.moved:
+            own = self.moved.index(mode)
+            at = self.places["amplitudes"].start + own
+            condition = condition * self.amplitudes[own].value(z[at])
         return condition
 
     def table(self, z: np.ndarray, covariance: np.ndarray) -> list[dict]:

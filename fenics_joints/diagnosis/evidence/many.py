@@ -104,9 +104,7 @@ class ManyPredictions:
     # -- the model -----------------------------------------------------------------------------
 
     def _looks(self, z, row: int, by) -> list[_Look]:
-        h, m = self.hypothesis, self.evidence.shape[1]
-        seen = range(1, m) if h.amplitudes else ()
-        return [self._look(z, row, mode, by) for mode in (None, *seen)]
+        return [self._look(z, row, mode, by) for mode in self.hypothesis.looks]
 
     def _look(self, z, row: int, mode, by) -> _Look:
         values = self._values(z, row, mode, checked=True)
@@ -148,8 +146,9 @@ class ManyPredictions:
         if order is not None and np.max(order) >= self.evidence.shape[1]:
             # With a mode that the test missed, the model has one more.
             modes = self.forward.further.many(looks[0].values)
-            further = [_Look(None, modes, looks[0].along, looks[0].values)]
-        looks = further or looks
+            further = _Look(None, modes, looks[0].along, looks[0].values)
+        own = self.hypothesis.look_of(self.evidence.shape[1])
+        looks = [further or looks[at] for at in own]
         log_f = _of_each(looks, lambda look: look.modes.log_f)
         slopes = [
             _of_each(looks, lambda look, j=j: look.slopes.get(j, np.zeros_like(log_f)))
@@ -179,7 +178,7 @@ class ManyPredictions:
         )
         lost, slope = np.zeros_like(at_rest), np.zeros((*at_rest.shape, len(by)))
         for i in range(at_rest.shape[1]):
-            look = looks[i if len(looks) > 1 else 0]
+            look = looks[i]
             losses = self._losses(z, row, log_f[:, i], look.mode)
             shares = {key: self._share(look, i, key) for key in losses}
             lost[:, i] = sum((0.5 * eta * shares[key] for key, eta in losses.items()), 0.0)
@@ -292,7 +291,7 @@ class ManyPredictions:
 
 def _of_each(looks: Sequence[_Look], what) -> np.ndarray:
     """What each mode has where it is looked at by itself, (b, m)."""
-    if len(looks) == 1:
+    if all(look is looks[0] for look in looks):
         return what(looks[0])
     return np.stack([what(look)[:, i] for i, look in enumerate(looks)], axis=1)
 

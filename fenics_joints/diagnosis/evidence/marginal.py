@@ -108,13 +108,13 @@ class Marginal:
         for i, point in enumerate(points):
             for k in range(min(rows, n)):
                 row = (i + k * n // rows) % n
-                mode = i % len(self.hypothesis.modes) if self.hypothesis.amplitudes else None
-                found.append(self._values(self.full(point), row, mode))
+                looks = self.hypothesis.looks
+                found.append(self._values(self.full(point), row, looks[i % len(looks)]))
         return found
 
     def _values(self, z, row, mode) -> dict[str, float]:
         condition = self.evidence.conditions[row]
-        return self.hypothesis.values(z, condition, self.baseline, row, mode or None)
+        return self.hypothesis.values(z, condition, self.baseline, row, mode)
 
     def lean(self, forward, model, points, weights) -> LeanForward:
         """The lean model of the samples, as large as some of the posterior's ask for."""
@@ -222,9 +222,8 @@ class Marginal:
     def predictions(self, z: list[np.ndarray]) -> np.ndarray:
         """Predictions at several z, (len(z), N); a lean model solves for all of them at once."""
         h, evidence = self.hypothesis, self.evidence
-        modes = range(len(h.modes) if h.amplitudes else 1)
         rows = range(len(evidence.conditions))
-        wanted = [self._values(each, row, i) for each in z for row in rows for i in modes]
+        wanted = [self._values(each, row, i) for each in z for row in rows for i in h.looks]
         asked = dict.fromkeys((self.forward, self.watched(self.forward)))
         for forward in asked:
             found = forward.prepare(wanted, slopes=h.damped)

@@ -136,10 +136,11 @@ class RowPrediction:
             # With a mode that the test missed, the model has one more.
             self._beyond = int(np.max(sensing.order)) >= self._m
             looks = [self._look(None)] if self._beyond else looks
-        log_f = looks[0].log_f
-        if hypothesis.amplitudes:
-            looks += [self._look(i) for i in range(1, len(log_f))]
-            log_f = np.array([look.log_f[i] for i, look in enumerate(looks)])
+        log_f, self._at = looks[0].log_f, [0] * len(looks[0].log_f)
+        if hypothesis.moved:
+            looks += [self._look(i) for i in hypothesis.moved]
+            self._at = hypothesis.look_of(len(log_f))
+            log_f = np.array([looks[at].log_f[i] for i, at in enumerate(self._at)])
         self._looks, self._log_f = looks, log_f
         self.log_f = self._ordered(log_f)
 
@@ -157,7 +158,7 @@ class RowPrediction:
 
     def _seen(self, i: int) -> _Look:
         """The model as mode i sees it."""
-        return self._looks[i] if len(self._looks) > 1 else self._looks[0]
+        return self._looks[self._at[i]]
 
     @property
     def data(self) -> np.ndarray:
@@ -174,8 +175,9 @@ class RowPrediction:
         if len(chains) == 1:
             by_z = self._looks[0].by_values @ chains[0]
         else:
-            pairs = enumerate(zip(self._looks, chains, strict=True))
-            by_z = np.array([look.by_values[i] @ chain for i, (look, chain) in pairs])
+            by_z = np.array(
+                [self._looks[at].by_values[i] @ chains[at] for i, at in enumerate(self._at)]
+            )
         by_z = self._ordered(by_z)
         if not self._hypothesis.damped:
             return by_z
@@ -315,7 +317,7 @@ class RowPrediction:
         names = list(self._forward.model.parameters)
         for i in range(len(lost)):
             look = self._seen(i)
-            chain = chains[i if len(chains) > 1 else 0]
+            chain = chains[self._at[i]]
             losses = self._losses(self._z, i, look.mode)
             if losses:
                 slopes[i] = self._loss_slopes(look, i)

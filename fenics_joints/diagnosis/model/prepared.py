@@ -77,7 +77,7 @@ class Prepared(Subject):
             tuple(effects), self.nuisances, scatter=self.scatter,
             conditions=tuple(float(c) for c in self.evidence.conditions),
             modes=tuple(self.data.mode_names), damped=self.evidence.log_damping is not None,
-            **kwargs,
+            driven=self.evidence.driven, **kwargs,
         )  # fmt: skip
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:

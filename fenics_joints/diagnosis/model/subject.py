@@ -83,7 +83,7 @@ def solid_subject(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subjec
     bonded = bonded_values(zones.case)
     baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
     zones = zones.with_thickness(layer_thickness(full))
-    dimensions = Dimensions(zones.case, full)
+    dimensions = Dimensions(zones.case, full, {zone.name: zone.joint for zone in zones.all})
     return Subject(zones.case, full, zones, baseline, MeshCells(full), dimensions)
 
 

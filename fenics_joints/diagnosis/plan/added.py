@@ -147,7 +147,7 @@ def measurement(
     bare = Hypothesis(
         (), tuple(nuisances), scatter=scatter, modes=tuple(modes),
         conditions=tuple(float(c) for c in evidence.conditions),
-        damped=evidence.log_damping is not None,
+        damped=evidence.log_damping is not None, driven=evidence.driven,
     )  # fmt: skip
     used = evidence.fitted
 

@@ -105,7 +105,7 @@ def _predict(effects: Sequence[Effect], forward, evidence: Evidence, baseline, z
     """RowPrediction and derivatives, every parameter of the effects ``z`` from its median."""
     modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
     damped = evidence.log_damping is not None
-    hypothesis = Hypothesis(tuple(effects), modes=modes, damped=damped)
+    hypothesis = Hypothesis(tuple(effects), modes=modes, damped=damped, driven=evidence.driven)
     return predict(hypothesis, forward, evidence, hypothesis.at(z), baseline)
 
 
