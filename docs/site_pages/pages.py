@@ -17,7 +17,7 @@ SECTIONS = {
         "cluster",
     ),
     "Look up": ("commands", "case-file", "api/index", "theory", "limits"),
-    "Judge": ("blind", "benchmarks", "speed", "peers"),
+    "Judge": ("blind", "nonlinear_checks", "benchmarks", "speed", "peers"),
     "Project": ("contributing", "changelog"),
 }  # fmt: skip
 #: Pages that stand elsewhere in the repository.

@@ -10,9 +10,10 @@ from matplotlib import colormaps
 from matplotlib.collections import PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 
 from fenics_joints.report import geometry
-from fenics_joints.report.style import INK, drawing, to_svg
+from fenics_joints.report.style import INK, PAPER, drawing, to_svg
 
 __all__ = ["structure_picture"]
 
@@ -90,10 +91,11 @@ def _draw(axes, kind: str, found: Sequence[Placed], turned: np.ndarray, size: fl
                     width=0.0025, headwidth=4, zorder=5)  # fmt: skip
         axes.plot(*(start[at] + along).T, ".", ms=0)
     if kind in ("sensor", "bolt") and len(found) <= _NUMBERED:
+        halo = [withStroke(linewidth=2.2, foreground=PAPER)]
         for place, (x, y) in zip(found, start, strict=True):
             axes.annotate(
                 place.name.removeprefix(f"{kind} "), (x, y), (3, 3), textcoords="offset points",
-                fontsize=6.5, color=INK, zorder=6,
+                fontsize=6.5, color=INK, zorder=6, path_effects=halo,
             )  # fmt: skip
 
 

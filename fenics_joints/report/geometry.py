@@ -10,7 +10,7 @@ from fenics_joints.errors import InputError
 
 __all__ = [
     "TILT", "TURN", "bounding", "face_corners", "flat_ids", "flat_polygons", "levels_of",
-    "oblique", "outer_faces", "outline", "pieces_of", "vertex_ids",
+    "oblique", "outer_faces", "outline", "pieces_of", "stacked", "upright", "vertex_ids",
 ]  # fmt: skip
 
 #: Corners of each face in DOLFINx's (tensor-product) order.
@@ -88,6 +88,23 @@ def levels_of(height: np.ndarray, piece: np.ndarray) -> list[np.ndarray]:
     if len(levels) > _MOST_LEVELS:
         return [np.arange(len(piece))]
     return [np.flatnonzero(np.isin(piece, members)) for _, _, members in reversed(levels)]
+
+
+def stacked(height: np.ndarray, piece: np.ndarray) -> np.ndarray:
+    """Level of each cell, the lowest 0, as `levels_of` finds them, (n_cells,)."""
+    level = np.zeros(len(piece), dtype=np.int64)
+    for k, members in enumerate(reversed(levels_of(height, piece))):
+        level[members] = k
+    return level
+
+
+def upright(x: np.ndarray) -> np.ndarray:
+    """What turns the longest direction along x and the thinnest along z, the hand kept, (3, 3)."""
+    order = np.argsort(-np.ptp(x.reshape(-1, 3), axis=0), kind="stable")
+    turn = np.eye(3)[order]
+    if np.linalg.det(turn) < 0:
+        turn[1] *= -1
+    return turn
 
 
 def flat_polygons(corners: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

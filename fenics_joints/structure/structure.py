@@ -378,14 +378,18 @@ class Structure(Assembly):
             InputError: If pyvista is not installed: ``pip install 'fenics-joints[view]'``.
         """
         pyvista()
-        tdim = self.mesh.topology.dim
-        region = np.full(self.mesh.topology.index_map(tdim).size_local, -1)
-        for i, (_, cells) in enumerate(self.field.regions):
-            region[cells[cells < len(region)]] = i
-        parts, (corners, _) = self.comm.gather(region), self.corner_motion([])
+        parts, (corners, _) = self.comm.gather(self.cell_regions()), self.corner_motion([])
         if parts is None:
             return None
+        tdim = self.mesh.topology.dim
         return cell_grid(corners, tdim, cells={"region": np.concatenate(parts)})
+
+    def cell_regions(self) -> np.ndarray:
+        """Place in `regions` of each cell that this rank owns."""
+        region = np.full(self.mesh.topology.index_map(self.mesh.topology.dim).size_local, -1)
+        for i, (_, cells) in enumerate(self.field.regions):
+            region[cells[cells < len(region)]] = i
+        return region
 
     def corner_motion(self, vectors: Sequence[PETSc.Vec]) -> tuple[np.ndarray, np.ndarray]:
         """Corners of all cells and how they move. Collective.

@@ -60,7 +60,7 @@ def test_small_model_is_the_whole_one():
 
 
 @pytest.mark.parallel
-def test_command(tmp_path_factory):
+def test_command(tmp_path_factory, keeps_rules):
     """The paper's likelihood; chains in a file; JSON, page and summary."""
     comm = MPI.COMM_WORLD
     folder = comm.bcast(tmp_path_factory.mktemp("bayes") if comm.rank == 0 else None)
@@ -77,6 +77,7 @@ def test_command(tmp_path_factory):
     assert len(content["likelihood"]) == 5 and (folder / "chains.nc").is_file()
     if comm.rank == 0:
         page, stream = found.page(), io.StringIO()
+        keeps_rules(page)
         assert page.count("<svg") == 6 and "R-hat" in page and "Not converged" not in page
         found.summary(Console(file=stream, width=100))
         assert "lap.k1" in stream.getvalue() and "new specimens scatter" in stream.getvalue()

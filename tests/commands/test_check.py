@@ -62,7 +62,7 @@ def test_masses_and_places(shared_tmp_path, write_case):
     assert [cost.command for cost in found.costs] == ["modes", "update", "diagnose"]
 
 
-def test_all_at_once(tmp_path, write_case):
+def test_all_at_once(tmp_path, write_case, keeps_rules):
     """What cannot be read, what is not there, what is beside the mesh and what is unlikely."""
     write_case(
         tmp_path,
@@ -75,7 +75,9 @@ def test_all_at_once(tmp_path, write_case):
     )
     text = (tmp_path / "case.toml").read_text().replace('G = "26.9 GPa"', "nu = 0.3")
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
-    found = checked(tmp_path)
+    outcome = run_check(tmp_path, MPI.COMM_SELF, Progress(silent=True))
+    found = outcome.result
+    keeps_rules(outcome.page())
     errors, notes = "\n".join(found.errors), "\n".join(found.notes)
     assert "test.noise[0] = '0.3 kg'" in errors
     assert "joints.away.thickness = '1 mm': unknown key" in errors

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import app
 from fenics_joints.commands.harmonic.model import harmonic_model
 from fenics_joints.commands.harmonic.run import run_harmonic
+from fenics_joints.commands.harmonic.view import peak_shapes
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
@@ -80,6 +83,11 @@ stiffness = "300 N/m"
 )
 
 
+def view_of(page: str) -> dict:
+    """What a page's view draws."""
+    return json.loads(re.search(r'application/json">(.*?)</script>', page, re.DOTALL)[1])
+
+
 @pytest.mark.smoke
 @pytest.mark.parallel
 def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(shared_tmp_path):
@@ -116,6 +124,11 @@ def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(s
         assert still[1] == pytest.approx(periodic[1], rel=0.02)
     page = outcome.page()
     assert MPI.COMM_WORLD.rank > 0 or "quasi-static, full, Hz" in page
+    if MPI.COMM_WORLD.rank == 0:
+        names = [look["name"] for look in view_of(page)["looks"]]
+        hz = [f"{f.frequency_hz:.3f} Hz" for f in (large, small)]
+        assert names[:2] == [f"peak at 10.0 N, {hz[0]}", f"peak at 10.0 mN, {hz[1]}"]
+        assert names[2:] == ["shear strain at 10.0 N", "energy per cycle at 10.0 N"]
 
 
 @pytest.mark.parallel
@@ -144,8 +157,9 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
         peaks = [level["peak"] for level in contents[0]["levels"]]
         alone = run_harmonic(load_case(shared_tmp_path), SELF, QUIET).result
         assert peaks == pytest.approx([f.amplitude for f in alone.facts], rel=1e-5)
-    page = (shared_tmp_path / "first.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 4 and "10.0 N" in page
+    pages = [(shared_tmp_path / f"{n}.html").read_text("utf-8") for n in ("first", "again")]
+    # A model that was kept has no mesh to look at.
+    assert [page.count("<svg") for page in pages] == [5, 4] and "10.0 N" in pages[0]
 
 
 @serial
@@ -253,7 +267,7 @@ method = "gradient"
 
 
 @serial
-def test_contact_with_friction_under_preload(tmp_path):
+def test_contact_with_friction_under_preload(tmp_path, keeps_rules):
     # 120 N on beams of 6 mm open gaps of nanometres, which the smaller force must not close.
     levels = 'levels = ["0.01 N", "10 N"]', 'levels = ["0.00002 N", "3 N"]'
     full = "interface_modes = 30", 'interface_modes = 30\nquasi_static = "full"'
@@ -261,7 +275,8 @@ def test_contact_with_friction_under_preload(tmp_path):
         run_harmonic(load_case(write(tmp_path, CONTACT, full)), SELF, QUIET)
     static = full[0], full[1].replace("full", "reduced")
     case = load_case(write(tmp_path, CONTACT, levels, static))
-    report = run_harmonic(case, SELF, QUIET).result
+    outcome = run_harmonic(case, SELF, QUIET)
+    report = outcome.result
     (small, large), built = report.facts, report.built
     # Not all of the lap is pressed: the mode at rest is that of the closed part.
     assert small.frequency_hz == pytest.approx(built.frequencies_hz[built.mode], rel=1e-3)
@@ -275,6 +290,22 @@ def test_contact_with_friction_under_preload(tmp_path):
     assert large.damping_ratio > small.damping_ratio
     periodic, still = report.mode_rows()[-1][1]
     assert still[0] == pytest.approx(periodic[0], rel=0.01)
+    page = outcome.page()
+    keeps_rules(page)
+    # What is seen of the sensor's point is what the table says; the joint's values are its own.
+    shapes = peak_shapes(report)
+    x, moved = (a.reshape(-1, 3) for a in (shapes.vertices, shapes.motions[-1]))
+    line = np.flatnonzero(np.linalg.norm(x[:, 1:] - [5e-3, 6e-3], axis=1) < 1e-6)
+    line = line[np.argsort(x[line, 0])]
+    seen = np.interp(0.41, x[line, 0], moved[line, 2])
+    assert abs(seen) == pytest.approx(large.displacement, rel=2e-3)
+    view = view_of(page)
+    values, spot = (np.frombuffer(base64.b64decode(text), "<i2") for text in
+                    (view["looks"][2]["values"], view["points"]))  # fmt: skip
+    x = view["middle_mm"] + view["unit_mm"] * spot.reshape(-1, 3) / 32767
+    lap = (x[:, 0] > 185 - 1e-2) & (x[:, 0] < 235 + 1e-2) & (np.abs(x[:, 2]) < 1e-2)
+    assert np.array_equal(values >= 0, lap) and values.max() == 32767
+    assert view["looks"][2]["shown"][1] == pytest.approx(loops.slip_amplitude.max())
 
 
 @serial

@@ -201,7 +201,7 @@ serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 
 @serial
-def test_plan_of_the_lap_plates(tmp_path, planned, capfd):
+def test_plan_of_the_lap_plates(tmp_path, planned, capfd, keeps_rules):
     """On the command line, without a data file.
 
     Bending frequencies see the plates' thickness, modulus and density as one; torsion and in-plane
@@ -221,6 +221,7 @@ def test_plan_of_the_lap_plates(tmp_path, planned, capfd):
     best = content["additions"][0]
     assert "sensors miss" in best["measurement"] and best["apart"] == 3
     assert best["measurement"] in content["summary"] and best["measurement"] in page.read_text()
+    keeps_rules(page.read_text())
     mass, rope = (
         next(a["mean_gain"] for name, a in gained.items() if what in name)
         for what in ("known mass", "softer rope")

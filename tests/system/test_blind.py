@@ -284,7 +284,7 @@ def test_oracle_along_sizes():
 # -- the whole -------------------------------------------------------------------------------------
 
 
-def test_page_of_a_synthetic_check():
+def test_page_of_a_synthetic_check(keeps_rules):
     """Targets, pictures and every case stand in the page."""
     random = np.random.default_rng(1)
     records = []
@@ -308,6 +308,7 @@ def test_page_of_a_synthetic_check():
     assert [t.outcome for t in targets.targets(scores["summary"])].count("no cases") == 0
     text = page.page(scores, {"final": True, "sealed": "today", "commit": "", "not_made": 1})
     assert text.count("<svg") == 4 and all(f"id{i}" in text for i in range(60))
+    keeps_rules(text)
 
 
 @pytest.mark.slow

@@ -38,12 +38,9 @@ def diagnosis_view(patches: PatchMap | None, cells: CellMap | None) -> Markup | 
     else:
         region = np.unique(np.array(patches.region), return_inverse=True)[1][patches.patch]
         group = patches.patch
-    turn = np.eye(3) if shown.side_view else _upright(x)
-    height = x @ turn[2]
-    levels = geometry.levels_of(height, geometry.pieces_of(geometry.vertex_ids(x), region))
-    level = np.zeros(len(x), dtype=np.int64)
-    for k, members in enumerate(reversed(levels)):
-        level[members] = k
+    turn = np.eye(3) if shown.side_view else geometry.upright(x)
+    pieces = geometry.pieces_of(geometry.vertex_ids(x), region)
+    level = geometry.stacked(x @ turn[2], pieces)
     density = None
     if cells is not None and cells.vertices.shape == x.shape:
         density = _at_corners(x, region, cells.density)
@@ -90,15 +87,6 @@ def _said(patches: PatchMap, i: int) -> str:
         chance = "more than chance"
         chance += ", and could be the only one" if patches.sufficient[i] else ""
     return f"{name}: {percent(test.share, 0)}, {chance}"
-
-
-def _upright(x: np.ndarray) -> np.ndarray:
-    """What turns the longest direction along x and the thinnest along z, the hand kept, (3, 3)."""
-    order = np.argsort(-np.ptp(x.reshape(-1, 3), axis=0), kind="stable")
-    turn = np.eye(3)[order]
-    if np.linalg.det(turn) < 0:
-        turn[1] *= -1
-    return turn
 
 
 def _at_corners(x: np.ndarray, region: np.ndarray, values: np.ndarray) -> np.ndarray:

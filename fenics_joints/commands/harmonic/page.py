@@ -9,6 +9,7 @@ from fenics_joints.commands.harmonic.identified import mode_notes, mode_rows, so
 from fenics_joints.commands.harmonic.model import SENSOR
 from fenics_joints.commands.harmonic.result import HarmonicReport
 from fenics_joints.commands.harmonic.stability import LevelStability
+from fenics_joints.commands.harmonic.view import peak_shapes, response_view
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import INK, SERIES, drawing, to_svg
@@ -16,13 +17,14 @@ from fenics_joints.report.style import INK, SERIES, drawing, to_svg
 __all__ = ["harmonic_html", "interface_map", "loops_chart", "over_amplitude", "responses_chart"]
 
 
-
 def harmonic_html(r: HarmonicReport) -> str:
     """The page of the ``harmonic`` command. Collective; empty on all ranks but the first."""
     # Loops are made of what all ranks hold.
     loops = [response.loops(response.peak.index) for response in r.responses]
+    shapes = peak_shapes(r)
     if r.rank != 0:
         return ""
+    view, still = (None, None) if shapes is None else response_view(r, shapes, loops[-1])
     pictures = [("Response at the levels of force", responses_chart(r))]
     if r.backbone is not None or r.static_backbone is not None:
         pictures.append(("Frequency and damping over amplitude", over_amplitude(r)))
@@ -35,7 +37,7 @@ def harmonic_html(r: HarmonicReport) -> str:
     return render(
         "harmonic.html", r=r, pictures=[(words, svg(chart)) for words, chart in pictures],
         points=sum(len(p) for p in r.built.model.interfaces),
-        fitted=r.fitted_levels, source=source, mode_notes=mode_notes,
+        fitted=r.fitted_levels, source=source, mode_notes=mode_notes, view=view, still=still,
     )  # fmt: skip
 
 

@@ -1,0 +1,186 @@
+"""The view of harmonic responses: how the structure moves at its peaks, where its joints slip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+from scipy.spatial import cKDTree
+
+from fenics_joints.commands.harmonic.model import SENSOR
+from fenics_joints.commands.harmonic.result import HarmonicReport
+from fenics_joints.formatting import quantity
+from fenics_joints.harmonic import HarmonicResult, Loops
+from fenics_joints.preload.bodies import body_numbers
+from fenics_joints.report import geometry
+from fenics_joints.report.html import svg
+from fenics_joints.report.mesh_pictures import diverging, mode_shape
+from fenics_joints.report.patch_pictures import rising
+from fenics_joints.report.surface import Surface, surface
+from fenics_joints.report.view import Colours, Look, scene
+
+__all__ = ["PeakShapes", "peak_shapes", "response_view"]
+
+#: Points of a layer that a vertex has its colour from, and how far from a contact's points, as a
+#: share of the structure, a vertex is still theirs.
+_NEAREST, _AT = 4, 1e-4
+
+
+@dataclass(frozen=True, repr=False)
+class PeakShapes:
+    """How a structure moves at the peak of each level; on rank 0.
+
+    Attributes:
+        vertices: Corners of all cells, m, (n_cells, n_corners, 3).
+        motions: How they move when the sensor is farthest out, by the first harmonic, m,
+            (n_levels, n_cells, n_corners, 3).
+        piece: Number of the connected piece of one body and region that each cell belongs to.
+        layers: Pieces of each nonlinear layer, by its name.
+    """
+
+    vertices: np.ndarray
+    motions: np.ndarray
+    piece: np.ndarray
+    layers: dict[str, np.ndarray]
+
+    def __repr__(self) -> str:
+        return f"PeakShapes({len(self.motions)} levels, {len(self.vertices)} cells)"
+
+
+def peak_shapes(r: HarmonicReport) -> PeakShapes | None:
+    """Shapes of the responses. Collective.
+
+    Returns:
+        The shapes on rank 0; None on the others, and of a model without its mesh (one that was
+        kept beside its branches) or in the plane.
+    """
+    source = r.built.model.source
+    if source is None or source.full.gdim < 3:
+        return None
+    structure, vectors = source.full, []
+    for response in r.responses:
+        vector = source.basis[0].duplicate()
+        vector.set(0.0)
+        for share, column in zip(_farthest(response), source.basis, strict=True):
+            vector.axpy(float(share), column)
+        vectors.append(vector)
+    vertices, motions = structure.corner_motion(vectors)
+    for vector in vectors:
+        vector.destroy()
+    bodies, _ = body_numbers(structure.V)
+    region = structure.cell_regions()
+    body = structure.comm.gather(bodies[structure.V.dofmap.list[: len(region), 0]])
+    regions = structure.comm.gather(region)
+    if regions is None:
+        return None
+    number = np.concatenate(regions)
+    label = np.concatenate(body) * (number.max() + 1) + number
+    piece = geometry.pieces_of(geometry.vertex_ids(vertices), label)
+    names = [found.name for found in structure.regions]
+    layers = {
+        name: np.unique(piece[number == names.index(name)]) for name in r.case.joints
+        if name in r.case.nonlinear
+    }  # fmt: skip
+    return PeakShapes(vertices, motions, piece, layers)
+
+
+def _farthest(response: HarmonicResult) -> np.ndarray:
+    """First harmonic at a peak at the instant when the sensor is farthest out, (n,)."""
+    i = response.peak.index
+    first = response.balance.fourier.cosine()
+    cosine, sine = response.coefficients[i].T[first : first + 2]
+    a, b = response.sensor_coefficients(SENSOR)[i, first : first + 2]
+    size = np.hypot(a, b) or 1.0
+    return (a * cosine + b * sine) / size
+
+
+def response_view(
+    r: HarmonicReport, shapes: PeakShapes, loops: dict[str, Loops]
+) -> tuple[Markup, Markup]:
+    """The view, and a picture of the highest level's peak for paper.
+
+    Args:
+        r: The report.
+        shapes: Its shapes.
+        loops: Strain and stress over a cycle at the highest level's peak, by joint.
+    """
+    x, highest = shapes.vertices, shapes.motions[-1]
+    way = np.zeros(3)
+    direction = r.case.harmonic.sensor.direction
+    way[: len(direction)] = direction
+    turn = geometry.upright(x)
+
+    def looks(s: Surface) -> list[Look]:
+        moved = [_moved(r, k, shapes.motions[k], s, way) for k in reversed(range(len(r.facts)))]
+        return [*moved, *_slipped(r, shapes, s, loops)]
+
+    level = geometry.stacked(x @ turn[2], shapes.piece)
+    whole = surface(x, shapes.piece, level, [highest])
+    top = quantity(r.facts[-1].level, r.level_unit)
+    name = f"The structure at its peaks, and where its joints slip at {top}."
+    words = f"The structure at the peak of {top}, {r.facts[-1].frequency_hz:.3f} Hz."
+    still = svg(mode_shape(x, highest, way, "peak", words))
+    return scene(whole, looks, name, turn=turn, apart=True), still
+
+
+def _moved(r: HarmonicReport, k: int, motion: np.ndarray, s: Surface, way: np.ndarray) -> Look:
+    facts, at = r.facts[k], motion.reshape(-1, 3)[s.pick]
+    most = float(np.linalg.norm(motion, axis=-1).max(initial=0.0))
+    return Look(
+        f"peak at {quantity(facts.level, r.level_unit)}, {facts.frequency_hz:.3f} Hz",
+        Colours(diverging, "one way", "the other", "motion along the sensor's direction"),
+        motion=at, way=way,
+        note=f"First harmonic when the sensor is farthest out, up to {quantity(most, 'm')}"
+        f"{r.relative}, enlarged.",
+    )  # fmt: skip
+
+
+def _slipped(
+    r: HarmonicReport, shapes: PeakShapes, s: Surface, loops: dict[str, Loops]
+) -> list[Look]:
+    """Slip and energy over all joints that have points, at the highest level's peak."""
+    joints = [p for p in r.built.model.interfaces if p.points is not None]
+    if not joints:
+        return []
+    layered = all(p.name in shapes.layers for p in joints)
+    top = quantity(r.facts[-1].level, r.level_unit)
+    asked = (
+        ("shear strain" if layered else "slip", "" if layered else "m",
+         {p.name: loops[p.name].slip_amplitude for p in joints}),
+        ("energy per cycle", "J/m³" if layered else "J/m²",
+         {p.name: loops[p.name].dissipation for p in joints}),
+    )  # fmt: skip
+    motion = shapes.motions[-1].reshape(-1, 3)[s.pick]
+    found = []
+    for words, unit, values in asked:
+        at = np.full(len(s.points), np.nan)
+        for p in joints:
+            _spread(at, values[p.name], p.points, s, shapes.layers.get(p.name))
+        most = max((float(v.max(initial=0.0)) for v in values.values()), default=0.0) or 1.0
+        high = quantity(most, unit) if unit else f"{most:.3g}"
+        label = f"{words} in the {'layers' if layered else 'contacts'}"
+        found.append(Look(
+            f"{words} at {top}", Colours(rising, "0", high, label, "elsewhere"), motion=motion,
+            values=np.clip(at / most, 0.0, 1.0), shown=(0.0, most, unit),
+            note=f"At the peak of {top}; half of peak to peak over a cycle."
+            if unit in ("", "m") else f"At the peak of {top}.",
+        ))  # fmt: skip
+    return found
+
+
+def _spread(
+    at: np.ndarray, values: np.ndarray, points: np.ndarray, s: Surface, pieces: np.ndarray | None
+) -> None:
+    """Put a joint's values to the vertices that are its own: in a layer, or at a contact."""
+    tree = cKDTree(points)
+    if pieces is None:
+        off, nearest = tree.query(s.points)
+        own = np.flatnonzero(off <= _AT * np.ptp(s.points, axis=0).max())
+        at[own] = values[nearest[own]]
+        return
+    own = np.flatnonzero(np.isin(s.group, pieces))
+    k = min(_NEAREST, len(points))
+    off, nearest = (a.reshape(len(own), k) for a in tree.query(s.points[own], k=k))
+    share = 1 / np.maximum(off, 1e-12)
+    at[own] = (share * values[nearest]).sum(axis=1) / share.sum(axis=1)
