@@ -118,9 +118,8 @@ class _Run:
     # -- the answer --------------------------------------------------------------------------
 
     def _report(self, fits: list[Fit]) -> Diagnosis:
-        probability = self.search.probabilities(fits)
-        order = np.argsort(-probability, kind="stable")
-        fits, probability = [fits[i] for i in order], probability[order]
+        order, probability = self.search.ranked(fits)
+        fits = [fits[i] for i in order]
         grouped = classes(fits, probability, self.evidence)
         leader = self._leader(fits)
         effects = self._effects(fits, probability, grouped, leader)

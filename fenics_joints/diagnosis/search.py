@@ -196,7 +196,7 @@ class Search:
 
     def _leading(self, fits: Sequence[Fit], count: int) -> list[Fit]:
         """The most probable but for the unknown."""
-        order = np.argsort(-self.probabilities(fits), kind="stable")
+        order, _ = self.ranked(fits)
         return [fits[i] for i in order if not fits[i].hypothesis.unknown][:count]
 
     # -- fits ----------------------------------------------------------------------------------
@@ -370,6 +370,16 @@ class Search:
         found *= 1 - look_alike(leader.p_value)
         found[~known] += (1 - found.sum()) / np.sum(~known)
         return found
+
+    def ranked(self, fits: Sequence[Fit]) -> tuple[np.ndarray, np.ndarray]:
+        """Which is the most probable, the next and so on, and their probabilities in that order.
+
+        Where all are so far behind an unknown cause that their probabilities underflow, they stand
+        in the order of their evidence.
+        """
+        found = self.probabilities(fits)
+        order = np.lexsort((-self.scores(fits), -found))
+        return order, found[order]
 
 
 def _tries(hypothesis: Hypothesis) -> list[np.ndarray]:

@@ -12,8 +12,9 @@ from rich.console import Console
 
 from fenics_joints import formatting
 from fenics_joints.commands.diagnose.explanation import explain
-from fenics_joints.commands.diagnose.page import VERDICTS, diagnosis_html
+from fenics_joints.commands.diagnose.page import diagnosis_html
 from fenics_joints.commands.diagnose.summary import show_diagnosis
+from fenics_joints.commands.diagnose.words import VERDICTS
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage

@@ -18,7 +18,7 @@ from fenics_joints.commands.diagnose.assumptions import assumptions
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.page import diagnosis_html
 from fenics_joints.commands.diagnose.summary import show_diagnosis
-from fenics_joints.commands.diagnose.words import zone_words
+from fenics_joints.commands.diagnose.words import heading_of, zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.evidence.sampled import Sampled
 from fenics_joints.diagnosis.location import Location
@@ -226,12 +226,40 @@ def test_other_verdicts_have_sentences_of_their_own():
     assert words.which.startswith("None is needed: the nominal model within its tolerances has >")
 
     unknown = [replace(h[4], probability=0.98), replace(h[0], probability=0.01, p_value=1e-8)]
-    words = explain(diagnosis(verdict="unknown", hypotheses=unknown))
-    assert words.which == (
-        "None of the 4 effects that were considered explains the test: the best, joint normal "
-        "compliance, leaves a gap of 1.10 % and would give such a misfit with p below 0.001; that "
-        "it is something else has > 90 %."
+    best = (
+        "None of the 4 effects that were considered explains all of the test: the best, joint "
+        "normal compliance, leaves a gap of 1.10 % and would give such a misfit with p below 0.001;"
     )
+    at_chance = shrinkage(claimed=False)
+    words = explain(diagnosis(verdict="unknown", hypotheses=unknown, shrinkage=at_chance))
+    assert words.which == f"{best} that something else is at work has > 90 %."
+    # What is borne out by data that were held out is not denied for what it leaves.
+    part = diagnosis(verdict="unknown", hypotheses=unknown)
+    assert explain(part).which == (
+        f"{best} it predicts held-out data better than the nominal model and the best wrong "
+        "effect, and so is likely a part of the cause; that something else is at work too has > "
+        "90 %."
+    )
+    assert heading_of(part) == "Cause unknown, or known in part"
+    none = [unknown[0], replace(h[3], probability=0.01, p_value=1e-8)]
+    words = explain(diagnosis(verdict="unknown", hypotheses=none, shrinkage=at_chance))
+    assert "the best, the nominal model within its tolerances, leaves" in words.which
+    assert "is gone (90 %: 79 to 93 %), by what is within tolerance alone; " in words.how_far
+
+
+def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():
+    """Errors of 0.03 and 0.04 in the mesh are 0.035 (root mean square), of a gap of 0.2 a share."""
+    plain = diagnosis()
+    doubted = replace(plain, model={**plain.model, "mesh_error": {"a": 0.03, "b": 0.04}})
+    off = 100 * np.sqrt(0.00125)
+    said = f"The mesh alone makes an error of {off:.2f} % (root mean square over the modes), "
+    share = f"{100 * np.sqrt(0.00125) / plain.before.rms:.0f} % of the gap"
+    assert [w for w in explain(doubted).doubts if w.startswith(said + share)]
+    fine = replace(plain, model={**plain.model, "mesh_error": {"a": 0.001, "b": 0.001}})
+    assert explain(fine).doubts == explain(plain).doubts
+
+
+def test_an_ambiguous_verdict_has_a_sentence_of_its_own():
     assert explain(diagnosis(verdict="ambiguous")).which.startswith(
         "Undecided between joint normal"
     )

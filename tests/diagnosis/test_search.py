@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -177,6 +178,23 @@ def test_what_is_left_for_a_look_alike():
     assert probability[fine] / probability[fine].max() == pytest.approx(weights, abs=1e-9)
     # It has no model of its own: the check of the reduced model is for others.
     assert model.baseline not in model.checked[-2:]
+
+
+def test_what_is_far_behind_an_unknown_cause_stands_in_the_order_of_its_evidence():
+    """Probabilities of exp(-2000) are all nought, which is no order."""
+    search, fits, _ = searched(problem(0.0, {4: 1.4}))
+    far = [
+        f if f.hypothesis.unknown else replace(f, log_evidence=-3000.0 + 10 * i)
+        for i, f in enumerate(fits[:12])
+    ]
+    order, probability = search.ranked(far)
+    assert far[order[0]].hypothesis.unknown and probability[2] == 0.0
+    assert [far[i].log_evidence for i in order[1:]] == sorted(
+        (f.log_evidence for f in far if not f.hypothesis.unknown), reverse=True
+    )
+    best = search.lowest(far[order[1]])
+    search.checked(far, 1)
+    assert best in search.model.checked
 
 
 def test_three_together():

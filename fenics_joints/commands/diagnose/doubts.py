@@ -61,7 +61,7 @@ def doubts(d: Diagnosis) -> list[str]:
                 f"Only {share_words(s.coverage)} of the folds ended as well as the 90 % interval "
                 "that was stated before."
             )
-    words += _drifts(d)
+    words += [*_drifts(d), *_of_mesh(d)]
     if np.isfinite(d.model_error) and d.model_error > 0.5 * d.noise:
         words.append(
             f"The reduced model's error, up to {percent(d.model_error, 3)}, is not small against "
@@ -70,6 +70,18 @@ def doubts(d: Diagnosis) -> list[str]:
     if any(not np.isfinite(n.log_evidence) or n.error > 0.5 for n in d.nested.values()):
         words.append("Sampling left an error of more than 0.5 in some ln evidence.")
     return words
+
+
+def _of_mesh(d: Diagnosis) -> list[str]:
+    """That the mesh is too coarse for more to be told, where it makes much of the gap."""
+    errors = list(d.model.get("mesh_error", {}).values())
+    off = float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
+    if off < SHARE * d.before.rms:
+        return []
+    return [
+        f"The mesh alone makes an error of {percent(off)} (root mean square over the modes), "
+        f"{share_words(off / d.before.rms)} of the gap: a finer one would tell more."
+    ]
 
 
 def _drifts(d: Diagnosis) -> list[str]:

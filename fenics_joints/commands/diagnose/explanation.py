@@ -33,6 +33,7 @@ from fenics_joints.commands.diagnose.words import (
     NAMED,
     chance_words,
     from_to,
+    is_part,
     joined,
     p_value_words,
     sentence,
@@ -222,13 +223,19 @@ def _no_cause(d: Diagnosis) -> str:
 
 def _unknown(d: Diagnosis) -> str:
     lead, n = leading(d), sum(len(c.effects) for c in causes(d))
-    words = f"none of the {n} effects that were considered explains the test"
+    words = f"none of the {n} effects that were considered explains all of the test"
     if lead is not None:
         words += (
             f": the best, {named(lead)}, leaves a gap of {percent(lead.gap)} and would give "
             f"such a misfit with {p_value_words(lead.p_value)}"
         )
-    return f"{words}; that it is something else has {probability(probability_of(d, UNKNOWN))}"
+    if is_part(d):
+        words += (
+            "; it predicts held-out data better than the nominal model and the best wrong effect, "
+            "and so is likely a part of the cause"
+        )
+    p = probability(probability_of(d, UNKNOWN))
+    return f"{words}; that something else is at work{' too' if is_part(d) else ''} has {p}"
 
 
 def _cause(d: Diagnosis) -> str:
@@ -268,6 +275,9 @@ def _how_far(d: Diagnosis) -> str:
         best = f" (best wrong effect {percent(s.placebo)})" if np.isfinite(s.placebo) else ""
         words = f"On held-out data the gap grows {from_to(s.before, s.after)}{best}"
         return f"{words}: what is chosen without them does not predict them{_folds(s)}."
+    lead = leading(d)
+    if np.isfinite(s.shrink) and lead is not None and lead.label == NO_GAP:
+        return f"{words}: {_shrunk(s)}, by what is within tolerance alone{_folds(s)}."
     if not np.isfinite(s.shrink):
         return f"{words}; the nominal model is already as good as noise allows."
     words += f": {_shrunk(s)}"

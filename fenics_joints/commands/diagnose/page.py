@@ -19,7 +19,7 @@ from fenics_joints.commands.diagnose.reading import (
     with_place,
 )
 from fenics_joints.commands.diagnose.view import diagnosis_view
-from fenics_joints.commands.diagnose.words import VERDICTS, group_words, zone_words
+from fenics_joints.commands.diagnose.words import group_words, heading_of, zone_words
 from fenics_joints.diagnosis.evidence.classes import confusion
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
@@ -69,7 +69,7 @@ def diagnosis_html(
         "diagnosis.html",
         _FILTERS,
         d=d,
-        heading=VERDICTS.get(d.verdict, d.verdict),
+        heading=heading_of(d),
         words=explain(d),
         lead=leading(d),
         bars=svg(_gap_picture(d)),

@@ -95,6 +95,8 @@ def sampled(d: Diagnosis, hypothesis: HypothesisResult) -> Sampled | None:
 
 def named(hypothesis: HypothesisResult) -> str:
     """A hypothesis by its effects, each with its place where the name does not say it."""
+    if hypothesis.label == NO_GAP:
+        return "the nominal model within its tolerances"
     return " + ".join(with_place(key) for key in hypothesis.effects) or hypothesis.label
 
 

@@ -14,7 +14,7 @@ from fenics_joints.commands.diagnose.reading import (
     leading,
     sure_causes,
 )
-from fenics_joints.commands.diagnose.words import VERDICTS
+from fenics_joints.commands.diagnose.words import heading_of
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.formatting import (
     bounded,
@@ -43,7 +43,7 @@ _BAR = 20
 def show_diagnosis(console: Console, d: Diagnosis) -> None:
     """Print the diagnosis: where, which and how far in a sentence each, then the numbers."""
     words = explain(d)
-    heading = VERDICTS.get(d.verdict, d.verdict).upper()
+    heading = heading_of(d).upper()
     verdict = Text(heading, style=_STYLES.get(d.verdict, "bold red"))
     console.print(Text.assemble((d.title, "bold"), ": ", verdict))
     for heading, sentence in words.sentences:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from fenics_joints.diagnosis.result import Diagnosis
+from fenics_joints.diagnosis.verdict import confirmed
 from fenics_joints.diagnosis.where.zone_tests import Attribution
 from fenics_joints.formatting import LEAST, MOST, condition_value, number, percent, spaced
 
 __all__ = [
-    "NAMED", "VERDICTS", "chance_words", "from_to", "group_words", "joined", "p_value_words",
-    "sentence", "share_words", "shortened", "span", "times_words", "zone_words",
+    "NAMED", "VERDICTS", "chance_words", "from_to", "group_words", "heading_of", "is_part",
+    "joined", "p_value_words", "sentence", "share_words", "shortened", "span", "times_words",
+    "zone_words",
 ]  # fmt: skip
 
 #: Verdicts as headings.
@@ -19,10 +22,22 @@ VERDICTS = {
     "likely": "Likely cause, not confirmed on held-out data",
     "no gap": "No gap",
     "unknown": "Cause unknown",
+    "in part": "Cause unknown, or known in part",
     "ambiguous": "Ambiguous",
 }
 #: Members of a list that are worth a word.
 NAMED = 3
+
+
+def heading_of(d: Diagnosis) -> str:
+    """The verdict as a heading."""
+    return VERDICTS.get("in part" if is_part(d) else d.verdict, d.verdict)
+
+
+def is_part(d: Diagnosis) -> bool:
+    """Whether the best explanation leaves too much to be the cause, and yet predicts held-out data
+    better than the nominal model and the best wrong effect."""
+    return d.verdict == "unknown" and d.shrinkage is not None and confirmed(d.shrinkage)
 
 
 def joined(words: Sequence[str], last: str = "and") -> str:
