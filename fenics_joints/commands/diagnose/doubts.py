@@ -58,8 +58,8 @@ def doubts(d: Diagnosis) -> list[str]:
             )
         if s.coverage < _COVERAGE:
             words.append(
-                f"Only {share_words(s.coverage)} of the folds ended as well as the 90 % interval "
-                "that was stated before."
+                f"Only {share_words(s.coverage)} of the parts held out ended as well as the 90 % "
+                "interval that was stated before."
             )
     words += [*_drifts(d), *_of_mesh(d)]
     if np.isfinite(d.model_error) and d.model_error > 0.5 * d.noise:

@@ -54,6 +54,10 @@ __all__ = ["Explanation", "explain"]
 #: Probability of a look-alike that is not worth a word.
 _REMOTE = 0.01
 _COUNT = {2: "two", 3: "three"}
+#: Words of the diagnosis with what they mean, where they first stand.
+_HELD = "On data held out while the cause was chosen and fitted,"
+_WRONG = "the best wrong effect, one that is not the cause but had the same chance"
+_MISFIT = "misfit (the gap weighed by noise)"
 
 
 @dataclass(frozen=True)
@@ -108,13 +112,13 @@ def explain(d: Diagnosis) -> Explanation:
 
 
 def _start(d: Diagnosis) -> str:
-    off = f"{percent(d.before.rms)} off the measured frequencies (root mean square)"
-    return f"The nominal model{_JOINTS[d.joints]}, {off}."
+    off = f"is {percent(d.before.rms)} off the measured frequencies (root mean square)"
+    return f"The nominal model{_JOINTS[d.joints]} {off}; that is the gap."
 
 
 _JOINTS = {
-    "bonded": " with its joints bonded, as one with the parts",
-    "given": " with its joints as stiff as the case gives them",
+    "bonded": ", with its joints bonded, as one with the parts,",
+    "given": ", with its joints as stiff as the case gives them,",
     "": "",
 }
 
@@ -134,7 +138,8 @@ def _where(d: Diagnosis) -> str:
     words = [in_test(d), kinds, _by_tests(found)]
     if not kinds or "frequencies" in kinds.partition(", not")[0]:
         words.append(_by_shares(d))
-    return sentence("; ".join(w for w in words if w))
+    said = "; ".join(w for w in words if w)
+    return sentence(said.replace("misfit", _MISFIT, 1))
 
 
 def _kinds(found: Location) -> str:
@@ -156,25 +161,30 @@ def _by_tests(found: Location) -> str:
     if not alone:
         first = telling[0]
         return (
-            f"no change of one region alone explains it; one in {spaced(first.zone)} comes "
+            f"no change of one region alone explains it; one in {_quoted(first.zone)} comes "
             f"nearest, with {share_words(first.share)} of the misfit{_in_frequencies(found)}"
             f"{_like(first)}"
         )
     first, others = alone[0], alone[1:]
     words = (
-        f"a change in {spaced(first.zone)} alone would explain {share_words(first.share)} of the "
+        f"a change in {_quoted(first.zone)} alone would explain {share_words(first.share)} of the "
         f"misfit, by chance {chance_words(first.p_adjusted)}"
     )
     if others:
-        names = [f"{spaced(t.zone)} ({share_words(t.share)})" for t in others]
+        names = [f"{_quoted(t.zone)} ({share_words(t.share)})" for t in others]
         words += f", but so would one in {shortened(names, 'or')}"
     return words
 
 
 def _like(test: ZoneTest) -> str:
     """Regions that a test does not tell from the one that comes nearest."""
-    names = shortened([spaced(zone) for zone in test.alike], "or")
+    names = shortened([_quoted(zone) for zone in test.alike], "or")
     return f", which this test does not tell from {names}" if names else ""
+
+
+def _quoted(zone: str) -> str:
+    """The case's own name of a region, in a sentence."""
+    return f'"{spaced(zone)}"'
 
 
 def _in_frequencies(found: Location) -> str:
@@ -191,7 +201,7 @@ def _by_shares(d: Diagnosis) -> str:
     shares = [z for z in d.where if z.region != "unexplained" and z.share >= SHARE]
     if not shares:
         return ""
-    items = [f"{share_words(z.share)} in {spaced(z.region)}" for z in shares]
+    items = [f"{share_words(z.share)} in {_quoted(z.region)}" for z in shares]
     return f"of the gap in frequency the leading explanation puts {shortened(items)}"
 
 
@@ -205,7 +215,7 @@ def _look_alike(d: Diagnosis) -> str:
     p = probability_of(d, UNKNOWN)
     if p < _REMOTE:
         return ""
-    return f"; {probability(p)} is left for a cause outside the library"
+    return f"; {probability(p)} is left for a cause that was not considered"
 
 
 def _no_cause(d: Diagnosis) -> str:
@@ -269,11 +279,11 @@ def _how_far(d: Diagnosis) -> str:
         if not np.isfinite(d.heldout_after):
             fitted = from_to(d.before.rms, d.after.rms)
             return f"Nothing could be held out; fitted, the gap goes {fitted}."
-        return f"On held-out data the gap goes {from_to(d.heldout_before, d.heldout_after)}."
-    words = f"On held-out data the gap goes {from_to(s.before, s.after)}"
+        return f"{_HELD} the gap goes {from_to(d.heldout_before, d.heldout_after)}."
+    words = f"{_HELD} the gap goes {from_to(s.before, s.after)}"
     if s.after >= s.before:
-        best = f" (best wrong effect {percent(s.placebo)})" if np.isfinite(s.placebo) else ""
-        words = f"On held-out data the gap grows {from_to(s.before, s.after)}{best}"
+        best = f" (to {percent(s.placebo)} with {_WRONG})" if np.isfinite(s.placebo) else ""
+        words = f"{_HELD} the gap grows {from_to(s.before, s.after)}{best}"
         return f"{words}: what is chosen without them does not predict them{_folds(s)}."
     lead = leading(d)
     if np.isfinite(s.shrink) and lead is not None and lead.label == NO_GAP:
@@ -284,21 +294,21 @@ def _how_far(d: Diagnosis) -> str:
     gain = 100 * s.excess
     if s.claimed:
         points = "point" if f"{gain:.0f}" == "1" else "points"
-        words += f", {gain:.0f} {points} more than the best wrong effect ({_points(s)})"
+        words += f", {gain:.0f} {points} more than with {_WRONG} ({_points(s)})"
     elif np.isfinite(gain):
-        words += f", which is not surely more than the best wrong effect ({_points(s)} points)"
+        words += f", which is not surely more than with {_WRONG} ({_points(s)} points)"
     return f"{words}{_folds(s)}."
 
 
 def _folds(s: Shrinkage) -> str:
     held, better = sum(f.held for f in s.folds), sum(f.better for f in s.folds)
-    words = f"; {held} of {len(s.folds)} folds ended in the interval stated before"
+    words = f"; {held} of {len(s.folds)} parts held out ended in the interval stated before"
     return f"{words}{f' or better ({better} better)' if better else ''}"
 
 
 def _shrunk(s: Shrinkage) -> str:
     share = f"{100 * s.shrink:.0f} %"
-    return f"{share} of the gap beyond noise is gone (90 %: {span(s.shrink_interval)})"
+    return f"{share} of the gap beyond noise is gone (90 % interval: {span(s.shrink_interval)})"
 
 
 def _points(s: Shrinkage) -> str:

@@ -158,8 +158,8 @@ def members_in_words(group: EffectClass) -> str:
     order = sorted(group.effects, key=lambda e: (-e.odds, -e.probability))
     items = [in_words(e) for e in order]
     if len({e.odds for e in order}) == 1:
-        return f"{shortened(items, 'or')}, {ends} (equally likely beforehand)"
-    items = [f"{words} ({probability(e.odds / total)} beforehand)"
+        return f"{shortened(items, 'or')}, {ends} (equally likely before the test)"
+    items = [f"{words} ({probability(e.odds / total)} before the test)"
              for words, e in zip(items, order, strict=True)]  # fmt: skip
     return f"{shortened(items, 'or')}, {ends}"
 

@@ -79,7 +79,7 @@ def _where(console: Console, d: Diagnosis) -> None:
 
 def _which(console: Console, d: Diagnosis) -> None:
     classes = effect_classes(d)
-    table = new_table("which effect", "", ">probability", "")
+    table = new_table("which effect", "class", ">probability", "")
     # Every cause that is named has its row; a class takes one of its own beside its members'.
     named, shown = {group.name for group in sure_causes(d)}, 0
     for i, group in enumerate(classes):
@@ -96,10 +96,10 @@ def _which(console: Console, d: Diagnosis) -> None:
     console.print(table)
     letters = {group.name: group.letter for group in classes if group.letter}
     for s in [s for s in d.separations if s.class_name in letters][:2]:
-        text = f"to split {letters[s.class_name]}, {s.distance:.1f} s.d.: {s.measurement}"
-        tell(console, text)
+        apart = f"to tell class {letters[s.class_name]} apart: {s.measurement}"
+        tell(console, f"{apart} ({s.distance:.1f} standard deviations)")
     for reason, names in by_reason(d.silent):
-        tell(console, f"silent on {', '.join(names)}: {reason}", "dim")
+        tell(console, f"this test says nothing of {', '.join(names)}: {reason}", "dim")
     console.print()
 
 

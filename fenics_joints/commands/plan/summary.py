@@ -43,7 +43,7 @@ def show_plan(console: Console, p: Plan) -> None:
             table.add_row(Text(a.name), str(a.classes), str(a.seen), f"{a.mean:.2f}")
         console.print(table)
     for reason, names in by_reason(p.silent):
-        tell(console, f"silent on {', '.join(names)}: {reason}", "dim")
+        tell(console, f"this test says nothing of {', '.join(names)}: {reason}", "dim")
     values = ", ".join(condition_value(x, p.condition[1]) for x in p.conditions)
     say(console, f"D above {APART} is less than 1 % confusion", "dim")
     text = f"{', '.join(p.measured)} of {len(p.mode_names)} modes at {p.condition[0]} {values}"
