@@ -51,10 +51,14 @@ def fit_notes(found: Update, mode_names: Sequence[str]) -> list[str]:
             "the model does not come as near to the test as the data's standard deviations say: "
             f"the fit takes them wider, those of {', '.join(wide)}"
         )
-    for i in widths.without:
+    left = [mode_names[i] for i in widths.without]
+    if left:
+        names = " and ".join([", ".join(left[:-1]), left[-1]] if len(left) > 1 else left)
+        do, whose = ("changes its partner", "it") if len(left) == 1 else \
+            ("change their partners", "them")  # fmt: skip
         notes.append(
-            f"{mode_names[i]} changes its partner among the model's modes near the answer, so "
-            "that no value was fitted to it; a sharper shape of it would tell which is which"
+            f"{names} {do} among the model's modes near the answer, so that no value was fitted to "
+            f"{whose}; a sharper shape of {whose} would tell which is which"
         )
     return notes
 

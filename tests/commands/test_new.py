@@ -87,6 +87,8 @@ def test_step_of_a_demo(tmp_path):
     demo = build_structure(load_case(step.parent), MPI.COMM_SELF).volumes()[0]
     own = build_structure(case, MPI.COMM_SELF)
     assert own.volumes()[:2].sum() == pytest.approx(demo, rel=0.01)
+    # The pressure that the joints start from is over the rings as they are.
+    assert np.allclose([ring.r_nei for ring in own.rings()], case.mesh.bolts.inner())
 
 
 @pytest.mark.parametrize("draw, bolts, normal", [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 from html_page import Page, check_page
@@ -16,6 +17,8 @@ from fenics_joints.commands.update.summary import show_update
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.updating import Iteration, Prediction, Update
+from fenics_joints.updating.checks import fit_notes
+from fenics_joints.updating.residuals import Widths
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])
@@ -103,3 +106,16 @@ def test_summary_fits_a_screen():
         show_update(console, report())
         lines = console.export_text().splitlines()
         assert len(lines) <= 40 and max(map(len, lines)) <= width
+
+
+def test_modes_whose_partners_change_are_said_once_and_with_the_reason():
+    found = replace(report().update, widths=Widths(without=(0, 1)))
+    (note,) = fit_notes(found, ("mode 1", "mode 2"))
+    assert note.startswith("mode 1 and mode 2 change their partners among the model's modes")
+    unfitted = replace(report().modes, fitted=np.zeros(2, dtype=bool))
+    console = Console(width=100, record=True, file=io.StringIO())
+    show_update(console, report(update=found, modes=unfitted, notes=[note]))
+    said = console.export_text()
+    assert said.index("but: mode 1 and mode 2") < said.index(
+        "* its frequency was not fitted: left out for the reason given above"
+    )

@@ -90,7 +90,8 @@ def _with_rings(sketch: Sketch, found: list[Touch], bolts: list[_Bolt]) -> Sketc
         *_bonded(found, bolts), "",
         "[mesh.bolts]  # a ring of the joint around each bolt",
         *([f"thread = {toml(one.thread.name)}  # ? {one.why}",
-           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}']
+           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}',
+           f"hole = {toml(millimetres(2 * max(bolt.hole for bolt in bolts), 3))}  # diameter"]
           if one else []),
         "# Outer radii of the rings, where the pressure ends: a cone from the head.",
         f"r_wai = {toml(radii[0] if len(set(radii)) == 1 else radii)}", "at = [",

@@ -121,7 +121,8 @@ def _with_rings(
     lines = [
         "", "[mesh.bolts]  # a ring of the joint's layer around each bolt",
         *([f"thread = {toml(*names)}  # ? {one.why}{_or(one)}",
-           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}']
+           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}',
+           f"hole = {toml(_holes(bolts))}  # diameter"]
           if one else []),
         "# Outer radii of the rings, where the pressure ends: a cone of 30 degrees from the head,",
         "# as far as there is room on the faces.",
@@ -155,6 +156,13 @@ def _with_rings(
         base, mesh=tuple([*mesh, *lines]), joints=tuple(joints), found=(*base.found, *there),
         questions=(*base.questions, *questions),
     )  # fmt: skip
+
+
+def _holes(bolts: Sequence[ThroughHole]) -> str | list[str]:
+    """Diameter of the bolts' holes, or the least and the largest."""
+    found = [d for bolt in bolts for d in bolt.diameters]
+    words = dict.fromkeys([millimetres(min(found)), millimetres(max(found))])
+    return [*words] if len(words) > 1 else [*words][0]
 
 
 def _threads(bolts: Sequence[ThroughHole], ask: Ask) -> list[ThreadGuess | None]:

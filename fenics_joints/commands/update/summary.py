@@ -64,12 +64,12 @@ def show_update(console: Console, r: UpdateReport) -> None:
         console.print(_mode_rows(r.modes))
         _rest(console, len(r.modes.names) - _MODES)
         if not r.modes.fitted.all():
-            say(console, "* no fit saw its frequency", "dim")
+            say(console, f"* its frequency was not fitted{_why_not(r)}", "dim")
         if r.modes.damping is not None:
             console.print()
             console.print(_ratio_rows(r.modes.names, r.modes.damping))
             if not r.modes.damping.fitted[r.modes.damping.measured].all():
-                say(console, "* no fit saw its damping ratio", "dim")
+                say(console, "* its damping ratio was not fitted", "dim")
     if r.functions is not None:
         console.print()
         console.print(_level_rows(r.functions))
@@ -85,6 +85,14 @@ def show_update(console: Console, r: UpdateReport) -> None:
         gaps = [f"{name} {percent(gap)}" for name, gap in found if gap is not None]
         console.print()
         say(console, f"curves over the {r.condition[0]}: gap {', '.join(gaps)}")
+
+
+def _why_not(r: UpdateReport) -> str:
+    """Why some frequencies were not fitted, behind a sentence that says so."""
+    open_, left = set(np.flatnonzero(~r.modes.fitted).tolist()), set(r.update.widths.without)
+    reasons = ["held out"] * bool(open_ - left and r.held)
+    reasons += ["left out for the reason given above"] * bool(open_ & left)
+    return f": {' or '.join(reasons)}" if reasons else ""
 
 
 def _rest(console: Console, more: int) -> None:
