@@ -2,7 +2,8 @@
 
 Into ``build/docs`` unless told otherwise, with Sphinx, MyST and furo (``fenics-joints[docs]``),
 from the Markdown pages of the repository, docstrings, the case file's schema and the demos. It
-needs no network. Demos that take less than a minute are run; with ``--static`` none is.
+needs no network. Demos that take less than a minute are run; with ``--static`` none is. With
+``--links`` nothing is built: links that lead elsewhere are followed, which takes a network.
 """
 
 from __future__ import annotations
@@ -31,12 +32,16 @@ def main() -> int:
     pages.write(REPOSITORY, source)
     reference.write(source)
     api.write(source)
-    gallery.write(REPOSITORY, source, run=not arguments.static)
+    gallery.write(REPOSITORY, source, run=not (arguments.static or arguments.links))
     from sphinx.cmd.build import build_main
 
-    options = ["-b", "html", "-c", str(DOCS), "-d", str(source.with_name("doctrees")), "-E", "-q"]
+    builder = "linkcheck" if arguments.links else "html"
+    options = ["-b", builder, "-c", str(DOCS), "-d", str(source.with_name("doctrees")), "-E", "-q"]
     os.environ.setdefault("PYTHONHASHSEED", "0")
     status = build_main([*options, "-W", "--keep-going", str(source), str(arguments.folder)])
+    if arguments.links:
+        print(f"{arguments.folder}/output.txt: {'broken links' if status else 'no link is broken'}")
+        return status
     size = sum(path.stat().st_size for path in arguments.folder.rglob("*") if path.is_file())
     print(f"{arguments.folder}/index.html: {size / 1e6:.1f} MB, {time.monotonic() - started:.0f} s")
     return status
@@ -44,10 +49,12 @@ def main() -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("folder", nargs="?", type=Path, default=REPOSITORY / "build" / "docs")
+    parser.add_argument("folder", nargs="?", type=Path, help="build/docs, or build/links")
     parser.add_argument("--static", action="store_true", help="run no demo")
+    parser.add_argument("--links", action="store_true", help="follow links that lead elsewhere")
     arguments = parser.parse_args()
-    arguments.folder = arguments.folder.resolve()
+    usual = REPOSITORY / "build" / ("links" if arguments.links else "docs")
+    arguments.folder = (arguments.folder or usual).resolve()
     return arguments
 
 

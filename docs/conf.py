@@ -32,6 +32,10 @@ autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
 
+# Followed by `build.py --links`. Anchors of GitHub's pages are made by scripts.
+linkcheck_anchors_ignore_for_url = [r"https://github\.com/"]
+linkcheck_timeout, linkcheck_retries, linkcheck_workers = 20, 2, 4
+
 html_theme = "furo"
 html_title = "fenics_joints"
 html_copy_source = False

@@ -8,7 +8,9 @@ import re
 import shlex
 import subprocess
 import sys
+from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 
@@ -171,4 +173,33 @@ def test_the_site_builds_without_a_warning(tmp_path):
     command = [sys.executable, REPOSITORY / "docs" / "build.py", tmp_path / "site", "--static"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert (tmp_path / "site" / "index.html").stat().st_size > 1000
+    built = {page: Linked(page) for page in (tmp_path / "site").rglob("*.html")}
+    lost = [(page.name, link) for page, found in built.items() for link in found.lost(built)]
+    assert len(built) > 60 and not lost
+
+
+class Linked(HTMLParser):
+    """A page's anchors, and its links that stay on the site."""
+
+    def __init__(self, page: Path):
+        super().__init__()
+        self.page, self.anchors, self.links = page, set(), set()
+        self.feed(page.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        for key, value in attrs:
+            if key in ("id", "name"):
+                self.anchors.add(value)
+            elif key in ("href", "src") and not re.match(r"https?:|mailto:|data:", value):
+                self.links.add(unquote(value))
+
+    def lost(self, built: dict[Path, Linked]) -> list[str]:
+        """Links to files or anchors that are not there."""
+        found = []
+        for link in self.links:
+            place, _, anchor = link.partition("#")
+            target = (self.page.parent / place.partition("?")[0]).resolve() if place else self.page
+            there = built[target].anchors if anchor and target in built else (anchor,)
+            if not target.exists() or anchor not in there:
+                found.append(link)
+        return found
