@@ -16,6 +16,7 @@ __all__ = [
     "coordinate_map",
     "create_mesh",
     "distribute_facet_tags",
+    "facet_nodes",
     "geometry_dofmap",
 ]
 
@@ -90,3 +91,13 @@ def geometry_dofmap(mesh: dolfinx.mesh.Mesh) -> np.ndarray:
     """Rows of ``mesh.geometry.x`` of each local cell, shape (n_cells, n_nodes)."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "cmaps") else geometry.dofmap
+
+
+def facet_nodes(mesh: dolfinx.mesh.Mesh, facets: np.ndarray) -> np.ndarray:
+    """Geometry nodes at the corners of local facets, shape (n_facets, n_corners).
+
+    Without facets, as a rank may be, shape (0, 0): DOLFINx 0.9 divides by their number.
+    """
+    if not len(facets):
+        return np.empty((0, 0), dtype=np.int32)
+    return dolfinx.mesh.entities_to_geometry(mesh, mesh.topology.dim - 1, facets)

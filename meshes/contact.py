@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import dolfinx.mesh
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -95,8 +94,8 @@ def _gather(tagged: TaggedMesh, name: str) -> _Face | None:
     # Ghosts of shared facets: an owned facet has all its cells here.
     facets = facets[facets < mesh.topology.index_map(tdim - 1).size_local]
     found = None
-    if len(facets):  # DOLFINx 0.9 divides by their number
-        corners = dolfinx.mesh.entities_to_geometry(mesh, tdim - 1, facets)
+    if len(facets):
+        corners = _compat.facet_nodes(mesh, facets)
         links = mesh.topology.connectivity(tdim - 1, tdim)
         cells = links.array[links.offsets[facets]]
         inside = mesh.geometry.x[_compat.geometry_dofmap(mesh)[cells]].mean(axis=1)

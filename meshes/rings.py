@@ -6,12 +6,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import dolfinx.mesh
 import numpy as np
 import ufl
 from dolfinx import fem
 
-from fenics_joints._compat import geometry_dofmap
+from fenics_joints._compat import facet_nodes, geometry_dofmap
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.tagged import TaggedMesh
 
@@ -339,6 +338,4 @@ def _skin(tagged: TaggedMesh, name: str):
 
 
 def _corners(mesh, facets: np.ndarray) -> np.ndarray:
-    if not len(facets):  # DOLFINx 0.9 divides by their number
-        return np.empty((0, 0, 3))
-    return mesh.geometry.x[dolfinx.mesh.entities_to_geometry(mesh, 2, facets)]
+    return mesh.geometry.x[facet_nodes(mesh, facets)]

@@ -16,12 +16,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import dolfinx.mesh
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from fenics_joints._compat import geometry_dofmap
+from fenics_joints._compat import facet_nodes, geometry_dofmap
 from fenics_joints.structure.components import Region
 from fenics_joints.structure.laws import LAYER_LAWS, SPRINGS
 from fenics_joints.structure.structure import Structure
@@ -244,7 +243,7 @@ def _supports(structure: Structure):
     ]  # fmt: skip
     for name, ways in groups:
         facets = structure.tagged.facet_tags.find(structure.tagged.facet_tag(name))
-        nodes = dolfinx.mesh.entities_to_geometry(mesh, mesh.topology.dim - 1, facets)
+        nodes = facet_nodes(mesh, facets)
         yield ways, np.unique(nodes).astype(np.int32)
 
 
