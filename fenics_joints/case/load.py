@@ -107,19 +107,30 @@ def _read_tests(case: Case) -> list[str]:
     test = case.test
     if test is None:
         return []
-    try:
-        if test.planned is not None:
-            case._planned = _plan_test(case, test)
-        if not test.has_modes:
-            return []
-        case._backbones = {name: _read_amplitude(case, name) for name in test.amplitude}
-        if test.has_universal_shapes:
-            case._shapes = read_universal(case.folder, test.shapes)
-        case._measured = _read_test(case, "test", test)
-        if test.validation is not None:
-            case._validation = _read_test(case, "test.validation", test.validation)
-    except InputError as error:
-        return [str(error)]
+    errors: list[str] = []
+
+    def tried(read, *args):
+        try:
+            return read(*args)
+        except InputError as error:
+            errors.append(str(error))
+            return None
+
+    if test.planned is not None:
+        case._planned = tried(_plan_test, case, test)
+    if not test.has_modes:
+        return errors
+    backbones = {name: tried(_read_amplitude, case, name) for name in test.amplitude}
+    case._backbones = {name: one for name, one in backbones.items() if one is not None}
+    if test.has_universal_shapes:
+        case._shapes = tried(read_universal, case.folder, test.shapes)
+    # Tables are read whatever is wrong in the files beside them.
+    if not errors or (test.frequencies is not None and not test.has_universal_shapes):
+        case._measured = tried(_read_test, case, "test", test)
+    if test.validation is not None and case._measured is not None:
+        case._validation = tried(_read_test, case, "test.validation", test.validation)
+    if errors:
+        return errors
     measured, validation = case._measured, case._validation
     if validation is not None and measured.condition_unit != validation.condition_unit:
         return [

@@ -115,6 +115,20 @@ def test_sensors_of_another_unit(tmp_path, write_case):
     assert found.errors == () and "span 11.8 mm of a structure of 320 mm" in found.notes[0]
 
 
+def test_parts_of_a_test_that_do_not_go_together(tmp_path, write_case):
+    """A mode by amplitude under another name than in the table, which each file is silent on."""
+    levels = "level [m/s2],frequency [Hz]\n5,80.3\n20,80.2\n"
+    (tmp_path / "levels.csv").write_text(levels, encoding="utf-8")
+    (tmp_path / "hz.csv").write_text("row,mode 1 [Hz]\n1,80.4\n", encoding="utf-8")
+    write_case(tmp_path)
+    case = (tmp_path / "case.toml").read_text(encoding="utf-8")
+    tables = 'condition = "row"\nfrequencies = "hz.csv"'
+    test = f'[test]\n{tables}\n[test.amplitude]\n"first" = "levels.csv"\n'
+    (tmp_path / "case.toml").write_text(case.partition("[test]")[0] + test, encoding="utf-8")
+    (error,) = checked(tmp_path).errors
+    assert error.startswith("test.amplitude: the mode 'first' by amplitude, 80.25 Hz, is within")
+
+
 @pytest.mark.parametrize("text, words", [
     ("", "mesh is missing"), ("[mesh", "cannot be read as TOML"), ("x = 1\n", "x = 1: unknown key"),
 ])  # fmt: skip

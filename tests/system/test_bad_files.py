@@ -192,6 +192,21 @@ def test_several_bad_files(tmp_path, good):
         run_new(tmp_path / "new", source, missing, silent, Progress(silent=True))
 
 
+def test_check_reads_the_other_files_beside_a_bad_one(tmp_path, good):
+    """Drawing, frequencies and amplitude data, each wrong, are said in one go."""
+    folder, _ = good
+    for name in ("own_step.step", "hz.csv", "levels.csv"):
+        text(tmp_path / name, "")
+    case = (folder / "step" / "case.toml").read_text(encoding="utf-8").replace("../", "")
+    head = case.partition("[test]")[0]
+    more = '[test]\nfrequencies = "hz.csv"\namplitude = { bending = "levels.csv" }\n'
+    text(tmp_path / "case.toml", head + more)
+    found = check_case(tmp_path, MPI.COMM_SELF, Progress(silent=True))
+    for name in ("own_step.step", "hz.csv", "levels.csv"):
+        assert any(name in line for line in found.errors), found.errors
+    assert found.test_words() == "not read"
+
+
 def several_in(folder, kind):
     """A file with mistakes that do not need one another, and what each is said to be."""
     path = folder / f"several.{kind}"

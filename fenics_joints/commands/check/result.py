@@ -100,7 +100,7 @@ class Checked:
                 f"{int(frfs.measured.sum())} functions, {frfs.frequencies_hz[0]:g} to "
                 f"{frfs.frequencies_hz[-1]:g} Hz"
             )
-        return ", ".join(words) or "planned"
+        return ", ".join(words) or ("planned" if case.test.planned else "not read")
 
     def to_json(self) -> dict[str, object]:
         """What ``--json`` writes.

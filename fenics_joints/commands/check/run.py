@@ -78,7 +78,7 @@ def check_case(
     notes = [*case.test_notes(), *plausibility(case)]
     found = Checked(examined.path, case, examined.errors, tuple(notes))
     found = replace(found, places=tuple(places_of(case)))
-    found = _more(found, [], twice(found.places))
+    found = _more(found, _diagnosed(case, examined.errors), twice(found.places))
     if not examined.has_mesh:
         return found
     if isinstance(case.mesh, OffsetBeamsMesh):
@@ -96,6 +96,17 @@ def check_case(
         found = _more(found, [*same_bolts(case, []), *_lines(_own(case, error))])
         return _with_costs(found, comm)
     return _with_costs(_meshed(found, examined, tagged), comm)
+
+
+def _diagnosed(case: Case, errors) -> list[str]:
+    """Why its test is none for a diagnosis, where each part of it is right by itself."""
+    if errors or case.measured is None:
+        return []
+    try:
+        case.diagnosed_test()
+    except InputError as error:
+        return [_own(case, error)]
+    return []
 
 
 def _more(found: Checked, errors=(), notes=()) -> Checked:
