@@ -234,20 +234,23 @@ def reals(
     """
     low, high = bounds.get("least", -math.inf), bounds.get("most", math.inf)
     above = bounds.get("above", -math.inf)
-    error = wanted(key, value, _range(unit, low, high, above, many=True))
+
+    def refused() -> InputError:  # made when it is needed: large arrays take long to show
+        return wanted(key, value, _range(unit, low, high, above, many=True))
+
     try:
         array = np.asarray(value)
         numeric = array.dtype.kind in "iuf" or (array.size == 0 and array.dtype.kind == "O")
         array = array.astype(float) if numeric else array
     except (TypeError, ValueError, OverflowError):
-        raise error from None
+        raise refused() from None
     if not numeric:
-        raise error
+        raise refused()
     if shape is not None and not _fits(array.shape, shape):
         sizes = ", ".join("n" if n is None else str(n) for n in shape)
         raise InputError(f"{key} has shape {array.shape}: expected ({sizes}).")
     if not np.all((np.abs(array) <= MOST) & (array >= low) & (array <= high) & (array > above)):
-        raise error
+        raise refused()
     return array
 
 

@@ -56,9 +56,14 @@ class RegionTerm:
         shape = np.shape(next(iter(values.values()), 0.0))
         q = {key: number(self.properties[key], values) for key in self.law.properties}
         if shape:
-            q = {key: np.broadcast_to(value, shape) for key, value in q.items()}
+            q = {k: v if np.shape(v) == shape else np.full(shape, v) for k, v in q.items()}
         self.law.check(self.name, q)
         return q
+
+    def differs(self, a: Values, b: Values) -> bool:
+        """Whether any of its properties is another at other values."""
+        names = [name for name in self.properties.values() if isinstance(name, str)]
+        return any(_differ(a[name], b[name]) for name in names)
 
 
 @dataclass(frozen=True)
@@ -188,6 +193,10 @@ class _AtLaw:
         return self.known[key]
 
 
+def _differ(a, b) -> bool:
+    return a is not b and not np.array_equal(a, b)
+
+
 def _column(numbers: Sequence[float | str], values: Values) -> np.ndarray:
     """Components' numbers, (n,); (n, b) of values of shape (b,)."""
     shape = np.shape(next(iter(values.values()), 0.0))
@@ -277,9 +286,9 @@ class AffinePencil:
 
     def _at_law(self, region: RegionTerm, values: Values) -> _AtLaw:
         """Remembered where values are numbers, since zones of a joint often share them."""
-        q = tuple(number(region.properties[key], values) for key in region.law.properties)
         if values and np.ndim(next(iter(values.values()))):
             return _AtLaw(region.law, region.values(values))
+        q = tuple(number(region.properties[key], values) for key in region.law.properties)
         key = region.law.name, q
         if key not in self._known:
             if len(self._known) > _MOST:
@@ -295,6 +304,24 @@ class AffinePencil:
         at = [self._at_law(region, values) for region in self.regions]
         springs = _column([s.stiffness for s in self.springs], values)
         return np.concatenate([*(each.theta for each in at), springs]), self._rho(at, values)
+
+    def change(self, low: Values, high: Values) -> tuple[np.ndarray, np.ndarray]:
+        """`scalars` at the high less those at the low values, of arrays (b,) each; only of regions
+        in which something differs."""
+        shape = np.shape(next(iter(high.values())))
+        theta, rho = (
+            np.zeros((len(s.whole), *shape)) for s in (self._stiffness, self._inertia)
+        )
+        for i, region in enumerate(self.regions):
+            if region.differs(low, high):
+                below, above = self._at_law(region, low), self._at_law(region, high)
+                theta[self.rows[region.name]] = above.theta - below.theta
+                rho[i] = above.rho - below.rho
+        for row, spring in enumerate(self.springs, len(theta) - len(self.springs)):
+            theta[row] = number(spring.stiffness, high) - number(spring.stiffness, low)
+        for row, mass in enumerate(self._still, len(self.regions)):
+            rho[row] = number(mass.mass, high) - number(mass.mass, low)
+        return theta, rho
 
     def _rho(self, at: Sequence[_AtLaw], values: Values) -> np.ndarray:
         still = _column([m.mass for m in self._still], values)

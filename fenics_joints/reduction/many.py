@@ -17,6 +17,9 @@ from fenics_joints.reduction.arrays import ArrayModel
 
 __all__ = ["Change", "ManyModes", "change"]
 
+#: Step of a difference by the logarithm of a stiffness.
+_STEP = 1e-6
+
 #: Values of all parameters, each (b,).
 ManyValues = Mapping[str, np.ndarray]
 
@@ -46,14 +49,14 @@ def change(model: ArrayModel, low: ManyValues, high: ManyValues, width: float) -
         high: Likewise.
         width: How far they are apart along the direction.
     """
-    (theta_low, rho_low), (theta, rho) = (model.pencil.scalars(v) for v in (low, high))
+    theta, rho = model.pencil.change(low, high)
     moved = []
     for (w_low, at_low), (w, at) in zip(
         model.pencil.travelling(low), model.pencil.travelling(high), strict=True
     ):
         if np.any(w != w_low) or np.any(at != at_low):
             moved += [(w / width, at), (-w_low / width, at_low)]
-    return Change((theta - theta_low) / width, (rho - rho_low) / width, tuple(moved))
+    return Change(theta / width, rho / width, tuple(moved))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +122,20 @@ class ManyModes:
         by_K = (stiff @ along.theta.T[:, :, None])[:, :, 0]
         return (by_K - self.lam * by_M) / (2 * self.lam)
 
-    def share(self, name: str, step: float = 1e-6) -> np.ndarray:
+    @cached_property
+    def _shares(self) -> dict[str, np.ndarray]:
+        return {}
+
+    def share(self, name: str) -> np.ndarray:
         """Share of the modes' strain energy in stiffness proportional to a parameter, (b, m):
         d ln lambda / d ln of that parameter, and never below nought."""
-        low, high = (
-            {**self.values, name: self.values[name] * (1 + s * step)} for s in (-1.0, 1.0)
-        )
-        return np.maximum(2 * self.slope(change(self.model, low, high, 2 * step)), 0.0)
+        if name not in self._shares:
+            low, high = (
+                {**self.values, name: self.values[name] * (1 + s * _STEP)} for s in (-1.0, 1.0)
+            )
+            slope = self.slope(change(self.model, low, high, 2 * _STEP))
+            self._shares[name] = np.maximum(2 * slope, 0.0)
+        return self._shares[name]
 
     def shape_slope(self, along: Change) -> np.ndarray:
         """Derivative of `x` along a direction, (b, n, m), by expansion in all modes (Fox and

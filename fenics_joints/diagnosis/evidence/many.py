@@ -129,7 +129,9 @@ class ManyPredictions:
         if not self._singly:
             try:
                 found = one(z.T)
-                many = {k: np.broadcast_to(v, len(z)) for k, v in found.items()}
+                each = (len(z),)
+                many = {k: v if np.shape(v) == each else np.full(each, v)
+                        for k, v in found.items()}  # fmt: skip
                 if not checked or _alike(many, one, z):
                     return many
             except (TypeError, ValueError):
@@ -157,7 +159,10 @@ class ManyPredictions:
         slope = np.stack(slopes, axis=2) if by else np.zeros((*log_f.shape, 0))
         blocks = [(log_f, slope)]
         if self.hypothesis.damped:
-            blocks.append(self._damping(z, row, looks, log_f, by))
+            # Where damping was not measured nobody asks what the effects dissipate.
+            there = np.flatnonzero(np.isfinite(self.evidence.log_damping[row]))
+            modes = there if order is None else range(log_f.shape[1])
+            blocks.append(self._damping(z, row, looks, log_f, by, modes))
         if order is not None:
             blocks = [(data[:, order], slope[:, order]) for data, slope in blocks]
         return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
@@ -169,15 +174,16 @@ class ManyPredictions:
         count = 0 if self.forward.sensors is None else len(self.forward.sensors)
         return h.sensing(z[0], self.evidence.shape[1], count).order
 
-    def _damping(self, z, row, looks, log_f, by) -> tuple[np.ndarray, np.ndarray]:
-        """ln of the damping ratios, (b, m), and their slopes; see `RowPrediction`."""
+    def _damping(self, z, row, looks, log_f, by, modes) -> tuple[np.ndarray, np.ndarray]:
+        """ln of the damping ratios, (b, m), and their slopes; see `RowPrediction`. What the
+        effects dissipate counts in some modes only."""
         h = self.hypothesis
         start = h.places["dampings"].start
         at_rest = np.stack(
             [p.value(z[:, start + i]) for i, p in enumerate(h.dampings)], axis=1
         )
         lost, slope = np.zeros_like(at_rest), np.zeros((*at_rest.shape, len(by)))
-        for i in range(at_rest.shape[1]):
+        for i in modes:
             look = looks[i]
             losses = self._losses(z, row, log_f[:, i], look.mode)
             shares = {key: self._share(look, i, key) for key in losses}
