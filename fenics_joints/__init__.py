@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from types import ModuleType
 
 _NEEDED = ("mpi4py", "petsc4py", "slepc4py", "dolfinx")
@@ -36,6 +37,12 @@ if _MISSING:
     )
 
 __version__ = "0.1.0"
+
+# In a checkout two rooms stand beside this folder: Python started there takes it for the package,
+# also when what is installed is another copy.
+_HERE = Path(__file__).resolve().parent
+if not (_HERE / "forms").is_dir() and (_HERE.parent / "forms" / "thin_layer.py").is_file():
+    __path__.append(str(_HERE.parent))
 
 _ROOMS = (
     "forms", "meshes", "structure", "modal", "joint_laws", "preload", "response", "measurements",

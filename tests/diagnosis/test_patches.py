@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.where.cells import MeshCells
-from fenics_joints.diagnosis.where.patches import patch_columns, patch_tests, patches
+from fenics_joints.diagnosis.where.patches import PatchMap, patch_columns, patch_tests, patches
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
@@ -129,3 +133,30 @@ def test_the_softened_end_is_found(nominal, soft):
     else:
         with pytest.raises(InputError, match="rank 0"):
             patch_map(found)
+
+
+class Grid:
+    """What is asked of pyvista's grid."""
+
+    def __init__(self, cells, kinds, points):
+        self.n_cells, self.points, self.cell_data = len(kinds), points, {}
+
+
+def test_patches_go_to_pyvista_cell_by_cell(monkeypatch):
+    """To the library itself where it is installed."""
+    if importlib.util.find_spec("pyvista") is None:
+        monkeypatch.setitem(sys.modules, "pyvista", SimpleNamespace(UnstructuredGrid=Grid))
+    corner = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
+    vertices = np.stack([corner + [i, 0, 0] for i in range(3)])
+    tests = [SimpleNamespace(share=s, p_adjusted=p, rest_p=0.5, dof=dof)
+             for s, p, dof in ((0.1, 0.5, 2), (0.8, 1e-9, 2), (0.0, 1.0, 0))]  # fmt: skip
+    found = PatchMap(tuple(tests), ("a", "b", "c"), np.zeros((3, 3)), np.ones(3),
+                     np.zeros((0, 3)), vertices=vertices, patch=np.array([1, 0, 2]))  # fmt: skip
+    grid = found.to_pyvista()
+    assert grid.n_cells == 3 and len(grid.points) == 16 and np.ptp(grid.points[:, 0]) == 3
+    shown = {name: np.asarray(values).tolist() for name, values in grid.cell_data.items()}
+    assert shown["patch"] == [1, 0, 2] and shown["share"] == [0.8, 0.1, 0.0]
+    assert shown["significant"] == shown["sufficient"] == [True, False, False]
+    assert shown["seen"] == [True, True, False]
+    with pytest.raises(InputError, match="rank 0"):
+        PatchMap((), (), np.zeros((0, 3)), np.ones(0), np.zeros((0, 3))).to_pyvista()

@@ -148,6 +148,13 @@ def test_tests_of_the_sdist_collect_beside_the_installed_wheel(sdist, python, tm
     assert "error" not in said.lower().splitlines()[-1]
 
 
+def test_python_in_a_checkout_has_all_rooms(sdist, python):
+    """Also those that stand beside the package's folder, where another copy is installed."""
+    script = "import fenics_joints.forms as f, fenics_joints.meshes; print(f.__file__)"
+    said = run(python, "-c", script, cwd=sdist)
+    assert Path(said.strip()) == sdist / "forms" / "__init__.py"
+
+
 def test_scripts_of_the_pages_pass_mypy(python, tmp_path):
     """Against the installed wheel, as a user's would; each takes from at most three modules."""
     pages = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
