@@ -135,7 +135,7 @@ def build_preload(
 
     Raises:
         InputError: If the case has no contacts or no bolts, or a value is out of range.
-        MeshError: As `build_structure`; if faces do not match, or bodies share vertices.
+        MeshError: As `build_structure`; if faces are not opposite, or bodies share vertices.
     """
     refuse_beams(case, "contact under preload")
     for table in ("contacts", "bolts"):

@@ -38,7 +38,7 @@ def known_thread(name: str) -> str:
 
 
 class ContactSection(Section):
-    """``[contacts.NAME]``: two matching faces of different bodies.
+    """``[contacts.NAME]``: two faces of different bodies; ``upper`` is the smaller or finer one.
 
     ``friction`` is Coulomb's coefficient; ``gap`` is beside that of the mesh, negative for an
     interference; ``bonded`` faces are glued.

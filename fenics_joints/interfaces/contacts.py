@@ -264,7 +264,8 @@ def _zero_held(joint: LinearJoint, numbers: np.ndarray, loads: np.ndarray) -> No
 def _forces(joint: LinearJoint, given: Places | None) -> Placed:
     """Forces at points, bolts and loads, with their loads in x."""
     found, loads = _jump_places(joint, "forces", given)
-    own = list(joint.model.forces)
+    moved = {m.name for m in joint.model.moved}
+    own = [name for name in joint.model.forces if name not in moved]
     for name in own:
         if name in found:
             raise InputError(f"forces: {name!r} is a bolt or load; expected another name.")

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from fenics_joints.preload.components import (
         BeamBolt,
         Contact,
+        Displacement,
+        Obstacle,
         PretensionSection,
         Traction,
         WasherForce,
@@ -32,26 +34,32 @@ if TYPE_CHECKING:
         status_conditions,
     )
     from fenics_joints.preload.model import PreloadModel
+    from fenics_joints.preload.obstacles import Cylinder, Plane, Sphere
     from fenics_joints.preload.result import ContactState, PreloadResult
     from fenics_joints.preload.solve import METHODS, PreloadSolver, solve_preload
 
 __all__ = [
-    "METHODS", "OPEN", "SLIP", "STICK", "BeamBolt", "Contact", "ContactState", "Gradient",
-    "LinearJoint", "PreloadAdjoint", "PreloadModel", "PreloadResult", "PreloadSolver",
-    "PretensionSection", "Thread", "Traction", "WasherForce", "cutoff_conditions",
+    "METHODS", "OPEN", "SLIP", "STICK", "BeamBolt", "Contact", "ContactState", "Cylinder",
+    "Displacement", "Gradient", "LinearJoint", "Obstacle", "Plane", "PreloadAdjoint",
+    "PreloadModel", "PreloadResult", "PreloadSolver", "PretensionSection", "Sphere", "Thread",
+    "Traction", "WasherForce", "cutoff_conditions",
     "friction_from", "motosh_force", "nut_factor_force", "pair_conditions", "pressure_stiffness",
     "solve_preload", "status_conditions", "thread",
 ]  # fmt: skip
 
 _FILES = {
     "adjoint": ("Gradient", "PreloadAdjoint"),
-    "components": ("BeamBolt", "Contact", "PretensionSection", "Traction", "WasherForce"),
+    "components": (
+        "BeamBolt", "Contact", "Displacement", "Obstacle", "PretensionSection", "Traction",
+        "WasherForce",
+    ),
     "conditions": ("OPEN", "SLIP", "STICK"),
     "linear_joint": (
         "LinearJoint", "cutoff_conditions", "pair_conditions", "pressure_stiffness",
         "status_conditions",
     ),
     "model": ("PreloadModel",),
+    "obstacles": ("Cylinder", "Plane", "Sphere"),
     "result": ("ContactState", "PreloadResult"),
     "solve": ("METHODS", "PreloadSolver", "solve_preload"),
 }  # fmt: skip

@@ -188,7 +188,7 @@ class PreloadAdjoint:
         """-y^T df/dq, with the load balanced as that of the state is."""
         found = {}
         for name in self.model.forces:
-            unit = self.model.unit_load(name).copy()
+            unit = self.solver.unit_load(name)
             try:
                 self.solver.hold.balance(unit, lambda: self.model.mass(self.solver.given))
                 found[name] = -float(y.dot(unit))

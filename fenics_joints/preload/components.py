@@ -10,28 +10,45 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.errors import InputError, direction, flag, real, reals, text, wanted, whole
+from fenics_joints.errors import (
+    InputError,
+    direction,
+    flag,
+    items,
+    real,
+    reals,
+    text,
+    wanted,
+    whole,
+)  # fmt: skip
 
-__all__ = ["BeamBolt", "Contact", "PretensionSection", "Traction", "WasherForce"]
+__all__ = [
+    "BeamBolt", "Contact", "Displacement", "Obstacle", "PretensionSection", "Traction",
+    "WasherForce",
+]  # fmt: skip
 
 Gap = float | Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Two matching faces of different bodies that may touch.
+    """Two faces of different bodies that may touch.
+
+    Where their vertices coincide they are paired; where their meshes differ, each vertex of the
+    upper face meets an average of the lower one (`fenics_joints.preload.mortar`).
 
     Attributes:
         name: Unique name.
         lower: Facet group of one body; the normal points out of it.
-        upper: Facet group of the other body, vertex to vertex with the first.
+        upper: Facet group of the other body; of meshes that differ, the smaller or finer face.
         friction: Coulomb's coefficient; 0 for none, infinity for faces that never slide while
             they touch.
         gap: Initial gap, m, beyond that of the mesh: a number or a function of positions, shape
             (n, gdim), that returns shape (n,). Negative for an interference fit.
         bonded: Whether the faces are glued: neither sliding nor opening.
         tolerance: Farthest distance, m, between two vertices that are one pair; by default a
-            thousandth of the shortest edge. A larger one pairs faces across a meshed gap.
+            thousandth of the shortest edge. A larger one pairs faces across a meshed gap. Where
+            meshes differ, the farthest distance of two facets, by default half a facet's size.
     """
 
     name: str
@@ -45,12 +62,51 @@ class Contact:
     def __post_init__(self):
         _check_faces(self, "contact")
         flag(f"{self.name}.bonded", self.bonded)
-        if not isinstance(self.friction, float) or self.friction != np.inf:
-            real(f"{self.name}.friction", self.friction, least=0)
-        if not callable(self.gap):
-            real(f"{self.name}.gap", self.gap, "m")
+        _check_touch(self)
         if self.tolerance is not None:
             real(f"{self.name}.tolerance", self.tolerance, "m", above=0)
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A face that may touch a body that does not give way, at rest or pressed in by a way given.
+
+    The obstacle does not turn. Contact is that of small displacements: each vertex meets the
+    tangent plane of the obstacle's nearest point.
+
+    Attributes:
+        name: Unique name of the contact, and of the factor of ``travel``.
+        facets: Facet group of the body; those that look away from the obstacle are left out.
+        shape: `Plane`, `Sphere` or `Cylinder` of `fenics_joints.preload`, or a function such as
+            they are.
+        friction: Coulomb's coefficient; 0 for none, infinity for none slides while it touches.
+        gap: Gap, m, beyond the distance, see `Contact`.
+        travel: Displacement of the obstacle, m, (gdim,), at a factor of one; None for none.
+    """
+
+    name: str
+    facets: str
+    shape: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    friction: float = 0.0
+    gap: Gap = 0.0
+    travel: tuple[float, ...] | None = None
+
+    def __post_init__(self):
+        text("obstacle.name", self.name)
+        text(f"{self.name}.facets", self.facets)
+        if not callable(self.shape):
+            raise wanted(f"{self.name}.shape", self.shape, "a Plane, a Sphere, a Cylinder or a "
+                         "function of positions")  # fmt: skip
+        _check_touch(self)
+        if self.travel is not None:
+            reals(f"{self.name}.travel", self.travel, (None,), "m")
+
+
+def _check_touch(contact: Contact | Obstacle) -> None:
+    if not isinstance(contact.friction, float) or contact.friction != np.inf:
+        real(f"{contact.name}.friction", contact.friction, least=0)
+    if not callable(contact.gap):
+        real(f"{contact.name}.gap", contact.gap, "m")
 
 
 @dataclass(frozen=True)
@@ -177,3 +233,33 @@ class Traction:
             raise wanted(f"{self.name}.force", self.force, "2 or 3 components, N")
         if self.profile is not None and not callable(self.profile):
             raise wanted(f"{self.name}.profile", self.profile, "a function of positions")
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """A face all of which is moved by the same given way, as a grip or a punch glued to it does.
+
+    Attributes:
+        name: Unique name; also that of its factor, of which 1 is ``value``.
+        facets: Facet group.
+        value: Displacement, m, (gdim,); None in directions in which the face stays free.
+    """
+
+    name: str
+    facets: str
+    value: tuple[float | None, ...]
+
+    def __post_init__(self):
+        text("displacement.name", self.name)
+        text(f"{self.name}.facets", self.facets)
+        what = f"{self.name}.value"
+        given = [v for v in items(what, self.value, (float, int, type(None)), "numbers, m, or None")
+                 if v is not None]  # fmt: skip
+        if len(self.value) not in (2, 3) or not given:
+            raise wanted(what, self.value, "2 or 3 components, m, not all of them None")
+        reals(what, given, (None,), "m")
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Axes along which the face is moved."""
+        return tuple(i for i, v in enumerate(self.value) if v is not None)

@@ -74,8 +74,10 @@ def nodal_fields(result: PreloadResult) -> list[fem.Function]:
     fields["status"].x.array[:] = NO_CONTACT
     for state in result.contacts.values():
         values = _contact_values(state)
-        for nodes, side in ((state.interface.lower, -1.0), (state.interface.upper, 1.0)):
+        c = state.interface
+        for (nodes, pair), side in ((c.opposite, -1.0), ((c.upper, np.arange(len(c))), 1.0)):
             at, rows = place(nodes)
+            rows = pair[rows]
             keep = _presses_more(fields, at, values["pressure"][rows])
             at, rows = at[keep], rows[keep]
             for name, field in fields.items():

@@ -112,7 +112,7 @@ def _candidates(model: PreloadModel):
     local_motions = rigid_motions(x[: _own(V)] - centre, model.axisymmetric)
     # Groups on both sides of each contact, and of each spider: asked of all ranks once.
     own = body[: _own(V)]
-    sides = [[group_of[at_blocks(V, own, nodes)] for nodes in (c.upper, c.lower)]
+    sides = [[group_of[at_blocks(V, own, nodes)] for nodes in (c.upper, c.masters)]
              for c in model.jumps.contacts]  # fmt: skip
     legs = [group_of[at_blocks(V, own, s.nodes[:1])[0]] for s in model.jumps.spiders]
     motions = []
@@ -157,13 +157,21 @@ def _in_x(model, u, moves, turns, k, centre) -> np.ndarray:
     array = np.zeros(jumps.n_local)
     array[: u.size] = u.ravel()
     for c, (upper, lower) in zip(jumps.contacts, moves, strict=True):
-        motion = rigid_motions(c.points - centre, model.axisymmetric)[k]
-        jump = (upper.astype(float) - lower)[:, None] * motion
+        jump = c.jumps_of(
+            lambda x: rigid_motions(x - centre, model.axisymmetric)[k], upper, lower
+        )
         turned = np.einsum("nki,ni->nk", c.frames, jump)
         jumps.put(array, jumps.numbers(c), turned)
         jumps.put(array, jumps.bubbles(c), 0.0)
-    following = [nodes for c in jumps.bonded for nodes in (c.upper, c.upper_midsides)]
+    following = [nodes for c in jumps.bonded if c.coupling is None
+                 for nodes in (c.upper, c.upper_midsides)]  # fmt: skip
     following += [section.upper for section in jumps.sections]
+    following += [c.coupling.midsides for c in (*jumps.contacts, *jumps.bonded) if c.coupling]
+    for c in jumps.bonded:
+        if c.coupling is not None:
+            jumps.put(array, jumps.entries(c.upper)[~c.coupling.free], 0.0)
+    for moved in jumps.moved:
+        jumps.put(array, jumps.entries(moved.nodes)[:, list(moved.directions)], 0.0)
     for nodes in (*following, *(spider.nodes for spider in jumps.spiders)):
         jumps.put(array, jumps.entries(nodes), 0.0)
     for i, spider in enumerate(jumps.spiders):

@@ -1,23 +1,26 @@
-"""Matching faces of two bodies as pairs of nodes, with normals and areas.
+"""Faces that touch as pairs of nodes, or vertices and what is opposite, with normals and areas.
 
-An interface is small beside its bodies, so every rank holds all of it.
+Faces with the same vertices are paired vertex by vertex; others by `fenics_joints.preload.mortar`;
+and one face alone with an obstacle that does not give way. An interface is small beside its bodies,
+so every rank holds all of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import basix
 import numpy as np
-from dolfinx import fem
 from scipy.spatial import cKDTree
 
-from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes import TaggedMesh
+from fenics_joints.preload.faces import Face
+from fenics_joints.preload.mortar import Coupling, Mortar, couple
 
-__all__ = ["Face", "Interface", "frames", "pair_faces", "read_face"]
+__all__ = [
+    "Interface", "couple_faces", "face_obstacle", "frames", "matching", "pair_faces",
+]  # fmt: skip
 
 #: Pairs of vertices may be apart by this share of the shortest edge.
 _TOLERANCE = 1e-3
@@ -26,140 +29,16 @@ _OPPOSED = -0.5
 
 
 @dataclass(frozen=True, repr=False)
-class Face:
-    """A named face of a mesh, gathered on every rank.
-
-    Attributes:
-        nodes: Global numbers of the displacement's blocks at the vertices, ascending, (n,).
-        points: Positions of the vertices, m, (n, gdim).
-        facets: Vertices of the facets, as rows of ``nodes``, in DOLFINx's order, (n_facets, k).
-        normals: Outward unit normals of the facets, (n_facets, gdim).
-        edges: Vertices of the edges that carry a midside block, as rows of ``nodes``, (n_edges, 2).
-        midsides: Global numbers of those blocks, (n_edges,); empty at degree 1.
-        where: Rank and local number of each facet, (n_facets, 2).
-    """
-
-    nodes: np.ndarray
-    points: np.ndarray
-    facets: np.ndarray
-    normals: np.ndarray
-    edges: np.ndarray
-    midsides: np.ndarray
-    where: np.ndarray
-
-    def __repr__(self) -> str:
-        return f"Face({len(self.nodes)} vertices, {len(self.facets)} facets)"
-
-
-def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, name: str) -> Face:
-    """Gather a named exterior face with its blocks of ``V``. Collective.
-
-    Raises:
-        MeshError: If the mesh has no such face or a facet of it is inside a body.
-    """
-    local = _local_facets(V, tagged, name)
-    comm = V.mesh.comm
-    gathered = [np.concatenate(parts) for parts in zip(*comm.allgather(local), strict=True)]
-    vertex_ids, x, normals, edge_ids, ends, where = gathered
-    nodes, first, facets = np.unique(vertex_ids.ravel(), return_index=True, return_inverse=True)
-    points = x.reshape(-1, x.shape[-1])[first]
-    if edge_ids.size:
-        midsides, pick = np.unique(edge_ids.ravel(), return_index=True)
-        edges = np.searchsorted(nodes, ends.reshape(-1, 2)[pick])
-    else:
-        midsides, edges = np.empty(0, np.int64), np.empty((0, 2), np.int64)
-    return Face(nodes, points, facets.reshape(vertex_ids.shape), normals, edges, midsides, where)
-
-
-def _local_facets(V, tagged: TaggedMesh, name: str):
-    """This rank's facets: vertex blocks, positions, normals, edge blocks, edge ends, where."""
-    msh = V.mesh
-    tdim, gdim = msh.topology.dim, msh.geometry.dim
-    fdim = tdim - 1
-    msh.topology.create_connectivity(fdim, tdim)
-    msh.topology.create_connectivity(tdim, fdim)
-    to_cell, to_facet = msh.topology.connectivity(fdim, tdim), msh.topology.connectivity(tdim, fdim)
-    n_owned = msh.topology.index_map(tdim).size_local
-    corners, layout = _facet_layout(V)
-    geometry, imap = geometry_dofmap(msh), V.dofmap.index_map
-    rows, inside = [], False
-    for facet in tagged.facet_tags.find(tagged.facet_tag(name)):
-        cells = to_cell.links(facet)
-        inside |= len(cells) > 1
-        if cells[0] >= n_owned or len(cells) > 1:
-            continue
-        cell = cells[0]
-        local = int(np.flatnonzero(to_facet.links(cell) == facet)[0])
-        vertices, edges, ends = corners[local]
-        dofs = V.dofmap.cell_dofs(cell)
-        x = msh.geometry.x[geometry[cell]][:, :gdim]
-        normal = _outward(x[vertices], x.mean(axis=0))
-        at = dofs[[layout[0][v] for v in vertices]]
-        mid = dofs[[layout[1][e] for e in edges]] if edges else np.empty(0, np.int32)
-        end = dofs[[[layout[0][v] for v in pair] for pair in ends]] if ends else np.empty((0, 2))
-        rows.append((at, x[vertices], normal, mid, end, facet))
-    if msh.comm.allreduce(inside):
-        raise MeshError(
-            f"face {name}: some of its facets lie inside a body; expected the surface of one body. "
-            "Bodies in contact must not share vertices: see fenics_joints.meshes.separate."
-        )
-    k, m = len(corners[0][0]), len(corners[0][1])
-    return (
-        _global(imap, _column(rows, 0, (k,), np.int32)),
-        _column(rows, 1, (k, gdim), float),
-        _column(rows, 2, (gdim,), float),
-        _global(imap, _column(rows, 3, (m,), np.int32)),
-        _global(imap, _column(rows, 4, (m, 2), np.int32)),
-        np.column_stack([np.full(len(rows), msh.comm.rank), _column(rows, 5, (), np.int64)]),
-    )
-
-
-def _column(rows: list, i: int, shape: tuple, kind) -> np.ndarray:
-    return np.array([row[i] for row in rows], dtype=kind).reshape(len(rows), *shape)
-
-
-def _global(imap, blocks: np.ndarray) -> np.ndarray:
-    return imap.local_to_global(blocks.ravel()).reshape(blocks.shape)
-
-
-def _facet_layout(V):
-    """Of each facet of the reference cell: vertices, edges with a block, and their end vertices."""
-    msh = V.mesh
-    cell = getattr(basix.CellType, msh.topology.cell_name())
-    topology, tdim = basix.topology(cell), msh.topology.dim
-    layout = V.dofmap.dof_layout
-    at_vertex = [layout.entity_dofs(0, v)[0] for v in range(len(topology[0]))]
-    at_edge = [layout.entity_dofs(1, e) for e in range(len(topology[1]))]
-    at_edge = [d[0] if len(d) else None for d in at_edge]
-    facets = []
-    for vertices in topology[tdim - 1]:
-        edges = [
-            e for e, ends in enumerate(topology[1])
-            if set(ends) <= set(vertices) and at_edge[e] is not None
-        ]  # fmt: skip
-        facets.append((list(vertices), edges, [list(topology[1][e]) for e in edges]))
-    return facets, (at_vertex, at_edge)
-
-
-def _outward(x: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    if x.shape[1] == 2:
-        along = x[1] - x[0]
-        normal = np.array([along[1], -along[0]])
-    else:
-        normal = np.cross(x[1] - x[0], x[2] - x[0])
-    normal /= np.linalg.norm(normal)
-    return normal if (x.mean(axis=0) - inside) @ normal > 0 else -normal
-
-
-@dataclass(frozen=True, repr=False)
 class Interface:
-    """Pairs of vertices of two matching faces.
+    """Pairs of vertices of two faces; or vertices of one and averages of the other, or an obstacle.
 
     Attributes:
         name: The contact's name.
-        lower: Global block numbers of the lower vertices, (n,).
+        lower: Global block numbers of the lower vertices, (n,); of faces that do not match the
+            nearest ones, of an obstacle none, (0,).
         upper: Those of their partners, (n,).
-        points: Positions, m, of the lower vertices, (n, gdim).
+        points: Positions, m, of the lower vertices, (n, gdim); with a coupling or an obstacle of
+            the upper ones.
         frames: Unit normal, from lower to upper, and tangents, as rows, (n, gdim, gdim).
         areas: Area of the surface that belongs to each vertex, m2 (in plane strain m2 per metre of
             depth), (n,): the integral of its hat function.
@@ -170,6 +49,7 @@ class Interface:
         lower_midsides: Global block numbers there, (n_edges,).
         upper_midsides: Those of their partners, (n_edges,).
         where: Rank and local number of the upper body's facets, (n_facets, 2).
+        coupling: What the lower face does at each upper vertex, if the faces do not match.
     """
 
     name: str
@@ -185,9 +65,10 @@ class Interface:
     lower_midsides: np.ndarray
     upper_midsides: np.ndarray
     where: np.ndarray
+    coupling: Coupling | None = None
 
     def __len__(self) -> int:
-        return len(self.lower)
+        return len(self.upper)
 
     def __repr__(self) -> str:
         return f"Interface({self.name!r}, {len(self)} pairs, {len(self.facets)} facets)"
@@ -196,6 +77,31 @@ class Interface:
     def normals(self) -> np.ndarray:
         """Unit normals from lower to upper, (n, gdim)."""
         return self.frames[:, 0]
+
+    @property
+    def masters(self) -> np.ndarray:
+        """Global block numbers that the upper vertices refer to, (m,)."""
+        return self.lower if self.coupling is None else self.coupling.nodes
+
+    @property
+    def opposite(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower vertices in contact, as global block numbers, and the pair of each, (k,) both."""
+        if self.coupling is None:
+            return self.lower, np.arange(len(self.lower))
+        return self.coupling.nodes[self.coupling.facing], self.coupling.opposite
+
+    def jumps_of(self, motion: Callable, upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
+        """Jumps, m, (n, gdim), in space, of a motion of one side or both.
+
+        Args:
+            motion: Displacement as a function of positions, (k, gdim).
+            upper: Which of the upper vertices move, (n,).
+            lower: Which of `masters` do, (m,).
+        """
+        jump = upper[:, None] * motion(self.points)
+        if self.coupling is not None:
+            return jump - self.coupling.partner(lower[:, None] * motion(self.coupling.points))
+        return jump - lower[:, None] * motion(self.points) if len(self.lower) else jump
 
 
 def pair_faces(
@@ -227,11 +133,7 @@ def pair_faces(
     Raises:
         MeshError: The faces share vertices, do not match, or look the same way.
     """
-    if np.intersect1d(lower.nodes, upper.nodes).size:
-        raise MeshError(
-            f"{name}: the two faces share vertices, so they are one body; expected two bodies that "
-            "coincide there without sharing (fenics_joints.meshes.separate parts them)."
-        )
+    _check_apart(name, lower, upper)
     pairs = _match(name, lower, upper, tolerance)
     facets, rows = _common_facets(pairs[:, 1], upper)
     n = len(pairs)
@@ -256,13 +158,121 @@ def pair_faces(
     )  # fmt: skip
 
 
-def _match(name: str, lower: Face, upper: Face, tolerance: float | None) -> np.ndarray:
-    """Rows of partners in both faces, (n, 2)."""
+def couple_faces(
+    name: str, lower: Face, upper: Face, *, bubble: float, gap: float | Callable = 0.0,
+    tolerance: float | None = None, weight: Callable | None = None, held: Callable | None = None,
+    bonded: bool = False,
+) -> Interface:  # fmt: skip
+    """Couple two faces whose vertices do not match, see `fenics_joints.preload.mortar`.
+
+    The upper face carries the pressure. It should be the smaller one: its facets that stick out by
+    more than half are not in contact.
+
+    Args:
+        bubble: Value of a midside's shape function in the middle of its edge.
+        tolerance: Farthest distance of facets, m; by default half the size of the upper one.
+        bonded: Whether it is to be glued: supports of the upper face then go before the glue.
+        name, lower, upper, gap, weight, held: See `pair_faces`.
+
+    Raises:
+        MeshError: The faces share vertices or do not lie on one another.
+    """
+    _check_apart(name, lower, upper)
+    mortar = couple(lower, upper, bubble, tolerance, weight)
+    if mortar is None:
+        raise MeshError(
+            f"{name}: the two faces do not lie on one another, or look the same way; expected two "
+            "faces opposite each other. Give the contact a tolerance if a gap is meshed between "
+            "them."
+        )
+    coupling = mortar.coupling
+    nodes, nearest = upper.nodes[mortar.rows], lower.nodes[mortar.nearest]
+    normals = -_vertex_normals(len(nodes), mortar.corners, upper.normals[mortar.facets])
+    if held is not None:
+        at_upper = held(nodes)
+        normals = _upright(normals, held(nearest) & at_upper)
+        coupling = replace(coupling, free=at_upper & bonded)
+    points = upper.points[mortar.rows]
+    meshed = np.einsum("ij,ij->i", points - coupling.partner(coupling.points), normals)
+    return _one_sided(name, upper, mortar, nearest, frames(normals), meshed, gap, coupling)
+
+
+def face_obstacle(
+    name: str, face: Face, shape: Callable, *, gap: float | Callable = 0.0,
+    weight: Callable | None = None,
+) -> Interface:  # fmt: skip
+    """Vertices of a face and the nearest points of an obstacle that does not give way.
+
+    Args:
+        name: Name in messages.
+        face: The face; it is the upper side.
+        shape: From positions, (n, gdim), to distances from the obstacle, m, (n,), and its outward
+            unit normals, (n, gdim).
+        gap: Initial gap beyond that distance, see `Contact`.
+        weight: See `pair_faces`.
+
+    Raises:
+        MeshError: No facet looks at the obstacle.
+    """
+    distance, normals = shape(face.points)
+    mean = _vertex_normals(len(face.nodes), face.facets, face.normals)
+    looks = np.einsum("ij,ij->i", mean, normals) < _OPPOSED
+    facets = np.flatnonzero(looks[face.facets].all(axis=1))
+    if not len(facets):
+        raise MeshError(f"{name}: no facet of the face looks at the obstacle; expected a face with "
+                        "the obstacle outside the body.")  # fmt: skip
+    rows, corners = np.unique(face.facets[facets], return_inverse=True)
+    corners = corners.reshape(len(facets), -1)
+    shares = _hat_integrals(face.points[rows], corners, weight)
+    edges = np.flatnonzero(np.isin(face.edges, rows).all(axis=1)) if len(face.edges) else []
+    mortar = Mortar(rows, facets, corners, shares, np.empty(0, int), None)
+    found = _one_sided(name, face, mortar, np.empty(0, np.int64), frames(normals[rows]),
+                       distance[rows], gap, None)  # fmt: skip
+    ends = np.searchsorted(rows, face.edges[edges]).reshape(-1, 2)
+    return replace(found, edges=ends, upper_midsides=face.midsides[edges])
+
+
+def _one_sided(name, upper: Face, mortar: Mortar, lower, turned, meshed, gap, coupling):
+    """The interface of vertices of one face, without partners."""
+    points = upper.points[mortar.rows]
+    areas = np.zeros(len(points))
+    np.add.at(areas, mortar.corners, mortar.shares)
+    given = np.asarray(gap(points) if callable(gap) else gap, dtype=float)
+    none = np.empty(0, np.int64)
+    return Interface(
+        name, lower, upper.nodes[mortar.rows], points, turned, areas,
+        meshed + np.broadcast_to(given, len(points)), mortar.corners, mortar.shares,
+        np.empty((0, 2), np.int64), none, none, upper.where[mortar.facets], coupling,
+    )  # fmt: skip
+
+
+def _check_apart(name: str, lower: Face, upper: Face) -> None:
+    if np.intersect1d(lower.nodes, upper.nodes).size:
+        raise MeshError(
+            f"{name}: the two faces share vertices, so they are one body; expected two bodies that "
+            "coincide there without sharing (fenics_joints.meshes.separate parts them)."
+        )
+
+
+def matching(lower: Face, upper: Face, tolerance: float | None = None) -> bool:
+    """Whether every vertex of the face with fewer has a partner within the tolerance."""
+    _, distance, _, tolerance = _nearest(lower, upper, tolerance)
+    return bool(np.all(distance <= tolerance))
+
+
+def _nearest(lower: Face, upper: Face, tolerance: float | None):
+    """The smaller face, distances of its vertices to the other's, these, and the tolerance."""
     ends = lower.points[lower.facets]
     if tolerance is None:
         tolerance = _TOLERANCE * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).min()
     small, large = (upper, lower) if len(upper.nodes) <= len(lower.nodes) else (lower, upper)
     distance, partner = cKDTree(large.points).query(small.points)
+    return small, distance, partner, tolerance
+
+
+def _match(name: str, lower: Face, upper: Face, tolerance: float | None) -> np.ndarray:
+    """Rows of partners in both faces, (n, 2)."""
+    small, distance, partner, tolerance = _nearest(lower, upper, tolerance)
     far = distance > tolerance
     if np.any(far):
         worst = int(np.argmax(distance))

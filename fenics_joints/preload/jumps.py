@@ -3,7 +3,9 @@
 Of each pair of a contact, x holds the lower body's displacement and the *jump* (upper minus lower)
 in the pair's frame: opening, then slips. The elastic energy in x is that of T^T K T, every contact
 condition is one on single entries of x, and bonded, sliding and open are entries held or free.
-Pretension sections and rigid spiders add a few entries at the end of x.
+Pretension sections, rigid spiders, obstacles and faces that are moved add a few entries at the end
+of x. Of faces that do not match, the lower body's displacement is an average
+(`fenics_joints.preload.mortar`); of an obstacle it is that of the obstacle.
 
 At degree 2 the jump of a midside is that of a linear function plus a bubble, which is an entry of
 its own. A contact holds the bubbles at zero: its jump is piecewise linear, so that its forces act
@@ -25,7 +27,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.preload.interface import Interface
 
-__all__ = ["Jumps", "Section", "Spider"]
+__all__ = ["Jumps", "Moved", "Section", "Spider"]
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,21 @@ class Section:
     axis: np.ndarray
 
 
+@dataclass(frozen=True)
+class Moved:
+    """Blocks whose displacement in some directions is the same, an entry of x each.
+
+    Attributes:
+        name: Name in messages.
+        nodes: Global block numbers, (n,).
+        directions: The directions, as numbers of axes.
+    """
+
+    name: str
+    nodes: np.ndarray
+    directions: tuple[int, ...]
+
+
 class Jumps:
     """The map from x to u, its numbering, and rigid or glued parts. Collective.
 
@@ -71,6 +88,8 @@ class Jumps:
         bonded: Interfaces without jump.
         sections: Pretension sections, one entry of x each.
         spiders: Rigid spiders, six entries of x each.
+        moved: Faces that are moved, and obstacles (of which ``nodes`` is empty, and the name an
+            interface's), as many entries of x each as space has dimensions.
 
     Raises:
         MeshError: If a vertex is on the upper side of two of them, or they go round in a circle.
@@ -88,14 +107,15 @@ class Jumps:
         bonded: list[Interface] = (),
         sections: list[Section] = (),
         spiders: list[Spider] = (),
+        moved: list[Moved] = (),
     ):
         self.V, self.comm, self.gdim = V, V.mesh.comm, V.mesh.geometry.dim
         self.contacts, self.sections, self.spiders = list(contacts), list(sections), list(spiders)
-        self.bonded = list(bonded)
+        self.bonded, self.moved = list(bonded), list(moved)
         imap = V.dofmap.index_map
         self.range = tuple(self.gdim * i for i in imap.local_range)
         self.start = self.gdim * imap.size_global
-        self.n_extra = len(sections) + 6 * len(spiders)
+        self.n_extra = len(sections) + 6 * len(spiders) + self.gdim * len(self.moved)
         self._last = self.comm.rank == self.comm.size - 1
         self._own = self.range[1] - self.range[0]
         self.n_local = self._own + (self.n_extra if self._last else 0)
@@ -133,6 +153,11 @@ class Jumps:
         """Global numbers in x of a spider's translations and rotations, (6,)."""
         return self.start + len(self.sections) + 6 * spider + np.arange(6)
 
+    def shift(self, moved: int) -> np.ndarray:
+        """Global numbers in x of the displacement of what is moved, (gdim,)."""
+        first = self.start + len(self.sections) + 6 * len(self.spiders)
+        return first + self.gdim * moved + np.arange(self.gdim)
+
     def owned(self, numbers: np.ndarray) -> np.ndarray:
         """Which global numbers of x this rank owns, as a mask."""
         low, high = self.range
@@ -145,19 +170,31 @@ class Jumps:
         """Every constraint: name, the blocks that it governs, those that it refers to, rows."""
         for interface in (*self.contacts, *self.bonded):
             free = any(interface is c for c in self.contacts)
-            slaves = np.concatenate([interface.upper, interface.upper_midsides])
-            masters = np.concatenate([interface.lower, interface.lower_midsides])
+            own = interface.upper_midsides
+            if interface.coupling is not None:
+                own = interface.coupling.midsides
+            slaves = np.concatenate([interface.upper, own])
+            masters = np.concatenate([interface.masters, interface.lower_midsides])
             yield interface.name, slaves, masters, self._pair_rows(interface, free)
         for i, section in enumerate(self.sections):
             yield section.name, section.upper, section.lower, self._section_rows(i, section)
         for i, spider in enumerate(self.spiders):
             yield spider.name, spider.nodes, np.empty(0, int), self._spider_rows(i, spider)
+        for i, moved in enumerate(self.moved):
+            yield moved.name, moved.nodes, np.empty(0, int), self._moved_rows(i, moved)
 
     # Rows of T that differ from the identity's: parts of rows, columns and values that broadcast.
 
     def _pair_rows(self, c: Interface, free: bool) -> list[tuple]:
         slave, middle = self.numbers(c), self.bubbles(c)
-        rows = [(slave, self.entries(c.lower), 1.0), (middle, self.entries(c.lower_midsides), 1.0)]
+        if c.coupling is not None:
+            return self._coupled_rows(c, free)
+        if len(c.lower):
+            rows = [(slave, self.entries(c.lower), 1.0),
+                    (middle, self.entries(c.lower_midsides), 1.0)]  # fmt: skip
+        else:
+            shift = self.shift([m.name for m in self.moved].index(c.name))
+            rows = [(slave, shift, 1.0), (middle, shift, 1.0)]
         if not free:
             return rows
         # u_upper = u_lower + frame^T w: component i gets frame[k, i] of jump k.
@@ -167,6 +204,37 @@ class Jumps:
         for end in c.edges.T:
             rows.append((middle[:, :, None], slave[end][:, None, :], 0.5 * turned[end]))
         return rows
+
+    def _coupled_rows(self, c: Interface, free: bool) -> list[tuple]:
+        """Rows of faces that do not match, see `Coupling`; of midsides, half of both ends' more."""
+        coupling = c.coupling
+        slave, middle = self.numbers(c), self.entries(coupling.midsides)
+        ends, n = coupling.edges, len(c)
+        half = scipy.sparse.coo_matrix(
+            (np.full(ends.size, 0.5), (np.repeat(np.arange(len(ends)), 2), ends.ravel())),
+            shape=(len(ends), n),
+        ).tocsr()  # fmt: skip
+        bound, rows = ~coupling.free, [(slave, slave, coupling.free.astype(float))]
+        nodes = self.entries(coupling.nodes)
+        for factor, columns in ((coupling.weights, nodes), (-coupling.bubbles, middle)):
+            entry = factor.tocoo()
+            i, j, value = entry.row, entry.col, entry.data[:, None]
+            rows.append((slave[i], columns[j], value * bound[i]))
+            entry = (half @ factor).tocoo()
+            i, j, value = entry.row, entry.col, entry.data[:, None]
+            rows.append((middle[i], columns[j], value))
+        rows.append((middle, middle, 1.0))
+        if free:
+            turned = c.frames.transpose(0, 2, 1)
+            rows.append((slave[:, :, None], slave[:, None, :], turned))
+            for end in ends.T:
+                rows.append((middle[:, :, None], slave[end][:, None, :], 0.5 * turned[end]))
+        return rows
+
+    def _moved_rows(self, i: int, moved: Moved) -> list[tuple]:
+        slave, shift = self.entries(moved.nodes), self.shift(i)
+        given = np.isin(np.arange(self.gdim), moved.directions)
+        return [(slave, shift, given * 1.0), (slave, slave, ~given * 1.0)]
 
     def _section_rows(self, i: int, section: Section) -> list[tuple]:
         slave = self.entries(section.upper)
@@ -226,6 +294,7 @@ class Jumps:
         plain = np.flatnonzero(~governed)
         i, j, v = _flat([*triplets, (plain, self.globals(plain), 1.0)])
         A = scipy.sparse.csr_matrix((v, (i, j)), shape=(n_rows, self.n))
+        A.eliminate_zeros()
         return PETSc.Mat().createAIJ(
             ((n_rows, rows_total), (self.n_local, self.n)),
             csr=(A.indptr.astype(np.int32), A.indices.astype(np.int32), A.data),

@@ -17,12 +17,22 @@ from fenics_joints.preload.bodies import at_blocks
 from fenics_joints.preload.components import (
     BeamBolt,
     Contact,
+    Displacement,
+    Obstacle,
     PretensionSection,
     Traction,
     WasherForce,
 )
-from fenics_joints.preload.interface import Interface, pair_faces, read_face
-from fenics_joints.preload.jumps import Jumps, Section, Spider
+from fenics_joints.preload.faces import edge_middle, read_face
+from fenics_joints.preload.interface import (
+    Interface,
+    couple_faces,
+    face_obstacle,
+    matching,
+    pair_faces,
+)
+from fenics_joints.preload.jumps import Jumps, Moved, Section, Spider
+from fenics_joints.preload.obstacles import checked_shape
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["PreloadModel"]
@@ -39,51 +49,57 @@ class PreloadModel:
 
     Args:
         structure: Bodies that share no vertices; its supports hold, its springs act.
-        contacts: Contacts between faces; those with ``bonded`` are glued.
+        contacts: Contacts between faces, of which those with ``bonded`` are glued, and obstacles.
         bolts: Bolts, in any of their three forms.
-        loads: Further loads.
+        loads: Further loads, and faces that are moved.
 
     Raises:
         InputError: For a name or a bolt's face given twice, or a value out of range.
-        MeshError: If faces do not exist or do not match.
+        MeshError: If faces do not exist or do not lie on one another.
 
     Attributes:
         contacts: The contacts that can open, in order.
         interfaces: Their pairs of vertices, in the same order.
         jumps: The map u = T x and its numbering.
-        forces: Nominal force of every bolt, N, and 1 for every load, by name.
+        forces: Nominal force of every bolt, N, and 1 for every load or way, by name.
         supported: Global numbers of the entries of x that supports hold at zero, owned ones.
     """
 
     def __init__(
         self,
         structure: Structure,
-        contacts: Iterable[Contact],
+        contacts: Iterable[Contact | Obstacle],
         bolts: Iterable[Bolt] = (),
-        loads: Iterable[Traction] = (),
+        loads: Iterable[Traction | Displacement] = (),
     ):
         if not isinstance(structure, Structure):
             raise wanted("structure", structure, "a Structure")
-        contacts = list(items("contacts", contacts, Contact, "Contact"))
+        contacts = list(items("contacts", contacts, (Contact, Obstacle), "Contact, Obstacle"))
         self.bolts = list(items("bolts", bolts, _BOLTS, "WasherForce, PretensionSection, BeamBolt"))
-        self.loads = list(items("loads", loads, Traction, "Traction"))
+        self.loads = list(items("loads", loads, (Traction, Displacement), "Traction, Displacement"))
         self.structure, self.comm = structure, structure.comm
         self.V, self.tagged = structure.V, structure.tagged
         self.axisymmetric = structure.axisymmetric
         self._check_names([c.name for c in (*contacts, *self.bolts, *self.loads)])
         self._check_washers()
         self._faces: dict[str, object] = {}
-        self.contacts = [c for c in contacts if not c.bonded]
+        self.contacts = [c for c in contacts if isinstance(c, Obstacle) or not c.bonded]
         self.interfaces = [self._pair(c) for c in self.contacts]
-        bonded = [self._pair(c) for c in contacts if c.bonded]
+        bonded = [self._pair(c) for c in contacts if c not in self.contacts]
         self.beams = [b for b in self.bolts if isinstance(b, BeamBolt)]
         self.cuts = [b for b in self.bolts if isinstance(b, PretensionSection)]
         spiders = [self._spider(b, side) for b in self.beams for side in ("lower", "upper")]
         sections = [self._section(b) for b in self.cuts]
-        self.jumps = Jumps(self.V, self.interfaces, bonded, sections, spiders)
-        self.supported, self._following = self._supports()
+        self.moved = [*(s for s in self.loads if isinstance(s, Displacement)),
+                      *(c for c in self.contacts if isinstance(c, Obstacle))]  # fmt: skip
+        moved = [self._move(m) for m in self.moved]
+        self.jumps = Jumps(self.V, self.interfaces, bonded, sections, spiders, moved)
+        self._held, self._following = self._supports()
+        driven = np.concatenate([np.empty(0, int), *map(self.jumps.shift, range(len(moved)))])
+        self.supported = np.concatenate([self._held, driven[self.jumps.owned(driven)]])
         self.forces = {b.name: float(b.force) for b in self.bolts}
-        self.forces |= dict.fromkeys((s.name for s in self.loads), 1.0)
+        self.forces |= dict.fromkeys((s.name for s in (*self.loads, *self.moved)
+                                      if getattr(s, "travel", ()) is not None), 1.0)  # fmt: skip
         self._units = self._unit_loads()
 
     @staticmethod
@@ -93,6 +109,16 @@ class PreloadModel:
                 raise InputError(
                     f"{name} is the name of two contacts, bolts or loads; expected one."
                 )
+
+    def moves(self, forces: Mapping[str, float] | None = None) -> list[tuple]:
+        """What is moved at these factors: numbers in x, (gdim,), and displacements, m, (gdim,)."""
+        factors = self.force_values(forces)
+        found = []
+        for i, moved in enumerate(self.moved):
+            way = moved.travel if isinstance(moved, Obstacle) else moved.value
+            value = np.array([v or 0.0 for v in way or (0.0,) * self.structure.gdim])
+            found.append((self.jumps.shift(i), factors.get(moved.name, 0.0) * value))
+        return found
 
     def _check_washers(self) -> None:
         """Two bolts on one face would each be spread over all of it."""
@@ -119,12 +145,30 @@ class PreloadModel:
         """Weight of the surface measure at positions x, (n, gdim): 2 pi r or 1."""
         return 2 * np.pi * x[:, 0] if self.axisymmetric else np.ones(len(x))
 
-    def _pair(self, contact: Contact) -> Interface:
+    def _pair(self, contact: Contact | Obstacle) -> Interface:
+        shared = {"gap": contact.gap, "weight": self.weight}
+        if isinstance(contact, Obstacle):
+            face = self.face(contact.facets)
+            shape = checked_shape(f"{contact.name}.shape", contact.shape)
+            return face_obstacle(contact.name, face, shape, **shared)
         lower, upper = self.face(contact.lower), self.face(contact.upper)
-        return pair_faces(
-            contact.name, lower, upper, gap=contact.gap, tolerance=contact.tolerance,
-            weight=self.weight, held=self._held_directions,
-        )  # fmt: skip
+        shared |= {"tolerance": contact.tolerance, "held": self._held_directions}
+        if matching(lower, upper, contact.tolerance):
+            return pair_faces(contact.name, lower, upper, **shared)
+        return couple_faces(contact.name, lower, upper, bubble=edge_middle(self.structure),
+                            bonded=contact.bonded, **shared)  # fmt: skip
+
+    def _move(self, moved: Displacement | Obstacle) -> Moved:
+        if isinstance(moved, Obstacle):
+            self._along(moved.name, "travel", moved.travel)
+            return Moved(moved.name, np.empty(0, np.int64), ())
+        self._along(moved.name, "value", moved.value)
+        face = self.face(moved.facets)
+        return Moved(moved.name, np.concatenate([face.nodes, face.midsides]), moved.directions)
+
+    def _along(self, name: str, key: str, vector) -> None:
+        if vector is not None and len(vector) != self.structure.gdim:
+            raise InputError(f"{name}.{key} = {vector}: expected {self.structure.gdim} components.")
 
     def _held_directions(self, nodes: np.ndarray) -> np.ndarray:
         """Whether supports hold blocks, by global number, in each direction, (n, gdim)."""
@@ -197,7 +241,12 @@ class PreloadModel:
             else:
                 units[bolt.name] = self._extra_load(bolt)
         for load in self.loads:
-            units[load.name] = self._pressed([(load.facets, np.asarray(load.force))], load.profile)
+            if isinstance(load, Traction):
+                pressed = [(load.facets, np.asarray(load.force))]
+                units[load.name] = self._pressed(pressed, load.profile)
+        for moved in self.moved:
+            units[moved.name] = self.jumps.T.createVecRight()
+            units[moved.name].set(0.0)
         return units
 
     def _pressed(self, pairs, profile=None) -> PETSc.Vec:
@@ -220,7 +269,7 @@ class PreloadModel:
             total = form if total is None else total + form
         b = fem_petsc.assemble_vector(fem.form(total))
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        for numbers in (self.supported, self._following):
+        for numbers in (self._held, self._following):
             b.array[numbers - self.jumps.range[0]] = 0.0
         load = self.jumps.T.createVecRight()
         self.jumps.T.multTranspose(b, load)
@@ -280,7 +329,8 @@ class PreloadModel:
         f = self.jumps.T.createVecRight()
         f.set(0.0)
         for name, value in self.force_values(forces).items():
-            f.axpy(value, self._units[name])
+            if value:
+                f.axpy(value, self._units[name])
         return f
 
     def unit_load(self, name: str) -> PETSc.Vec:

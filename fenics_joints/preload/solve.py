@@ -96,10 +96,10 @@ class PreloadSolver(PreloadSystem):
             real("penalty", self.penalty, "Pa/m", above=0)
         if not model.contacts:
             raise InputError("the model has no contact that can open; expected at least one.")
-        if not (model.bolts or model.loads or any(np.any(i.gap < 0) for i in model.interfaces)):
+        if not (model.forces or any(np.any(i.gap < 0) for i in model.interfaces)):
             raise InputError(
-                "nothing presses the parts together: expected a bolt, a load, or a contact with a "
-                "negative gap (an interference fit)."
+                "nothing presses the parts together: expected a bolt, a load, a displacement, or a "
+                "contact with a negative gap (an interference fit)."
             )
 
     def solve(
@@ -127,6 +127,9 @@ class PreloadSolver(PreloadSystem):
         if initial is not None and not isinstance(initial, PreloadResult):
             raise wanted("initial", initial, "a PreloadResult, or None")
         load = self.model.load(forces)
+        driven = self.driven(forces)
+        if driven is not None:
+            load.axpy(-1.0, self.K * driven)
         balance = self.hold.balance(load, lambda: self.model.mass(self.given))
         pairs = self.pairs
         if initial is not None:
@@ -136,8 +139,12 @@ class PreloadSolver(PreloadSystem):
         x.set(0.0)
         if initial is not None:
             initial.x.copy(x)
+            x.array[self.model.jumps.local(self.fixed)] = 0.0
         work = Equations(self, pairs, load, start=initial is None)
         self._run(work, x, monitor)
+        if driven is not None:  # x is what is left beside it
+            load.axpy(1.0, self.K * driven)
+            x.axpy(1.0, driven)
         return PreloadResult(self, pairs, self.model.force_values(forces), x, load, work.iterations,
                              balance)  # fmt: skip
 

@@ -73,6 +73,26 @@ class PreloadSystem:
         numbers = np.unique(np.concatenate(numbers))
         return numbers[jumps.owned(numbers)]
 
+    def driven(self, forces: Mapping[str, float] | None = None) -> PETSc.Vec | None:
+        """Displacements in x of what is moved, and zero elsewhere; None if nothing is."""
+        given = self.model.moves(forces)
+        if not any(np.any(value) for _, value in given):
+            return None
+        x = self.K.createVecRight()
+        x.set(0.0)
+        for numbers, value in given:
+            self.model.jumps.put(x.array, numbers, value)
+        return x
+
+    def unit_load(self, name: str) -> PETSc.Vec:
+        """Derivative of the load in x, with what is moved on its side, by a force or factor."""
+        unit = self.model.unit_load(name).copy()
+        driven = self.driven(dict.fromkeys(self.model.forces, 0.0) | {name: 1.0})
+        if driven is not None:
+            unit.axpy(-1.0, self.K * driven)
+            driven.destroy()
+        return unit
+
     def preconditioner(self) -> NewtonPreconditioner:
         """That of all solutions, made with the first."""
         if self.newton is None:
@@ -152,11 +172,13 @@ def _pairs(model: PreloadModel, K: PETSc.Mat, penalty: float | None) -> Pairs:
 def _stiffness_at(jumps: Jumps, diagonal: PETSc.Vec, c: Interface) -> np.ndarray:
     """Stiffness, N/m, (n,), of the two bodies at each pair in series, from K's diagonal in x.
 
-    An entry of the lower body moves both bodies, a jump the upper one alone.
+    An entry of the lower body moves both bodies, a jump the upper one alone; without pairs of
+    vertices that of the upper one has to do.
     """
-    both, upper = (
-        jumps.gather(diagonal, jumps.entries(nodes)).mean(axis=1) for nodes in (c.lower, c.upper)
-    )
+    upper = jumps.gather(diagonal, jumps.entries(c.upper)).mean(axis=1)
+    if c.coupling is not None or not len(c.lower):
+        return upper
+    both = jumps.gather(diagonal, jumps.entries(c.lower)).mean(axis=1)
     lower = both - upper
     return np.where(lower > 0, upper * lower / np.where(lower > 0, both, 1.0), upper)
 

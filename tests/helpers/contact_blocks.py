@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from dolfinx import mesh
 from mpi4py import MPI
 
+from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
+from fenics_joints.parallel import on_root
 from fenics_joints.preload import Contact
 from fenics_joints.structure import part
 
@@ -23,3 +26,46 @@ def both(**properties):
 
 def slope_of(errors, sizes) -> float:
     return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+
+
+def unlike_blocks(lower, upper, cell: str, warp=None) -> TaggedMesh:
+    """Two unit-wide blocks on one another with meshes of their own: counts of cells each.
+
+    Args:
+        lower: Cells along each axis of the lower block, which is 1 high; from 0 down.
+        upper: Those of the upper one, from 0 up.
+        cell: DOLFINx's name of the cells.
+        warp: Changes the positions of all vertices, (n, gdim), in place.
+    """
+    return distribute(COMM, on_root(COMM, lambda: _unlike(lower, upper, cell, warp)))
+
+
+def _unlike(lower, upper, cell: str, warp) -> MeshLists:
+    parts = [_block(counts, cell, base) for counts, base in ((lower, -1.0), (upper, 0.0))]
+    shift = len(parts[0][0])
+    x = np.vstack([part[0] for part in parts])
+    cells = np.vstack([parts[0][1], parts[1][1] + shift])
+    facets = [parts[0][2], parts[0][3], parts[1][2] + shift, parts[1][3] + shift]
+    tags = np.repeat([1, 2, 3, 4], [len(f) for f in facets])
+    values = np.repeat([1, 2], [len(part[1]) for part in parts])
+    if warp is not None:
+        warp(x)
+    names = {"bottom": 1, "interface_lower": 2, "interface_upper": 3, "top": 4}
+    return MeshLists(cell, x, cells, values, np.vstack(facets), tags, {"lower": 1, "upper": 2},
+                     names)  # fmt: skip
+
+
+def _block(counts, cell: str, base: float):
+    """Vertices, cells, and facets below and above, of a block of height 1 from ``base``."""
+    gdim = len(counts)
+    low, high = np.zeros(gdim), np.ones(gdim)
+    low[-1], high[-1] = base, base + 1
+    kind = getattr(mesh.CellType, cell)
+    make = mesh.create_rectangle if gdim == 2 else mesh.create_box
+    msh = make(MPI.COMM_SELF, [low, high], counts, kind)
+    x, fdim = msh.geometry.x[:, :gdim], gdim - 1
+    msh.topology.create_connectivity(fdim, gdim)
+    sides = [mesh.locate_entities_boundary(msh, fdim, lambda p, h=h: np.isclose(p[gdim - 1], h))
+             for h in (base, base + 1)]  # fmt: skip
+    facets = [mesh.entities_to_geometry(msh, fdim, side) for side in sides]
+    return x, msh.geometry.dofmap, *facets

@@ -38,7 +38,8 @@ def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
         Keys ``name``; ``force_n``; ``peak_pressure_pa``, the largest of the facets' means, and
         ``peak_nodal_pressure_pa``; ``mean_pressure_pa``, over the closed area; ``area_m2``, closed,
         ``area_above_1_mpa_m2`` and ``whole_area_m2``; ``radius_m`` by bolt, the farthest place
-        nearest to that bolt with 1 MPa or more; ``open``, ``slip``, ``stick``: numbers of pairs.
+        nearest to that bolt with 1 MPa or more; ``open``, ``slip``, ``stick``: numbers of pairs;
+        ``matching``, whether these are pairs of vertices.
     """
     force, area = state.normal_force, state.area
     return {
@@ -51,6 +52,7 @@ def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
         "area_above_1_mpa_m2": state.area_above(LIMIT),
         "whole_area_m2": float(state.facet_area.sum()),
         "radius_m": _radii(state, axes),
+        "matching": state.interface.coupling is None,
         **{
             word: int(np.sum(state.status == kind))
             for word, kind in (("open", OPEN), ("slip", SLIP), ("stick", STICK))
@@ -98,6 +100,8 @@ def contact_rows(contacts: list[dict]) -> list[dict]:
             (f"contact radius (1 MPa) at {bolt}", quantity(radius, "m"))
             for bolt, radius in c["radius_m"].items()
         ]
+        if not c["matching"]:
+            facts.append(("meshes of the faces", "differ: mortar"))
         facts += [(f"{word} pairs", str(c[word])) for word in ("open", "slip", "stick")]
         rows.append({"name": c["name"], "facts": facts})
     return rows

@@ -90,6 +90,8 @@ def _levels(result: PreloadResult) -> tuple[np.ndarray, np.ndarray]:
     lies = []
     for state in result.contacts.values():
         i = state.interface
+        if not len(i.lower):  # an obstacle
+            continue
         both = [at_blocks(V, body[:own].astype(np.int64), nodes) for nodes in (i.lower, i.upper)]
         lies += sorted(set(zip(*(side.tolist() for side in both), strict=True)))
     level = np.zeros(n, dtype=np.int64)
