@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.affine import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.forward import line_of
-from fenics_joints.reduction.snapshots import dense_columns, project
+from fenics_joints.reduction.snapshots import bordered, cross, dense_columns, project
 from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 
@@ -25,15 +25,22 @@ class Projection:
     Args:
         structure: The full model.
         basis: Vectors of the basis, linearly independent; held DOFs are zero.
+        n_known: Of how many of these, the first, terms are known: those of the others alone are
+            looked for.
     """
 
-    def __init__(self, structure: Structure, basis: Sequence[PETSc.Vec]):
+    def __init__(self, structure: Structure, basis: Sequence[PETSc.Vec], n_known: int = 0):
         self.full, self.basis = structure, basis
         self._dense = dense_columns(basis)
+        self._new = dense_columns(basis[n_known:]) if n_known else self._dense
 
     def matrix(self, A: PETSc.Mat) -> np.ndarray:
         """Z^T A Z, shape (n, n), equal on all ranks."""
         return project(A, self._dense)
+
+    def new(self, A: PETSc.Mat) -> np.ndarray:
+        """The columns of `matrix` of what is not known, shape (n, n - n_known)."""
+        return cross(A, self._dense, self._new)
 
     def points(self, points) -> np.ndarray:
         """Displacement of the basis vectors at points, shape (n_points, gdim, n)."""
@@ -61,27 +68,31 @@ class Projection:
         sampled: Sequence[np.ndarray],
         inertia: np.ndarray | None = None,
         volume: float = 0.0,
+        known: RegionTerm | None = None,
     ) -> RegionTerm:
         """A part or joint.
 
         Args:
             region: The region.
             properties: Its properties, numbers or names of parameters.
-            sampled: Its projected stiffness at each of its law's samples, (n, n).
-            inertia: Its projected mass at a unit of its law's inertia; None for none.
+            sampled: Its projected stiffness at each of its law's samples, as `new` has it.
+            inertia: Its projected mass at a unit of its law's inertia, likewise; None for none.
             volume: As meshed, m3.
+            known: The term on the basis vectors of which it is known.
         """
-        law, n = region.law, len(self.basis)
+        law, shape = region.law, np.shape(sampled[0])
         theta = np.array([law.stiffness_terms(q) for q in law.samples], dtype=float)
-        terms = np.linalg.solve(theta, np.reshape(sampled, (len(theta), -1))).reshape(-1, n, n)
-        heavy = np.zeros((n, n)) if inertia is None else inertia
-        return RegionTerm(region.name, law, properties, terms, heavy, float(volume))
+        terms = np.linalg.solve(theta, np.reshape(sampled, (len(theta), -1))).reshape(-1, *shape)
+        heavy = np.zeros(shape) if inertia is None else inertia
+        return _term(region.name, law, properties, terms, heavy, float(volume), known)
 
-    def support(self, number: int, properties: Mapping[str, float | str]) -> RegionTerm:
+    def support(
+        self, number: int, properties: Mapping[str, float | str], known: RegionTerm | None = None
+    ) -> RegionTerm:
         """An elastic support as a region without volume: its law is linear in k_n and k_t."""
         name = self.full.elastic_supports[number].name
-        units = np.array([self.matrix(A) for A in self.full.support_matrices(number)])
-        return RegionTerm(name, ELASTIC_SUPPORT, properties, units, 0.0 * units[0], 0.0)
+        units = np.array([self.new(A) for A in self.full.support_matrices(number)])
+        return _term(name, ELASTIC_SUPPORT, properties, units, 0.0 * units[0], 0.0, known)
 
     def spring(self, spring: Spring) -> SpringTerm:
         """A grounding spring."""
@@ -112,3 +123,15 @@ class Projection:
         return MassTerm(
             mass.name, mass.mass, mass.travel, mass.share, stations, self.points(points)
         )
+
+
+def _term(name, law, properties, new: np.ndarray, heavy, volume, known) -> RegionTerm:
+    """A region's term from its columns that are new."""
+    if known is None:
+        none = np.zeros((0, 0))
+        before = np.zeros((len(new), 0, 0)), none
+    else:
+        before = known.stiffness, known.inertia
+    return RegionTerm(
+        name, law, properties, bordered(before[0], new), bordered(before[1], heavy), volume
+    )

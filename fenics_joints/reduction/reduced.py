@@ -34,6 +34,8 @@ class ReducedStructure(ArrayModel):
         basis: Vectors of the basis, linearly independent; held DOFs are zero.
         travel: Range (low, high), m, over which a point mass with a parameter for its travel
             moves, by the mass's name.
+        known: The model on the first of these vectors, where it is known: what is new alone is
+            projected then. It has to have no graded joints.
 
     Attributes:
         full: The full model.
@@ -45,15 +47,18 @@ class ReducedStructure(ArrayModel):
         structure: Structure,
         basis: list[PETSc.Vec],
         travel: Mapping[str, tuple[float, float]] | None = None,
+        known: ArrayModel | None = None,
     ):
         self.full, self.basis = structure, basis
-        self.projection = on = Projection(structure, basis)
+        self.projection = on = Projection(structure, basis, known.n_dofs if known else 0)
+        terms = {r.name: r for r in known.regions} if known else {}
         volumes, n = structure.volumes(), len(basis)
         self._graded = [i for i, region in enumerate(structure.regions) if _is_graded(region)]
         uniform = [i for i in range(len(structure.regions)) if i not in self._graded]
-        regions = [self._region_term(i, volumes[i]) for i in uniform]
+        regions = [self._region_term(i, volumes[i], terms) for i in uniform]
         regions += [
-            on.support(i, s.properties) for i, s in enumerate(structure.elastic_supports)
+            on.support(i, s.properties, terms.get(s.name))
+            for i, s in enumerate(structure.elastic_supports)
         ]
         pencil = AffinePencil(
             structure.parameters, regions, [on.spring(s) for s in structure.springs],
@@ -64,15 +69,15 @@ class ReducedStructure(ArrayModel):
         self.resolved = structure.resolved
         self._sensor_rows: dict[tuple, np.ndarray] = {}
 
-    def _region_term(self, number: int, volume: float) -> RegionTerm:
+    def _region_term(self, number: int, volume: float, known: Mapping) -> RegionTerm:
         region, on = self.full.regions[number], self.projection
-        sampled, inertia = [], None
-        for q in region.law.samples:
-            K, M = self.full.region_matrices(number, q)
-            sampled.append(on.matrix(K))
-            if inertia is None:
-                inertia = on.matrix(M) / region.law.inertia_term(q)
-        return on.region(region, region.properties, sampled, inertia, volume)
+        samples = region.law.samples
+        sampled = [on.new(self.full.region_matrix(number, 0, q)) for q in samples]
+        inertia = on.new(self.full.region_matrix(number, 1, samples[0]))
+        inertia /= region.law.inertia_term(samples[0])
+        return on.region(
+            region, region.properties, sampled, inertia, volume, known.get(region.name)
+        )
 
     # -- the calls of a model ------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.modal.modes import Modes
+from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.snapshots import dense_columns, project
 from fenics_joints.structure.sparse import vectors_like
 
@@ -29,13 +30,16 @@ class SampledBasis:
     Args:
         share: Share of a mode's energy, in its own sample, that may be lacking.
         vectors: What it starts from.
+        known: The structure on these, if it is known: what is added costs much less.
 
     Attributes:
         vectors: The basis; independent, but not orthonormal.
     """
 
-    def __init__(self, share: float, vectors: Sequence[PETSc.Vec] = ()):
-        self.share = share
+    def __init__(
+        self, share: float, vectors: Sequence[PETSc.Vec] = (), known: ArrayModel | None = None
+    ):
+        self.share, self.known = share, known
         self.vectors = list(vectors)
 
     def add(self, modes: Modes, keep: Iterable[int], just_solved: bool = False) -> None:
@@ -50,11 +54,14 @@ class SampledBasis:
         if not new:
             return
         Z, n = dense_columns([*self.vectors, *new]), len(self.vectors)
-        if just_solved:
+        given, shift, blocks = modes.given, modes.solver.shift, (None, None)
+        if self.known is not None:
+            blocks = self.known.stiffness(given), self.known.mass(given)
+        if just_solved and self.known is None:
             gram = project(modes.solver.shifted, Z)
         else:
-            K, M = modes.model.stiffness(modes.given), modes.model.mass(modes.given)
-            gram = project(K, Z) - modes.solver.shift * project(M, Z)
+            K, M = modes.model.stiffness(given), modes.model.mass(given)
+            gram = project(K, Z, blocks[0]) - shift * project(M, Z, blocks[1])
             K.destroy(), M.destroy()
         size = np.sqrt(np.diag(gram))
         combine = _lacking(gram / np.outer(size, size), n, self.share) / size[:, None]

@@ -48,6 +48,8 @@ class Surrogate(SeenModes):
         given: See `SeenModes`.
     """
 
+    tolerance = SNAPSHOT
+
     def __init__(
         self,
         full: Structure,
@@ -96,11 +98,12 @@ class Surrogate(SeenModes):
         if self._basis is None:
             self._basis = self._kept_basis()
         if self._basis is None:
-            self._reduce()
-        sampled = SampledBasis(_LACKING, self._basis)
+            self.forward.model = self._reduce()
+        known = self.forward.model
+        sampled = SampledBasis(_LACKING, self._basis, known)
         for modes in solved:
             sampled.add(modes, self._in_basis(modes))
-        self.forward.model = self._on(sampled)
+        self.forward.model = self._on(sampled, known)
         self.forward.forget()
 
     def facts(self) -> dict[str, object]:
@@ -147,12 +150,20 @@ class Surrogate(SeenModes):
             solver = modes.solver
             sampled.add(modes, self._in_basis(modes), just_solved=True)
             self.progress.advance()
+        if solver is not None:
+            self._solver = solver  # as accurate as a check needs
         return self._on(sampled)
 
-    def _on(self, sampled: SampledBasis) -> ArrayModel:
-        """The reduced model on a basis, made orthonormal."""
-        self._basis = orthonormal(self.full, sampled.vectors, self.samples[0], _DEPENDENT)
-        reduced = ReducedStructure(self.full, self._basis, self.travel)
+    def _on(self, sampled: SampledBasis, known: ArrayModel | None = None) -> ArrayModel:
+        """The reduced model on a basis, made orthonormal; of the first of its vectors it may be
+        known."""
+        n = 0 if known is None else known.n_dofs
+        self._basis = orthonormal(
+            self.full, sampled.vectors, self.samples[0], _DEPENDENT, n, known=known
+        )
+        if known is not None and len(self._basis) == n:
+            return known
+        reduced = ReducedStructure(self.full, self._basis, self.travel, known)
         return reduced.arrays(sensors=self.sensors)
 
     def _write(self, model: ArrayModel) -> None:

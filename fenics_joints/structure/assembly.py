@@ -119,7 +119,7 @@ class Assembly:
         self._forms: dict[object, fem.Form] = {}
         self._direction: fem.Function | None = None
         self._rows: dict[bytes, PointRows] = {}
-        self._region_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
+        self._region_matrices: dict[tuple[int, int], PETSc.Mat] = {}
         self._support_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
 
     # -- set-up ------------------------------------------------------------------------------
@@ -303,13 +303,18 @@ class Assembly:
         Returns:
             (K, M), PETSc matrices that the next call with the same ``number`` overwrites.
         """
+        return tuple(self.region_matrix(number, which, q) for which in (0, 1))
+
+    def region_matrix(
+        self, number: int, which: int, q: Mapping[str, float] | None
+    ) -> PETSc.Mat:
+        """One of `region_matrices`: stiffness (0) or mass (1)."""
         if q is not None:
             self.field.fill(number, q)
-        before = self._region_matrices.get(number, (None, None))
-        self._region_matrices[number] = tuple(
-            self.assembled(self.compiled_region(number, which), before[which]) for which in (0, 1)
-        )
-        return self._region_matrices[number]
+        key = number, which
+        before = self._region_matrices.get(key)
+        self._region_matrices[key] = self.assembled(self.compiled_region(*key), before)
+        return self._region_matrices[key]
 
     def support_matrices(self, number: int) -> tuple[PETSc.Mat, PETSc.Mat]:
         """Stiffness of an elastic support at k_n = 1 Pa/m and at k_t = 1 Pa/m, m2; kept.

@@ -210,6 +210,31 @@ def test_a_basis_holds_each_samples_modes_however_stiff_or_soft_its_joint(full, 
     assert errors(richer, others).max() <= errors(model, others).max() + 1e-9
 
 
+@pytest.mark.parallel
+def test_what_is_new_in_a_basis_is_projected_alone():
+    """Beside vectors whose model is known; as if all were projected, and as orthogonal."""
+    full = build(MPI.COMM_WORLD)
+    points = [{}, *samples(2, seed=3)]
+    start = sampled(full, points[:1])
+    first, basis = start.arrays(), start.basis
+    grown, whole = SampledBasis(2e-4, basis, first), SampledBasis(2e-4, basis)
+    for values in points[1:]:
+        modes = solve_modes(full, values, n_modes=N_MODES)
+        grown.add(modes, range(len(modes))), whole.add(modes, range(len(modes)))
+    assert len(grown.vectors) == len(whole.vectors) > len(basis)
+    n = len(basis)
+    vectors = orthonormal(full, grown.vectors, points[0], 1e-13, n, known=first)
+    new, old = (ReducedStructure(full, vectors, TRAVEL, known=known) for known in (first, None))
+    for point in samples(3, seed=8):
+        for a, b in ((new.stiffness(point), old.stiffness(point)),
+                     (new.mass(point), old.mass(point))):  # fmt: skip
+            assert a == pytest.approx(b, rel=1e-7, abs=1e-9 * np.abs(b).max())
+    K, M = old.stiffness(points[0]), old.mass(points[0])
+    energy = K + np.trace(K) / np.trace(M) * M
+    apart = energy[:n, n:] / np.sqrt(np.outer(np.diag(energy)[:n], np.diag(energy)[n:]))
+    assert np.abs(apart).max() < 0.02
+
+
 def test_bad_input_is_named(full):
     with pytest.raises(InputError, match="samples: expected at least one"):
         reduce(full, [], N_MODES)
