@@ -10,7 +10,7 @@ from collections.abc import Sequence
 __all__ = [
     "LEAST", "LIMITS", "MISSING", "MOST", "bounded", "condition_value", "control_character",
     "extents", "hertz", "html_table", "interval", "number", "p_value", "percent",
-    "prefixed", "printable", "probability", "quantity", "spaced", "spread",
+    "point_mm", "prefixed", "printable", "probability", "quantity", "spaced", "spread",
 ]  # fmt: skip
 
 #: Probabilities are shown between these, since experience of such models allows no surer ones, and
@@ -79,6 +79,11 @@ def quantity(value: float | None, unit: str = "", digits: int = 3) -> str:
         return number(value, digits)
     factor, unit = prefixed(value, unit, digits)
     return f"{number(value * factor, digits)} {unit}".rstrip()
+
+
+def point_mm(point_m: Sequence[float]) -> str:
+    """A point, m, in whole millimetres, without its unit: ``(120, 40, 16)``."""
+    return f"({', '.join(f'{round(1e3 * float(x)):d}' for x in point_m)})"
 
 
 def extents(size_m: Sequence[float]) -> str:

@@ -17,6 +17,7 @@ from fenics_joints.diagnosis.plan.added import (
     next_modes,
 )
 from fenics_joints.diagnosis.result import Separation
+from fenics_joints.formatting import point_mm
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.surrogate import Surrogate
@@ -117,8 +118,8 @@ def _added_mass(a: Modes, b: Modes, sensors, n_test, sd) -> list[Candidate]:
         shifts.append(-0.5 * mass * modes.at(sensors)[:, seen[:n_test]] ** 2)
     change = shifts[0] - shifts[1]
     best = int(np.argmax(np.linalg.norm(change, axis=1)))
-    place = ", ".join(f"{1e3 * x:.0f}" for x in sensors.points[best])
-    name = f"the shifts by a known mass of {1e3 * mass:.0f} g added at ({place}) mm"
+    at = point_mm(sensors.points[best])
+    name = f"the shifts by a known mass of {1e3 * mass:.0f} g added at {at} mm"
     return [_candidate(name, change[best], sd)]
 
 

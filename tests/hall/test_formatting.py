@@ -23,3 +23,7 @@ from fenics_joints import formatting
 )
 def test_quantities(value, unit, text):
     assert formatting.quantity(value, unit) == text
+
+
+def test_points_in_millimetres():
+    assert formatting.point_mm([-4e-4, 0.128, 0.0476]) == "(0, 128, 48)"

@@ -35,7 +35,14 @@ from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import NO_GAP
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest
-from fenics_joints.formatting import condition_value, interval, percent, quantity, spaced
+from fenics_joints.formatting import (
+    condition_value,
+    interval,
+    percent,
+    point_mm,
+    quantity,
+    spaced,
+)
 
 __all__ = ["questions"]
 
@@ -135,10 +142,10 @@ def _finer(found: Location) -> str:
     n, several = int(patches.significant.sum()), int(patches.sufficient.sum())
     if n:
         best = int(np.argmax(np.where(patches.significant, patches.share, -1.0)))
-        at = ", ".join(f"{1e3 * x:.0f}" for x in patches.middle[best])
+        at = point_mm(patches.middle[best])
         words.append(
             f"Of {len(patches.tests)} patches of {of} {n} explain more than chance and "
-            f"{several} could each be the only one; most does the one at ({at}) mm in "
+            f"{several} could each be the only one; most does the one at {at} mm in "
             f"{zone_words(patches.region[best])}."
         )
     else:

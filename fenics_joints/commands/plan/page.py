@@ -17,6 +17,8 @@ __all__ = ["likeliest", "matrix_picture", "plan_html", "size_words"]
 
 #: Effects up to which the picture has numbers in its cells.
 _NUMBERED = 26
+#: Width of a letter of an effect's name, in.
+_LETTER = 0.078
 
 
 def plan_html(p: Plan) -> str:
@@ -59,13 +61,19 @@ def matrix_picture(p: Plan) -> str:
         "apart", [(0.0, PLACEBO), (0.5, "#e9e4da"), (1.0, CHOSEN)]
     )
     cell = 0.42 if n <= _NUMBERED else 0.24
-    with drawing(cell * (n + 1) + 3.6, cell * n + 1.0) as figure:
+    beside = _LETTER * max((len(name) for name in names), default=0) + 0.6
+    wide = cell * (n + 1) + beside
+    with drawing(wide, cell * n + 1.0) as figure:
+        # The reader's font may be wider than the one that the layout knows.
+        room = 0.1 * beside / wide
+        figure.get_layout_engine().set(rect=(room, 0, 1 - room, 1))
         axes = figure.add_subplot()
         axes.imshow(D, cmap=colours, vmin=0, vmax=2 * APART, aspect="equal")
         numbers = [str(i + 1) for i in range(n)]
         axes.set_yticks(range(n), [f"{name}  {i}" for name, i in zip(names, numbers, strict=True)])
         axes.set_xticks(range(n + 1), [*numbers, "no gap"])
         axes.tick_params(length=0, top=True, bottom=False, labeltop=True, labelbottom=False)
+        axes.get_xticklabels()[-1].set_rotation(90)
         axes.set_xlabel("taken for", labelpad=6)
         axes.xaxis.set_label_position("top")
         axes.spines[:].set_visible(False)

@@ -30,7 +30,7 @@ from fenics_joints.diagnosis.plan.added import (
     widened,
 )
 from fenics_joints.diagnosis.plan.study import Measurement, Study
-from fenics_joints.formatting import condition_value, spaced
+from fenics_joints.formatting import condition_value, point_mm, spaced
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction import ArrayModel, Forward, ReducedStructure
@@ -231,9 +231,9 @@ class Candidates:
             return []
         forward = self._wide_forward
         loaded = forward.of(Loaded(forward.model, rows[best], mass))
-        at = ", ".join(f"{1e3 * x:.0f}" for x in places[best])
+        at = point_mm(places[best])
         grams = f"{1e3 * mass:.0f} g" if mass < 1 else f"{mass:.2f} kg"
-        name = f"the shifts by a known mass of {grams} ({ADDED_MASS:.0%}) put on at ({at}) mm"
+        name = f"the shifts by a known mass of {grams} ({ADDED_MASS:.0%}) put on at {at} mm"
         return [self._shifted(name, loaded)]
 
     def _best_place(self, rows: np.ndarray) -> int | None:
