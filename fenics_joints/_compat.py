@@ -16,6 +16,7 @@ __all__ = [
     "coordinate_map",
     "create_mesh",
     "distribute_facet_tags",
+    "entity_nodes",
     "facet_nodes",
     "geometry_dofmap",
 ]
@@ -94,10 +95,15 @@ def geometry_dofmap(mesh: dolfinx.mesh.Mesh) -> np.ndarray:
 
 
 def facet_nodes(mesh: dolfinx.mesh.Mesh, facets: np.ndarray) -> np.ndarray:
-    """Geometry nodes at the corners of local facets, shape (n_facets, n_corners).
+    """Geometry nodes at the corners of local facets, shape (n_facets, n_corners)."""
+    return entity_nodes(mesh, mesh.topology.dim - 1, facets)
 
-    Without facets, as a rank may be, shape (0, 0): DOLFINx 0.9 divides by their number.
+
+def entity_nodes(mesh: dolfinx.mesh.Mesh, dim: int, entities: np.ndarray) -> np.ndarray:
+    """Geometry nodes at the corners of local entities, shape (n, n_corners).
+
+    Without entities, as a rank may be, shape (0, 0): DOLFINx 0.9 divides by their number.
     """
-    if not len(facets):
+    if not len(entities):
         return np.empty((0, 0), dtype=np.int32)
-    return dolfinx.mesh.entities_to_geometry(mesh, mesh.topology.dim - 1, facets)
+    return dolfinx.mesh.entities_to_geometry(mesh, dim, entities)

@@ -53,7 +53,8 @@ def read_msh(
     interior ones (a joint's interface) included; a cell or facet is in one group at most. Cells
     are straight-sided and of one shape; tags are the groups' numbers in the file. Parts named
     ``ring_1``, ``ring_2``, ... are rings of a layer around bolts: their centres are the points
-    ``bolts``; see `fenics_joints.meshes.measure_ring`.
+    ``bolts``; see `fenics_joints.meshes.measure_ring`. Named groups of points, and in space of
+    lines, are `TaggedMesh.points`, which a support can hold.
 
     Args:
         path: The file, in any version of the format, text or binary.
@@ -94,7 +95,7 @@ def read_msh(
         check_mesh(tagged)
     _check_facets_found(path, tagged, lists)
     bolts = ring_centres(tagged) if gdim == 3 and "bolts" not in tagged.points else None
-    return tagged if bolts is None else replace(tagged, points={"bolts": bolts})
+    return tagged if bolts is None else replace(tagged, points=tagged.points | {"bolts": bolts})
 
 
 def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
@@ -114,6 +115,7 @@ def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
         problems.check()
         (cell, cells, cell_values), (_, facets, facet_values) = found
         tags, x, _ = model.mesh.getNodes()
+        points = _points(model, gdim, scale)
     nodes = np.unique(cells)
     order = np.argsort(tags)
     x = x.reshape(-1, 3)[order[np.searchsorted(tags, nodes, sorter=order)]] * scale
@@ -124,8 +126,19 @@ def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
     return MeshLists(
         cell, x[:, :gdim], np.searchsorted(nodes, cells), cell_values,
         np.searchsorted(nodes, facets), facet_values,
-        _names(cell_groups, cell_values), _names(facet_groups, facet_values),
+        _names(cell_groups, cell_values), _names(facet_groups, facet_values), points,
     )  # fmt: skip
+
+
+def _points(model, gdim: int, scale: float) -> dict[str, np.ndarray]:
+    """Vertices, m, (n, 3), of the named groups of points and lines that are no faces."""
+    found = {}
+    for dim, tag in model.getPhysicalGroups():
+        name = model.getPhysicalName(dim, tag)
+        if dim < gdim - 1 and name and name != "bolts":  # the rings' centres have this name
+            x = model.mesh.getNodesForPhysicalGroup(dim, tag)[1].reshape(-1, 3)
+            found[name] = scale * np.vstack([found.get(name, np.empty((0, 3))) / scale, x])
+    return {name: x for name, x in found.items() if len(x)}
 
 
 def _names(groups, values: np.ndarray) -> dict[str, int]:

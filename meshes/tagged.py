@@ -28,7 +28,8 @@ class TaggedMesh:
         facet_tags: Tags of the named facets.
         cell_names: Tag of each named part.
         facet_names: Tag of each named face.
-        points: Named points, each of shape (n, 3) in metres, such as the centres of the bolts.
+        points: Named points, each of shape (n, 3) in metres, such as the centres of the bolts, or
+            the vertices of a line.
         notes: What a user should know of how it was made.
     """
 
@@ -51,6 +52,10 @@ class TaggedMesh:
     def facet_tag(self, name: str) -> int:
         """Tag of the face ``name``; raises MeshError when the mesh has no such face."""
         return _lookup(self.facet_names, name, "face")
+
+    def named_points(self, name: str) -> np.ndarray:
+        """The points of that name, m, (n, 3); raises MeshError when the mesh has none such."""
+        return _lookup(self.points, name, "point or line")
 
 
 def extent(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[float]) -> float:
@@ -83,7 +88,7 @@ def limits(tagged: TaggedMesh) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def _lookup(names: dict[str, int], name: str, kind: str) -> int:
+def _lookup(names: dict, name: str, kind: str):
     if name not in names:
         present = ", ".join(sorted(names)) or "none"
         raise MeshError(f"the mesh has no {kind} named {name!r}; it has: {present}")

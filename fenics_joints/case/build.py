@@ -151,7 +151,8 @@ def build_preload(
 def _support(name: str, section: SupportSection, elastic: bool) -> Support | ElasticSupport:
     if elastic and section.holds_all:
         return ElasticSupport(name, section.facets, f"{name}.k_n", f"{name}.k_t")
-    return Support(section.facets, tuple(AXES.index(d) for d in section.directions))
+    ways = tuple(AXES.index(d) for d in section.directions)
+    return Support(section.facets or "", ways, section.points or "")
 
 
 def _parts(case: Case, width: bool) -> list[Region]:

@@ -324,15 +324,26 @@ Attached = chosen("kind", AttachedMass, AttachedSpring)
 
 
 class SupportSection(Section):
-    """``[supports.NAME]``: facets that cannot move in some directions."""
+    """``[supports.NAME]``: ``facets`` or ``points`` that cannot move in some directions.
 
-    facets: str
+    ``points`` is the name of a group of points or lines of a ``.msh`` file, or places, of which the
+    nearest vertices are held.
+    """
+
+    facets: str | None = None
     directions: list[Literal["x", "y", "z"]] = Field(["x", "y", "z"], min_length=1)
+    points: str | Annotated[list[Point], Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_place(self) -> SupportSection:
+        if (self.facets is None) == (self.points is None):
+            raise ValueError("expected either facets or points")
+        return self
 
     @property
     def holds_all(self) -> bool:
-        """Whether it holds all directions."""
-        return set(self.directions) == set(AXES)
+        """Whether it holds facets in all directions."""
+        return self.facets is not None and set(self.directions) == set(AXES)
 
 
 class Diagnose(Section):

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
 
 import basix.ufl
 import numpy as np
@@ -29,6 +30,7 @@ from fenics_joints.structure.components import (
     Spring,
     Support,
 )
+from fenics_joints.structure.held import held_entities
 from fenics_joints.structure.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
 from fenics_joints.structure.points import PointRows, locate
 from fenics_joints.structure.properties import PropertyField
@@ -212,16 +214,13 @@ class Assembly:
         )
 
     def _dirichlet(self) -> list:
-        fdim = self.mesh.topology.dim - 1
-        bcs = []
+        bcs, gdim = [], self.mesh.geometry.dim
         for support in self.supports:
-            facets = self.tagged.facet_tags.find(self.tagged.facet_tag(support.facets))
-            for i in support.directions:
-                if i >= self.mesh.geometry.dim:
-                    continue
+            held = held_entities(self.tagged, support)
+            for i, (dim, entities) in product((d for d in support.directions if d < gdim), held):
                 # A function, as serendipity elements take no constant.
                 W, _ = self.V.sub(i).collapse()
-                dofs = fem.locate_dofs_topological((self.V.sub(i), W), fdim, facets)
+                dofs = fem.locate_dofs_topological((self.V.sub(i), W), dim, entities)
                 bcs.append(fem.dirichletbc(fem.Function(W), dofs, self.V.sub(i)))
         return bcs
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fenics_joints.errors import (
     InputError,
@@ -374,19 +375,28 @@ def _stand(component: PointMass | Spring) -> None:
 
 @dataclass(frozen=True)
 class Support:
-    """Facets that cannot move.
+    """Facets, lines or points that cannot move; either ``facets`` or ``points``.
 
     Attributes:
         facets: Name of a facet group.
         directions: Held directions; all of them by default.
+        points: Name of the mesh's points or line, or positions, m, (n, gdim), of which the nearest
+            vertices are held, and edges between two of them. A finer mesh gives way more beneath
+            a point, without end.
     """
 
-    facets: str
+    facets: str = ""
     directions: tuple[int, ...] = field(default=(0, 1, 2))
+    points: str | ArrayLike = ""
 
     def __post_init__(self):
-        text("support.facets", self.facets)
-        key = f"{self.facets}.directions"
+        if not isinstance(self.points, str):
+            reals("support.points", self.points, None, "m")
+        elif bool(self.facets) == bool(self.points):
+            raise wanted("support", (self.facets, self.points), "either facets or points")
+        else:
+            text("support.facets", self.facets or self.points)
+        key = f"{self.facets or 'points'}.directions"
         for i, way in enumerate(items(key, self.directions, object, "0, 1, 2")):
             whole(f"{key}[{i}]", way, 0, 2)
 

@@ -20,8 +20,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from fenics_joints._compat import facet_nodes, geometry_dofmap
-from fenics_joints.structure.components import Region
+from fenics_joints._compat import geometry_dofmap
+from fenics_joints.structure.components import Region, Support
+from fenics_joints.structure.held import held_nodes
 from fenics_joints.structure.laws import LAYER_LAWS, SPRINGS
 from fenics_joints.structure.structure import Structure
 from fenics_joints.structure.values import number
@@ -235,16 +236,12 @@ def _alike(structure: Structure) -> list[list[int]]:
 
 def _supports(structure: Structure):
     """Held directions and geometry nodes of each support on this rank."""
-    mesh, all_ways = structure.mesh, tuple(range(structure.gdim))
-    groups = [
-        *((s.facets, tuple(d for d in s.directions if d < structure.gdim))
-          for s in structure.supports),
-        *((s.facets, all_ways) for s in structure.elastic_supports),
-    ]  # fmt: skip
-    for name, ways in groups:
-        facets = structure.tagged.facet_tags.find(structure.tagged.facet_tag(name))
-        nodes = facet_nodes(mesh, facets)
-        yield ways, np.unique(nodes).astype(np.int32)
+    all_ways = tuple(range(structure.gdim))
+    for support in structure.supports:
+        ways = tuple(d for d in support.directions if d < structure.gdim)
+        yield ways, held_nodes(structure.tagged, support)
+    for support in structure.elastic_supports:
+        yield all_ways, held_nodes(structure.tagged, Support(support.facets))
 
 
 def _connected(region: np.ndarray, cells: np.ndarray) -> list[_Body]:

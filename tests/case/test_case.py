@@ -272,7 +272,8 @@ def test_mesh_from_a_file(tmp_path):
     gmsh.model.occ.addBox(0, 0, 0, 100, 20, 10)
     gmsh.model.occ.synchronize()
     ends = [t for _, t in gmsh.model.getEntities(2) if gmsh.model.occ.getMass(2, t) < 201]
-    for dim, tags, name in [(3, [1], "bar"), (2, ends[:1], "end")]:
+    edge = gmsh.model.getBoundary([(2, ends[0])], oriented=False)[0][1]
+    for dim, tags, name in [(3, [1], "bar"), (2, ends[:1], "end"), (1, [edge], "edge")]:
         gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)
     gmsh.option.setNumber("Mesh.MeshSizeMin", 15)
     gmsh.model.mesh.generate(3)
@@ -289,9 +290,23 @@ def test_mesh_from_a_file(tmp_path):
     frequency = 1.8751**2 / (2 * math.pi) * math.sqrt(200e9 / 7800 / 12) * 0.01 / 0.1**2
     modes = solve_modes(structure, n_modes=1)
     assert modes.frequencies_hz[0] == pytest.approx(frequency, rel=0.02)
-    (tmp_path / "case.toml").write_text(
-        (tmp_path / "case.toml").read_text().replace('"end"', '"ends"')
-    )
+    text = (tmp_path / "case.toml").read_text()
+    # Hinged at a line of one end, the bar has one rigid motion; and none with a point of the other.
+    text = text.replace('facets = "end"', 'points = "edge"')
+    (tmp_path / "case.toml").write_text(text)
+    hinged = build_structure(load_case(tmp_path), MPI.COMM_SELF)
+    assert np.linalg.norm(np.ptp(hinged.tagged.points["edge"], axis=0)) in (
+        pytest.approx(0.01), pytest.approx(0.02)
+    )  # fmt: skip
+    assert solve_modes(hinged, n_modes=2).n_rigid == 1
+    point = '[supports.tip]\npoints = [["{0} mm", "0 mm", "0 mm"], ["{0} mm", "20 mm", "10 mm"]]\n'
+    far = 0 if hinged.tagged.points["edge"][0, 0] > 0.05 else 100
+    (tmp_path / "case.toml").write_text(text + point.format(far))
+    assert solve_modes(build_structure(load_case(tmp_path), MPI.COMM_SELF), n_modes=2).n_rigid == 0
+    (tmp_path / "case.toml").write_text(text + point.format(far) + 'facets = "end"\n')
+    with pytest.raises(InputError, match="supports.tip.*expected either facets or points"):
+        load_case(tmp_path)
+    (tmp_path / "case.toml").write_text(text.replace('points = "edge"', 'facets = "ends"'))
     with pytest.raises(InputError, match="supports.wall.facets = 'ends'.* mean 'end'"):
         build_structure(load_case(tmp_path), MPI.COMM_SELF)
 

@@ -79,6 +79,9 @@ def _places(case: Case) -> list[str]:
     for name, section in case.supports.items():
         if set(section.directions) == {"y"}:
             errors.append(said(f"supports.{name}.directions", section.directions, moves))
+        if section.facets is None:
+            errors.append(said(f"supports.{name}.points", section.points,
+                               "beams are held at their ends; expected facets"))  # fmt: skip
     sees = None if case.test is None else case.test.sees
     if sees is None:
         return errors

@@ -94,7 +94,8 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
         for name, section in getattr(case, table).items()
         for cell in section.cells
         if not (getattr(section, "law", "") in PATTERNED and matching(cell, cells))
-    ] + [(f"supports.{name}.facets", s.facets, facets) for name, s in case.supports.items()]
+    ] + [(f"supports.{name}.facets", s.facets, facets)
+         for name, s in case.supports.items() if s.facets is not None]  # fmt: skip
     named += [
         (f"{table}.{name}.{side}", getattr(section, side), facets)
         for table in ("contacts", "bolts")
