@@ -169,7 +169,12 @@ class Evidence:
 
     def at(self, between: Scales | None) -> Evidence:
         """The same test with these standard deviations between levels; as it is for None."""
-        return self if between in (None, self.between) else replace(self, between=between)
+        if between in (None, self.between):
+            return self
+        found = replace(self, between=between)
+        for name in ("entries", "data", "fitted", "_steady", "_drifts"):  # the same at any
+            found.__dict__[name] = getattr(self, name)
+        return found
 
     def covariance(self, unknown: bool = False) -> np.ndarray:
         """Covariance of the fitted entries, shape (k, k)."""
@@ -178,6 +183,26 @@ class Evidence:
 
     def full_covariance(self, unknown: bool = False) -> np.ndarray:
         """Covariance of all entries, measured or not, held out or not, shape (N, N)."""
+        if unknown not in self._steady:
+            self._steady[unknown] = self._without_drift(unknown)
+        total = self._steady[unknown].copy()
+        for i, scale in enumerate(self.between or ()):
+            total += scale**2 * self._drifts[i]
+        return total
+
+    @cached_property
+    def _steady(self) -> dict[bool, np.ndarray]:
+        return {}
+
+    @cached_property
+    def _drifts(self) -> tuple[np.ndarray, ...]:
+        """What changes between levels, at a standard deviation of one: of ln f, of ln damping."""
+        e = self.entries
+        same_mode = e.mode[:, None] == e.mode[None, :]
+        drift = correlation(self.conditions)[np.ix_(e.row, e.row)] * same_mode
+        return tuple(drift * _blocks(e.kind, *scales) for scales in ((1.0, 0.0), (0.0, 1.0)))
+
+    def _without_drift(self, unknown: bool) -> np.ndarray:
         e = self.entries
         same_mode = e.mode[:, None] == e.mode[None, :]
         slow = _slow(self.conditions, self.changing)[np.ix_(e.row, e.row)] * same_mode
@@ -187,9 +212,6 @@ class Evidence:
                 self.mesh_error, (0, self.shape[1] - len(self.mesh_error)), mode="maximum"
             ))  # fmt: skip
         total = slow * _blocks(e.kind, by_mode[e.mode], self.damping_scatter)
-        if self.between is not None:
-            drift = correlation(self.conditions)[np.ix_(e.row, e.row)] * same_mode
-            total = total + drift * _blocks(e.kind, *self.between)
         if unknown:
             wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * same_mode
             total = total + wide * _blocks(e.kind, 1.0, _UNKNOWN_DAMPING)
