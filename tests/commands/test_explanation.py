@@ -243,7 +243,7 @@ def test_other_verdicts_have_sentences_of_their_own():
     none = [unknown[0], replace(h[3], probability=0.01, p_value=1e-8)]
     words = explain(diagnosis(verdict="unknown", hypotheses=none, shrinkage=at_chance))
     assert "the best, the nominal model within its tolerances, leaves" in words.which
-    assert "is gone (90 %: 79 to 93 %), by what is within tolerance alone; " in words.how_far
+    assert "is gone (90 % interval: 79 to 93 %), by what is within tolerance alone; " in words.how_far
 
 
 def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():
