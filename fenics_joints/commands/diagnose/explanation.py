@@ -241,8 +241,8 @@ def _unknown(d: Diagnosis) -> str:
         )
     if is_part(d):
         words += (
-            "; it predicts held-out data better than the nominal model and the best wrong effect, "
-            "and so is likely a part of the cause"
+            "; it predicts held-out data better than the nominal model and better than any wrong "
+            "effect does, and so is likely a part of the cause"
         )
     p = probability(probability_of(d, UNKNOWN))
     return f"{words}; that something else is at work{' too' if is_part(d) else ''} has {p}"
