@@ -246,6 +246,18 @@ def test_other_verdicts_have_sentences_of_their_own():
     assert "79 to 93 %), by what is within tolerance alone; " in words.how_far
 
 
+def test_a_class_of_many_is_a_doubt():
+    """A cause that is one of a dozen is hardly known."""
+    plain = diagnosis()
+    name = plain.effects[0].class_name
+    assert not [w for w in explain(plain).doubts if "cannot tell apart" in w]
+    more = [replace(plain.effects[0], name=f"effect {i}", class_name=name, probability=0.001)
+            for i in range(10)]  # fmt: skip
+    said = explain(replace(plain, effects=[*plain.effects, *more])).doubts
+    count = sum(e.class_name == name for e in plain.effects) + 10
+    assert [w for w in said if f"and its like there are {count} that this test cannot tell" in w]
+
+
 def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():
     """Errors of 0.03 and 0.04 in the mesh are 0.035 (root mean square), of a gap of 0.2 a share."""
     plain = diagnosis()

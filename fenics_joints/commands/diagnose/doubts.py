@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_joints.commands.diagnose.reading import LEVEL, SHARE, in_words, leading
+from fenics_joints.commands.diagnose.reading import LEVEL, SHARE, in_words, leading, sure_causes
 from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words
 from fenics_joints.diagnosis.effects.amplitude import NAMES
 from fenics_joints.diagnosis.evidence.between import medians
@@ -22,6 +22,8 @@ _TOO_GOOD = 0.999
 _COVERAGE = 0.7
 #: Of the gap beyond noise, so much should be gone for a cause to be the whole of it.
 _HALF = 0.5
+#: So many effects in a class are hardly an answer.
+_BROAD = 10
 #: What changes between levels and is not explained is much at so many times what is expected.
 _DRIFTS = 5.0
 
@@ -61,7 +63,7 @@ def doubts(d: Diagnosis) -> list[str]:
                 f"Only {share_words(s.coverage)} of the parts held out ended as well as the 90 % "
                 "interval that was stated before."
             )
-    words += [*_drifts(d), *_of_mesh(d)]
+    words += [*_broad(d), *_drifts(d), *_of_mesh(d)]
     if np.isfinite(d.model_error) and d.model_error > 0.5 * d.noise:
         words.append(
             f"The reduced model's error, up to {percent(d.model_error, 3)}, is not small against "
@@ -70,6 +72,15 @@ def doubts(d: Diagnosis) -> list[str]:
     if any(not np.isfinite(n.log_evidence) or n.error > 0.5 for n in d.nested.values()):
         words.append("Sampling left an error of more than 0.5 in some ln evidence.")
     return words
+
+
+def _broad(d: Diagnosis) -> list[str]:
+    """That a class holds so much that it is hardly an answer."""
+    return [
+        f"Of {in_words(c.effects[0])} and its like there are {len(c.effects)} that this test "
+        "cannot tell apart: it says little of what is to be changed in the model."
+        for c in sure_causes(d) if len(c.effects) >= _BROAD
+    ]
 
 
 def _of_mesh(d: Diagnosis) -> list[str]:
