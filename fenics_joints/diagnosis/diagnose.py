@@ -112,7 +112,7 @@ class _Run:
 
     def answer(self) -> Diagnosis:
         found = sample(self.search, self.search.run(), self.given.diagnose.nested)
-        self.nested, self.laplace = found.sampled, found.laplace
+        self.sampled, self.laplace = found.sampled, found.laplace
         return self._report(found.fits)
 
     # -- the answer --------------------------------------------------------------------------
@@ -160,7 +160,7 @@ class _Run:
             between=leader.between,
             location=locate_gap(self.model, n_patches=self.given.diagnose.patches),
             shrinkage=shrink,
-            nested=self.nested,
+            sampled=self.sampled,
             model={
                 **self.model.surrogate.facts(),
                 "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),

@@ -53,7 +53,7 @@ class HypothesisResult:
         label: Names of the effects, ``no gap`` or ``none of these``.
         effects: Keys of the effects.
         probability: Posterior probability; all hypotheses sum to 1.
-        log_evidence: ln of the marginal likelihood, by nested sampling where it was done.
+        log_evidence: ln of the marginal likelihood, by sampling where it was done.
         laplace: The same by Laplace's approximation.
         gap: Root mean square relative error after the fit.
         p_value: Probability of a misfit this large if it were right; small means it is not.
@@ -122,7 +122,7 @@ class Diagnosis:
         by_level: Whether the condition is a level of force or amplitude.
         location: Tests of regions and patches, and along modes, frequencies and conditions.
         shrinkage: How far the gap shrinks on held-out data, with what was stated before.
-        nested: Evidence by sampling of the leading hypotheses, by label of their effects.
+        sampled: Evidence by sampling of the leading hypotheses, by label of their effects.
         joints: What the comparison starts from: joints ``bonded``, as one with the parts, or
             ``given``, as the case has them; empty if the model has none.
         between: Of a test by level, standard deviations of what changes between levels and the
@@ -157,7 +157,7 @@ class Diagnosis:
     between: tuple[float, ...] | None = None
     location: Location | None = None
     shrinkage: Shrinkage | None = None
-    nested: dict[str, Sampled] = field(default_factory=dict)
+    sampled: dict[str, Sampled] = field(default_factory=dict)
 
     def _repr_html_(self) -> str:
         rows = [(e.name, e.region, probability(e.probability)) for e in self.effects[:8]]
@@ -200,9 +200,9 @@ class Diagnosis:
         for key in ("location", "shrinkage"):
             if getattr(self, key) is not None:
                 out[key] = getattr(self, key).to_json()
-        out["nested"] = {
+        out["sampled"] = {
             label: {key: getattr(n, key) for key in _OF_SAMPLED}
-            for label, n in self.nested.items()
+            for label, n in self.sampled.items()
         }
         if self.damping is not None:
             out["damping"] = dict(zip(("test", "after"), self.damping, strict=True))

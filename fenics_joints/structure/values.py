@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from fenics_joints.errors import InputError, mapping, real
+from fenics_joints.errors import MOST, InputError, mapping, real
 from fenics_joints.structure.components import Parameter
 
 __all__ = ["by_name", "number", "parameter_values", "slopes"]
@@ -42,7 +42,9 @@ def parameter_values(
             raise InputError(
                 f"parameter {name!r} does not exist; expected one of: {', '.join(values)}."
             )
-        values[name] = real(f"parameter {name}", value)
+        # A fit asks a hundred thousand times: what is plainly a number is not looked at twice.
+        plain = isinstance(value, float) and -MOST <= value <= MOST
+        values[name] = float(value) if plain else real(f"parameter {name}", value)
     return values
 
 

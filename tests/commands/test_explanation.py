@@ -299,8 +299,8 @@ def test_doubts_are_told_and_only_where_there_are_any():
 
     bad = [replace(clean[0], at_bound=("k_n",), p_value=0.02), *clean[1:]]
     low = shrinkage(shrink=0.2, coverage=0.5, claimed=False)
-    nested = {clean[0].effects[0]: Sampled(42.0, 0.7, 900, np.zeros(1), np.ones(1), 0.0)}
-    d = diagnosis(hypotheses=bad, shrinkage=low, model_error=0.004, nested=nested)
+    drawn = {clean[0].effects[0]: Sampled(42.0, 0.7, 900, np.zeros(1), np.ones(1), 0.0)}
+    d = diagnosis(hypotheses=bad, shrinkage=low, model_error=0.004, sampled=drawn)
     doubts = " ".join(explain(d).doubts)
     for words in (
         "p = 0.020", "limit of their range: k_n", "the best wrong effect does nearly as well",
@@ -342,7 +342,7 @@ def test_zone_names_in_words():
 
 def test_page_and_terminal_lead_with_the_sentences():
     key = "joint normal compliance (joint)"
-    d = diagnosis(nested={key: Sampled(42.0, 0.05, 900, np.zeros(1), np.ones(1), 0.0)})
+    d = diagnosis(sampled={key: Sampled(42.0, 0.05, 900, np.zeros(1), np.ones(1), 0.0)})
     page, words = diagnosis_html(d), explain(d)
     assert "42.0 ± 0.05" in page and "41.2</td>" in page
     where, which = escape(words.where), escape(words.which)

@@ -157,9 +157,9 @@ def test_two_ranks_give_the_same_probabilities(shared_tmp_path):
     expected = by_hypothesis(alone)
     assert max(len(keys) for keys in expected) == 2
     assert by_hypothesis(together) == pytest.approx(expected, abs=1e-3)
-    assert len(together.nested) > 2 and set(together.nested) == set(alone.nested)
-    for name, found in together.nested.items():
-        assert found.log_evidence == pytest.approx(alone.nested[name].log_evidence, abs=0.02)
+    assert len(together.sampled) > 2 and set(together.sampled) == set(alone.sampled)
+    for name, found in together.sampled.items():
+        assert found.log_evidence == pytest.approx(alone.sampled[name].log_evidence, abs=0.02)
     assert together.after.model_hz == pytest.approx(alone.after.model_hz, rel=1e-4)
     everywhere = comm.allgather(by_hypothesis(together))
     assert all(p == everywhere[0] for p in everywhere)

@@ -90,7 +90,7 @@ def by_reason(silent: Iterable[Silent]) -> list[tuple[str, list[str]]]:
 
 def sampled(d: Diagnosis, hypothesis: HypothesisResult) -> Sampled | None:
     """What sampling found of a hypothesis; None where it has Laplace's evidence."""
-    return d.nested.get(" + ".join(hypothesis.effects) or hypothesis.label)
+    return d.sampled.get(" + ".join(hypothesis.effects) or hypothesis.label)
 
 
 def named(hypothesis: HypothesisResult) -> str:

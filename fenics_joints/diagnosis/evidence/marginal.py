@@ -30,13 +30,16 @@ __all__ = ["CHECKS", "Marginal"]
 
 #: Posterior standard deviations, and prior ones, to which the lean model's samples reach.
 _REACH, _PRIOR_REACH = 3.5, 3.0
-#: Rows of the test at each sample; points that check.
+#: Rows of the test at each sample; points that check, and by which the evidence is corrected at a
+#: time.
 _ROWS, CHECKS = 2, 8
 #: Weight of a sample of the prior in the lean model's basis, and of modes that are not the test's.
 _WIDE_WEIGHT, _OTHERS = 0.05, 0.1
 #: Error of the lean model's ln f, relative to its standard deviation, that is small enough: the
 #: whole model has the last word.
 _LIMIT = 0.1
+#: Standard deviation of the correction of ln Z at which no further point is looked at.
+_SURE = 0.02
 #: Points predicted together.
 _TOGETHER = 128
 #: For points at which the model lacks a mode that the test saw.
@@ -255,11 +258,12 @@ class Marginal:
         """ln N(r - J_n z_n*; 0, Sigma + J_n J_n^T) at points, (b, d_e) -> (b,)."""
         self.calls += len(points)
         batches = np.array_split(points, -(-len(points) // _TOGETHER))
-        return np.concatenate([self._log_likelihood(batch) for batch in batches])
+        return np.concatenate([self._looked_at(batch)[0] for batch in batches])
 
-    def _log_likelihood(self, points: np.ndarray) -> np.ndarray:
-        residual, slope = self._residuals_and_slopes(points)
-        residual = residual - slope @ self.fit.z[self.rest]
+    def _looked_at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ln of the likelihood, (b,), and the whitened residuals that it is of, (b, k)."""
+        found, slope = self._residuals_and_slopes(points)
+        residual = found - slope @ self.fit.z[self.rest]
         good = np.all(np.isfinite(residual), axis=1)
         residual = np.where(good[:, None], residual, 0.0)
         slope = np.where(good[:, None, None], slope, 0.0)
@@ -271,33 +275,34 @@ class Marginal:
         log_det = np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
         log_det = log_det + np.sum(np.log(np.diag(self.lower)))
         constant = 0.5 * len(self.lower) * np.log(2 * np.pi)
-        return np.where(good, -0.5 * square - log_det - constant, _IMPOSSIBLE)
+        return np.where(good, -0.5 * square - log_det - constant, _IMPOSSIBLE), found
 
     def correction(self, points: np.ndarray, whole: Forward) -> tuple[float, float, float]:
         """What the whole model and exact derivatives add to ln Z, its standard deviation, and the
-        largest error of ln f; from points of the posterior.
+        largest error of ln f; from points of the posterior, no more than it takes to be sure.
 
         Z_exact / Z = E[L_exact / L] under the posterior that was sampled.
 
         Args:
-            points: The points, (b, d_e).
+            points: The points, (b, d_e), in no order.
             whole: The forward that the one in use stands for.
         """
         if whole is self.forward and (self.slopes == "exact" or len(self.rest) == 0):
             return 0.0, 0.0, 0.0
         used = self.forward, self.slopes, self.many, self.calls
-        sampled, lean = self.log_likelihood(points), self._frequencies(points)
+        sampled, residuals = self._looked_at(points)
         if whole is not self.forward:
             self.use(whole, "exact", points)
-        self.slopes = "exact"
-        ratio = np.exp(self.log_likelihood(points) - sampled)
-        error = np.max(np.abs(self._frequencies(points) - lean), initial=0.0)
+        self.slopes, ratio, error = "exact", np.zeros(0), 0.0
+        is_f = self.evidence.entries.kind[self.used] == FREQUENCY
+        while len(ratio) < len(points):
+            some = slice(len(ratio), len(ratio) + CHECKS)
+            exact, found = self._looked_at(points[some])
+            ratio = np.append(ratio, np.exp(exact - sampled[some]))
+            off = np.abs((self.lower @ (found - residuals[some]).T)[is_f])
+            error = max(error, float(np.max(off, initial=0.0)))
+            spread = np.std(ratio) / np.mean(ratio) / np.sqrt(len(ratio))
+            if spread < _SURE:
+                break
         self.forward, self.slopes, self.many, self.calls = used
-        spread = np.std(ratio) / np.mean(ratio) / np.sqrt(len(points))
-        return float(np.log(np.mean(ratio))), float(spread), float(error)
-
-    def _frequencies(self, points: np.ndarray) -> np.ndarray:
-        """Predicted ln f that are fitted, of a few of the points."""
-        z = np.array([self.full(point) for point in points[:CHECKS]])
-        predicted = self.predictions(z) if self.many is None else self.many(z)[0]
-        return predicted[:, self.used & (self.evidence.entries.kind == FREQUENCY)]
+        return float(np.log(np.mean(ratio))), float(spread), error
