@@ -296,12 +296,24 @@ class AffinePencil:
             self._known[key] = _AtLaw(region.law, region.values(values))
         return self._known[key]
 
+    def _at_laws(self, values: Values) -> list[_AtLaw]:
+        """Of every region; kept for the next call, since K, M and what changes them all ask."""
+        key, last = None, self.__dict__.get("_last_laws")
+        if not np.ndim(next(iter(values.values()), 0.0)):
+            key = tuple(values.values())
+            if last is not None and last[0] == key:
+                return last[1]
+        found = [self._at_law(region, values) for region in self.regions]
+        if key is not None:
+            self.__dict__["_last_laws"] = key, found
+        return found
+
     def scalars(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
         """Numbers before the terms of K and of M, each (n_terms,) or (n_terms, b).
 
         Those of regions, then of springs, and of masses that stay.
         """
-        at = [self._at_law(region, values) for region in self.regions]
+        at = self._at_laws(values)
         springs = _column([s.stiffness for s in self.springs], values)
         return np.concatenate([*(each.theta for each in at), springs]), self._rho(at, values)
 
@@ -340,8 +352,8 @@ class AffinePencil:
             np.zeros((len(s.whole), len(position))) for s in (self._stiffness, self._inertia)
         )
         end = 0
-        for i, region in enumerate(self.regions):
-            at, end = self._at_law(region, values), end + len(region.stiffness)
+        for i, (region, at) in enumerate(zip(self.regions, self._at_laws(values), strict=True)):
+            end += len(region.stiffness)
             for key, name in region.properties.items():
                 if isinstance(name, str):
                     stiff, heavy = at.slopes(key)
@@ -384,7 +396,7 @@ class AffinePencil:
     def total_mass(self, values: Values) -> float | np.ndarray:
         """Mass, kg, of regions, point masses and what is fixed; (b,) of values of shape (b,)."""
         sizes = [*(r.volume for r in self.regions), *(m.share for m in self._still)]
-        rho = self._rho([self._at_law(region, values) for region in self.regions], values)
+        rho = self._rho(self._at_laws(values), values)
         moving = sum(m.share * number(m.mass, values) for m in self._moving)
         return self.fixed_mass + np.array(sizes) @ rho + moving
 

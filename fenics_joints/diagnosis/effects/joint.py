@@ -250,13 +250,15 @@ def _pressed_priors() -> tuple[Prior, ...]:
 
 def _press(values, theta, zones, relative, factor) -> None:
     """Put stiffnesses k_ref (factor p)^beta of zones at relative pressures p in series."""
-    for zone, p in zip(zones, relative, strict=True):
-        for kind, key in zip(LAYER.keys, zone.parameters(), strict=True):
-            # Of no pressure the power could be endless.
-            pressed = np.where(p > 0, factor * p, 1.0)
-            k = np.where(p > 0, theta[f"k_{kind}"] * pressed ** theta["beta"], 0.0)
+    many = np.ndim(factor) or np.ndim(theta["beta"])
+    p = relative[:, None] if many and relative.ndim == 1 else relative
+    # Of no pressure the power could be endless.
+    power = np.where(p > 0, np.where(p > 0, factor * p, 1.0) ** theta["beta"], 0.0)
+    stiffness = [theta[f"k_{kind}"] * power for kind in LAYER.keys]
+    for i, zone in enumerate(zones):
+        for k, key in zip(stiffness, zone.parameters(), strict=True):
             floor = LOST * values[key]
-            amount = zone.amount(k, values[key]) + floor
+            amount = zone.amount(k[i], values[key]) + floor
             values[key] = np.maximum(1 / (1 / values[key] + 1 / amount), floor)
 
 
