@@ -348,7 +348,7 @@ class PreloadModel:
         """
         K = self.structure.stiffness(given)
         self._stiffen(K)
-        A = K.PtAP(self.jumps.T)
+        A = self.jumps.project(K)
         K.destroy()
         return self._with_extras(A, 0, axial, 1.0)
 
@@ -364,7 +364,7 @@ class PreloadModel:
     def mass(self, given: Mapping[str, float] | None = None) -> PETSc.Mat:
         """T^T M T with the bolts' beams and their head masses."""
         M = self.structure.mass(given)
-        A = M.PtAP(self.jumps.T)
+        A = self.jumps.project(M)
         M.destroy()
         return self._with_extras(A, 1, True, 0.0)
 

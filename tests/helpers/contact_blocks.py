@@ -68,4 +68,5 @@ def _block(counts, cell: str, base: float):
     sides = [mesh.locate_entities_boundary(msh, fdim, lambda p, h=h: np.isclose(p[gdim - 1], h))
              for h in (base, base + 1)]  # fmt: skip
     facets = [mesh.entities_to_geometry(msh, fdim, side) for side in sides]
-    return x, msh.geometry.dofmap, *facets
+    cells = np.arange(msh.topology.index_map(gdim).size_local, dtype=np.int32)
+    return x, mesh.entities_to_geometry(msh, gdim, cells), *facets
