@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rich.console import Console
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -87,10 +88,10 @@ def _which(console: Console, d: Diagnosis) -> None:
             continue
         members = group.effects[: _MEMBERS if group.letter else 1]
         if group.letter:
-            _effect_row(table, f"one of {len(group.effects)} in", group.letter, group.probability)
+            name = f"one of {len(group.effects)} in"
+            _effect_row(table, name, group.letter, group.probability, indent=0)
         for effect in members:
-            name = f"  {effect.name}" if group.letter else effect.name
-            _effect_row(table, name, group.letter, effect.probability)
+            _effect_row(table, effect.name, group.letter, effect.probability)
         shown += len(members)
     more(table, len(d.effects) - shown)
     console.print(table)
@@ -103,8 +104,10 @@ def _which(console: Console, d: Diagnosis) -> None:
     console.print()
 
 
-def _effect_row(table: Table, name: str, letter: str, p: float) -> None:
-    table.add_row(Text(name), letter, probability(p), _bar(bounded(p)))
+def _effect_row(table: Table, name: str, letter: str, p: float, indent: int = 2) -> None:
+    """A member of a class stands to the right of it, all lines of its name."""
+    text = Padding(Text(name), (0, 0, 0, indent if letter else 0))
+    table.add_row(text, letter, probability(p), _bar(bounded(p)))
 
 
 def _lead(console: Console, d: Diagnosis) -> None:
