@@ -17,7 +17,7 @@ from fenics_joints.diagnosis.evidence.alike import one_of_alike
 from fenics_joints.diagnosis.evidence.classes import classes, detectable
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction
-from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_best
+from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.location import locate_gap
@@ -207,12 +207,13 @@ class _Run:
         return leader.hypothesis.still(leader.z, lowest, self.baseline)
 
     def _effects(self, fits, probability, grouped, leader) -> list[EffectResult]:
-        found = []
+        found, places = [], []
         for effect in self.model.effects:
             inside = [effect in f.hypothesis.effects for f in fits]
             base = self._beneath(effect, leader)
             seen = detectable(effect, self.forward, self.evidence, base, self.model.nuisances)
             total = float(np.sum(probability[inside]))
+            places.append(inside.index(True))
             found.append(
                 EffectResult(
                     effect.name, effect.region, total, grouped[effect.key], seen,
@@ -223,9 +224,13 @@ class _Run:
             (NO_GAP, "The nominal model, within tolerance, explains the test."),
             (UNKNOWN, "Something that is not in the library."),
         ):
-            p = sum(p for f, p in zip(fits, probability, strict=True) if f.hypothesis.name == label)
-            found.append(EffectResult(label, "", float(p), label, True, words))
-        return sorted(found, key=lambda e: -e.probability)
+            named = [f.hypothesis.name == label for f in fits]
+            places.append(named.index(True))
+            p = float(np.sum(probability[named]))
+            found.append(EffectResult(label, "", p, label, True, words))
+        # Of those of no probability the one in the better hypothesis comes first.
+        order = np.lexsort((places, [-e.probability for e in found]))
+        return [found[i] for i in order]
 
     def _is_wrong(self, fits: Sequence[Fit], leader: Fit, grouped: dict[str, str]):
         """A hypothesis is a placebo if it has nothing of the leader's main cause.
@@ -291,11 +296,13 @@ class _Run:
         """
         chosen = {id(f) for f in always}
         prior = self.search.log_prior([f.hypothesis for f in fits])
+        unknown = np.array([f.hypothesis.unknown for f in fits])
         for _, mask in masks:
             blind = blinded(self.evidence, mask)
             if blind.used.any():
                 scores = prior + np.array([linear_evidence(f, blind) for f in fits])
-                chosen |= {id(fits[i]) for i in near_best(scores, _HOPELESS, _FAIR)}
+                near = near_listed(scores, unknown, _HOPELESS, _FAIR)
+                chosen |= {id(fits[i]) for i in near}
         return [f for f in fits if id(f) in chosen] or list(fits[:1])
 
     def _validation(self, leader: Fit) -> tuple[Gap, Gap] | None:

@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit, fit
 from fenics_joints.diagnosis.evidence.screen import (
     near_best,
+    near_listed,
     quick_evidence,
     whitened,
     with_other,
@@ -167,7 +168,8 @@ class Search:
 
     def _fit_again(self, fits: list[Fit]) -> None:
         """Fit what leads with the better model, in place."""
-        near = list(near_best(self.scores(fits), _AGAIN, len(fits)))
+        unknown = np.array([f.hypothesis.unknown for f in fits])
+        near = list(near_listed(self.scores(fits), unknown, _AGAIN, len(fits)))
         near += [i for i, f in enumerate(fits) if f.hypothesis.name and i not in near]
         self.progress.step("fitting again with the better model", len(near))
         # Where the old model was far off, the way on from its end may be shut.

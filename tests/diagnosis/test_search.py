@@ -14,7 +14,7 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
-from fenics_joints.diagnosis.evidence.screen import near_best, quick_evidence
+from fenics_joints.diagnosis.evidence.screen import near_best, near_listed, quick_evidence
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.search import Search
@@ -220,10 +220,10 @@ def test_odds_of_all_effects_together_do_not_depend_on_their_number():
 
 
 def test_what_the_reduced_model_is_astray_on_is_looked_at_though_it_seems_hopeless():
-    """Ten times too stiff in one effect, of which there is no sample: none of the leaders."""
+    """A hundred times too stiff in one effect, of which there is no sample: none of the leaders."""
     model = problem(0.0, {3: 1.4})
     right = model.forward.matrix.copy()
-    model.forward.matrix[:, 3] *= 0.1
+    model.forward.matrix[:, 3] *= 0.01
 
     def extend(points):
         model.forward.matrix[:] = right
@@ -260,6 +260,17 @@ class Spiral(Bent):
         slope = self.matrix.copy()
         slope[:, 0] = 0.3 * turn + 2.5 * (1 + 0.3 * d) * across
         return 5.0 + (1 + 0.3 * d) * turn - u + self.matrix[:, 1:] @ p[1:], slope
+
+
+def test_the_best_explanations_are_near_though_an_unknown_cause_is_far_ahead():
+    values = np.array([-1450.0, -5440.0, -3618.0, -3620.0, -3700.0])
+    unknown = np.arange(5) == 0
+    assert near_listed(values, unknown, 6.0, 6).tolist() == [0, 2, 3]
+    assert near_listed(values, unknown, 6.0, 1).tolist() == [0, 2]
+    # Where one of them is near as it is, that is all.
+    values[4] = -1449.0
+    assert near_listed(values, unknown, 6.0, 6).tolist() == near_best(values, 6.0, 6).tolist()
+    assert near_best(values, 6.0, 6).tolist() == [4, 0]
 
 
 def test_an_effect_is_not_lost_in_the_wrong_valley():

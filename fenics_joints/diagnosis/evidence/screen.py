@@ -13,7 +13,10 @@ from fenics_joints.diagnosis.evidence.linear import evidence_about, log_evidence
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["linear_evidence", "near_best", "quick_evidence", "whitened", "with_other"]
+__all__ = [
+    "linear_evidence", "near_best", "near_listed", "quick_evidence", "whitened",
+    "with_other",
+]  # fmt: skip
 
 
 def quick_evidence(
@@ -80,6 +83,21 @@ def near_best(values: np.ndarray, margin: float, most: int) -> np.ndarray:
     """Indices of the values within a margin of the largest, at most so many, best first."""
     order = np.argsort(-values, kind="stable")
     return order[values[order] > values[order[0]] - margin][:most] if len(order) else order
+
+
+def near_listed(values: np.ndarray, unknown: np.ndarray, margin: float, most: int) -> np.ndarray:
+    """As `near_best`; where nothing but an unknown cause is near, the best of the others, too.
+
+    Args:
+        values: Of each.
+        unknown: Which are an unknown cause, bool.
+        margin: Of the largest, and of the largest of the others.
+        most: Number of each at most.
+    """
+    near, listed = near_best(values, margin, most), np.flatnonzero(~unknown)
+    if not unknown[near].all():
+        return near
+    return np.concatenate([near, listed[near_best(values[listed], margin, most)]])
 
 
 def with_other(parent: Fit, other: Fit, white: dict, lower: np.ndarray) -> tuple[float, float]:
