@@ -17,7 +17,10 @@ from fenics_joints.case.mesh import OffsetBeamsMesh, SolidMesh
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import number
 
-__all__ = ["Estimate", "check_size", "estimate", "estimate_of"]
+__all__ = ["BEGIN", "Estimate", "check_size", "estimate", "estimate_of"]
+
+#: Seconds of a command's time that are no solution: Python, the mesh, compiled forms.
+BEGIN = 5.0
 
 #: Memory of twenty modes by a factorisation (MUMPS by METIS, peak of the process less what it had
 #: before), kB for each degree of freedom: START[degree] + GROWTH * sqrt(nodes of the smallest cut
@@ -106,13 +109,12 @@ def estimate_of(
         ranks: How many processes share it.
     """
     if method == "iterative":
-        return Estimate(
-            dofs, ranks * _PROCESS + 1e3 * _ITERATIVE * dofs, 5 + dofs / _ITERATIVE_SPEED / ranks
-        )
+        seconds = BEGIN + dofs / _ITERATIVE_SPEED / ranks
+        return Estimate(dofs, ranks * _PROCESS + 1e3 * _ITERATIVE * dofs, seconds)
     cut = (dofs / 3) ** (2 / 3) / 4 if cut is None else cut
     share = 1.0 if ranks == 1 else _SHARED
     factors = 1e3 * share * dofs * (_START[degree] + _GROWTH * math.sqrt(cut))
-    seconds = 5 + factors / _SPEED / ranks * max(1.0, math.sqrt(cut) / _CUT)
+    seconds = BEGIN + factors / _SPEED / ranks * max(1.0, math.sqrt(cut) / _CUT)
     return Estimate(dofs, ranks * _PROCESS + factors, seconds)
 
 

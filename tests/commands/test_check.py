@@ -5,18 +5,21 @@ from __future__ import annotations
 import io
 import json
 import sys
+from pathlib import Path
 
 import pytest
 from mpi4py import MPI
 from rich.console import Console
 from step_files import flanges
 
-from fenics_joints.case import examine_case
+from fenics_joints.case import estimate, examine_case, load_case
 from fenics_joints.cli import main
+from fenics_joints.commands.check.costs import costs_of
 from fenics_joints.commands.check.run import check_case, run_check
 from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.progress import Progress
 
+DEMOS = Path(__file__).resolve().parents[2] / "demos"
 PLATES = 2 * 0.2 * 0.08 * 0.008 * 2750  # kg: two plates by hand
 STEP = """
 [mesh]
@@ -60,6 +63,21 @@ def test_masses_and_places(shared_tmp_path, write_case):
     assert len(sensors) == 5 and all(place.off == 0 for place in sensors)
     assert len(found.bolts) == 4
     assert [cost.command for cost in found.costs] == ["modes", "update", "diagnose"]
+
+
+def test_a_diagnosis_is_said_to_take_what_it_took():
+    """497 s of the lap plates, docs/speed.md; sampled evidence is most hypotheses' or none's."""
+    case = load_case(DEMOS / "lap_plates")
+
+    def seconds(nested: int, ranks: int = 1) -> float:
+        given = case.diagnose.model_copy(update={"nested": nested})
+        other = case.model_copy(update={"diagnose": given})
+        costs = costs_of(other, estimate(case, ranks=ranks), None, ranks)
+        return next(cost.seconds for cost in costs if cost.command == "diagnose")
+
+    assert 497 / 2 < seconds(6) < 2 * 497
+    assert seconds(0) < seconds(1) == seconds(50)
+    assert 0.4 < seconds(6, ranks=2) / seconds(6) < 0.7
 
 
 def test_all_at_once(tmp_path, write_case, keeps_rules):

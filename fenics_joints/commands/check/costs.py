@@ -8,15 +8,20 @@ from dataclasses import dataclass
 from fenics_joints.case import Case, Estimate, estimate
 from fenics_joints.case.machine import available_bytes
 from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh
-from fenics_joints.case.size import estimate_of
+from fenics_joints.case.size import BEGIN, estimate_of
 
 __all__ = ["Cost", "costs_of", "known", "too_much"]
 
-#: Modal solutions that an update takes with one parameter, and more for each further one; and
-#: seconds of a diagnosis at one condition and more for each further one, without and with sampled
-#: evidence, the latter for each hypothesis of it (the lap plates', README.md, at eleven torques:
-#: 628 s of which 50 are solutions). All within a factor of two or three.
-_UPDATE, _EACH, _DIAGNOSE, _NESTED = 8, 3, (20.0, 4.0), (10.0, 7.0)
+#: Modal solutions that an update takes with one parameter, and more for each further one.
+_UPDATE, _EACH = 8, 3
+#: Those of a diagnosis: for each of its samples, of which it takes as many of parts as of effects,
+#: and to measure the mesh's error and to check what is fitted.
+_SAMPLE, _CHECKS = 2, 20
+#: Seconds of its fits, folds and looks on one rank at one condition and more for each further one;
+#: and of sampled evidence. The lap plates at eleven torques: 241 and 106 s beside 138 s of
+#: solutions; the bolted beams at one condition, which take none: 50 s in all. All within a factor
+#: of two or three: what it takes hangs on how many effects a case can have and how many count.
+_FITS, _SAMPLED = (20.0, 22.0), (25.0, 8.0)
 
 
 @dataclass(frozen=True)
@@ -67,11 +72,12 @@ def _costs(case: Case, found: Estimate, ranks: int) -> Iterator[Cost]:
     coarse = case.diagnosed()
     if coarse is not case and not isinstance(case.mesh, OffsetBeamsMesh):
         found = estimate(coarse, ranks=ranks)
-    solutions = case.diagnose.samples + case.diagnose.patches
+    solutions = _SAMPLE * case.diagnose.samples + _CHECKS
+    once = max(found.seconds - BEGIN, 0.0)
     more = len(case.measured) - 1
-    fits, nested = (once + more * each for once, each in (_DIAGNOSE, _NESTED))
-    fits += nested * case.diagnose.nested
-    yield Cost("diagnose", solutions * found.seconds + fits, found.bytes)
+    ways = (_FITS, _SAMPLED) if case.diagnose.nested else (_FITS,)
+    fits = sum(first + more * each for first, each in ways) / ranks
+    yield Cost("diagnose", found.seconds + solutions * once + fits, found.bytes)
 
 
 def too_much(costs: tuple[Cost, ...]) -> list[str]:
