@@ -174,7 +174,7 @@ assert found.shrinkage.shrink > 0.5 and found.shrinkage.excess > 0
 # word:
 
 for separation in found.separations:
-    say(f"to split {separation.class_name}: {separation.measurement}")
+    say(f"to tell apart {separation.class_name}: {separation.measurement}")
 say(*(f"but: {doubt}" for doubt in words.doubts))
 
 # And the whole answer on one page, with every number of this one:
@@ -196,7 +196,7 @@ def picture(path: str) -> None:
         right.plot(100 * fold.after, y, "oC0")
     right.set_yticks(range(len(found.shrinkage.folds)), [f.name for f in found.shrinkage.folds])
     right.set(xlabel="error of held-out data, %", xscale="log")
-    right.set_title("grey: before, blue: after, bar: as stated", fontsize=10)
+    right.set_title("square: before, disc: after, bar: as stated", fontsize=10, loc="right")
     figure.savefig(path, dpi=130)
 
 
