@@ -68,13 +68,13 @@ def test_mirror_images_are_one(nearly):
 def test_what_shows_when_it_is_large_is_not_the_same():
     """At its expected size the test sees neither."""
     forward = symmetric_chain()
-    baseline = {**BASELINE, "inner": 1e6}
+    baseline = {**BASELINE, "inner": 1e-3}
     f = forward(baseline)[0][None]
     evidence = Evidence(np.ones(1), f, np.full((1, 4), 1e-3), 0.01)
 
     def stiffer(place: str) -> Effect:
         def apply(values, theta, condition):
-            values[place] *= 1 + theta["more"]
+            values[place] += theta["more"] * BASELINE[place]
 
         return Effect("stiffer", place, (Prior("more", 1e-4, 3.0),), apply)
 
