@@ -17,8 +17,9 @@ from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.assumptions import assumptions
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.page import diagnosis_html
+from fenics_joints.commands.diagnose.reading import heading_of
 from fenics_joints.commands.diagnose.summary import show_diagnosis
-from fenics_joints.commands.diagnose.words import heading_of, zone_words
+from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.evidence.sampled import Sampled
 from fenics_joints.diagnosis.location import Location
@@ -247,7 +248,7 @@ def test_other_verdicts_have_sentences_of_their_own():
 
 
 def test_a_class_of_many_is_a_doubt():
-    """A cause that is one of a dozen is hardly known."""
+    """A cause that is one of a dozen is hardly known, and no heading says that it is found."""
     plain = diagnosis()
     name = plain.effects[0].class_name
     assert not [w for w in explain(plain).doubts if "cannot tell apart" in w]
@@ -256,6 +257,11 @@ def test_a_class_of_many_is_a_doubt():
     said = explain(replace(plain, effects=[*plain.effects, *more])).doubts
     count = sum(e.class_name == name for e in plain.effects) + 10
     assert [w for w in said if f"and its like there are {count} that this test cannot tell" in w]
+    many = replace(plain, effects=[*plain.effects, *more])
+    assert heading_of(plain) == "Cause found, confirmed on held-out data"
+    assert heading_of(many) == f"Cause narrowed down to one of {count}, confirmed on held-out data"
+    weak = replace(many, verdict="likely")
+    assert heading_of(weak) == f"Likely one of {count} causes, not confirmed on held-out data"
 
 
 def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():

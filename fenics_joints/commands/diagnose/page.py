@@ -13,13 +13,14 @@ from fenics_joints.commands.diagnose.reading import (
     by_effect,
     by_reason,
     effect_classes,
+    heading_of,
     leading,
     named,
     sampled,
     with_place,
 )
 from fenics_joints.commands.diagnose.view import diagnosis_view
-from fenics_joints.commands.diagnose.words import group_words, heading_of, zone_words
+from fenics_joints.commands.diagnose.words import group_words, zone_words
 from fenics_joints.diagnosis.evidence.classes import confusion
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis

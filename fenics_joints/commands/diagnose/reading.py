@@ -6,7 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from fenics_joints.commands.diagnose.words import joined, shortened
+from fenics_joints.commands.diagnose.words import (
+    NARROWED,
+    VERDICTS,
+    is_part,
+    joined,
+    shortened,
+)
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
 from fenics_joints.diagnosis.evidence.sampled import Sampled
@@ -17,7 +23,7 @@ from fenics_joints.formatting import probability, spaced
 
 __all__ = [
     "LEVEL", "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
-    "effect_classes", "effect_key", "in_test", "in_words", "is_loud", "leading",
+    "effect_classes", "effect_key", "heading_of", "in_test", "in_words", "is_loud", "leading",
     "members_in_words", "named", "probability_of", "sampled", "sure_causes", "with_place",
 ]  # fmt: skip
 
@@ -25,6 +31,8 @@ __all__ = [
 LEVEL = 0.05
 #: Share of the gap that is worth a word.
 SHARE = 0.1
+#: Effects in a class from which on its name is no find.
+_LARGE = 6
 #: Effects that are no change of the structure but of how it was measured.
 _IN_TEST = (MISSCALED, MISPLACED, MISSED, SWAPPED)
 
@@ -127,6 +135,15 @@ def along(found: Location, by: str) -> list[Attribution]:
 def is_loud(part: Attribution, parts: Sequence[Attribution]) -> bool:
     """Whether a group adds more than chance, all groups of the axis considered (Bonferroni)."""
     return part.p * len(parts) < LEVEL
+
+
+def heading_of(d: Diagnosis) -> str:
+    """The verdict as a heading: a cause is found where at least one class is small."""
+    if is_part(d):
+        return VERDICTS["in part"]
+    fewest = min((len(c.effects) for c in sure_causes(d)), default=0)
+    words = NARROWED if fewest >= _LARGE else VERDICTS
+    return words.get(d.verdict, d.verdict).format(n=fewest)
 
 
 def causes(d: Diagnosis) -> list[EffectClass]:

@@ -12,10 +12,10 @@ from fenics_joints.commands.diagnose.reading import (
     by_effect,
     by_reason,
     effect_classes,
+    heading_of,
     leading,
     sure_causes,
 )
-from fenics_joints.commands.diagnose.words import heading_of
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.formatting import (
     bounded,

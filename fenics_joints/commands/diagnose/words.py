@@ -11,7 +11,7 @@ from fenics_joints.diagnosis.where.zone_tests import Attribution
 from fenics_joints.formatting import LEAST, MOST, condition_value, number, percent, spaced
 
 __all__ = [
-    "NAMED", "VERDICTS", "chance_words", "from_to", "group_words", "heading_of", "is_part",
+    "NAMED", "NARROWED", "VERDICTS", "chance_words", "from_to", "group_words", "is_part",
     "joined", "p_value_words", "sentence", "share_words", "shortened", "span", "times_words",
     "zone_words",
 ]  # fmt: skip
@@ -25,13 +25,13 @@ VERDICTS = {
     "in part": "Cause unknown, or known in part",
     "ambiguous": "Ambiguous",
 }
+#: The same of causes that the test cannot tell from many others.
+NARROWED = {
+    "cause": "Cause narrowed down to one of {n}, confirmed on held-out data",
+    "likely": "Likely one of {n} causes, not confirmed on held-out data",
+}
 #: Members of a list that are worth a word.
 NAMED = 3
-
-
-def heading_of(d: Diagnosis) -> str:
-    """The verdict as a heading."""
-    return VERDICTS.get("in part" if is_part(d) else d.verdict, d.verdict)
 
 
 def is_part(d: Diagnosis) -> bool:
