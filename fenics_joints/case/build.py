@@ -8,6 +8,7 @@ from mpi4py import MPI
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case.build_beams import build_beams, springs_of
 from fenics_joints.case.case import Case
+from fenics_joints.case.checks.applied import PRESSES, refuse_applied
 from fenics_joints.case.checks.beams import refuse_beams
 from fenics_joints.case.checks.names import matching, unknown_groups
 from fenics_joints.case.dimensions import directed_parts
@@ -92,7 +93,8 @@ def build_structure(
         damping: Whether the values of ``[damping]`` are parameters too; see `model_damping`.
 
     Raises:
-        InputError: For a value that is out of range.
+        InputError: For a value that is out of range, or obstacles, displacements or loads, for
+            which there is `build_preload`.
         MeshError: As `build_mesh`.
     """
     if isinstance(case.mesh, OffsetBeamsMesh):
@@ -100,6 +102,16 @@ def build_structure(
             case, attached=attached, width=width, elastic_supports=elastic_supports,
             damping=damping,
         )  # fmt: skip
+    refuse_applied(case, "a model without contact")
+    return _solid(case, comm, law, attached, tagged, width, elastic_supports, damping)
+
+
+def _solid(
+    case: Case, comm: MPI.Intracomm, law: str | None = None, attached: bool = False,
+    tagged: TaggedMesh | None = None, width: bool = False, elastic_supports: bool = False,
+    damping: bool = False,
+) -> Structure:  # fmt: skip
+    """The structure of solid parts of a case, without what acts on its faces. Collective."""
     tagged = build_mesh(case, comm) if tagged is None else tagged
     pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
     masses = [m for name, section in pointed.items() for m in _masses(name, section)]
@@ -126,7 +138,7 @@ def build_structure(
 def build_preload(
     case: Case, comm: MPI.Intracomm, *, tagged: TaggedMesh | None = None
 ) -> PreloadModel:
-    """The bodies of a case with its contacts and its bolts at their nominal forces. Collective.
+    """The bodies of a case, their contacts, and what presses them at nominal forces. Collective.
 
     Args:
         case: The case.
@@ -134,18 +146,25 @@ def build_preload(
         tagged: The case's mesh, if it exists already.
 
     Raises:
-        InputError: If the case has no contacts or no bolts, or a value is out of range.
+        InputError: If the case has no contacts or obstacles or nothing presses them, or a value is
+            out of range.
         MeshError: As `build_structure`; if faces are not opposite, or bodies share vertices.
     """
     refuse_beams(case, "contact under preload")
-    for table in ("contacts", "bolts"):
-        if not getattr(case, table):
-            raise InputError(f"{case.path}: {table} is missing, expected sections [{table}.NAME]")
-    structure = build_structure(case, comm, tagged=tagged)
+    if not (case.contacts or case.obstacles):
+        sections = "[contacts.NAME], or [obstacles.NAME]"
+        raise InputError(f"{case.path}: contacts is missing, expected sections {sections}")
+    if not case.is_pressed:
+        raise InputError(f"{case.path}: bolts is missing: {PRESSES}")
+    structure = _solid(case, comm, tagged=tagged)
+    gdim = structure.gdim
     contacts = [Contact(name, **section.model_dump()) for name, section in case.contacts.items()]
     bolts = [section.bolt(name) for name, section in case.bolts.items()]
     with located(case.path):
-        return PreloadModel(structure, contacts, bolts)
+        contacts += [s.obstacle(name, gdim) for name, s in case.obstacles.items()]
+        loads = [s.load(name, gdim) for name, s in case.loads.items()]
+        loads += [s.displacement(name, gdim) for name, s in case.displacements.items()]
+        return PreloadModel(structure, contacts, bolts, loads)
 
 
 def _support(name: str, section: SupportSection, elastic: bool) -> Support | ElasticSupport:

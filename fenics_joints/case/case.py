@@ -11,6 +11,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
+from fenics_joints.case.applied import (
+    APPLIED,
+    DisplacementSection,
+    LoadSection,
+    ObstacleSection,
+)
 from fenics_joints.case.damping import DampingSection
 from fenics_joints.case.harmonic import HarmonicSection, NonlinearSection
 from fenics_joints.case.mesh import Mesh
@@ -54,6 +60,9 @@ class Case(Section):
         joints: Thin layers by name.
         contacts: Contacts between bodies, by name.
         bolts: Bolts that press them, by name.
+        obstacles: Rigid planes, balls and cylinders that faces may touch, by name.
+        displacements: Faces that are moved by a given way in the preload, by name.
+        loads: Forces and pressures on faces in the preload, by name.
         masses: Known masses, by name.
         springs: Known springs to the ground, by name.
         supports: Held facets, by name.
@@ -72,6 +81,9 @@ class Case(Section):
     joints: named(Joint) = {}
     contacts: named(ContactSection) = {}
     bolts: named(Bolt) = {}
+    obstacles: named(ObstacleSection) = {}
+    displacements: named(DisplacementSection) = {}
+    loads: named(LoadSection) = {}
     masses: named(MassSection) = {}
     springs: named(SpringSection) = {}
     supports: named(SupportSection) = {}
@@ -84,7 +96,7 @@ class Case(Section):
     damping: DampingSection | None = None
 
     def __repr__(self) -> str:
-        tables = ("parts", "joints", "contacts", "bolts", "masses", "springs", "supports")
+        tables = ("parts", "joints", "contacts", "bolts", *APPLIED, "masses", "springs", "supports")
         sizes = ", ".join(f"{len(getattr(self, t))} {t}" for t in tables if getattr(self, t))
         return f"Case({self._path.name}: {sizes})"
 
@@ -308,6 +320,13 @@ class Case(Section):
         """Names of the parameters of damping: of ``[damping]``, and the c of laps of beams."""
         own = {} if self.damping is None else self.damping.nominal()
         return {*own, *(f"{n}.c" for n, j in self.joints.items() if "c" in j.nominal())}
+
+    @property
+    def is_pressed(self) -> bool:
+        """Whether something presses the bodies together, or on obstacles."""
+        gaps = any(contact.gap < 0 for contact in self.contacts.values())
+        pushed = any(obstacle.presses for obstacle in self.obstacles.values())
+        return bool(self.bolts or self.displacements or self.loads or gaps or pushed)
 
     @property
     def is_damped(self) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from fenics_joints.case.case import Case
+from fenics_joints.case.checks.applied import check_applied
 from fenics_joints.case.checks.bayes import check_bayes
 from fenics_joints.case.checks.beams import check_beams
 from fenics_joints.case.checks.combined import check_combined
@@ -71,7 +72,7 @@ def finish_case(case: Case, path: Path, raw: dict) -> list[str]:
     case._path = path
     case._coarse = _diagnosed_mesh(case, raw)
     errors = start_joints(case)
-    errors += [*check_names(case), *check_mesh(case), *read_files(case)]
+    errors += [*check_names(case), *check_mesh(case), *check_applied(case), *read_files(case)]
     errors += check_update(case) if case.update else []
     return errors + [
         *check_bayes(case), *check_beams(case), *check_combined(case), *check_harmonic(case),

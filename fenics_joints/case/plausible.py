@@ -106,6 +106,9 @@ USUAL = {
     "contact pressure": Usual("faces of joints are pressed by", 1e3, 1e9, "Pa"),
     # ISO 1302: Ra 0.025 um, lapped, to 50 um, as cast.
     "roughness": Usual("faces of joints have Ra of", 1e-8, 1e-4, "m"),
+    "face force": Usual("loads of faces are", -1e7, 1e7, "N"),
+    # Small displacements: a grip that moves farther than a few per cent of a structure bends it.
+    "travel": Usual("in a preload faces and obstacles are moved by", -1e-2, 1e-2, "m"),
     "per length": Usual("contacts have", 1e6, 1e17, "Pa/m"),
 }  # fmt: skip
 
@@ -123,6 +126,8 @@ _SECTIONS = {
         "rho": "rho", "nu": "nu",
     },
     "contacts": {"friction": "friction", "gap": "gap"},
+    "obstacles": {"friction": "friction", "gap": "gap", "radius": "length"},
+    "loads": {"pressure": "contact pressure"},
     "masses": {"mass": "mass"}, "springs": {"stiffness": "stiffness"},
     "attached": {"mass": "mass", "stiffness": "stiffness"},
 }  # fmt: skip
@@ -174,6 +179,7 @@ def _quantities(case: Case) -> Iterator[Found]:
             yield f"parts.{name}.tolerance.{key}", value, USUAL["tolerance"]
     yield from _mesh(case)
     yield from _bolts(case)
+    yield from _applied(case)
     yield from _damping(case)
     yield from _test(case)
     yield from _nonlinear(case)
@@ -215,6 +221,19 @@ def _bolts(case: Case) -> Iterator[Found]:
             factor = area * bolt.torque / bolt.preload()
             words = "bolts of its size are tightened to"
             yield key, bolt.torque, _by_stress(words, factor, "N*m")
+
+
+def _applied(case: Case) -> Iterator[Found]:
+    """Components of what faces and obstacles are moved and pushed by, those that are not zero."""
+    tables = ((case.displacements, "displacements", {"value": "travel"}),
+              (case.obstacles, "obstacles", {"travel": "travel", "force": "face force"}),
+              (case.loads, "loads", {"force": "face force"}))  # fmt: skip
+    for table, name, kinds in tables:
+        for own, section in table.items():
+            for key, kind in kinds.items():
+                for i, value in enumerate(getattr(section, key) or ()):
+                    if value:
+                        yield f"{name}.{own}.{key}[{i}]", value, USUAL[kind]
 
 
 def _stressed_area(bolt) -> float | None:

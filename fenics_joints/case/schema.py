@@ -29,6 +29,8 @@ class _AsWritten(GenerateJsonSchema):
         unit = getattr(call, "unit", None)
         if unit is not None:
             words = f"in {unit}, or a text with its unit" if unit else "a number, or a text in %"
+            if call.word is not None:
+                words += f', or "{call.word}"'
             return {"type": ["number", "string"], "description": words}
         if call is listed:
             return {"anyOf": [inner.get("items", {}), inner]}

@@ -26,19 +26,32 @@ __all__ = [
     "AXES", "Count", "Damper", "Density", "Direction", "File", "FileName", "Files", "Gap",
     "Inertia", "Length", "Mass", "ModeCount", "Modulus", "Names", "Number", "PerArea", "Point",
     "Poisson", "Positive", "Section", "Share", "Size", "Spacing", "Stiffness", "Turning", "Written",
-    "ascending", "chosen", "either", "in_files", "listed", "named", "named_by", "optional",
-    "quantity",
+    "ascending", "chosen", "either", "in_files", "listed", "named", "named_by", "nonzero",
+    "optional", "quantity",
 ]  # fmt: skip
 
 _NAME = r"[A-Za-z][A-Za-z0-9_-]*"
 AXES = ("x", "y", "z")
 
 
-def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above: bool = False):
-    """The type of a float in SI ``unit`` from text; within limits, or above the lower one."""
+def quantity(
+    unit: str, least: float = -math.inf, most: float = math.inf, above: bool = False,
+    word: str | None = None,
+):  # fmt: skip
+    """The type of a float in SI ``unit`` from text; within limits, or above the lower one.
 
-    def read(value: Any) -> float:
-        number = to_si(value, unit)
+    With a ``word`` that may stand in its place, for None.
+    """
+
+    def read(value: Any) -> float | None:
+        if word is not None and value == word:
+            return None
+        try:
+            number = to_si(value, unit)
+        except InputError as error:
+            if word is None:
+                raise
+            raise ValueError(f"{error}, or {word!r}") from None
         if not (number > least if above else number >= least) or number > most:
             low = f"{'above' if above else 'at least'} {least:g} {unit}".rstrip()
             high = f" and at most {most:g} {unit}".rstrip() if most < math.inf else ""
@@ -50,8 +63,8 @@ def quantity(unit: str, least: float = -math.inf, most: float = math.inf, above:
             raise ValueError(f"expected at least {smallest:g} {unit}".rstrip())
         return number
 
-    read.unit = unit  # for the schema
-    return Annotated[float, BeforeValidator(read)]
+    read.unit, read.word = unit, word  # for the schema
+    return Annotated[float if word is None else float | None, BeforeValidator(read)]
 
 
 def listed(value: Any) -> Any:
@@ -91,7 +104,8 @@ def _written(value: Any) -> float | str:
     return value if isinstance(value, str) else _bare(value)
 
 
-def _nonzero(vector: list[float]) -> list[float]:
+def nonzero(vector: list[float]) -> list[float]:
+    """A vector; ValueError if it is zero."""
     if not np.linalg.norm(vector) > 0:
         raise ValueError("expected a finite vector that is not zero")
     return vector
@@ -124,7 +138,7 @@ Point = Annotated[list[Length], Field(min_length=2, max_length=3), AfterValidato
 Direction = Annotated[
     list[Number],
     Field(min_length=2, max_length=3),
-    AfterValidator(_nonzero),
+    AfterValidator(nonzero),
     AfterValidator(_padded),
 ]
 Names = Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]

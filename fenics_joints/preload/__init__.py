@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         Contact,
         Displacement,
         Obstacle,
+        Pressure,
         PretensionSection,
         Traction,
         WasherForce,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
         pair_conditions,
         pressure_stiffness,
         status_conditions,
+        stuck_conditions,
     )
     from fenics_joints.preload.model import PreloadModel
     from fenics_joints.preload.obstacles import Cylinder, Plane, Sphere
@@ -41,22 +43,22 @@ if TYPE_CHECKING:
 __all__ = [
     "METHODS", "OPEN", "SLIP", "STICK", "BeamBolt", "Contact", "ContactState", "Cylinder",
     "Displacement", "Gradient", "LinearJoint", "Obstacle", "Plane", "PreloadAdjoint",
-    "PreloadModel", "PreloadResult", "PreloadSolver", "PretensionSection", "Sphere", "Thread",
-    "Traction", "WasherForce", "cutoff_conditions",
+    "PreloadModel", "PreloadResult", "PreloadSolver", "Pressure", "PretensionSection", "Sphere",
+    "Thread", "Traction", "WasherForce", "cutoff_conditions",
     "friction_from", "motosh_force", "nut_factor_force", "pair_conditions", "pressure_stiffness",
-    "solve_preload", "status_conditions", "thread",
+    "solve_preload", "status_conditions", "stuck_conditions", "thread",
 ]  # fmt: skip
 
 _FILES = {
     "adjoint": ("Gradient", "PreloadAdjoint"),
     "components": (
-        "BeamBolt", "Contact", "Displacement", "Obstacle", "PretensionSection", "Traction",
-        "WasherForce",
+        "BeamBolt", "Contact", "Displacement", "Obstacle", "Pressure", "PretensionSection",
+        "Traction", "WasherForce",
     ),
     "conditions": ("OPEN", "SLIP", "STICK"),
     "linear_joint": (
         "LinearJoint", "cutoff_conditions", "pair_conditions", "pressure_stiffness",
-        "status_conditions",
+        "status_conditions", "stuck_conditions",
     ),
     "model": ("PreloadModel",),
     "obstacles": ("Cylinder", "Plane", "Sphere"),

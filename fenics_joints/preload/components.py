@@ -23,7 +23,7 @@ from fenics_joints.errors import (
 )  # fmt: skip
 
 __all__ = [
-    "BeamBolt", "Contact", "Displacement", "Obstacle", "PretensionSection", "Traction",
+    "BeamBolt", "Contact", "Displacement", "Obstacle", "Pressure", "PretensionSection", "Traction",
     "WasherForce",
 ]  # fmt: skip
 
@@ -69,19 +69,21 @@ class Contact:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A face that may touch a body that does not give way, at rest or pressed in by a way given.
+    """A face that may touch a body that does not give way: at rest, moved, or pushed by a force.
 
-    The obstacle does not turn. Contact is that of small displacements: each vertex meets the
-    tangent plane of the obstacle's nearest point.
+    The obstacle does not turn; one that is pushed moves along its force alone. Contact is that of
+    small displacements: each vertex meets the tangent plane of the obstacle's nearest point.
 
     Attributes:
-        name: Unique name of the contact, and of the factor of ``travel``.
+        name: Unique name of the contact, and of the factor of ``travel`` or ``force``.
         facets: Facet group of the body; those that look away from the obstacle are left out.
         shape: `Plane`, `Sphere` or `Cylinder` of `fenics_joints.preload`, or a function such as
             they are.
         friction: Coulomb's coefficient; 0 for none, infinity for none slides while it touches.
         gap: Gap, m, beyond the distance, see `Contact`.
         travel: Displacement of the obstacle, m, (gdim,), at a factor of one; None for none.
+        force: Force that pushes the obstacle instead, N (in plane strain N per metre of depth),
+            (gdim,): how far it goes is found.
     """
 
     name: str
@@ -90,6 +92,7 @@ class Obstacle:
     friction: float = 0.0
     gap: Gap = 0.0
     travel: tuple[float, ...] | None = None
+    force: tuple[float, ...] | None = None
 
     def __post_init__(self):
         text("obstacle.name", self.name)
@@ -100,6 +103,15 @@ class Obstacle:
         _check_touch(self)
         if self.travel is not None:
             reals(f"{self.name}.travel", self.travel, (None,), "m")
+        if self.force is not None:
+            if self.travel is not None:
+                raise InputError(f"{self.name}: travel and force are given; expected one of them.")
+            direction(f"{self.name}.force", self.force)
+
+    @property
+    def rests(self) -> bool:
+        """Whether it stays where it is."""
+        return self.travel is None and self.force is None
 
 
 def _check_touch(contact: Contact | Obstacle) -> None:
@@ -233,6 +245,26 @@ class Traction:
             raise wanted(f"{self.name}.force", self.force, "2 or 3 components, N")
         if self.profile is not None and not callable(self.profile):
             raise wanted(f"{self.name}.profile", self.profile, "a function of positions")
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """An even pressure on a face, along its normal before it is deformed.
+
+    Attributes:
+        name: Unique name; also that of its factor, of which 1 is ``pressure``.
+        facets: Facet group.
+        pressure: Pressure, Pa; positive presses on the body.
+    """
+
+    name: str
+    facets: str
+    pressure: float
+
+    def __post_init__(self):
+        text("load.name", self.name)
+        text(f"{self.name}.facets", self.facets)
+        real(f"{self.name}.pressure", self.pressure, "Pa")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
 from fenics_joints.preload.bodies import at_blocks, body_numbers, node_positions, rigid_motions
+from fenics_joints.preload.components import Obstacle
+from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.structure.sparse import product
 
@@ -123,8 +125,27 @@ def _candidates(model: PreloadModel):
             turns = [leg == number for leg in legs]
             u = local_motions[k] * inside[:, None]
             motions.append(_in_x(model, u, moves, turns, k, centre))
-    whole = np.tile(np.eye(len(local_motions)), (len(names), 1))
-    return np.column_stack(motions), whole
+    whole = [np.eye(len(local_motions))] * len(names)
+    for i, c in _pushed(model):
+        along = model.jumps.frame(i)[0]
+        motions.append(_alone(model, i, c, along))
+        whole.append((rigid_motions(0 * along[None], model.axisymmetric)[:, 0] @ along)[None])
+    return np.column_stack(motions), np.vstack(whole)
+
+
+def _pushed(model: PreloadModel) -> list[tuple]:
+    """Number and interface of obstacles that a force pushes."""
+    interfaces = {c.name: c for c in model.jumps.contacts}
+    return [(i, interfaces[m.name]) for i, m in enumerate(model.moved)
+            if isinstance(m, Obstacle) and m.force is not None]  # fmt: skip
+
+
+def _alone(model: PreloadModel, i: int, c: Interface, along: np.ndarray) -> np.ndarray:
+    """x of an obstacle that moves along its force by one, away from the body, which rests."""
+    array = np.zeros(model.jumps.n_local)
+    model.jumps.put(array, model.jumps.shift(i)[:1], 1.0)
+    model.jumps.put(array, model.jumps.numbers(c), -c.frames @ along)
+    return array
 
 
 def _own(V) -> int:

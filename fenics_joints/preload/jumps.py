@@ -72,11 +72,13 @@ class Moved:
         name: Name in messages.
         nodes: Global block numbers, (n,).
         directions: The directions, as numbers of axes.
+        frame: Directions of its entries of x as rows, (gdim, gdim); None for those of space.
     """
 
     name: str
     nodes: np.ndarray
     directions: tuple[int, ...]
+    frame: np.ndarray | None = None
 
 
 class Jumps:
@@ -158,6 +160,11 @@ class Jumps:
         first = self.start + len(self.sections) + 6 * len(self.spiders)
         return first + self.gdim * moved + np.arange(self.gdim)
 
+    def frame(self, moved: int) -> np.ndarray:
+        """Directions of the entries `shift` as rows, (gdim, gdim)."""
+        given = self.moved[moved].frame
+        return np.eye(self.gdim) if given is None else given
+
     def owned(self, numbers: np.ndarray) -> np.ndarray:
         """Which global numbers of x this rank owns, as a mask."""
         low, high = self.range
@@ -193,8 +200,9 @@ class Jumps:
             rows = [(slave, self.entries(c.lower), 1.0),
                     (middle, self.entries(c.lower_midsides), 1.0)]  # fmt: skip
         else:
-            shift = self.shift([m.name for m in self.moved].index(c.name))
-            rows = [(slave, shift, 1.0), (middle, shift, 1.0)]
+            i = [m.name for m in self.moved].index(c.name)
+            shift, along = self.shift(i)[None, None, :], self.frame(i).T
+            rows = [(slave[:, :, None], shift, along), (middle[:, :, None], shift, along)]
         if not free:
             return rows
         # u_upper = u_lower + frame^T w: component i gets frame[k, i] of jump k.

@@ -15,6 +15,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
+from fenics_joints.preload.components import Obstacle
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.model import PreloadModel
@@ -27,6 +28,7 @@ __all__ = [
     "pair_conditions",
     "pressure_stiffness",
     "status_conditions",
+    "stuck_conditions",
 ]
 
 #: A facet's pressure below this share of the largest is numerical zero.
@@ -39,6 +41,15 @@ def status_conditions(result: PreloadResult) -> dict[str, np.ndarray]:
     OPEN, SLIP (closed and free to slide: slipping, or without friction) or STICK.
     """
     return {name: state.status.copy() for name, state in result.contacts.items()}
+
+
+def stuck_conditions(result: PreloadResult) -> dict[str, np.ndarray]:
+    """Obstacles held where the preload presses on them, for contacts stuck all over, (n,) each.
+
+    What of a face lies far from a ball does not touch it, whatever sticks.
+    """
+    names = [c.name for c in result.model.contacts if isinstance(c, Obstacle)]
+    return {name: np.where(result[name].closed, STICK, OPEN) for name in names}
 
 
 def cutoff_conditions(state: ContactState, cutoff: float, scheme: str = "two") -> np.ndarray:

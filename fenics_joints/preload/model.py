@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-import ufl
-from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError, items, mapping, real, wanted
@@ -19,6 +15,7 @@ from fenics_joints.preload.components import (
     Contact,
     Displacement,
     Obstacle,
+    Pressure,
     PretensionSection,
     Traction,
     WasherForce,
@@ -28,17 +25,21 @@ from fenics_joints.preload.interface import (
     Interface,
     couple_faces,
     face_obstacle,
+    frames,
     matching,
     pair_faces,
 )
 from fenics_joints.preload.jumps import Jumps, Moved, Section, Spider
 from fenics_joints.preload.obstacles import checked_shape
+from fenics_joints.preload.surfaces import Surfaces
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["PreloadModel"]
 
 Bolt = WasherForce | PretensionSection | BeamBolt
 _BOLTS = (WasherForce, PretensionSection, BeamBolt)
+Load = Traction | Pressure | Displacement
+_LOADS = (Traction, Pressure, Displacement)
 
 #: Stiffness of supports of vertices that follow others, relative to the mean of K's diagonal.
 _STIFF = 1e6
@@ -61,7 +62,9 @@ class PreloadModel:
         contacts: The contacts that can open, in order.
         interfaces: Their pairs of vertices, in the same order.
         jumps: The map u = T x and its numbering.
-        forces: Nominal force of every bolt, N, and 1 for every load or way, by name.
+        forces: Nominal force of every bolt, N, and 1 for every load, way or pushed obstacle, by
+            name.
+        resultants: Force of every load as given, N, (gdim,), by name.
         supported: Global numbers of the entries of x that supports hold at zero, owned ones.
     """
 
@@ -70,19 +73,20 @@ class PreloadModel:
         structure: Structure,
         contacts: Iterable[Contact | Obstacle],
         bolts: Iterable[Bolt] = (),
-        loads: Iterable[Traction | Displacement] = (),
+        loads: Iterable[Load] = (),
     ):
         if not isinstance(structure, Structure):
             raise wanted("structure", structure, "a Structure")
         contacts = list(items("contacts", contacts, (Contact, Obstacle), "Contact, Obstacle"))
         self.bolts = list(items("bolts", bolts, _BOLTS, "WasherForce, PretensionSection, BeamBolt"))
-        self.loads = list(items("loads", loads, (Traction, Displacement), "Traction, Displacement"))
+        self.loads = list(items("loads", loads, _LOADS, "Traction, Pressure, Displacement"))
         self.structure, self.comm = structure, structure.comm
         self.V, self.tagged = structure.V, structure.tagged
         self.axisymmetric = structure.axisymmetric
         self._check_names([c.name for c in (*contacts, *self.bolts, *self.loads)])
         self._check_washers()
         self._faces: dict[str, object] = {}
+        self._surfaces = Surfaces(structure)
         self.contacts = [c for c in contacts if isinstance(c, Obstacle) or not c.bonded]
         self.interfaces = [self._pair(c) for c in self.contacts]
         bonded = [self._pair(c) for c in contacts if c not in self.contacts]
@@ -95,11 +99,12 @@ class PreloadModel:
         moved = [self._move(m) for m in self.moved]
         self.jumps = Jumps(self.V, self.interfaces, bonded, sections, spiders, moved)
         self._held, self._following = self._supports()
-        driven = np.concatenate([np.empty(0, int), *map(self.jumps.shift, range(len(moved)))])
+        driven = self._driven()
         self.supported = np.concatenate([self._held, driven[self.jumps.owned(driven)]])
         self.forces = {b.name: float(b.force) for b in self.bolts}
-        self.forces |= dict.fromkeys((s.name for s in (*self.loads, *self.moved)
-                                      if getattr(s, "travel", ()) is not None), 1.0)  # fmt: skip
+        resting = [c.name for c in self.contacts if isinstance(c, Obstacle) and c.rests]
+        self.forces |= {s.name: 1.0 for s in (*self.loads, *self.moved) if s.name not in resting}
+        self.resultants: dict[str, np.ndarray] = {}
         self._units = self._unit_loads()
 
     @staticmethod
@@ -161,10 +166,21 @@ class PreloadModel:
     def _move(self, moved: Displacement | Obstacle) -> Moved:
         if isinstance(moved, Obstacle):
             self._along(moved.name, "travel", moved.travel)
-            return Moved(moved.name, np.empty(0, np.int64), ())
+            self._along(moved.name, "force", moved.force)
+            none = np.empty(0, np.int64)
+            if moved.force is None:
+                return Moved(moved.name, none, ())
+            force = np.asarray(moved.force, dtype=float)
+            return Moved(moved.name, none, (), frames(force[None] / np.linalg.norm(force))[0])
         self._along(moved.name, "value", moved.value)
         face = self.face(moved.facets)
         return Moved(moved.name, np.concatenate([face.nodes, face.midsides]), moved.directions)
+
+    def _driven(self) -> np.ndarray:
+        """Global numbers in x of displacements that are given; a pushed obstacle's first is not."""
+        pushed = [isinstance(m, Obstacle) and m.force is not None for m in self.moved]
+        numbers = [self.jumps.shift(i)[int(p) :] for i, p in enumerate(pushed)]
+        return np.concatenate([np.empty(0, int), *numbers])
 
     def _along(self, name: str, key: str, vector) -> None:
         if vector is not None and len(vector) != self.structure.gdim:
@@ -189,10 +205,7 @@ class PreloadModel:
         face = self.face(getattr(bolt, side))
         nodes = np.concatenate([face.nodes, face.midsides])
         points = np.vstack([face.points, face.points[face.edges].mean(axis=1)])
-        tag = self._ds(getattr(bolt, side))
-        x = ufl.SpatialCoordinate(self.V.mesh)
-        area = self._integral(1.0 * tag)
-        centre = np.array([self._integral(x[i] * tag) / area for i in range(self.structure.gdim)])
+        centre = self._surfaces.centre(getattr(bolt, side))
         return Spider(f"{bolt.name}.{side}", nodes, points, centre)
 
     def _section(self, bolt: PretensionSection) -> Section:
@@ -217,58 +230,36 @@ class PreloadModel:
 
     # -- loads -------------------------------------------------------------------------------
 
-    def _ds(self, name: str):
-        return ufl.Measure(
-            "ds", domain=self.V.mesh, subdomain_data=self.tagged.facet_tags,
-            metadata={"quadrature_degree": 4},
-        )(self.tagged.facet_tag(name))  # fmt: skip
-
-    def _surface(self):
-        """Weight of the surface measure, as UFL."""
-        x = ufl.SpatialCoordinate(self.V.mesh)
-        return 2 * ufl.pi * x[0] if self.axisymmetric else ufl.as_ufl(1.0)
-
-    def _integral(self, form) -> float:
-        return self.comm.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM)
-
     def _unit_loads(self) -> dict[str, PETSc.Vec]:
         """Load in x of each bolt at 1 N and of each load as given."""
-        units = {}
+        units, surfaces = {}, self._surfaces
         for bolt in self.bolts:
             if isinstance(bolt, WasherForce):
                 axis = self._axis(bolt)
-                units[bolt.name] = self._pressed([(bolt.lower, axis), (bolt.upper, -axis)])
+                pressed = [(bolt.lower, axis), (bolt.upper, -axis)]
+                units[bolt.name] = self._in_x(surfaces.forces(pressed))
             else:
                 units[bolt.name] = self._extra_load(bolt)
         for load in self.loads:
-            if isinstance(load, Traction):
-                pressed = [(load.facets, np.asarray(load.force))]
-                units[load.name] = self._pressed(pressed, load.profile)
-        for moved in self.moved:
+            if isinstance(load, Displacement):
+                continue
+            if isinstance(load, Pressure):
+                spread = surfaces.pressure(load.facets, load.pressure)
+            else:
+                self._along(load.name, "force", load.force)
+                spread = surfaces.forces([(load.facets, np.asarray(load.force))], load.profile)
+            self.resultants[load.name] = surfaces.resultant(spread)
+            units[load.name] = self._in_x(spread)
+        for i, moved in enumerate(self.moved):
             units[moved.name] = self.jumps.T.createVecRight()
             units[moved.name].set(0.0)
+            if isinstance(moved, Obstacle) and moved.force is not None:
+                size = float(np.linalg.norm(moved.force))
+                self.jumps.put(units[moved.name].array, self.jumps.shift(i)[:1], size)
         return units
 
-    def _pressed(self, pairs, profile=None) -> PETSc.Vec:
-        v, weight = ufl.TestFunction(self.V), self._surface()
-        total = None
-        for name, force in pairs:
-            if profile is not None:
-                Q = fem.functionspace(self.V.mesh, ("Lagrange", self.structure.degree))
-                q = fem.Function(Q)
-                q.interpolate(lambda x: profile(x[: self.structure.gdim].T))
-            else:
-                q = ufl.as_ufl(1.0)
-            ds = self._ds(name)
-            area = self._integral(weight * q * ds)
-            if not abs(area) > 0:
-                raise InputError(f"{name}: the load's profile has no resultant there.")
-            # A constant, so that one compiled form serves all forces and areas.
-            traction = fem.Constant(self.V.mesh, np.asarray(force, dtype=float) / area)
-            form = weight * q * ufl.dot(traction, v) * ds
-            total = form if total is None else total + form
-        b = fem_petsc.assemble_vector(fem.form(total))
-        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    def _in_x(self, b: PETSc.Vec) -> PETSc.Vec:
+        """A load in u, which is freed, as one in x; supports take their part."""
         for numbers in (self._held, self._following):
             b.array[numbers - self.jumps.range[0]] = 0.0
         load = self.jumps.T.createVecRight()

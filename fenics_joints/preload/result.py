@@ -34,6 +34,7 @@ class ContactState:
         gap: Opening, m, (n,); zero where closed.
         slip: Jump along the tangents, m, (n, gdim - 1).
         status: OPEN (0), SLIP (1) or STICK (2) at each pair, (n,).
+        axisymmetric: Whether each pair is a circle, whose forces along the radius balance.
     """
 
     name: str
@@ -42,6 +43,7 @@ class ContactState:
     gap: np.ndarray
     slip: np.ndarray
     status: np.ndarray
+    axisymmetric: bool = False
 
     def __repr__(self) -> str:
         n, closed = len(self.status), int(self.closed.sum())
@@ -92,7 +94,7 @@ class ContactState:
         to all sides, and friction there bears a part of the load, so that `pressure_force` is more
         or less. A pin that is pressed all round has pressure without a force.
         """
-        pressing = self.force[:, 0] @ self.interface.frames[:, 0]
+        pressing = self._along_axis(self.force[:, 0] @ self.interface.frames[:, 0])
         size = np.linalg.norm(pressing)
         return float(self.resultant @ pressing / size) if size > 0 else 0.0
 
@@ -104,7 +106,11 @@ class ContactState:
     @property
     def resultant(self) -> np.ndarray:
         """Force of the lower body on the upper one, N, (gdim,)."""
-        return np.einsum("nk,nki->i", self.force, self.interface.frames)
+        return self._along_axis(np.einsum("nk,nki->i", self.force, self.interface.frames))
+
+    def _along_axis(self, force: np.ndarray) -> np.ndarray:
+        """A force without what balances round a circle."""
+        return force * [0.0, 1.0] if self.axisymmetric else force
 
     @property
     def closed(self) -> np.ndarray:
@@ -193,7 +199,7 @@ class PreloadResult:
             jump, kind = jumps.gather(self.x, numbers), jumps.gather(status, numbers[:, 0])
             states[c.name] = ContactState(
                 c.name, c, jumps.gather(self.reactions, numbers), jump[:, 0] + c.gap, jump[:, 1:],
-                kind.astype(int),
+                kind.astype(int), self.model.axisymmetric,
             )  # fmt: skip
         status.destroy()
         return states
@@ -224,6 +230,39 @@ class PreloadResult:
             )
         number = self.model.jumps.shortening(names.index(bolt))
         return float(self.model.jumps.gather(self.x, np.array([number]))[0])
+
+    def _shift(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers in x of the displacement of what is moved, and their directions as rows."""
+        names = [m.name for m in self.model.moved]
+        if name not in names:
+            raise InputError(
+                f"{name!r} is no displacement or obstacle; expected: {', '.join(names) or 'none'}."
+            )
+        i = names.index(name)
+        return self.model.jumps.shift(i), self.model.jumps.frame(i)
+
+    def motion(self, name: str) -> np.ndarray:
+        """Displacement of an obstacle or of a face that is moved, m, (gdim,); 0 where it is free.
+
+        Raises:
+            InputError: If nothing that is moved has this name.
+        """
+        numbers, frame = self._shift(name)
+        return self.model.jumps.gather(self.x, numbers) @ frame
+
+    def reaction(self, name: str) -> np.ndarray:
+        """Force on the bodies by an obstacle or by what moves a face, N, (gdim,).
+
+        On a half section the first component is summed along the radius, all round.
+
+        Raises:
+            InputError: If nothing that is moved has this name.
+        """
+        numbers, frame = self._shift(name)
+        held = self.model.jumps.gather(self.reactions, numbers)
+        # What pushes an obstacle is a load in x, not a reaction.
+        pushed = self.model.jumps.gather(self.model.unit_load(name), numbers)
+        return (held + self.forces.get(name, 0.0) * pushed) @ frame
 
     def counts(self) -> dict[str, dict[str, int]]:
         """Number of open, slipping and sticking pairs of each contact."""

@@ -186,8 +186,3 @@ def _stiffness_at(jumps: Jumps, diagonal: PETSc.Vec, c: Interface) -> np.ndarray
 def _mean_diagonal(K: PETSc.Mat) -> float:
     diagonal = K.getDiagonal()
     return diagonal.sum() / diagonal.getSize()
-
-
-def _mean_diagonal(K: PETSc.Mat) -> float:
-    diagonal = K.getDiagonal()
-    return diagonal.sum() / diagonal.getSize()

@@ -22,6 +22,8 @@ _MARKS = {
     "sensor": ("o", "#1f4e9c", "sensor"), "force": ("v", "#b3261e", "force"),
     "mass": ("s", "#4a4f57", "mass"), "spring": ("d", "#3f7d4e", "spring"),
     "attached": ("s", "#b8860b", "attached"), "bolt": ("+", "#14181d", "bolt"),
+    "obstacle": ("^", "#7b3f9d", "obstacle"), "displacement": (">", "#00798c", "displacement"),
+    "load": ("P", "#d2601a", "load"),
 }  # fmt: skip
 _PALE = colormaps["Pastel1"]
 #: Length of an arrow relative to the structure, most names in a legend, most that are numbered.

@@ -64,5 +64,5 @@ def test_a_unilateral_contact_has_the_preloads_pressure_and_no_friction(tmp_path
     coulomb = built(tmp_path, COULOMB).model.interfaces[0].law.parameters
     assert p["pressure"] == pytest.approx(coulomb["pressure"])
     assert np.all(p["friction"] == 0) and found.model.interfaces[0].normal
-    with pytest.raises(InputError, match=r"nonlinear\.lap\.gap.*the bolts' preload says it"):
+    with pytest.raises(InputError, match=r"nonlinear\.lap\.gap.*the preload says it"):
         built(tmp_path, COULOMB + 'gap = "0.1 mm"\n')

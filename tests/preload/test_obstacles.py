@@ -53,10 +53,11 @@ def test_block_between_grip_and_plane(degree):
     assert abs(solver.solve({"grip": 0.2})["floor"].normal_force) < 1e-12 * force
 
 
-@pytest.mark.parallel
-def test_hertz_by_a_rigid_ball():
-    """A ball that does not give way, pressed in by a way: Hertz's patch for the force it takes."""
-    R, a = 0.1, 1e-3
+R, E_STAR = 0.1, STEEL["E"] / (1 - STEEL["nu"] ** 2)
+
+
+def ball_on_a_block(a, **drive):
+    """A rigid ball above a clamped cylinder, with elements for a patch of radius ``a``."""
     h, size = a / 12, 20 * a
     x = graded_lines([0.0, 1.2 * a, size], [h, h, size / 4])
     z = graded_lines([0.0, a, size], [h, 2 * h, size / 4])
@@ -64,15 +65,70 @@ def test_hertz_by_a_rigid_ball():
     # The ball comes from below onto the upper face of the lower block; the other one is apart.
     structure = Structure(tagged, both(), degree=1, axisymmetric=True,
                           supports=[Support("bottom"), Support("top")])  # fmt: skip
-    ball = Obstacle("ball", "interface_lower", Sphere((0.0, R), R), travel=(0.0, -a**2 / R))
-    state = solve_preload(PreloadModel(structure, [ball]))["ball"]
-    E_star = STEEL["E"] / (1 - STEEL["nu"] ** 2)
-    found = (3 * state.normal_force * R / (4 * E_star)) ** (1 / 3)
+    return PreloadModel(structure, [
+        Obstacle("ball", "interface_lower", Sphere((0.0, R), R), **drive)
+    ])  # fmt: skip
+
+
+@pytest.mark.parallel
+def test_hertz_by_a_rigid_ball():
+    """A ball that does not give way, pressed in by a way: Hertz's patch for the force it takes."""
+    a = 1e-3
+    state = solve_preload(ball_on_a_block(a, travel=(0.0, -(a**2) / R)))["ball"]
+    found = (3 * state.normal_force * R / (4 * E_STAR)) ** (1 / 3)
     r2, inner = state.interface.points[:, 0] ** 2, state.pressure > 0.3 * state.pressure.max()
     slope, top = np.polyfit(r2[inner], state.pressure[inner] ** 2, 1)
     assert abs(np.sqrt(-top / slope) / found - 1) < 0.01
-    assert abs(state.pressure.max() / (2 * E_star * found / (np.pi * R)) - 1) < 0.01
+    assert abs(state.pressure.max() / (2 * E_STAR * found / (np.pi * R)) - 1) < 0.01
     assert 0.8 < found / a < 1.2
+
+
+@pytest.mark.parallel
+def test_hertz_by_a_ball_that_is_pushed():
+    """Hertz's pressure for the force given; the way found is the one that takes this force."""
+    a = 1e-3
+    force = 4 * E_STAR * a**3 / (3 * R)
+    result = solve_preload(ball_on_a_block(a, force=(0.0, -force)))
+    state, way = result["ball"], result.motion("ball")
+    assert state.normal_force == pytest.approx(force, rel=1e-9)
+    assert result.reaction("ball")[1] == pytest.approx(-force, rel=1e-9)
+    assert abs(state.pressure.max() / (2 * E_STAR * a / (np.pi * R)) - 1) < 0.01
+    # The bottom is 20 a away, so that Hertz's half-space gives way by some per cent more.
+    assert way[0] == 0 and 0.9 < -way[1] / (a**2 / R) < 1.0
+    again = solve_preload(ball_on_a_block(a, travel=tuple(way)))["ball"]
+    assert again.normal_force == pytest.approx(force, rel=1e-7)
+
+
+@pytest.mark.parallel
+def test_pushed_askew():
+    """What is pushed askew on a smooth face presses until its share along the push is the push."""
+    way, push = np.array([0.6, 0.8]), 1e5
+    structure = block(supports=[Support("top")])
+    wedge = Obstacle("wedge", "bottom", Plane((0.0, -1.0), (0.0, 1.0)), force=tuple(push * way))
+    solver = PreloadSolver(PreloadModel(structure, [wedge, faces(bonded=True)]))
+    result = solver.solve()
+    assert result["wedge"].normal_force == pytest.approx(push / way[1], rel=1e-8)
+    assert result.reaction("wedge") == pytest.approx([0.0, push / way[1]], abs=1e-6 * push)
+    moved = result.motion("wedge")
+    assert moved[0] / moved[1] == pytest.approx(0.75)
+    with PreloadAdjoint(result) as adjoint:
+        found = adjoint.force("wedge").forces["wedge"]
+    assert found == pytest.approx(push / way[1], rel=1e-8)
+    half = solver.solve({"wedge": 0.5})
+    assert half["wedge"].normal_force == pytest.approx(0.5 * push / way[1], rel=1e-8)
+
+
+@pytest.mark.parallel
+def test_a_free_block_between_two_that_are_pushed():
+    """Two opposed obstacles squeeze a block that nothing else holds."""
+    ends = {"low": ("bottom", -1.0, 1.0), "high": ("top", 1.0, -1.0)}
+    pushed = [Obstacle(name, face, Plane((0.0, y), (0.0, n)), force=(0.0, 1e5 * n))
+              for name, (face, y, n) in ends.items()]  # fmt: skip
+    solver = PreloadSolver(PreloadModel(block(), [*pushed, faces(bonded=True)]))
+    result = solver.solve()
+    assert [result[n].normal_force for n in ends] == pytest.approx([1e5, 1e5], rel=1e-8)
+    squeezed = 2 * 1e5 * (1 - STEEL["nu"] ** 2) / STEEL["E"]
+    assert (result.motion("low") - result.motion("high"))[1] == pytest.approx(squeezed, rel=1e-7)
 
 
 def test_dragged_over_a_rough_plane():

@@ -243,6 +243,15 @@ def of_preload():
         "name": TEXT, "facets": TEXT, "force": (None, "x", 1.0, [], [1.0], [nan, 0, 0]),
         "profile": ("x", 1.0),
     }  # fmt: skip
+    yield preload.Pressure, {"name": "p", "facets": "top", "pressure": 1e5}, {
+        "name": TEXT, "facets": TEXT, "pressure": ANY,
+    }  # fmt: skip
+    plane = preload.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    yield preload.Obstacle, {"name": "o", "facets": "top", "shape": plane}, {
+        "name": TEXT, "facets": TEXT, "gap": ANY, "shape": (None, "x", 1.0),
+        "friction": tuple(v for v in FROM_0 if v != inf), "force": VECTOR[1:],
+        "travel": ("x", 1.0, [nan, 0, 0]),
+    }  # fmt: skip
     model = blocks()
     twice = [preload.WasherForce("b", "bottom", "top", 1.0),
              preload.WasherForce("c", "left", "top", 1.0)]  # fmt: skip

@@ -13,6 +13,9 @@ __all__ = ["check_beams", "refuse_beams"]
 _SOLID = {
     "contacts": "faces of solid parts",
     "bolts": "faces of solid parts",
+    "obstacles": "faces of solid parts",
+    "displacements": "faces of solid parts",
+    "loads": "faces of solid parts",
     "nonlinear": "layers or contacts of solid parts",
 }
 _UP = (0.0, 0.0, 1.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
 
+from fenics_joints.case.applied import APPLIED
 from fenics_joints.case.cad import MeshFile
 from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, said
@@ -21,9 +22,12 @@ PATTERNED = ("transition", "springs")
 
 
 def check_names(case: Case) -> list[str]:
+    """A line for each name, place or range of the case that does not go with the others."""
     seen: dict[str, str] = {}
     errors = []
-    for table in ("parts", "joints", "contacts", "bolts", "masses", "springs", "attached"):
+    for table in (
+        "parts", "joints", "contacts", "bolts", *APPLIED, "masses", "springs", "attached",
+    ):
         for name in getattr(case, table):
             if name in seen:
                 errors.append(f"{table}.{name}: the name is used by {seen[name]}; expected another")
@@ -94,8 +98,9 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
         for name, section in getattr(case, table).items()
         for cell in section.cells
         if not (getattr(section, "law", "") in PATTERNED and matching(cell, cells))
-    ] + [(f"supports.{name}.facets", s.facets, facets)
-         for name, s in case.supports.items() if s.facets is not None]  # fmt: skip
+    ] + [(f"{table}.{name}.facets", s.facets, facets)
+         for table in ("supports", *APPLIED) for name, s in getattr(case, table).items()
+         if s.facets is not None]  # fmt: skip
     named += [
         (f"{table}.{name}.{side}", getattr(section, side), facets)
         for table in ("contacts", "bolts")

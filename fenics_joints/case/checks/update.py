@@ -19,8 +19,11 @@ __all__ = ["check_update"]
 def _check_cutoff(case: Case) -> list[str]:
     cutoff, errors = case.update.cutoff, []
     contacts = [name for name, section in case.contacts.items() if not section.bonded]
-    if not contacts or not case.bolts:
-        return ["update.cutoff: expected [contacts] that can open, and [bolts] that press them"]
+    if not contacts or not case.is_pressed:
+        return [
+            "update.cutoff: expected [contacts] that can open, and [bolts] or [loads] that press "
+            "them"
+        ]
     errors += unknown(
         indexed("update.cutoff.contacts", cutoff.contacts), contacts, "no such contact"
     )

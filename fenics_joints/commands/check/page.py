@@ -34,7 +34,8 @@ def _pictures(result: Checked) -> list:
     if body is None:
         return []
     places = {kind: [p for p in result.places if p.kind == kind] for kind in
-              ("sensor", "force", "mass", "spring", "attached")}  # fmt: skip
+              ("sensor", "force", "mass", "spring", "attached", "obstacle", "displacement",
+               "load")}  # fmt: skip
     places["bolt"] = list(result.bolts)
     return [
         svg(structure_picture(body.vertices, body.group, body.names, places, below=below))

@@ -30,7 +30,8 @@ class Place:
     """A point of a case.
 
     Attributes:
-        kind: ``sensor``, ``force``, ``mass``, ``spring``, ``attached`` or ``bolt``.
+        kind: ``sensor``, ``force``, ``mass``, ``spring``, ``attached`` or ``bolt``; of what acts
+            on a face ``obstacle``, ``displacement`` or ``load``.
         name: Its name.
         point: m, shape (3,).
         direction: Unit vector; None for what has none.
@@ -53,7 +54,7 @@ class Place:
 
 
 def places_of(case: Case) -> list[Place]:
-    """All points of a case but its bolts."""
+    """All points of a case but its bolts and the places of faces."""
     return list(_places(case))
 
 

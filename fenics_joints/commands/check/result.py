@@ -31,7 +31,7 @@ class Checked:
         errors: What is wrong: a command would refuse it.
         notes: What is unlikely, or was moved or left out.
         weights: Masses of parts, joints and what is put on.
-        places: Sensors, forces, masses, springs.
+        places: Sensors, forces, masses, springs; obstacles, displacements and loads, at faces.
         bolts: Bolts.
         body: The mesh, on rank 0; None where there is none.
         size_m: Its extents, m.

@@ -18,9 +18,11 @@ from fenics_joints.case import (
     examine_case,
     plausibility,
 )
+from fenics_joints.case.applied import APPLIED
 from fenics_joints.case.dimensions import long_normals, measured_directions
 from fenics_joints.case.machine import available_bytes
 from fenics_joints.case.mesh import OffsetBeamsMesh
+from fenics_joints.commands.check.applied import applied_places
 from fenics_joints.commands.check.body import body_of, face_centres
 from fenics_joints.commands.check.costs import costs_of, known, too_much
 from fenics_joints.commands.check.page import check_page
@@ -160,12 +162,13 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     case, comm = found.case, tagged.mesh.comm
     centres = face_centres(tagged)
     places, far = far_places(found.places, tagged)
+    acting = applied_places(case, centres, tagged.mesh.geometry.dim)
     bolts = bolts_of(case, tagged.points.get("bolts"), centres)
     body = body_of(tagged)
     weights = comm.bcast(weights_of(case, body, centres) if body is not None else None)
     low, high = limits(tagged)
     found = replace(
-        found, places=tuple(places), bolts=tuple(bolts), weights=weights, body=body,
+        found, places=(*places, *acting), bolts=tuple(bolts), weights=weights, body=body,
         size_m=high - low,
     )  # fmt: skip
     size = float(np.max(high - low))
@@ -203,12 +206,11 @@ def _model(found: Checked, tagged: TaggedMesh) -> int | str:
     case, comm = found.case, tagged.mesh.comm
     bare = case.model_copy(update={"masses": {}, "springs": {}, "attached": {}})
     try:
-        structure = build_structure(bare, comm, tagged=tagged)
-        if case.contacts and case.bolts:
+        if (case.contacts and case.is_pressed) or any(getattr(case, t) for t in APPLIED):
             return build_preload(bare, comm, tagged=tagged).structure.n_dofs
+        return build_structure(bare, comm, tagged=tagged).n_dofs
     except JointsError as error:
         return _own(case, error)
-    return structure.n_dofs
 
 
 def _apart(case: Case, tagged: TaggedMesh) -> list[str]:

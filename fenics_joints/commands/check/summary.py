@@ -57,8 +57,8 @@ def weight_rows(result: Checked) -> list[tuple[str, str, str, str]]:
 
 
 def place_words(result: Checked) -> str:
-    """How many sensors, forces, bolts there are, and whether they are on the structure."""
-    counts = {"sensor": 0, "force": 0}
+    """How many sensors, forces, bolts there are, and what acts on faces."""
+    counts = dict.fromkeys(("sensor", "force", "obstacle", "displacement", "load"), 0)
     for place in result.places:
         if place.kind in counts:
             counts[place.kind] += 1

@@ -8,6 +8,7 @@ import numpy as np
 
 import fenics_joints
 from fenics_joints.case import Case
+from fenics_joints.commands.preload.contacts import bolt_forces
 from fenics_joints.preload import ContactState, PreloadResult
 from fenics_joints.updating import CutoffMinimum, CutoffSweep
 
@@ -137,7 +138,7 @@ class CutoffReport:
             "version": fenics_joints.__version__,
             "title": self.case.title,
             "dofs": self.result.model.jumps.n,
-            "bolt_forces_n": dict(self.result.forces),
+            "bolt_forces_n": bolt_forces(self.result),
             "condition": {"name": name, "value": value, "unit": unit},
             "modes": list(self.mode_names),
             "frequencies_hz": {"test": self.test_hz.tolist(), "stuck": self.stuck_hz.tolist()},

@@ -8,6 +8,7 @@ from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints.case import Case, told
+from fenics_joints.case.checks.applied import refuse_applied
 from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.diagnose.assumptions import assumptions
 from fenics_joints.commands.diagnose.explanation import explain
@@ -35,6 +36,7 @@ def run_diagnose(
     Raises:
         JointsError: If the case, the mesh or a solution fails.
     """
+    refuse_applied(case, "diagnose")
     found, data = diagnose(case, comm, progress, keep=keep), case.diagnosed_test()
     notes = found.model.get("notes", ())
     assumed = assumptions(case, data)

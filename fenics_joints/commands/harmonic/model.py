@@ -22,7 +22,7 @@ from fenics_joints.interfaces.full import full_layers
 from fenics_joints.interfaces.loading import loading_shapes
 from fenics_joints.joint_laws import JointLaw
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.preload import LinearJoint, PreloadSolver
+from fenics_joints.preload import LinearJoint, PreloadSolver, stuck_conditions
 from fenics_joints.progress import Progress
 from fenics_joints.structure.structure import Structure
 
@@ -181,11 +181,11 @@ def _measured_reach(case: Case) -> float:
 def _with_contacts(case: Case, comm, progress: Progress):
     progress.step("building the model")
     preload = build_preload(case, comm)
-    states = {}
-    if case.bolts:
+    states, held = {}, {}
+    if case.is_pressed:
         progress.step(f"contact of {preload.jumps.n} degrees of freedom under preload")
         result = PreloadSolver(preload).solve(monitor=lambda i, norm: progress.advance())
-        states = result.contacts
+        states, held = result.contacts, stuck_conditions(result)
     h, laws = case.harmonic, {}
     for name, section in case.nonlinear.items():
         if name not in case.contacts:
@@ -194,7 +194,7 @@ def _with_contacts(case: Case, comm, progress: Progress):
             laws[name] = section.contact_law(states.get(name))
         else:
             laws[name] = section.make(None, None, 1.0)
-    joint = LinearJoint(preload)
+    joint = LinearJoint(preload, held)
     own = preload.structure.total_mass()
     if h.base is not None and abs(joint.total_mass() - own) > 1e-9 * own:
         raise InputError(

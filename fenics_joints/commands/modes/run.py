@@ -8,6 +8,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload, build_structure, test_notes
+from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.modes.compared import compared
 from fenics_joints.commands.modes.page import modes_page
 from fenics_joints.commands.modes.result import ModeList
@@ -16,7 +17,12 @@ from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.modal.shape_files import check_meshed, write_shapes
-from fenics_joints.preload import LinearJoint, solve_preload, status_conditions
+from fenics_joints.preload import (
+    LinearJoint,
+    solve_preload,
+    status_conditions,
+    stuck_conditions,
+)
 from fenics_joints.progress import Progress
 from fenics_joints.structure.paraview import check_fields_path
 
@@ -42,7 +48,8 @@ def run_modes(
         progress: Told what is being done.
         n_modes: Number of modes, rigid-body modes included; the case's ``diagnose.n_modes`` by
             default.
-        state: What contacts are: ``"stuck"``, or as the ``"preload"`` leaves them.
+        state: What contacts are: ``"stuck"``, obstacles where the preload presses on them, or as
+            the ``"preload"`` leaves them.
         method: ``"direct"`` or ``"iterative"``, see `solve_modes`; contacts need the direct one.
         draw_all: Whether the page draws all modes, also those that the test does not see.
         fields: A file to write all elastic modes to, ``.bp`` or ``.xdmf``.
@@ -54,9 +61,13 @@ def run_modes(
     if fields is not None:
         check_fields_path(comm, fields)
     progress.step("building the model")
-    if state != "stuck" and not case.contacts:
-        raise InputError(f"contacts = {state!r}: expected sections [contacts.NAME] in the case")
-    if case.contacts:
+    touches = bool(case.contacts or case.obstacles)
+    if state != "stuck" and not touches:
+        raise InputError(
+            f"contacts = {state!r}: expected sections [contacts.NAME] or [obstacles.NAME] in the "
+            "case"
+        )
+    if touches:
         model = _preloaded(case, comm, progress, state)
     else:
         model = build_structure(case, comm)
@@ -66,7 +77,7 @@ def run_modes(
     modes = solve_modes(model, n_modes=n_modes, method=method)
     sensors = case.sensors()
     visibility = None if sensors is None else modes.visibility(sensors)
-    notes, beside = test_notes(case, model), compared(case, modes)
+    notes, beside = (*test_notes(case, model), *_unused(case, state)), compared(case, modes)
     if isinstance(beside, str):
         notes, beside = (*notes, beside), None
     written = ()
@@ -83,7 +94,19 @@ def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) 
     if state not in ("stuck", "preload"):
         raise InputError(f"contacts = {state!r}: expected 'stuck' or 'preload'.")
     model = build_preload(case, comm)
-    if state == "stuck":
+    if state == "stuck" and not case.obstacles:
         return LinearJoint(model)
     progress.step("contact under preload")
-    return LinearJoint(model, status_conditions(solve_preload(model)))
+    conditions = stuck_conditions if state == "stuck" else status_conditions
+    return LinearJoint(model, conditions(solve_preload(model)))
+
+
+def _unused(case: Case, state: str) -> list[str]:
+    """A sentence on what does not count as long as contacts are stuck whatever presses them."""
+    if state != "stuck" or case.obstacles or not (case.loads or case.displacements):
+        return []
+    given = " and ".join(f"[{t}]" for t in ("loads", "displacements") if getattr(case, t))
+    return [
+        f"{OF_MODEL}contacts are stuck all over, whatever {given} do to them; faces that are moved "
+        "are held; with --contacts preload it counts how far they are moved and pressed"
+    ]

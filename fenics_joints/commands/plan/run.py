@@ -7,6 +7,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from fenics_joints.case import Case
+from fenics_joints.case.checks.applied import refuse_applied
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.plan.page import plan_html
 from fenics_joints.commands.plan.summary import show_plan
@@ -31,4 +32,5 @@ def run_plan(
     Raises:
         JointsError: If the case, the mesh or a solution fails.
     """
+    refuse_applied(case, "diagnose --plan")
     return Outcome.of(plan(case, comm, progress, keep=keep), plan_html, show_plan)

@@ -8,7 +8,9 @@ from fenics_joints.formatting import quantity
 from fenics_joints.preload import OPEN, SLIP, STICK, ContactState, PreloadResult
 from fenics_joints.preload.patch import largest_radius
 
-__all__ = ["area_words", "bolt_axes", "contact_facts", "contact_rows", "forces_in_words"]
+__all__ = [
+    "area_words", "bolt_axes", "bolt_forces", "contact_facts", "contact_rows", "forces_in_words",
+]  # fmt: skip
 
 #: Pressure, Pa, that bounds the contact radius (Machines 2022, eq. 10).
 LIMIT = 1e6
@@ -79,9 +81,14 @@ def area_words(square_metres: float) -> str:
     return f"{square_metres * 1e6:.0f} mm²"
 
 
+def bolt_forces(result: PreloadResult) -> dict[str, float]:
+    """The bolts' forces, N, by name."""
+    return {bolt.name: result.forces[bolt.name] for bolt in result.model.bolts}
+
+
 def forces_in_words(result: PreloadResult) -> str:
-    """The bolts' forces by name."""
-    return ", ".join(f"{name} {quantity(f, 'N')}" for name, f in result.forces.items())
+    """The bolts' forces by name; empty without bolts."""
+    return ", ".join(f"{name} {quantity(f, 'N')}" for name, f in bolt_forces(result).items())
 
 
 def contact_rows(contacts: list[dict]) -> list[dict]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
+from fenics_joints.commands.preload.applied import applied_rows
 from fenics_joints.commands.preload.contacts import bolt_axes, contact_rows, forces_in_words
 from fenics_joints.commands.preload.result import PreloadReport
 from fenics_joints.commands.preload.view import preload_view
@@ -19,14 +20,15 @@ __all__ = ["contact_pictures", "picture", "preload_html"]
 
 def preload_html(p: PreloadReport) -> str:
     """The page of the ``preload`` command. Collective; empty on all ranks but the first."""
-    centres = np.array(list(bolt_axes(p.result).values()))
+    axes = bolt_axes(p.result)
+    centres = np.array(list(axes.values())) if axes else None
     view = preload_view(p.result)
     if p.result.model.comm.rank != 0:
         return ""
     return render(
         "preload.html", p=p, title=p.case.title, contacts=contact_rows(p.contacts),
         pictures=contact_pictures(p.result, centres), forces=forces_in_words(p.result),
-        view=view,
+        view=view, applied=applied_rows(p.applied),
     )  # fmt: skip
 
 

@@ -9,12 +9,18 @@ from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload
 from fenics_joints.commands.outcome import Outcome
+from fenics_joints.commands.preload.applied import applied_facts
 from fenics_joints.commands.preload.contacts import bolt_axes, contact_facts
 from fenics_joints.commands.preload.page import preload_html
 from fenics_joints.commands.preload.result import PreloadReport
 from fenics_joints.commands.preload.summary import show_preload
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.preload import LinearJoint, PreloadSolver, status_conditions
+from fenics_joints.preload import (
+    LinearJoint,
+    PreloadSolver,
+    status_conditions,
+    stuck_conditions,
+)
 from fenics_joints.preload.fields import write
 from fenics_joints.progress import Progress
 from fenics_joints.structure.paraview import check_fields_path
@@ -28,7 +34,7 @@ _ELASTIC = 6
 def run_preload(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, fields: Path | None = None
 ) -> Outcome[PreloadReport]:
-    """Contacts at the case's bolt forces, and the frequencies about that state. Collective.
+    """Contacts at the case's bolt forces and loads, and the frequencies about it. Collective.
 
     Args:
         case: The case.
@@ -48,7 +54,7 @@ def run_preload(
     axes = bolt_axes(result)
     contacts = [contact_facts(state, axes) for state in result.contacts.values()]
     progress.step("modes with the contacts stuck, and as the preload leaves them")
-    joint = LinearJoint(model)
+    joint = LinearJoint(model, stuck_conditions(result))
     stuck = solve_modes(joint, n_modes=6 + _ELASTIC + 1)
     loose = solve_modes(
         joint.change(status_conditions(result)), n_modes=6 + _ELASTIC + 1, solver=stuck.solver
@@ -57,7 +63,10 @@ def run_preload(
     if fields is not None:
         progress.step(f"writing {fields}")
         written = tuple(write(result, fields))
-    found = PreloadReport(case, result, contacts, _elastic(stuck), _elastic(loose), written)
+    found = PreloadReport(
+        case, result, contacts, _elastic(stuck), _elastic(loose), written,
+        tuple(applied_facts(result)),
+    )  # fmt: skip
     return Outcome.of(found, preload_html, show_preload)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.text import Text
 
+from fenics_joints.commands.preload.applied import applied_rows
 from fenics_joints.commands.preload.contacts import contact_rows, forces_in_words
 from fenics_joints.commands.preload.result import PreloadReport
 from fenics_joints.formatting import hertz, percent
@@ -18,8 +19,14 @@ def show_preload(console: Console, p: PreloadReport) -> None:
     say(console, f"{p.case.name}: contact under preload", "bold")
     forces = forces_in_words(p.result)
     iterations = f"{p.result.iterations} iterations, {p.result.model.jumps.n} degrees of freedom"
-    say(console, f"{forces}; {iterations}")
+    say(console, f"{forces}; {iterations}" if forces else iterations)
     console.print()
+    if p.applied:
+        rows = new_table("what acts", "", "moved by", "force on the bodies")
+        for row in applied_rows(p.applied):
+            rows.add_row(*map(Text, row))
+        console.print(rows)
+        console.print()
     for c in contact_rows(p.contacts):
         rows = new_table(f"contact {c['name']}", ">")
         for name, value in c["facts"]:

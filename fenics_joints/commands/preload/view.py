@@ -48,7 +48,7 @@ def preload_view(result: PreloadResult) -> Markup | None:
         return _looks(result, s, motion, pressure, status)
 
     whole = surface(vertices, number, levels[number], [motion])
-    name = "Bodies under the bolts' preload, taken apart, with the pressure on their faces."
+    name = "Bodies under preload, taken apart, with the pressure on their faces."
     return scene(whole, looks, name, turn=_frame(result), apart=True)
 
 
@@ -64,7 +64,7 @@ def _looks(result, s: Surface, motion, pressure, status) -> list[Look]:
     most = max(float(pressure.max(initial=0.0)), 1e-12)
     peak = quantity(most, "Pa")
     factor = float(np.abs(shape).max(initial=0.0))
-    note = f"Bodies as the bolts deform them, up to {quantity(factor, 'm')}, enlarged."
+    note = f"Bodies as the preload deforms them, up to {quantity(factor, 'm')}, enlarged."
     return [
         Look(
             "contact pressure", Colours(
