@@ -42,8 +42,9 @@ class ContactSection(Section):
         """Pressure at rest, Pa, (P, 1); where a pair is open minus what would close it."""
         if state is None:
             return -self.normal_stiffness * self.gap
-        gap = np.maximum(state.gap, 0.0)
-        return np.where(gap > 0, -self.normal_stiffness * gap, state.pressure)[:, None]
+        # By its status: the gap of a closed pair is zero but for round-off.
+        away = -self.normal_stiffness * np.maximum(state.gap, 0.0)
+        return np.where(state.closed, state.pressure, away)[:, None]
 
 
 class CoulombSection(ContactSection):

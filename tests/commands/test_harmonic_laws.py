@@ -66,3 +66,30 @@ def test_a_unilateral_contact_has_the_preloads_pressure_and_no_friction(tmp_path
     assert np.all(p["friction"] == 0) and found.model.interfaces[0].normal
     with pytest.raises(InputError, match=r"nonlinear\.lap\.gap.*the preload says it"):
         built(tmp_path, COULOMB + 'gap = "0.1 mm"\n')
+
+
+LOADS = """
+[loads.{0}]
+facets = "washer_{0}"
+force = [0, 0, "{1} N"]
+"""
+#: Rigid, a millimetre beyond the tip.
+BALL = """
+[obstacles.ball]
+kind = "sphere"
+facets = "tip"
+centre = ["520 mm", "0 mm", "3 mm"]
+radius = "99 mm"
+"""
+
+
+def test_loads_press_as_a_bolt_does_and_what_is_not_touched_holds_nothing(tmp_path):
+    """Two opposed loads under the washers are the bolt; a ball out of reach is not there."""
+    law = 'law = "unilateral"\nnormal_stiffness = "100 GPa/m"\n'
+    bolt = CONTACT[CONTACT.index("[bolts.bolt]") : CONTACT.index("[supports.clamp]")]
+    ours = LOADS.format("lower", 120) + LOADS.format("upper", -120) + BALL
+    by_bolt, by_loads = built(tmp_path, law), built(tmp_path, law, (bolt, ours))
+    pressures = [b.model.interfaces[0].law.parameters["pressure"] for b in (by_loads, by_bolt)]
+    assert pressures[0] == pytest.approx(pressures[1], rel=1e-6, abs=1e-6 * pressures[1].max())
+    # Later ones are those of the basis, which the loads add to.
+    assert by_loads.frequencies_hz[:4] == pytest.approx(by_bolt.frequencies_hz[:4], rel=1e-6)

@@ -7,7 +7,7 @@ import numpy as np
 from fenics_joints.commands.cutoff.result import CutoffReport, SchemeReport
 from fenics_joints.commands.preload.contacts import (
     area_words,
-    bolt_axes,
+    bolt_centres,
     contact_rows,
     forces_in_words,
 )
@@ -25,7 +25,7 @@ _COLOURS = {"two": CHOSEN, "three": PLACEBO}
 
 def cutoff_html(u: CutoffReport) -> str:
     """The page of an update of the cut-off. Collective; empty on all ranks but the first."""
-    centres = np.array(list(bolt_axes(u.result).values()))
+    centres = bolt_centres(u.result)
     if u.result.model.comm.rank != 0:
         return ""
     schemes = []

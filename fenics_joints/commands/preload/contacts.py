@@ -9,7 +9,8 @@ from fenics_joints.preload import OPEN, SLIP, STICK, ContactState, PreloadResult
 from fenics_joints.preload.patch import largest_radius
 
 __all__ = [
-    "area_words", "bolt_axes", "bolt_forces", "contact_facts", "contact_rows", "forces_in_words",
+    "area_words", "bolt_axes", "bolt_centres", "bolt_forces", "contact_facts", "contact_rows",
+    "forces_in_words",
 ]  # fmt: skip
 
 #: Pressure, Pa, that bounds the contact radius (Machines 2022, eq. 10).
@@ -23,6 +24,12 @@ def bolt_axes(result: PreloadResult) -> dict[str, np.ndarray]:
         bolt.name: 0.5 * (_middle(model.face(bolt.lower)) + _middle(model.face(bolt.upper)))
         for bolt in model.bolts
     }
+
+
+def bolt_centres(result: PreloadResult) -> np.ndarray | None:
+    """These points, m, (n, gdim); None without bolts. Collective."""
+    axes = bolt_axes(result)
+    return np.array(list(axes.values())) if axes else None
 
 
 def _middle(face) -> np.ndarray:

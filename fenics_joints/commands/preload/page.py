@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from fenics_joints.commands.preload.applied import applied_rows
-from fenics_joints.commands.preload.contacts import bolt_axes, contact_rows, forces_in_words
+from fenics_joints.commands.preload.contacts import bolt_centres, contact_rows, forces_in_words
 from fenics_joints.commands.preload.result import PreloadReport
 from fenics_joints.commands.preload.view import preload_view
 from fenics_joints.formatting import quantity
@@ -20,8 +20,7 @@ __all__ = ["contact_pictures", "picture", "preload_html"]
 
 def preload_html(p: PreloadReport) -> str:
     """The page of the ``preload`` command. Collective; empty on all ranks but the first."""
-    axes = bolt_axes(p.result)
-    centres = np.array(list(axes.values())) if axes else None
+    centres = bolt_centres(p.result)
     view = preload_view(p.result)
     if p.result.model.comm.rank != 0:
         return ""
