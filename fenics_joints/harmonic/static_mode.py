@@ -15,22 +15,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError, real, reals, whole
 from fenics_joints.interfaces import FullModel, InterfaceModel
-from fenics_joints.interfaces.model import inverted_modes
+from fenics_joints.interfaces.motion import Motion
 from fenics_joints.interfaces.statics import Statics
-from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.options import reason_of
 
 __all__ = ["StaticBackbone", "solve_static_backbone"]
 
-#: Modes among which that near a frequency is looked for, of a full model.
-_MODES = 12
-#: Directions with this share of the mass per stiffness of the heaviest have none.
-_MASSLESS = 1e-12
 #: Decades below the lowest amplitude at which the load begins.
 _BEFORE = 1.0
 #: How often a step is halved that finds no equilibrium, or in which the joint gives way.
@@ -162,14 +156,9 @@ class _Path:
         self.begin = self.statics.u.copy()
         K = self.motion.matrix()
         self.motion.jacobian(self.begin, self.statics.states, 0.0, 0.0, K)
-        find = _sparse_mode if isinstance(model, FullModel) else _dense_mode
-        self.omega2, self.shape = find(self.motion, K, model.M, near)
+        self.omega2, self.shape = _mode(self.motion, K, near)
         K.destroy()
-        self.inertia = self.motion.vector()
-        if isinstance(model, FullModel):
-            model.M.mult(self.shape, self.inertia)
-        else:
-            self.inertia.array[:] = model.M @ self.shape.array_r
+        self.inertia = self.motion.inertia(self.shape)
 
     def go(self, alpha: float, guess: PETSc.Vec) -> bool:
         """Equilibrium at a load, from a guess of the displacement; whether there is one."""
@@ -313,32 +302,11 @@ def _masing(alpha: np.ndarray, q: np.ndarray, omega2: float) -> np.ndarray:
     return 4 * short * q - 8 * np.cumsum(steps)
 
 
-def _dense_mode(motion, K: PETSc.Mat, M: np.ndarray, near: float | None):
-    """Eigenvalue and shape of a mode of a reduced model."""
-    try:
-        shift, inverse, shapes = inverted_modes(K.getDenseArray(), M, 1.0)
-    except scipy.linalg.LinAlgError as error:
-        raise InputError(
-            f"M and K at rest: expected positive (semi-)definite matrices ({error})."
-        ) from error
-    heavy = np.flatnonzero(inverse > _MASSLESS * inverse[0])[len(motion.free()) :]
-    values = 1 / inverse[heavy] - shift
-    i = _nearest(values, near)
-    shape = motion.vector()
-    shape.array[:] = shapes[:, heavy[i]] / np.sqrt(inverse[heavy[i]])
-    return float(values[i]), shape
-
-
-def _sparse_mode(motion, K: PETSc.Mat, M: PETSc.Mat, near: float | None):
-    """Eigenvalue and shape of a mode of a full model. Collective."""
-    found = EigenSolver(_MODES).solve(K, M)
-    n = len(motion.free())
-    i = n + _nearest(found.values[n:], near)
-    return float(found.values[i]), found.shapes[i]
-
-
-def _nearest(values: np.ndarray, near: float | None) -> int:
+def _mode(motion: Motion, K: PETSc.Mat, near: float | None) -> tuple[float, PETSc.Vec]:
+    """Eigenvalue and shape of the elastic mode nearest to a frequency. Collective."""
+    values, shape = motion.elastic_modes(K)
     if not len(values) or values.max() <= 0:
         raise InputError("the model has no elastic mode; expected some stiffness.")
     hz = np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
-    return 0 if near is None else int(np.argmin(np.abs(hz - near)))
+    i = 0 if near is None else int(np.argmin(np.abs(hz - near)))
+    return float(values[i]), shape(i)

@@ -6,7 +6,7 @@ nonlinear interfaces, and for each interface the rows that make its strains.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -312,6 +312,29 @@ class DenseMotion(Motion):
         """Kinetic energy and that of K, J: what interfaces store is not in it."""
         m, x, y = self.model, u.array_r, v.array_r
         return float(0.5 * (y @ m.M @ y + x @ m.K @ x))
+
+    def inertia(self, a: PETSc.Vec) -> PETSc.Vec:
+        """See `Motion.inertia`."""
+        found = a.duplicate()
+        found.array[:] = self.model.M @ a.array_r
+        return found
+
+    def elastic_modes(self, K: PETSc.Mat) -> tuple[np.ndarray, Callable[[int], PETSc.Vec]]:
+        """See `Motion.elastic_modes`."""
+        try:
+            shift, inverse, X = inverted_modes(K.getDenseArray(), self.model.M, 1.0)
+        except scipy.linalg.LinAlgError as error:
+            raise InputError(
+                f"M and K at rest: expected positive (semi-)definite matrices ({error})."
+            ) from error
+        heavy = np.flatnonzero(inverse > _MASSLESS * inverse[0])[len(self.free()) :]
+
+        def shape(i: int) -> PETSc.Vec:
+            found = self.vector()
+            found.array[:] = X[:, heavy[i]] / np.sqrt(inverse[heavy[i]])
+            return found
+
+        return 1 / inverse[heavy] - shift, shape
 
     def drag(self, v: PETSc.Vec) -> PETSc.Vec:
         found = v.duplicate()

@@ -7,7 +7,7 @@ statics and to time integration: that of a layer or of a contact, in a reduced m
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, ClassVar
@@ -131,6 +131,24 @@ class Motion(ABC):
     @abstractmethod
     def jacobian(self, u, states, shift_v: float, shift_a: float, out: PETSc.Mat, v=None) -> None:
         """K + d f/d u + shift_v C + shift_a M into ``out``, at the velocity v. Collective."""
+
+    @abstractmethod
+    def inertia(self, a: PETSc.Vec) -> PETSc.Vec:
+        """Force of the inertia, M a. Collective."""
+
+    @abstractmethod
+    def elastic_modes(self, K: PETSc.Mat) -> tuple[np.ndarray, Callable[[int], PETSc.Vec]]:
+        """Modes of the mass and a stiffness, such as `jacobian`'s, without rigid motions.
+
+        Collective.
+
+        Returns:
+            (Eigenvalues, (rad/s)^2, ascending; M-normalised shape of the i-th). A full model has
+            only its lowest.
+
+        Raises:
+            InputError: If mass or stiffness is not positive (semi-)definite.
+        """
 
     @abstractmethod
     def drag(self, v: PETSc.Vec) -> PETSc.Vec:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -12,10 +12,13 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.interfaces.motion import LawPoints, Motion, named, named_points
 from fenics_joints.interfaces.rigid import FreeMotions, no_motions
+from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.options import reason_of
 
 __all__ = ["FullModel", "SparseMotion", "SparsePoints", "point_blocks"]
 
+#: Modes that are asked of the eigensolver.
+_MODES = 12
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
@@ -148,6 +151,17 @@ class SparseMotion(Motion):
         kinetic = v.dot(self._work)
         self.model.K.mult(u, self._work)
         return 0.5 * float(kinetic + u.dot(self._work))
+
+    def inertia(self, a: PETSc.Vec) -> PETSc.Vec:
+        """See `Motion.inertia`."""
+        found = self.vector()
+        self.model.M.mult(a, found)
+        return found
+
+    def elastic_modes(self, K: PETSc.Mat) -> tuple[np.ndarray, Callable[[int], PETSc.Vec]]:
+        """See `Motion.elastic_modes`."""
+        found, n = EigenSolver(_MODES).solve(K, self.model.M), len(self.free())
+        return found.values[n:], lambda i: found.shapes[n + i]
 
     def drag(self, v: PETSc.Vec) -> PETSc.Vec:
         found = self.vector()

@@ -38,7 +38,10 @@ class Forward:
 
     Attributes:
         further: Forward of one mode more, where the test may have missed one; None where not.
+        batches: Whether it has ``many``, for many parameter values at a time.
     """
+
+    batches = False
 
     def __init__(
         self,

@@ -20,7 +20,7 @@ from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.many import ManyModes
 
 __all__ = [
-    "LeanForward", "arrays_of", "frequency_error", "lean_forward", "modes_at", "seen_modes_at",
+    "LeanForward", "batched", "frequency_error", "lean_forward", "modes_at", "seen_modes_at",
 ]  # fmt: skip
 
 #: As in `fenics_joints.modal.modes`: the shift below zero, and what counts as rigid.
@@ -32,11 +32,6 @@ _MARGIN = 1e3
 _SEARCHED = 4
 
 
-def arrays_of(forward: Forward) -> ArrayModel | None:
-    """The model behind a forward; None if it is not one of plain arrays."""
-    return forward.model if type(forward.model) is ArrayModel else None
-
-
 class LeanForward(Forward):
     """A forward of a lean model that solves for many parameter values at a time.
 
@@ -44,6 +39,8 @@ class LeanForward(Forward):
         forward: The one whose modes it follows.
         model: Its model on fewer vectors.
     """
+
+    batches = True
 
     def __init__(self, forward: Forward, model: ArrayModel):
         n_modes = min(forward.n_modes, model.n_dofs)
@@ -206,6 +203,15 @@ def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
     if _MARGIN * np.finfo(float).eps * highest > rigid:
         return None
     return model.on(inverse_root.T)
+
+
+def batched(forward: Forward) -> Forward:
+    """The same for many parameter values at a time (`Forward.batches`).
+
+    The forward itself where its model is not one of plain arrays.
+    """
+    model = forward.model
+    return LeanForward(forward, model) if type(model) is ArrayModel else forward
 
 
 def lean_forward(

@@ -20,8 +20,8 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.reduction import Forward, LeanForward
-from fenics_joints.reduction.lean import arrays_of
+from fenics_joints.reduction import Forward
+from fenics_joints.reduction.lean import batched
 
 __all__ = ["one_of_alike"]
 
@@ -99,9 +99,7 @@ class _Look:
     """Whitened predictions of an effect over its prior, all else at its median."""
 
     def __init__(self, forward: Forward, evidence: Evidence, baseline: dict[str, float]):
-        model = arrays_of(forward)
-        self._lean = None if model is None else LeanForward(forward, model)
-        self._given = forward, evidence, baseline
+        self._given = batched(forward), evidence, baseline
         self._lower = np.linalg.cholesky(evidence.covariance())
 
     def __call__(self, effect: Effect) -> np.ndarray:
@@ -117,8 +115,8 @@ class _Look:
         steps = [np.zeros((1, d)), *(size * np.eye(d) for size in _SIZES)]
         points = np.clip(np.vstack(steps), *limits.T)
         z = np.array([hypothesis.at(point) for point in points])
-        if self._lean is not None:
-            predicted = ManyPredictions(hypothesis, self._lean, evidence, baseline)(z)[0]
+        if forward.batches:
+            predicted = ManyPredictions(hypothesis, forward, evidence, baseline)(z)[0]
         else:
             predicted = np.array([predict(hypothesis, forward, evidence, each, baseline)[0]
                                   for each in z])  # fmt: skip

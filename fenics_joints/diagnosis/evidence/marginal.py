@@ -119,7 +119,7 @@ class Marginal:
         condition = self.evidence.conditions[row]
         return self.hypothesis.values(z, condition, self.baseline, row, mode)
 
-    def lean(self, forward, model, points, weights) -> LeanForward:
+    def lean(self, forward, points, weights) -> LeanForward:
         """The lean model of the samples, as large as some of the posterior's ask for."""
         values = self.spread(points)
         each = len(values) // len(points)
@@ -139,7 +139,7 @@ class Marginal:
         centre = self.fit.z[self.own]
         checks = self.spread(centre + 0.5 * (points[weights == 1.0][1 : CHECKS + 1] - centre))
         lean, _ = lean_forward(
-            forward, model, self._values(self.fit.z, 0, None), np.hstack(found),
+            forward, forward.model, self._values(self.fit.z, 0, None), np.hstack(found),
             np.concatenate(sizes), checks, self.error_limit,
             beyond=self.watched(forward) is not forward,
         )  # fmt: skip
@@ -170,7 +170,7 @@ class Marginal:
         """Take this model from now on, and this way to the derivatives: see `sampled.py`."""
         self.forward, self.slopes, self.calls = forward, slopes, 0
         self.many = None
-        if isinstance(forward, LeanForward):
+        if forward.batches:
             self.many = ManyPredictions(self.hypothesis, forward, self.evidence, self.baseline)
         if slopes == "fixed":
             self.fixed = self._exact_slopes(self.fit.z[None, self.own])[0]

@@ -20,8 +20,8 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.importance import Draws
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.marginal import Marginal
-from fenics_joints.reduction import Forward, LeanForward
-from fenics_joints.reduction.lean import arrays_of
+from fenics_joints.reduction import Forward
+from fenics_joints.reduction.lean import batched
 
 __all__ = ["Sampled", "importance_evidence", "nested_evidence"]
 
@@ -89,13 +89,12 @@ def importance_evidence(
         baseline: Parameter values of the nominal model.
         seed: Of the random numbers.
     """
-    slopes = "interpolated" if arrays_of(forward) is None else "exact"
 
     def sample(problem: Marginal) -> Draws:
         ends = [z[problem.own] for z in (fit.z, *fit.ends)]
         return importance.draw(problem, ends, seed)
 
-    return _sampled(fit, forward, evidence, baseline, sample, "importance", slopes, _FEW, seed)
+    return _sampled(fit, forward, evidence, baseline, sample, "importance", None, _FEW, seed)
 
 
 def nested_evidence(
@@ -135,8 +134,8 @@ def nested_evidence(
 
 
 def _sampled(
-    fit, forward, evidence, baseline, sample: Callable[[Marginal], Draws], way: str, slopes: str,
-    size: Sequence[int], seed: int,
+    fit, forward, evidence, baseline, sample: Callable[[Marginal], Draws], way: str,
+    slopes: str | None, size: Sequence[int], seed: int,
 ) -> Sampled:  # fmt: skip
     """Sample with a lean model, which the whole one corrects; with that one if it has to much."""
     problem = Marginal(fit, evidence, baseline)
@@ -144,16 +143,16 @@ def _sampled(
         return Sampled(fit.log_evidence, 0.0, 0, np.zeros(0), np.zeros(0), 0.0, way)
     if problem.n_effects == 1:
         sample, way = _on_a_line, "line"
-    model, design = arrays_of(forward), problem.design(seed, *size)
-    whole = forward if model is None else LeanForward(forward, model)
-    lean = whole if model is None else problem.lean(forward, model, *design)
+    whole, design = batched(forward), problem.design(seed, *size)
+    slopes = slopes or ("exact" if whole.batches else "interpolated")
+    lean = problem.lean(forward, *design) if whole.batches else whole
     calls = 0
     for used, kind in ((lean, slopes), (whole, "exact")):
         problem.use(used, kind, design[0])
         draws = sample(problem)
         calls += problem.calls
         gain, spread, error = problem.correction(_resample(draws, _CORRECTED, seed), whole)
-        if spread <= _FAR or model is None:
+        if spread <= _FAR or not whole.batches:
             break
     mean = draws.weights @ draws.points
     sd = np.sqrt(draws.weights @ (draws.points - mean) ** 2)
