@@ -12,7 +12,6 @@ from fenics_joints.case.checks.applied import PRESSES, refuse_applied
 from fenics_joints.case.checks.beams import refuse_beams
 from fenics_joints.case.checks.names import matching, unknown_groups
 from fenics_joints.case.dimensions import directed_parts
-from fenics_joints.case.mesh import JoinedMesh, MeshFile, OffsetBeamsMesh
 from fenics_joints.case.parameters import parameters
 from fenics_joints.case.sections import Joint, MassSection, SupportSection
 from fenics_joints.case.values import AXES
@@ -46,10 +45,7 @@ def build_mesh(case: Case, comm: MPI.Intracomm) -> TaggedMesh:
         MeshError: If it cannot be built or read, or lacks a group that the case names.
     """
     try:
-        if isinstance(case.mesh, MeshFile):
-            tagged = case.mesh.read(case.folder, comm)
-        else:
-            tagged = case.mesh.build(comm)
+        tagged = case.mesh.build(case.folder, comm)
     except MeshError as error:
         raise MeshError(f"{case.path}: mesh: {error}") from error
     except InputError as error:
@@ -97,7 +93,7 @@ def build_structure(
             which there is `build_preload`.
         MeshError: As `build_mesh`.
     """
-    if isinstance(case.mesh, OffsetBeamsMesh):
+    if case.mesh.origin == "beams":
         return build_beams(
             case, attached=attached, width=width, elastic_supports=elastic_supports,
             damping=damping,
@@ -225,7 +221,7 @@ def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
             with located(f"joints.{name}"):
                 check_normal(tagged, _cells(j, tagged), j.normal)
     made = {"transition": _transition, "springs": _springs}
-    grown = isinstance(case.mesh, JoinedMesh) and case.mesh.grows
+    grown = case.mesh.grows
     return [
         made[j.law](name, j, tagged, grown)
         if j.law in made

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from mpi4py import MPI
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from fenics_joints.case.mesh_section import MeshSection
 from fenics_joints.case.preload import known_thread
 from fenics_joints.case.values import (
     Count,
@@ -60,15 +61,12 @@ _Place = Annotated[Any, BeforeValidator(_place)]
 _Points = Annotated[list[_Space], BeforeValidator(_points), Field(min_length=1)]
 
 
-class MeshFile(Section):
+class MeshFile(MeshSection):
     """``[mesh]`` with a file."""
 
+    origin = "file"
     file: File
     degree: Literal[1, 2] = 2
-
-    def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh; ``folder`` is the case's. Collective."""
-        raise NotImplementedError
 
 
 class BoltsSection(Section):
@@ -188,8 +186,12 @@ class JoinedMesh(MeshFile):
 
     @property
     def grows(self) -> bool:
-        """Whether its layers are as thin as can be."""
+        """See `MeshSection.grows`."""
         return self.layer is None and self.joint != "contact"
+
+    def bolt_points(self) -> tuple[str, Any]:
+        """See `MeshSection.bolt_points`."""
+        return "mesh.bolts.at", None if self.bolts is None else self.bolts.at
 
     @model_validator(mode="after")
     def _bolts_for_rings(self) -> JoinedMesh:
@@ -215,8 +217,8 @@ class StepMesh(JoinedMesh):
     parts: named(_Place) | None = None
     faces: named(_Points) | None = None
 
-    def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh; ``folder`` is the case's. Collective."""
+    def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
+        """See `MeshSection.build`."""
         given = self.model_dump(exclude={"file", "degree", "size", "bolts"}, exclude_none=True)
         given["joint"] = self.joint or ("layer" if self.bolts is None else "rings")
         more = {} if self.bolts is None else comm.bcast(on_root(comm, self.bolts.arguments))

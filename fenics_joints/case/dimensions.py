@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.mesh import MeshFile
 from fenics_joints.case.sections import Part
 from fenics_joints.errors import InputError, located
 from fenics_joints.meshes import TaggedMesh
@@ -35,7 +34,7 @@ _UNFIT = (
 
 def _is_guessed(case: Case, part: Part, tagged: TaggedMesh) -> bool:
     """Whether a part's directions are those of the mesh: it is from a file, and gives no normal."""
-    solid = isinstance(case.mesh, MeshFile) and tagged.mesh.geometry.dim == 3
+    solid = case.mesh.origin == "file" and tagged.mesh.geometry.dim == 3
     return solid and "normal" not in part.model_fields_set
 
 

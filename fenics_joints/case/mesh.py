@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import types
 import typing
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from mpi4py import MPI
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from fenics_joints.case.cad import STEP_SUFFIXES, JoinedMesh, MeshFile, StepMesh
+from fenics_joints.case.mesh_section import MeshSection
 from fenics_joints.case.values import (
     Count,
     Positive,
@@ -45,17 +47,14 @@ __all__ = [
 ]  # fmt: skip
 
 
-class BuilderMesh(Section):
+class BuilderMesh(MeshSection):
     """``[mesh]`` with a builder, whose arguments are fields, optional, beside ``builder``."""
 
+    origin = "builder"
     degree: Literal[1, 2] = 2
 
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the cells' and of the facets' groups."""
-        raise NotImplementedError
-
-    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh. Collective."""
         raise NotImplementedError
 
 
@@ -73,8 +72,8 @@ class SolidMesh(BuilderMesh):
         """Names of the cells' and of the facets' groups."""
         return self.made().groups()
 
-    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh. Collective."""
+    def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
+        """See `MeshSection.build`."""
         return self.made().build(comm)
 
 
@@ -135,6 +134,7 @@ class OffsetBeamsMesh(BuilderMesh):
     `fenics_joints.beams.element`.
     """
 
+    origin = "beams"
     builder: Literal["offset_beams"]
     lengths: _Sizes
     laps: Annotated[list[Size], BeforeValidator(listed)] = []
@@ -182,7 +182,12 @@ class OffsetBeamsMesh(BuilderMesh):
         names = ["lap"] if laps == 1 else [f"lap_{i + 1}" for i in range(laps)]
         return [[lap] * n for lap, n in zip(names, self.of("lap_elements"), strict=True)]
 
-    def build(self, comm: MPI.Intracomm) -> TaggedMesh:
+    def volume(self, cells: Sequence[str]) -> float:
+        """Volume of the beams among these groups, m3."""
+        sizes = zip(self.of("lengths"), self.of("width"), self.of("thickness"), strict=True)
+        return sum(math.prod(s) for i, s in enumerate(sizes) if f"beam_{i + 1}" in cells)
+
+    def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """Refused: beams have no mesh.
 
         Raises:
@@ -203,14 +208,14 @@ class FileMesh(JoinedMesh):
     scale: Size = 1.0
     gdim: Literal[2, 3] = 3
 
-    def read(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh; ``folder`` is the case's. Collective."""
+    def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
+        """See `MeshSection.build`."""
         grown = comm.bcast(on_root(comm, self._grown))
         return read_msh(folder / self.file, comm, gdim=self.gdim, scale=self.scale, grown=grown)
 
     @property
     def grows(self) -> bool:
-        """Whether its layers are as thin as can be."""
+        """See `MeshSection.grows`."""
         return super().grows and (self.joint is not None or self.bolts is not None)
 
     def _grown(self) -> Grown | None:

@@ -25,7 +25,7 @@ _NEAR = 1e-9
 
 def check_beams(case: Case) -> list[str]:
     """A line for each thing that does not fit a case with beams, or needs them and has none."""
-    if not isinstance(case.mesh, OffsetBeamsMesh):
+    if case.mesh.origin != "beams":
         return _without(case)
     errors = [
         f"{key}: expected none with mesh.builder = 'offset_beams'; they need {what}"
@@ -51,7 +51,7 @@ def check_beams(case: Case) -> list[str]:
 
 def refuse_beams(case: Case, what: str) -> None:
     """Raise InputError, naming what was asked for, if a case has beams in place of a mesh."""
-    if isinstance(case.mesh, OffsetBeamsMesh):
+    if case.mesh.origin == "beams":
         raise InputError(
             f"{case.path}: {what} needs solid parts: expected another mesh.builder than "
             "'offset_beams', or a file; modes, update and diagnose work on beams"

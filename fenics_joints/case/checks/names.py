@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from fnmatch import fnmatchcase
 
 from fenics_joints.case.applied import APPLIED
-from fenics_joints.case.cad import MeshFile
 from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, said
 from fenics_joints.case.sections import Joint, Part
@@ -71,7 +70,7 @@ def _check_bounds(key: str, section: Part | Joint) -> list[str]:
 
 def check_mesh(case: Case) -> list[str]:
     """Names of cells and facets against the builder's; a file's are checked when it is read."""
-    if isinstance(case.mesh, MeshFile):
+    if case.mesh.origin == "file":
         file = case.folder / case.mesh.file
         expected = f"no such file, expected a mesh at {shown_path(file)}"
         missing = said("mesh.file", case.mesh.file, expected)

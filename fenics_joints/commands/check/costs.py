@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from fenics_joints.case import Case, Estimate, estimate
 from fenics_joints.case.machine import available_bytes
-from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh
 from fenics_joints.case.size import BEGIN, estimate_of
 
 __all__ = ["Cost", "costs_of", "known", "too_much"]
@@ -53,7 +52,7 @@ def costs_of(case: Case, found: Estimate, dofs: int | None, ranks: int) -> tuple
 
 def known(case: Case, found: Estimate, dofs: int | None, ranks: int) -> Estimate:
     """An estimate by the degrees of freedom that a file's mesh has; builders' are known before."""
-    if not dofs or not isinstance(case.mesh, MeshFile):
+    if not dofs or case.mesh.origin != "file":
         return found
     return estimate_of(dofs, case.mesh.degree, ranks=ranks)
 
@@ -70,7 +69,7 @@ def _costs(case: Case, found: Estimate, ranks: int) -> Iterator[Cost]:
     if case.measured is None:
         return
     coarse = case.diagnosed()
-    if coarse is not case and not isinstance(case.mesh, OffsetBeamsMesh):
+    if coarse is not case and case.mesh.origin != "beams":
         found = estimate(coarse, ranks=ranks)
     solutions = _SAMPLE * case.diagnose.samples + _CHECKS
     once = max(found.seconds - BEGIN, 0.0)

@@ -10,7 +10,6 @@ from itertools import combinations
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.case.cad import JoinedMesh
 from fenics_joints.case.harmonic import HarmonicSection
 from fenics_joints.case.sections import ONE_BOLT
 from fenics_joints.errors import InputError
@@ -185,11 +184,10 @@ def _rows(points) -> np.ndarray:
 
 def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
     """A line for each two bolts at one place, of the file and of the mesh."""
-    given = case.mesh.bolts.at if isinstance(case.mesh, JoinedMesh) and case.mesh.bolts else None
-    asked = getattr(case.mesh, "bolts", None) if given is None else given
+    key, asked = case.mesh.bolt_points()
     asked = asked if isinstance(asked, list | tuple) else []
     listed = [
-        Place("bolt", f"mesh.bolts{'' if given is None else '.at'}[{i}]", _three(point))
+        Place("bolt", f"{key}[{i}]", _three(point))
         for i, point in enumerate(asked)
         if isinstance(point, list | tuple)  # a builder may want their number
     ]

@@ -21,7 +21,6 @@ from fenics_joints.case import (
 from fenics_joints.case.applied import APPLIED
 from fenics_joints.case.dimensions import long_normals, measured_directions
 from fenics_joints.case.machine import available_bytes
-from fenics_joints.case.mesh import OffsetBeamsMesh
 from fenics_joints.commands.check.applied import applied_places
 from fenics_joints.commands.check.body import body_of, face_centres
 from fenics_joints.commands.check.costs import costs_of, known, too_much
@@ -83,7 +82,7 @@ def check_case(
     found = _more(found, _diagnosed(case, examined.errors), twice(found.places))
     if not examined.has_mesh:
         return found
-    if isinstance(case.mesh, OffsetBeamsMesh):
+    if case.mesh.origin == "beams":
         return _with_costs(_beams(found, examined, comm), comm)
     if not large and _is_too_large(found, comm):
         note = (

@@ -10,7 +10,6 @@ import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.case.checks.names import matching
-from fenics_joints.case.mesh import OffsetBeamsMesh
 from fenics_joints.case.preload import BeamBoltSection
 from fenics_joints.case.sections import MassSection
 from fenics_joints.commands.check.body import Body
@@ -84,11 +83,8 @@ def weights_of(
 
 
 def _volume(case: Case, body: Body | None, cells) -> float:
-    mesh = case.mesh
-    if isinstance(mesh, OffsetBeamsMesh):
-        sizes = zip(mesh.of("lengths"), mesh.of("width"), mesh.of("thickness"), strict=True)
-        own = [math.prod(s) for i, s in enumerate(sizes) if f"beam_{i + 1}" in cells]
-        return sum(own)
+    if case.mesh.origin == "beams":
+        return case.mesh.volume(cells)
     named = [name for pattern in cells for name in matching(pattern, body.names)]
     return body.volume(named)
 

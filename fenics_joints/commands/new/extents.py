@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.mesh import BUILDERS, OffsetBeamsMesh
+from fenics_joints.case.mesh import BUILDERS
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.cad_survey import StepSurvey
 from fenics_joints.meshes.msh import read_lists
@@ -41,7 +41,7 @@ def extents_of_msh(path: Path) -> np.ndarray | None:
 def extents_of_builder(name: str) -> np.ndarray | None:
     """With its own numbers, m; None where it has none."""
     kind = BUILDERS.get(name)
-    if kind is None or kind is OffsetBeamsMesh:
+    if kind is None or kind.origin == "beams":
         return None
     return np.ptp(kind(builder=name).made().build(MPI.COMM_SELF).mesh.geometry.x, axis=0)
 

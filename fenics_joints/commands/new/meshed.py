@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.case.mesh import BUILDERS, OffsetBeamsMesh
+from fenics_joints.case.mesh import BUILDERS
 from fenics_joints.commands.check.body import body_of
 from fenics_joints.commands.new.extents import UNITS, likely_unit
 from fenics_joints.commands.new.grown import with_joints
@@ -111,7 +111,7 @@ def builder_sketch(name: str, material: str, ask: Ask) -> Sketch:
         InputError: If there is no such builder.
     """
     member("builder", name, BUILDERS)
-    if BUILDERS[name] is OffsetBeamsMesh:
+    if BUILDERS[name].origin == "beams":
         return _beams(name, material, ask)
     made = BUILDERS[name](builder=name).made()
     kinds = typing.get_type_hints(type(made), include_extras=True)

@@ -10,7 +10,6 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.build_beams import build_beams
 from fenics_joints.case.dimensions import Dimensions
-from fenics_joints.case.mesh import OffsetBeamsMesh
 from fenics_joints.diagnosis.where.cells import BeamElements, Cells, MeshCells
 from fenics_joints.diagnosis.zones.contacts import contact_zones
 from fenics_joints.diagnosis.zones.joints import joint_zones
@@ -51,7 +50,7 @@ def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
     Raises:
         InputError: If the case has joints of a law that a diagnosis cannot soften.
     """
-    if isinstance(case.mesh, OffsetBeamsMesh):
+    if case.mesh.origin == "beams":
         progress.step("building the model")
         return beam_subject(case, comm)
     return solid_subject(case, comm, progress)
