@@ -6,6 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
+from fenics_joints.case.applied import APPLIED
 from fenics_joints.case.build_beams import build_beams, springs_of
 from fenics_joints.case.case import Case
 from fenics_joints.case.checks.applied import PRESSES, refuse_applied
@@ -89,8 +90,8 @@ def build_structure(
         damping: Whether the values of ``[damping]`` are parameters too; see `model_damping`.
 
     Raises:
-        InputError: For a value that is out of range, or obstacles, displacements or loads, for
-            which there is `build_preload`.
+        InputError: For a value that is out of range, or contacts, obstacles, displacements or
+            loads, for which there is `build_preload`.
         MeshError: As `build_mesh`.
     """
     if case.mesh.origin == "beams":
@@ -98,7 +99,7 @@ def build_structure(
             case, attached=attached, width=width, elastic_supports=elastic_supports,
             damping=damping,
         )  # fmt: skip
-    refuse_applied(case, "a model without contact")
+    refuse_applied(case, "a model without contact", ("contacts", *APPLIED))
     return _solid(case, comm, law, attached, tagged, width, elastic_supports, damping)
 
 
@@ -132,7 +133,7 @@ def _solid(
 
 
 def build_preload(
-    case: Case, comm: MPI.Intracomm, *, tagged: TaggedMesh | None = None
+    case: Case, comm: MPI.Intracomm, *, tagged: TaggedMesh | None = None, at_rest: bool = False
 ) -> PreloadModel:
     """The bodies of a case, their contacts, and what presses them at nominal forces. Collective.
 
@@ -140,6 +141,7 @@ def build_preload(
         case: The case.
         comm: Communicator.
         tagged: The case's mesh, if it exists already.
+        at_rest: Whether it will do if nothing presses the bodies: for linear contacts.
 
     Raises:
         InputError: If the case has no contacts or obstacles or nothing presses them, or a value is
@@ -150,7 +152,7 @@ def build_preload(
     if not (case.contacts or case.obstacles):
         sections = "[contacts.NAME], or [obstacles.NAME]"
         raise InputError(f"{case.path}: contacts is missing, expected sections {sections}")
-    if not case.is_pressed:
+    if not (at_rest or case.is_pressed):
         raise InputError(f"{case.path}: bolts is missing: {PRESSES}")
     structure = _solid(case, comm, tagged=tagged)
     gdim = structure.gdim

@@ -98,6 +98,10 @@ def test_what_does_not_count_is_refused(tmp_path):
     file.write_text(BEAM)
     with pytest.raises(InputError, match=r"knows no \[obstacles\], \[displacements\], \[loads\]"):
         build_structure(load_case(file), SELF)
+    contact = '[contacts.lap]\nlower = "interface_lower"\nupper = "interface_upper"\n'
+    file.write_text(BEAM[: BEAM.index("[obstacles")] + contact)
+    with pytest.raises(InputError, match=r"without contact knows no \[contacts\]"):
+        build_structure(load_case(file), SELF)
     file.write_text(BEAM.replace('"-0.1 mm"]', "-0.1]"))
     said = " ".join(check_case(file, SELF, QUIET).notes)
     assert "displacements.grip.value[2] = -0.1 m is unusual" in said

@@ -66,6 +66,10 @@ def test_a_unilateral_contact_has_the_preloads_pressure_and_no_friction(tmp_path
     assert np.all(p["friction"] == 0) and found.model.interfaces[0].normal
     with pytest.raises(InputError, match=r"nonlinear\.lap\.gap.*the preload says it"):
         built(tmp_path, COULOMB + 'gap = "0.1 mm"\n')
+    bolt = CONTACT[CONTACT.index("[bolts.bolt]") : CONTACT.index("[supports.clamp]")]
+    band = 'band = ["25 Hz", "31 Hz"]', 'band = ["90 Hz", "96 Hz"]'  # of the beam that is held
+    apart = built(tmp_path, COULOMB + 'gap = "0.1 mm"\n', (bolt, ""), band).model.interfaces[0]
+    assert apart.law.parameters["pressure"] == pytest.approx(-100e9 * 1e-4)
 
 
 LOADS = """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from fenics_joints.case.applied import APPLIED
 from fenics_joints.case.case import Case
 from fenics_joints.case.messages import said
@@ -72,9 +74,9 @@ def _held(case: Case) -> list[str]:
     return errors
 
 
-def refuse_applied(case: Case, what: str) -> None:
-    """Raise InputError, naming what was asked for, if obstacles, ways or loads would not count."""
-    given = [f"[{table}]" for table in APPLIED if getattr(case, table)]
+def refuse_applied(case: Case, what: str, tables: Iterable[str] = APPLIED) -> None:
+    """Raise InputError, naming what was asked for, if sections of these tables would not count."""
+    given = [f"[{table}]" for table in tables if getattr(case, table)]
     if given:
         raise InputError(
             f"{case.path}: {what} knows no {', '.join(given)}: expected none; preload, modes, and "

@@ -205,8 +205,8 @@ def _model(found: Checked, tagged: TaggedMesh) -> int | str:
     case, comm = found.case, tagged.mesh.comm
     bare = case.model_copy(update={"masses": {}, "springs": {}, "attached": {}})
     try:
-        if (case.contacts and case.is_pressed) or any(getattr(case, t) for t in APPLIED):
-            return build_preload(bare, comm, tagged=tagged).structure.n_dofs
+        if case.contacts or any(getattr(case, table) for table in APPLIED):
+            return build_preload(bare, comm, tagged=tagged, at_rest=True).structure.n_dofs
         return build_structure(bare, comm, tagged=tagged).n_dofs
     except JointsError as error:
         return _own(case, error)

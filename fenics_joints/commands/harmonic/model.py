@@ -180,7 +180,7 @@ def _measured_reach(case: Case) -> float:
 
 def _with_contacts(case: Case, comm, progress: Progress):
     progress.step("building the model")
-    preload = build_preload(case, comm)
+    preload = build_preload(case, comm, at_rest=True)
     states, held = {}, {}
     if case.is_pressed:
         progress.step(f"contact of {preload.jumps.n} degrees of freedom under preload")

@@ -93,8 +93,9 @@ def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) 
     """The bodies of a case with linear contacts and its bolts."""
     if state not in ("stuck", "preload"):
         raise InputError(f"contacts = {state!r}: expected 'stuck' or 'preload'.")
-    model = build_preload(case, comm)
-    if state == "stuck" and not case.obstacles:
+    stuck = state == "stuck" and not case.obstacles
+    model = build_preload(case, comm, at_rest=stuck)
+    if stuck:
         return LinearJoint(model)
     progress.step("contact under preload")
     conditions = stuck_conditions if state == "stuck" else status_conditions
