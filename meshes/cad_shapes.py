@@ -5,9 +5,12 @@ All lengths here are in millimetres, OpenCASCADE's own unit whatever the file's.
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -108,7 +111,8 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
         file.seek(max(0, path.stat().st_size - 4096))
         cut = b"END-ISO-10303-21" not in file.read()
     try:
-        found = model.occ.importShapes(str(path))
+        with _unheard():
+            found = model.occ.importShapes(str(path))
         model.occ.synchronize()
     except Exception as error:
         why = "it is truncated, expected END-ISO-10303-21; at its end" if cut else error
@@ -119,6 +123,26 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
         there = f"one solid, {labels[0][-1] or 'unnamed'!r}" if tags else "no solid"
         raise MeshError(f"{path}: it has {there}; expected an assembly of at least two")
     return Solids(path, _named(path, model, tags, labels, names), tags)
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Keep the drawing kernel from the terminal, where it writes beside gmsh and Python."""
+    if sys.stdout is not None:
+        sys.stdout.flush()
+    try:
+        kept = os.dup(1)
+    except OSError:  # there is no standard output
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _label(path: str) -> list[str]:

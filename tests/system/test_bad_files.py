@@ -146,11 +146,12 @@ BAD = [
 
 @pytest.mark.parametrize("kind, name, make, by_new, by_check", BAD,
                          ids=[f"{row[0]} {row[1]}" for row in BAD])  # fmt: skip
-def test_a_bad_file(tmp_path, good, kind, name, make, by_new, by_check):
-    """What is said names the file or the sensors, and what would be right."""
+def test_a_bad_file(tmp_path, good, capfd, kind, name, make, by_new, by_check):
+    """What is said names the file or the sensors, and what would be right; no library talks too."""
     folder, files = good
     bad = tmp_path / f"bad{files[kind].suffix}"
     make(bad, files[kind])
+    capfd.readouterr()
     try:
         found = run_new(tmp_path / "new", *sources(files, kind, bad), silent, Progress(silent=True))
         said = list(found.checked.errors)
@@ -166,6 +167,7 @@ def test_a_bad_file(tmp_path, good, kind, name, make, by_new, by_check):
     finally:
         shutil.copy(files[kind], own)
     expect([*checked.errors, *checked.notes], by_check)
+    assert capfd.readouterr().out == ""
 
 
 def expect(said, pattern):
