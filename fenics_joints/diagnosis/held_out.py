@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit, fit
+from fenics_joints.diagnosis.evidence.inference import Fit, fit, refreshed
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.predictive import gain, held, predictive
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
@@ -213,6 +213,7 @@ def cross_validate(
         progress: Called after each fold.
     """
     nominal = _nominal(forward, evidence, baseline)
+    candidates = [refreshed(c, forward, evidence, baseline) for c in candidates]
     causes = causes or {}
 
     def work(fold):
@@ -249,8 +250,9 @@ def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]
 
 def _refit(candidate: Fit, forward, blind, baseline) -> Fit:
     return fit(
-        candidate.hypothesis, forward, blind, baseline, starts=[candidate.z], tolerance=_TOLERANCE
-    )
+        candidate.hypothesis, forward, blind, baseline, starts=[candidate.z], tolerance=_TOLERANCE,
+        known=candidate,
+    )  # fmt: skip
 
 
 def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:

@@ -193,6 +193,13 @@ class _AtLaw:
         return self.known[key]
 
 
+def _same_arrays(kept, values) -> bool:
+    """Whether these are the very arrays that were kept in a list."""
+    if not isinstance(kept, list) or len(kept) != len(values):
+        return False
+    return all(a is b for a, b in zip(kept, values, strict=True))
+
+
 def _differ(a, b) -> bool:
     return a is not b and not np.array_equal(a, b)
 
@@ -298,14 +305,17 @@ class AffinePencil:
 
     def _at_laws(self, values: Values) -> list[_AtLaw]:
         """Of every region; kept for the next call, since K, M and what changes them all ask."""
-        key, last = None, self.__dict__.get("_last_laws")
-        if not np.ndim(next(iter(values.values()), 0.0)):
+        last = self.__dict__.get("_last_laws")
+        if np.ndim(next(iter(values.values()), 0.0)):
+            if last is not None and _same_arrays(last[0], values.values()):
+                return last[1]
+            key = list(values.values())  # held, so that no other array can take the place of one
+        else:
             key = tuple(values.values())
             if last is not None and last[0] == key:
                 return last[1]
         found = [self._at_law(region, values) for region in self.regions]
-        if key is not None:
-            self.__dict__["_last_laws"] = key, found
+        self.__dict__["_last_laws"] = key, found
         return found
 
     def scalars(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
@@ -413,6 +423,11 @@ class AffinePencil:
         packed, lam = self._stiffness.pack(shapes), np.asarray(eigenvalues, dtype=float)
         stiff = self._stiffness.squares(packed) @ self.scalar_slopes(values)[0]
         return stiff - lam[:, None] * self._mass_gradients(packed, shapes, values)
+
+    def squares(self, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x^T A x of every column, (n, k), and every matrix in K and in M, each (k, n_terms)."""
+        packed = self._stiffness.pack(shapes)
+        return self._stiffness.squares(packed), self._inertia.squares(packed)
 
     def mass_gradients(self, shapes: np.ndarray, values) -> np.ndarray:
         """Derivatives of x^T M x by every parameter, shape (k, n_parameters)."""

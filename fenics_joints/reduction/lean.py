@@ -10,10 +10,11 @@ from collections.abc import Mapping, Sequence
 from operator import itemgetter
 
 import numpy as np
+import scipy.linalg
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal.modes import inverted_modes, solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.forward import SPARE, Forward
@@ -30,6 +31,9 @@ _SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
 _MARGIN = 1e3
 #: Modes looked through for the test's, as `Forward.solve` does.
 _SEARCHED = 4
+#: Size of a model, and this over the number of modes wanted, from which these are solved for alone:
+#: all modes of smaller ones are found sooner.
+_LARGE, _FEW = 100, 2.0
 
 
 class LeanForward(Forward):
@@ -91,7 +95,7 @@ class LeanForward(Forward):
         self._shapes.clear()
         table = np.array(list(unique))
         values = dict(zip(self.model.parameters, table.T, strict=True))
-        eigenvalues, vectors = (found[..., : self.n_modes] for found in self._modes(values))
+        eigenvalues, vectors = self._modes(values, self.n_modes)
         index, good = self._paired(values, eigenvalues, vectors)
         lam = np.where(good[:, None], np.take_along_axis(eigenvalues, index, axis=1), np.nan)
         with np.errstate(invalid="ignore"):
@@ -120,19 +124,24 @@ class LeanForward(Forward):
         except InputError:
             return nothing
 
-    def many(self, values: Mapping[str, np.ndarray]) -> ManyModes:
+    def many(self, values: Mapping[str, np.ndarray], every: bool = True) -> ManyModes:
         """The test's modes at many parameter values together, and what their changes need.
 
         Args:
             values: Of every parameter of the model, (b,).
+            every: Whether all modes are wanted, which derivatives of shapes are made of; else the
+                lowest alone are there, as many as the test's ask for.
 
         Raises:
             InputError: If any of the values is beyond a law's limit.
         """
         values = self._own(values)
-        eigenvalues, vectors = self._modes(values)
-        count, most = self.n_modes, min(_SEARCHED * self.n_modes, eigenvalues.shape[1])
+        eigenvalues, vectors = self._modes(values, None if every else self.n_modes)
+        count, most = self.n_modes, min(_SEARCHED * self.n_modes, self.model.n_dofs)
         index, good = self._paired(values, eigenvalues[:, :count], vectors[:, :, :count])
+        if not good.all() and count < most and eigenvalues.shape[1] < most:
+            return self.many(values)
+        self.calls += len(good)
         while not good.all() and count < most:
             count, few = min(count + self.n_test + SPARE, most), ~good
             own = {name: value[few] for name, value in values.items()}
@@ -141,17 +150,37 @@ class LeanForward(Forward):
             )
         return ManyModes(self.model, values, eigenvalues, vectors, index, good)
 
-    def _modes(self, values) -> tuple[np.ndarray, np.ndarray]:
-        """All eigenvalues, (b, n_dofs), and M-normalised vectors, (b, n_dofs, n_dofs)."""
+    def _modes(self, values, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest eigenvalues, (b, count), and M-normalised vectors, (b, n_dofs, count); of all
+        modes for None."""
         K, M = self.model.pencil.matrices(values)
-        if self._unit:
-            return np.linalg.eigh(K)
         shift = (2 * np.pi * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        if count is not None and self.model.n_dofs > max(_LARGE, _FEW * count):
+            return self._lowest(K, M, shift, count)
+        if self._unit:
+            return tuple(found[..., :count] for found in np.linalg.eigh(K))
         inverse_root = np.linalg.inv(np.linalg.cholesky(K + shift * M))
         root_t = np.swapaxes(inverse_root, 1, 2)
         inverse, vectors = np.linalg.eigh(inverse_root @ M @ root_t)
-        inverse, vectors = inverse[:, ::-1], vectors[:, :, ::-1]
+        inverse, vectors = inverse[:, ::-1][:, :count], vectors[:, :, ::-1][:, :, :count]
         return 1 / inverse - shift, root_t @ (vectors / np.sqrt(inverse)[:, None, :])
+
+    def _lowest(self, K, M, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """`_modes` where few of many are wanted, one after the other."""
+        eigenvalues = np.empty((len(K), count))
+        vectors = np.empty((len(K), self.model.n_dofs, count))
+        for i in range(len(K)):
+            if self._unit:
+                eigenvalues[i], vectors[i] = scipy.linalg.eigh(
+                    K[i], subset_by_index=[0, count - 1], check_finite=False
+                )
+                continue
+            try:
+                inverse, found = inverted_modes(K[i], M[i], shift, count)
+            except ConvergenceError as error:
+                raise np.linalg.LinAlgError(str(error)) from error
+            eigenvalues[i], vectors[i] = 1 / inverse - shift, found / np.sqrt(inverse)
+        return eigenvalues, vectors
 
     def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
         """Index of the model's mode of each of the test's, (b, m), and whether there are enough.
@@ -208,10 +237,17 @@ def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
 def batched(forward: Forward) -> Forward:
     """The same for many parameter values at a time (`Forward.batches`).
 
-    The forward itself where its model is not one of plain arrays.
+    The forward itself where its model is not one of plain arrays. Kept with it as long as it has
+    this model and follows these modes.
     """
     model = forward.model
-    return LeanForward(forward, model) if type(model) is ArrayModel else forward
+    if forward.batches or type(model) is not ArrayModel:
+        return forward
+    key = model, forward.reference, forward.further
+    last = forward.__dict__.get("_batched")
+    if last is None or any(a is not b for a, b in zip(last[0], key, strict=True)):
+        last = forward.__dict__["_batched"] = key, LeanForward(forward, model)
+    return last[1]
 
 
 def lean_forward(
@@ -245,7 +281,7 @@ def lean_forward(
     vectors, energies = pod(model, snapshots, weights, given)
     most = int(np.sum(energies > 1e-7 * energies[0]))
     watched = forward.further if beyond else forward
-    exact = np.array([watched(values)[0] for values in checks])
+    exact = _log_f(watched, checks)
     tried = [s for s in sizes if 6 + forward.n_test <= s < most] + [most]
     for size in tried:
         lean = LeanForward(forward, model.on(vectors[:, :size]))
@@ -257,22 +293,53 @@ def lean_forward(
 
 def frequency_error(lean: LeanForward, checks, exact: np.ndarray) -> float:
     """Largest error of ln f at parameter values; infinite if the lean model lacks a mode."""
-    try:
-        found = np.array([lean(values)[0] for values in checks])
-    except InputError:
-        return np.inf
-    return float(np.max(np.abs(found - exact)))
+    found = lean.prepare(checks, slopes=False)
+    lean.release()
+    return float(np.max(np.abs(found - exact))) if np.isfinite(found).all() else np.inf
+
+
+def _log_f(forward: Forward, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
+    """ln f at several values, (len(wanted), m).
+
+    Raises:
+        InputError: If the model lacks a mode there.
+    """
+    many = batched(forward)
+    if many.batches:
+        found = many.prepare(wanted, slopes=False)
+        many.release()
+        if np.isfinite(found).all():
+            return found
+    return np.array([forward(values)[0] for values in wanted])
 
 
 def seen_modes_at(
-    forward: Forward, values: Mapping[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """`modes_at`, and which of them are the test's, (n_test,); (0,) where they are not all there.
+    forward: Forward, wanted: Sequence[Mapping[str, float]]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """`modes_at` each of several values, and which of them are the test's, (n_test,); (0,) where
+    they are not all there.
 
     Args:
         forward: Of the reduced model.
-        values: Parameter values.
+        wanted: Parameter values.
     """
+    many = batched(forward)
+    if many.batches:
+        table = {name: np.array([values[name] for values in wanted]) for name in wanted[0]}
+        try:
+            modes = many.many(table, every=False)
+            if modes.good.all():
+                most = np.maximum(modes.index.max(axis=1) + 1, many.n_modes)
+                return [
+                    (x[:, :n], index)
+                    for x, n, index in zip(modes.vectors, most, modes.index, strict=True)
+                ]
+        except (InputError, np.linalg.LinAlgError):
+            pass  # one of them is beyond a law's limit
+    return [_seen_modes(forward, values) for values in wanted]
+
+
+def _seen_modes(forward: Forward, values) -> tuple[np.ndarray, np.ndarray]:
     try:
         modes, pairing = forward.solve(values)
     except InputError:

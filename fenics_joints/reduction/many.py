@@ -61,13 +61,13 @@ def change(model: ArrayModel, low: ManyValues, high: ManyValues, width: float) -
 
 @dataclass(frozen=True, eq=False)
 class ManyModes:
-    """All modes of a model at b sets of values, and which of them a test saw.
+    """The lowest k modes of a model at b sets of values, and which of them a test saw.
 
     Attributes:
         model: The model.
         values: Values of its parameters, each (b,).
-        eigenvalues: Of all modes, (b, n).
-        vectors: Of unit modal mass, as columns, (b, n, n).
+        eigenvalues: Ascending, (b, k).
+        vectors: Of unit modal mass, as columns, (b, n, k).
         index: Mode of each of the test's, (b, m).
         good: Whether the test's modes are all there, (b,); what is said of others is nan.
     """
@@ -99,9 +99,9 @@ class ManyModes:
     @cached_property
     def _squares(self) -> tuple[np.ndarray, np.ndarray]:
         """x^T A x of every matrix in K and in M, each (b, m, n_terms)."""
-        i, j = np.triu_indices(self.x.shape[1])
-        packed = np.swapaxes(self.x[:, i] * self.x[:, j], 1, 2) * np.where(i == j, 1.0, 2.0)
-        return tuple(packed @ whole[:, i, j].T for whole in self.model.pencil.terms)
+        b, n, m = self.x.shape
+        columns = np.moveaxis(self.x, 1, 0).reshape(n, b * m)
+        return tuple(found.reshape(b, m, -1) for found in self.model.pencil.squares(columns))
 
     @cached_property
     def _products(self) -> tuple[np.ndarray, np.ndarray]:
@@ -138,8 +138,8 @@ class ManyModes:
         return self._shares[name]
 
     def shape_slope(self, along: Change) -> np.ndarray:
-        """Derivative of `x` along a direction, (b, n, m), by expansion in all modes (Fox and
-        Kapoor, AIAA J. 6, 1968)."""
+        """Derivative of `x` along a direction, (b, n, m), by expansion in all modes, which have to
+        be there (Fox and Kapoor, AIAA J. 6, 1968)."""
         b, n, m = self.x.shape
         stiff, heavy = self._products
         by_K = (along.theta.T[:, None, :] @ stiff).reshape(b, n, m)

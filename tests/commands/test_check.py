@@ -66,7 +66,7 @@ def test_masses_and_places(shared_tmp_path, write_case):
 
 
 def test_a_diagnosis_is_said_to_take_what_it_took():
-    """497 s of the lap plates, docs/speed.md; sampled evidence is most hypotheses' or none's."""
+    """386 s of the lap plates, docs/speed.md; sampled evidence is most hypotheses' or none's."""
     case = load_case(DEMOS / "lap_plates")
 
     def seconds(nested: int, ranks: int = 1) -> float:
@@ -75,7 +75,7 @@ def test_a_diagnosis_is_said_to_take_what_it_took():
         costs = costs_of(other, estimate(case, ranks=ranks), None, ranks)
         return next(cost.seconds for cost in costs if cost.command == "diagnose")
 
-    assert 497 / 2 < seconds(6) < 2 * 497
+    assert 386 / 2 < seconds(6) < 2 * 386
     assert seconds(0) < seconds(1) == seconds(50)
     assert 0.4 < seconds(6, ranks=2) / seconds(6) < 0.7
 

@@ -73,6 +73,32 @@ def test_evidence_is_the_exact_marginal_density():
     assert got.misfit + got.z @ got.z == pytest.approx((data - mean) @ gain, rel=1e-6)
 
 
+def test_where_a_fit_ended_is_not_solved_for_again():
+    """A fit to fewer of the data from there is the one that knows nothing, a prediction less."""
+    asked = []
+
+    class Counted(Linear):
+        def __call__(self, values):
+            asked.append(values)
+            return super().__call__(values)
+
+    rng = np.random.default_rng(RNG_SEED)
+    forward = Counted(rng.standard_normal((4, 2)) * 0.05)
+    evidence = evidence_of(5.0 + 0.05 * rng.standard_normal((3, 4)))
+    found = fit(Hypothesis((shift(0), shift(1))), forward, evidence, forward.baseline)
+    fewer = evidence.without(np.arange(4) == np.array([[3]] * 3))
+
+    def again(known):
+        asked.clear()
+        got = fit(found.hypothesis, forward, fewer, forward.baseline, starts=[found.z], known=known)
+        return got, len(asked)
+
+    (knowing, few), (alone, many) = again(found), again(None)
+    assert many - few == len(TORQUES)
+    assert knowing.z == pytest.approx(alone.z, abs=1e-12)
+    assert knowing.log_evidence == pytest.approx(alone.log_evidence, abs=1e-12)
+
+
 def test_scanned_evidence_is_the_marginal_density():
     """Of a parameter that acts in steps the evidence is a sum over the steps, in closed form."""
     rng = np.random.default_rng(RNG_SEED)

@@ -20,6 +20,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward, freeze, narrow
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.many import change
 from fenics_joints.structure import Parameter, Sensors, Spring
 from fenics_joints.structure.laws import LAYER_LAWS
 
@@ -99,7 +100,7 @@ N = 40
 BASELINE = {"left.G": 1e9, "right.G": 1e9, "rho": 1.0, "tip": 2.0, "place": 0.5, "k": 2e8}
 
 
-def chain() -> tuple[ArrayModel, Sensors]:
+def chain(N: int = N) -> tuple[ArrayModel, Sensors]:
     """A free chain of masses in two halves; a spring inside, a moving mass at the end."""
     bars = np.zeros((2, N, N))
     for i in range(N - 1):
@@ -157,6 +158,23 @@ def test_many_solutions_at_a_time_are_the_single_ones():
         K, M = model.stiffness(value), model.mass(value)
         exact = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[1:5]) / (2 * np.pi)
         assert np.exp(np.sort(got)) == pytest.approx(exact, rel=1e-8)
+
+
+def test_lowest_modes_alone_are_those_of_all():
+    """Frequencies and their derivatives; all modes where the test's are not among the lowest."""
+    model, sensors = chain(120)
+    forward, values = forward_of(model, sensors), some_values(3)
+    table = {name: np.array([v[name] for v in values]) for name in BASELINE}
+    lean = LeanForward(forward, model)
+    every, lowest = lean.many(table), lean.many(table, every=False)
+    assert (every.vectors.shape[2], lowest.vectors.shape[2]) == (120, 8)
+    assert lowest.log_f == pytest.approx(every.log_f, rel=1e-9)
+    low, high = ({**table, "rho": table["rho"] * (1 + s)} for s in (-1e-5, 1e-5))
+    along = change(model, low, high, 2e-5)
+    assert lowest.slope(along) == pytest.approx(every.slope(along), rel=1e-6)
+    few = forward.of(model, 4)  # the rigid-body mode and three more
+    found = LeanForward(few, model).many(table, every=False)
+    assert found.good.all() and found.log_f == pytest.approx(every.log_f, rel=1e-9)
 
 
 def stiffer(name: str, spread: float) -> Effect:

@@ -17,10 +17,10 @@ _UPDATE, _EACH = 8, 3
 #: and to measure the mesh's error and to check what is fitted.
 _SAMPLE, _CHECKS = 2, 20
 #: Seconds of its fits, folds and looks on one rank at one condition and more for each further one;
-#: and of sampled evidence. The lap plates at eleven torques: 241 and 106 s beside 138 s of
+#: and of sampled evidence. The lap plates at eleven torques: 126 and 56 s beside 138 s of
 #: solutions; the bolted beams at one condition, which take none: 50 s in all. All within a factor
 #: of two or three: what it takes hangs on how many effects a case can have and how many count.
-_FITS, _SAMPLED = (20.0, 22.0), (25.0, 8.0)
+_FITS, _SAMPLED = (20.0, 10.5), (25.0, 3.0)
 
 
 @dataclass(frozen=True)

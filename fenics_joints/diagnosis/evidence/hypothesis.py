@@ -157,16 +157,18 @@ class Hypothesis:
         z: np.ndarray,
         condition: float,
         baseline: dict[str, float],
-        row: int | None = None,
+        row: int | np.ndarray | None = None,
         mode: int | None = None,
     ) -> dict:
         """The model's parameter values at ``z`` and a condition.
 
         Args:
-            z: Parameters in prior standard deviations, in the order of `priors`.
-            condition: The torque or level.
+            z: Parameters in prior standard deviations, in the order of `priors`, (d,); of many
+                points (d, b).
+            condition: The torque or level; of many points one for each, (b,), or the same.
             baseline: Parameter values of the nominal model.
-            row: Which of ``conditions`` it is; None for a tightening that was not measured.
+            row: Which of ``conditions`` it is, likewise; None for a tightening that was not
+                measured.
             mode: The mode of `moved` that looks at it; None for the others.
         """
         values = dict(baseline)
@@ -254,7 +256,8 @@ class Hypothesis:
         """The condition that the joint feels."""
         if self.tightenings and row is not None:
             at = self.places["tightenings"].start + row
-            condition = condition * self.tightenings[row].value(z[at])
+            own = z[at, np.arange(len(at))] if np.ndim(at) else z[at]
+            condition = condition * self.tightenings[0].value(own)  # the priors of all are the same
         if mode in self.moved:
             own = self.moved.index(mode)
             at = self.places["amplitudes"].start + own

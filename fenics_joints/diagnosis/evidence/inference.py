@@ -24,7 +24,7 @@ from fenics_joints.diagnosis.evidence.prediction import frequencies_and_damping,
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["Fit", "fit"]
+__all__ = ["Fit", "fit", "refreshed"]
 
 #: Standard deviations of the prior beyond which a scanned parameter is not looked for.
 _FARTHEST = 4.0
@@ -109,6 +109,7 @@ def fit(
     *,
     starts: Sequence[np.ndarray] | None = None,
     tolerance: float = 1e-5,
+    known: Fit | None = None,
     progress: Callable[[], None] | None = None,
 ) -> Fit:
     """Most probable parameters of a hypothesis and its Laplace evidence.
@@ -125,9 +126,11 @@ def fit(
         baseline: Parameter values of the nominal model.
         starts: Points z to start from; the best end counts. The prior's median by default.
         tolerance: Relative change of the sum of squares, and of z, at which the search ends.
+        known: The same hypothesis at one of the starts, by this very model, to other data: it is
+            not solved for there again.
         progress: Called when done.
     """
-    found = _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance)
+    found = _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance, known)
     if evidence.between is not None:
         tried, ends = grid(damped=len(evidence.between) > 1), found.ends
         for again in range(_ROUNDS):
@@ -135,7 +138,7 @@ def fit(
             if best == found.between or again == _ROUNDS - 1:
                 break
             test = evidence.at(best)
-            found = _fit_at(hypothesis, forward, test, baseline, [found.z], tolerance)
+            found = _fit_at(hypothesis, forward, test, baseline, [found.z], tolerance, found)
         widening = over(found.between)
         found = replace(
             found, log_evidence=found.log_evidence + widening, widening=widening, ends=ends
@@ -153,10 +156,24 @@ def _linear(found: Fit, evidence: Evidence, between: Scales) -> float:
     return evidence_about(residual, whiten(lower, found.jacobian[used]), found.z, lower)
 
 
-def _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance) -> Fit:
+def refreshed(found: Fit, forward: Forward, evidence: Evidence, baseline) -> Fit:
+    """A fit with what a model says at its parameters; all else stays as it is.
+
+    Args:
+        found: The fit, perhaps by an earlier model.
+        forward: Predicts frequencies.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+    """
+    problem = _Problem(found.hypothesis, forward, evidence, baseline, None)
+    predicted, jacobian = problem.predict(found.z)
+    return replace(found, predicted=predicted, jacobian=jacobian)
+
+
+def _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance, known=None) -> Fit:
     """`fit` with the test's standard deviations between levels as they are."""
     lower = np.linalg.cholesky(evidence.covariance(hypothesis.unknown))
-    problem = _Problem(hypothesis, forward, evidence, baseline, lower)
+    problem = _Problem(hypothesis, forward, evidence, baseline, lower, known)
     bounds = hypothesis.limits
     scanned = next((j for j, (_, p) in enumerate(hypothesis.priors) if p.scan), None)
     scan = None if scanned is None else problem.scan(scanned, bounds[scanned])
@@ -218,10 +235,10 @@ class _Scan:
 class _Problem:
     """Residuals and slopes of one fit; remembers the last point, since both are asked for."""
 
-    def __init__(self, hypothesis, forward, evidence, baseline, lower):
+    def __init__(self, hypothesis, forward, evidence, baseline, lower, known: Fit | None = None):
         self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
         self.baseline, self.lower = baseline, lower
-        self._last: tuple | None = None
+        self._last = None if known is None else (known.z, known.predicted, known.jacobian)
         self._slips = hypothesis.damped and any(e.by_level and e.loss for e in hypothesis.effects)
 
     def predict(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,13 +1,14 @@
 """What a hypothesis predicts of a test at many values of its parameters together.
 
 As `fenics_joints.diagnosis.evidence.prediction`, for a model that solves for many at a time
-(`fenics_joints.reduction.LeanForward`): thousands of predictions of all modes a second.
+(`fenics_joints.reduction.LeanForward`): thousands of predictions of all modes a second. The
+conditions of a test are solved for together too, so that it serves a single point as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,21 +25,38 @@ __all__ = ["ManyPredictions"]
 #: Step of differences, in standard deviations of the prior, and relative difference that is
 #: round-off.
 _STEP, _SAME = 1e-5, 1e-8
+#: Entries of the matrices that are solved for together, which should stay near the processor.
+_ROOM = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """The model as one mode sees it; see `prediction._Look`."""
+    """The model as one mode sees it; see `prediction._Look`.
+
+    Attributes:
+        mode: That mode, or None.
+        modes: The model's modes.
+        along: Changes of the model by the parameters that act.
+        felt: Which points feel one of these, (b, 1), where not all do.
+        values: The model's parameter values, each (b,).
+    """
 
     mode: int | None
     modes: ManyModes
     along: dict[int, Change]
+    felt: dict[int, np.ndarray]
     values: dict[str, np.ndarray]
 
     @cached_property
     def slopes(self) -> dict[int, np.ndarray]:
         """Derivatives of ln f by the parameters that act, each (b, m)."""
-        return {j: self.modes.slope(each) for j, each in self.along.items()}
+        found = {each: self.modes.slope(each) for each in dict.fromkeys(self.along.values())}
+        by = {j: found[each] for j, each in self.along.items()}
+        return {j: np.where(self.felt[j], s, 0.0) if j in self.felt else s for j, s in by.items()}
+
+
+class _Apart(Exception):
+    """An effect that cannot be put in at several conditions together."""
 
 
 class ManyPredictions:
@@ -49,17 +67,22 @@ class ManyPredictions:
         forward: Predicts.
         evidence: The test.
         baseline: Parameter values of the nominal model.
+        held_out: Whether damping that is not in the test is asked for too: of a mode whose damping
+            was not measured it says otherwise what it is at rest.
     """
 
     def __init__(
         self, hypothesis: Hypothesis, forward: LeanForward, evidence: Evidence,
-        baseline: dict[str, float],
+        baseline: dict[str, float], held_out: bool = False,
     ):  # fmt: skip
         self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
-        self.baseline, self._singly = baseline, False
+        self.baseline, self._held_out = baseline, held_out
+        self._singly, self._apart = False, False
+        self._filled: dict[tuple[float, int], np.ndarray] = {}
         effects = (*hypothesis.nuisances, *hypothesis.effects)
-        self._changes = bool(hypothesis.tightenings or hypothesis.amplitudes) or any(
-            e.depends_on_condition or e.by_level or e.drifts for e in effects
+        #: Whether the conditions matter.
+        self.changes = bool(hypothesis.tightenings or hypothesis.amplitudes) or any(
+            e.depends_on_condition or e.by_level or e.drifts or e.loss for e in effects
         )
 
     def __call__(
@@ -72,8 +95,12 @@ class ManyPredictions:
                 mode that the test saw, and beyond the laws' limits.
             by: Which of them derivatives are wanted by.
         """
+        self._filled.clear()
         try:
             return self._together(np.asarray(z, dtype=float), list(by))
+        except _Apart:
+            self._apart = True
+            return self(z, by)
         except (InputError, np.linalg.LinAlgError):
             # One of them is beyond a law's limit, such as a specimen's.
             if len(z) == 1:
@@ -83,17 +110,33 @@ class ManyPredictions:
             return tuple(map(np.concatenate, zip(*halves, strict=True)))
 
     def _together(self, z, by) -> tuple[np.ndarray, np.ndarray]:
-        evidence, rows, shapes = self.evidence, [], []
-        for row in range(len(evidence.conditions)):
-            if row and not self._changes:
-                rows.append(rows[0])
-            else:
-                looks = self._looks(z, row, by)
-                rows.append(self._row(z, row, looks, by))
-            if evidence.shapes is not None and row == evidence.shape_row:
+        evidence, found, shapes = self.evidence, {}, []
+        for rows in self._groups(len(z)):
+            with_shapes = evidence.shapes is not None and rows[0] == self._shape_row
+            # One row after the other, each at all points.
+            points, row = np.tile(z, (len(rows), 1)), np.repeat(rows, len(z))
+            looks = [self._look(points, row, i, by, with_shapes) for i in self.hypothesis.looks]
+            parts = [np.split(part, len(rows)) for part in self._rows(points, row, looks, by)]
+            found |= dict(zip(rows, zip(*parts, strict=True), strict=True))
+            if with_shapes:
                 shapes = [self._shapes(z, looks[0], by)]
+        rows = [found[row if self.changes else 0] for row in range(len(evidence.conditions))]
         blocks = [*self._by_kind(rows), *shapes, *self._masses(z, by)]
         return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
+
+    @property
+    def _shape_row(self) -> int:
+        return self.evidence.shape_row if self.changes else 0
+
+    def _groups(self, count: int) -> list[list[int]]:
+        """Rows that are solved for together at so many points; that of the shapes, whose
+        derivatives take all modes, by itself."""
+        rows = list(range(len(self.evidence.conditions) if self.changes else 1))
+        alone = [] if self.evidence.shapes is None else [self._shape_row]
+        rows = [row for row in rows if row not in alone]
+        size = 1 if self._apart else max(_ROOM // (count * self.forward.model.n_dofs**2), 1)
+        groups = [rows[i : i + size] for i in range(0, len(rows), size)]
+        return [alone, *groups] if alone else groups
 
     def _by_kind(self, rows) -> list[tuple[np.ndarray, np.ndarray]]:
         """Frequencies of all conditions, then damping of all."""
@@ -103,52 +146,78 @@ class ManyPredictions:
 
     # -- the model -----------------------------------------------------------------------------
 
-    def _looks(self, z, row: int, by) -> list[_Look]:
-        return [self._look(z, row, mode, by) for mode in self.hypothesis.looks]
-
-    def _look(self, z, row: int, mode, by) -> _Look:
-        values = self._values(z, row, mode, checked=True)
-        modes, along = self.forward.many(values), {}
+    def _look(self, z, rows, mode, by, every: bool) -> _Look:
+        """The model at points, (b, d), each at its own row, (b,)."""
+        h, along, felt = self.hypothesis, {}, {}
+        values = self._values(z, rows, mode, checked=True)
+        modes = self.forward.many(values, every)
+        place, tightening = h.places["tightenings"], None
+        tightened = list(range(place.start, place.stop))
         for j in by:
-            if self.hypothesis.acts(j, row, mode):
-                low, high = (self._own(self._values(moved, row, mode)) for moved in _moved(z, j))
-                along[j] = change(self.forward.model, low, high, 2 * _STEP)
-        return _Look(mode, modes, along, values)
+            if j in tightened:
+                own = rows == j - place.start
+                if own.any():
+                    # Each row feels its own alone: all are moved together.
+                    tightening = tightening or self._change(z, rows, mode, tightened)
+                    along[j], felt[j] = tightening, own[:, None]
+            elif h.acts(j, None, mode):
+                along[j] = self._change(z, rows, mode, [j])
+        return _Look(mode, modes, along, felt, values)
+
+    def _change(self, z, rows, mode, of: list[int]) -> Change:
+        low, high = (self._own(self._values(moved, rows, mode)) for moved in _moved(z, of))
+        return change(self.forward.model, low, high, 2 * _STEP)
 
     def _own(self, values) -> dict[str, np.ndarray]:
         return {name: values[name] for name in self.forward.model.parameters}
 
-    def _values(self, z, row, mode=None, checked: bool = False) -> dict[str, np.ndarray]:
+    def _values(self, z, rows=None, mode=None, checked: bool = False) -> dict[str, np.ndarray]:
         """The model's parameter values, each (b,): by effects that can be put in at many values
         together, as all of the library can, or else one by one."""
-        h, condition = self.hypothesis, self.evidence.conditions[row or 0]
+        h, conditions = self.hypothesis, self.evidence.conditions
+        several = rows is not None and np.any(rows != rows[0])
 
-        def one(point) -> dict[str, float]:
-            return h.values(point, condition, self.baseline, row, mode)
+        def one(i) -> dict[str, float]:
+            row = None if rows is None else int(rows[i])
+            return h.values(z[i], conditions[row or 0], self.baseline, row, mode)
 
         if not self._singly:
+            row = rows if several or rows is None else int(rows[0])
             try:
-                found = one(z.T)
-                each = (len(z),)
-                many = {k: v if np.shape(v) == each else np.full(each, v)
-                        for k, v in found.items()}  # fmt: skip
-                if not checked or _alike(many, one, z):
+                found = h.values(
+                    z.T, conditions[0 if row is None else row], self.baseline, row, mode
+                )
+                many = {k: self._each(v, len(z)) for k, v in found.items()}
+                if not checked or _alike(many, one, len(z)):
                     return many
             except (TypeError, ValueError):
                 pass
+            if several:
+                raise _Apart
             self._singly = True
-        each = [one(point) for point in z]
+        each = [one(i) for i in range(len(z))]
         return {name: np.array([values[name] for values in each]) for name in each[0]}
+
+    def _each(self, value, count: int) -> np.ndarray:
+        """A value of each of so many points. A single number is filled in once: what is the same
+        below and above a step is the same array, and need not be compared."""
+        if np.shape(value) == (count,):
+            return value
+        key = float(value), count
+        if key not in self._filled:
+            self._filled[key] = np.full(count, float(value))
+        return self._filled[key]
 
     # -- frequencies and damping -----------------------------------------------------------------
 
-    def _row(self, z, row: int, looks: Sequence[_Look], by) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(self, z, rows, looks: Sequence[_Look], by) -> tuple[np.ndarray, np.ndarray]:
         """`RowPrediction.data` and its slopes, (b, m) or (b, 2 m)."""
         order, further = self._order(z), None
         if order is not None and np.max(order) >= self.evidence.shape[1]:
             # With a mode that the test missed, the model has one more.
-            modes = self.forward.further.many(looks[0].values)
-            further = _Look(None, modes, looks[0].along, looks[0].values)
+            look = looks[0]
+            modes = self.forward.further.many(look.values, every=False)
+            further = replace(look, mode=None, modes=modes)
         own = self.hypothesis.look_of(self.evidence.shape[1])
         looks = [further or looks[at] for at in own]
         log_f = _of_each(looks, lambda look: look.modes.log_f)
@@ -159,10 +228,12 @@ class ManyPredictions:
         slope = np.stack(slopes, axis=2) if by else np.zeros((*log_f.shape, 0))
         blocks = [(log_f, slope)]
         if self.hypothesis.damped:
-            # Where damping was not measured nobody asks what the effects dissipate.
-            there = np.flatnonzero(np.isfinite(self.evidence.log_damping[row]))
-            modes = there if order is None else range(log_f.shape[1])
-            blocks.append(self._damping(z, row, looks, log_f, by, modes))
+            # Where damping was not measured few ask what the effects dissipate.
+            measured = np.isfinite(self.evidence.log_damping[np.unique(rows)])
+            there = np.flatnonzero(measured.any(axis=0))
+            all_ = order is not None or self._held_out
+            modes = range(log_f.shape[1]) if all_ else there
+            blocks.append(self._damping(z, rows, looks, log_f, by, modes))
         if order is not None:
             blocks = [(data[:, order], slope[:, order]) for data, slope in blocks]
         return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
@@ -174,7 +245,7 @@ class ManyPredictions:
         count = 0 if self.forward.sensors is None else len(self.forward.sensors)
         return h.sensing(z[0], self.evidence.shape[1], count).order
 
-    def _damping(self, z, row, looks, log_f, by, modes) -> tuple[np.ndarray, np.ndarray]:
+    def _damping(self, z, rows, looks, log_f, by, modes) -> tuple[np.ndarray, np.ndarray]:
         """ln of the damping ratios, (b, m), and their slopes; see `RowPrediction`. What the
         effects dissipate counts in some modes only."""
         h = self.hypothesis
@@ -185,11 +256,11 @@ class ManyPredictions:
         lost, slope = np.zeros_like(at_rest), np.zeros((*at_rest.shape, len(by)))
         for i in modes:
             look = looks[i]
-            losses = self._losses(z, row, log_f[:, i], look.mode)
+            losses = self._losses(z, rows, log_f[:, i], look.mode)
             shares = {key: self._share(look, i, key) for key in losses}
             lost[:, i] = sum((0.5 * eta * shares[key] for key, eta in losses.items()), 0.0)
             for k, j in enumerate(by if losses else ()):
-                slope[:, i, k] = self._loss_slope(z, row, log_f[:, i], look, losses, shares, j)
+                slope[:, i, k] = self._loss_slope(z, rows, log_f[:, i], look, losses, shares, j)
         total = at_rest + lost
         for k, j in enumerate(by):
             i = j - start
@@ -197,15 +268,19 @@ class ManyPredictions:
                 slope[:, i, k] += h.dampings[i].spread * at_rest[:, i]
         return np.log(total), slope / total[:, :, None]
 
-    def _losses(self, z, row, log_f, mode) -> dict[str, np.ndarray]:
-        h, condition, hz = self.hypothesis, self.evidence.conditions[row], np.exp(log_f)
+    def _losses(self, z, rows, log_f, mode) -> dict[str, np.ndarray]:
+        h, conditions, hz = self.hypothesis, self.evidence.conditions[rows], np.exp(log_f)
+        several = np.any(rows != rows[0])
         if not self._singly:
             try:
+                condition = conditions if several else conditions[0]
                 found = h.losses(z.T, condition, hz, mode)
                 return {key: np.broadcast_to(eta, len(z)) for key, eta in found.items()}
-            except (TypeError, ValueError):
+            except (TypeError, ValueError) as error:
+                if several:
+                    raise _Apart from error
                 self._singly = True
-        each = [h.losses(point, condition, f, mode) for point, f in zip(z, hz, strict=True)]
+        each = [h.losses(*point, mode) for point in zip(z, conditions, hz, strict=True)]
         return {key: np.array([found[key] for found in each]) for key in each[0]}
 
     @staticmethod
@@ -213,21 +288,22 @@ class ManyPredictions:
         """Share of mode i's strain energy in the stiffness ``key``, (b,); all for ``""``."""
         return look.modes.share(key)[:, i] if key else np.ones(len(look.modes.index))
 
-    def _loss_slope(self, z, row, log_f, look, losses, shares, j) -> np.ndarray:
+    def _loss_slope(self, z, rows, log_f, look, losses, shares, j) -> np.ndarray:
         """Derivative of mode i's lost part by parameter ``j``, (b,); see
         `RowPrediction._damping_slopes`."""
         found, h = np.zeros(len(z)), self.hypothesis
-        if not h.acts(j, row, look.mode):
+        if j not in look.along:
             return found
+        moved = _moved(z, [j])
         if h.loses(j):
-            low, high = (self._losses(moved, row, log_f, look.mode) for moved in _moved(z, j))
+            low, high = (self._losses(each, rows, log_f, look.mode) for each in moved)
             for key, share in shares.items():
                 found = found + 0.5 * (high[key] - low[key]) / (2 * _STEP) * share
-        moved = [self._values(each, row, look.mode) for each in _moved(z, j)]
+        low, high = (self._values(each, rows, look.mode) for each in moved)
         rest = 1 - sum(share for key, share in shares.items() if key)
         for key, share in shares.items():
             if key:
-                log_stiffness = np.log(moved[1][key] / moved[0][key]) / (2 * _STEP)
+                log_stiffness = np.log(high[key] / low[key]) / (2 * _STEP)
                 found = found - 0.5 * losses[key] * share * rest * log_stiffness
         return found
 
@@ -283,14 +359,14 @@ class ManyPredictions:
             return []
 
         def at(z) -> np.ndarray:
-            values = self._values(z, None)
+            values = self._values(z)
             masses = (np.broadcast_to(w.log_mass(values), len(z)) for w in weighed)
             return np.stack(list(masses), axis=1)
 
         slope = np.zeros((len(z), len(weighed), len(by)))
         for k, j in enumerate(by):
             if j < self.hypothesis.own.stop:
-                low, high = (at(moved) for moved in _moved(z, j))
+                low, high = (at(moved) for moved in _moved(z, [j]))
                 slope[..., k] = (high - low) / (2 * _STEP)
         return [(at(z), slope)]
 
@@ -302,15 +378,16 @@ def _of_each(looks: Sequence[_Look], what) -> np.ndarray:
     return np.stack([what(look)[:, i] for i, look in enumerate(looks)], axis=1)
 
 
-def _moved(z, j: int) -> tuple[np.ndarray, np.ndarray]:
-    step = np.where(np.arange(z.shape[1]) == j, _STEP, 0.0)
+def _moved(z, of: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Points a step below and above in some of their parameters."""
+    step = np.where(np.isin(np.arange(z.shape[1]), of), _STEP, 0.0)
     return z - step, z + step
 
 
-def _alike(many, one, z) -> bool:
-    """Whether values of a few points are what they are one by one."""
-    for i in {0, len(z) // 2, len(z) - 1}:
-        for name, value in one(z[i]).items():
+def _alike(many, one, count: int) -> bool:
+    """Whether values of a few of so many points are what they are one by one."""
+    for i in {0, count // 2, count - 1}:
+        for name, value in one(i).items():
             if not abs(many[name][i] - value) <= _SAME * abs(value):
                 return False
     return True

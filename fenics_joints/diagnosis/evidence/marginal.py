@@ -124,7 +124,7 @@ class Marginal:
         values = self.spread(points)
         each = len(values) // len(points)
         watched = self.watched(forward)
-        found = [seen_modes_at(watched, v) for v in values]
+        found = seen_modes_at(watched, values)
         # As many modes as hold the test's anywhere, and some more; but less of those.
         near = [index for i, (_, index) in enumerate(found) if weights[i // each] == 1.0]
         count = max(int(index.max(initial=-1)) for index in near) + 1 + SPARE

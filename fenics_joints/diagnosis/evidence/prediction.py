@@ -11,8 +11,10 @@ import numpy as np
 from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.weighed import weights
 from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.lean import batched
 
 __all__ = ["RowPrediction", "frequencies_and_damping", "joined", "predict"]
 
@@ -38,6 +40,9 @@ def predict(
     Returns:
         The prediction, shape (N,), and its derivative by z, shape (N, d).
     """
+    found = _together(hypothesis, forward, evidence, z, baseline)
+    if found is not None:
+        return found
     rows, slopes, shapes, steady = [], [], ([], []), {}
     for row, condition in enumerate(evidence.conditions):
         prediction = RowPrediction(hypothesis, forward, z, condition, baseline, row, steady)
@@ -49,6 +54,24 @@ def predict(
     m = evidence.shape[1]
     masses, by_mass = weights(evidence.weighed, hypothesis, z, evidence.conditions[0], baseline)
     return joined(rows, [*shapes[0], masses], m), joined(slopes, [*shapes[1], by_mass], m)
+
+
+def _together(hypothesis, forward, evidence, z, baseline):
+    """`predict` with all conditions solved for at once; None where that cannot be done."""
+    if not isinstance(forward, Forward):
+        return None  # what stands in for one, such as for a structure that is altered
+    many = batched(forward)
+    if not many.batches or (hypothesis.senses and evidence.shapes is not None):
+        return None  # how shapes follow a sensor's own error is known one by one
+    at_once = ManyPredictions(hypothesis, many, evidence, baseline, held_out=True)
+    if not at_once.changes:
+        return None  # all conditions have the same solution
+    before = many.calls
+    predicted, slopes = at_once(np.asarray(z, dtype=float)[None], range(len(z)))
+    forward.calls += 0 if many is forward else many.calls - before
+    if not np.all(np.isfinite(predicted)):
+        return None  # one by one it is looked further for a mode that is not there
+    return predicted[0], slopes[0]
 
 
 def frequencies_and_damping(
