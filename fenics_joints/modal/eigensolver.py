@@ -26,7 +26,7 @@ from slepc4py import SLEPc
 
 from fenics_joints.errors import ConvergenceError, InputError, real, whole
 from fenics_joints.modal.lanczos import Operator, lanczos
-from fenics_joints.modal.options import petsc_defaults, reason_of
+from fenics_joints.modal.options import give_room, petsc_defaults, reason_of
 from fenics_joints.structure.sparse import dense_block, product, vectors_like
 
 __all__ = [
@@ -364,26 +364,12 @@ def _set_up(ksp: PETSc.KSP) -> float:
     )
     try:
         ksp.setUp()
-        _give_room(ksp)
+        give_room(ksp)
     except PETSc.Error as error:
         raise ConvergenceError(advice, str(error)) from error
     if ksp.getPC().getFailedReason():
         raise ConvergenceError(advice, reason_of(ksp.getPC()))
     return time.perf_counter() - begin
-
-
-def _give_room(ksp: PETSc.KSP) -> None:
-    """Factorise again with more slack where MUMPS underestimated its work space (INFOG(1) = -9)."""
-    pc, A = ksp.getPC(), ksp.getOperators()[1]
-    for slack in (100, 300):
-        if pc.getFailedReason() != PETSc.PC.FailedReason.FACTOR_OUTMEMORY:
-            return
-        if pc.getFactorSolverType() != "mumps":
-            return
-        PETSc.Options(ksp.getOptionsPrefix()).setValue("mat_mumps_icntl_14", slack)
-        pc.reset()  # PETSc keeps the error with the factor, and would not try it again
-        ksp.setOperators(A)
-        ksp.setUp()
 
 
 def _default_block(n: int, initial) -> int:

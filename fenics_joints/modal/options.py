@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from petsc4py import PETSc
 
-__all__ = ["last_line", "petsc_defaults", "reason_of"]
+__all__ = ["give_room", "last_line", "petsc_defaults", "reason_of"]
 
 
 @contextmanager
@@ -33,6 +33,23 @@ def petsc_defaults(
             options.delValue(key)
         for key, value in before.items():
             options.setValue(key, value)
+
+
+def give_room(ksp: PETSc.KSP) -> None:
+    """Factorise again with more slack where MUMPS underestimated its work space (INFOG(1) = -9).
+
+    Collective; for a solver that is set up, within the options that it was set up with.
+    """
+    pc, A = ksp.getPC(), ksp.getOperators()[1]
+    for slack in (100, 300):
+        if pc.getFailedReason() != PETSc.PC.FailedReason.FACTOR_OUTMEMORY:
+            return
+        if pc.getFactorSolverType() != "mumps":
+            return
+        PETSc.Options(ksp.getOptionsPrefix()).setValue("mat_mumps_icntl_14", slack)
+        pc.reset()  # PETSc keeps the error with the factor, and would not try it again
+        ksp.setOperators(A)
+        ksp.setUp()
 
 
 def reason_of(solver: PETSc.Object) -> str:

@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.modal.options import last_line, petsc_defaults
+from fenics_joints.modal.options import give_room, last_line, petsc_defaults
 from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.sparse import dense_block
 
@@ -155,6 +155,7 @@ class DynamicStiffness:
             self._ksp.setFromOptions()
             try:
                 self._ksp.setUp()
+                give_room(self._ksp)
             except PETSc.Error as error:
                 raise self._error(last_line(error)) from error
         if self._ksp.getPC().getFailedReason():

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.errors import ConvergenceError
+from fenics_joints.modal.options import give_room
 from fenics_joints.structure import Sensors, Structure
 
 __all__ = ["DenseFields", "SparseFields", "TwoFields"]
@@ -198,6 +199,7 @@ class SparseFields:
             ksp.setOperators(A)
             ksp.setFromOptions()
             ksp.setUp()
+            give_room(ksp)
         except PETSc.Error as error:
             raise ConvergenceError("the two fields could not be solved for", str(error)) from error
         finally:
