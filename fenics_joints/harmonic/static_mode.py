@@ -124,7 +124,10 @@ def solve_static_backbone(
     sensor = next(iter(model.sensors)) if sensor is None else sensor
     path = _Path(model, near, static, {**_OPTIONS, **(petsc_options or {})})
     row = path.motion.place("sensors", sensor)
-    reach = abs(row.dot(path.shape))
+    reach = row.dot(path.shape)
+    if reach < 0:  # of the two directions of a mode, that in which the sensor moves on
+        path.turn()
+        reach = -reach
     if reach < 1e-8 * row.norm() * path.shape.norm():
         raise InputError("the sensor does not move in the mode; expected another sensor.")
     first = path.omega2 * low / reach * 10**-_BEFORE
@@ -159,6 +162,11 @@ class _Path:
         self.omega2, self.shape = _mode(self.motion, K, near)
         K.destroy()
         self.inertia = self.motion.inertia(self.shape)
+
+    def turn(self) -> None:
+        """Load the other way."""
+        self.shape.scale(-1.0)
+        self.inertia.scale(-1.0)
 
     def go(self, alpha: float, guess: PETSc.Vec) -> bool:
         """Equilibrium at a load, from a guess of the displacement; whether there is one."""
