@@ -228,6 +228,8 @@ class _Request(BaseHTTPRequestHandler):
     def _checked(self) -> str:
         """The path below the secret; raises `Refused` for what this page would never send."""
         headers = self.headers
+        if not headers:  # as of HTTP/0.9, for which Python 3.14 makes no message of them
+            raise Refused(HTTPStatus.BAD_REQUEST)
         hosts = headers.get_all("Host", [])
         if len(hosts) != 1:
             raise Refused(HTTPStatus.BAD_REQUEST)
