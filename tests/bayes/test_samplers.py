@@ -30,7 +30,7 @@ def test_conjugate_posterior(kind):
     mean = covariance @ SLOPE.T @ weight @ (likelihood.log_f - np.log(100))
     found = sample(
         Posterior(prior(), linear, likelihood),
-        Settings(kind, 6000 if kind == "metropolis" else 10000, 2000, 4),
+        Settings(kind, 6000 if kind == "metropolis" else 16000, 2000, 4),
     )
     logs = np.log(found.draws())
     sd, n = np.sqrt(np.diag(covariance)), min(c["ess_bulk"] for c in found.convergence.values())

@@ -7,6 +7,7 @@ import pytest
 from contact_blocks import COMM, both, faces
 from dolfinx import fem
 
+from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import stacked_blocks
 from fenics_joints.preload import (
@@ -106,7 +107,7 @@ def test_bad_faces():
         PreloadModel(structure, [Contact("c", "lid", "top")])
     tagged = structure.tagged
     upper = tagged.cell_tags.find(tagged.cell_tag("upper"))
-    points, nodes = tagged.mesh.geometry.x, np.unique(tagged.mesh.geometry.dofmap[upper])
+    points, nodes = tagged.mesh.geometry.x, np.unique(geometry_dofmap(tagged.mesh)[upper])
     points[nodes, 0] += 0.01 * np.sin(np.pi * points[nodes, 0])
     # Vertices that are near but not the same are averages, unless they are to be pairs.
     near, paired = (PreloadModel(structure, [faces(tolerance=t)]) for t in (None, 0.02))

@@ -9,6 +9,7 @@ import pytest
 from dolfinx import mesh
 from mpi4py import MPI
 
+from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import html_table
 from fenics_joints.meshes import box
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one proce
 
 
 def corners_of(msh: mesh.Mesh) -> np.ndarray:
-    return msh.geometry.x[msh.geometry.dofmap]
+    return msh.geometry.x[geometry_dofmap(msh)]
 
 
 @pytest.mark.parametrize(

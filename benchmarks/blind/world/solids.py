@@ -40,7 +40,8 @@ class Body:
         order = np.asarray(self.mesh.topology.original_cell_index)
         self.is_head = is_head[order]
         self.reference = self.mesh.geometry.x.copy()
-        corners = self.mesh.geometry.dofmap
+        geometry = self.mesh.geometry  # of one kind of cells, which 0.11 wants said
+        corners = geometry.dofmaps[0] if hasattr(geometry, "cmaps") else geometry.dofmap
         self.centres = self.reference[corners].mean(axis=1)
         self._corners = np.asarray(corners)
         self.space = fem.functionspace(self.mesh, ("Lagrange", 2, (3,)))
