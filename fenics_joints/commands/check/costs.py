@@ -21,6 +21,8 @@ _SAMPLE, _CHECKS = 2, 20
 #: solutions; the bolted beams at one condition, which take none: 50 s in all. All within a factor
 #: of two or three: what it takes hangs on how many effects a case can have and how many count.
 _FITS, _SAMPLED = (20.0, 10.5), (25.0, 3.0)
+#: Memory of a rank's samples, fits and draws beside the model: box and lap plates, 0.9 and 0.8 GB.
+_BESIDE = 0.9e9
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def _costs(case: Case, found: Estimate, ranks: int) -> Iterator[Cost]:
     more = len(case.measured) - 1
     ways = (_FITS, _SAMPLED) if case.diagnose.nested else (_FITS,)
     fits = sum(first + more * each for first, each in ways) / ranks
-    yield Cost("diagnose", found.seconds + solutions * once + fits, found.bytes)
+    yield Cost("diagnose", found.seconds + solutions * once + fits, found.bytes + ranks * _BESIDE)
 
 
 def too_much(costs: tuple[Cost, ...]) -> list[str]:

@@ -20,13 +20,13 @@ from fenics_joints.errors import InputError
 from fenics_joints.reduction import LeanForward
 from fenics_joints.reduction.many import Change, ManyModes, change
 
-__all__ = ["ManyPredictions"]
+__all__ = ["ROOM", "ManyPredictions"]
 
 #: Step of differences, in standard deviations of the prior, and relative difference that is
 #: round-off.
 _STEP, _SAME = 1e-5, 1e-8
 #: Entries of the matrices that are solved for together, which should stay near the processor.
-_ROOM = 4_000_000
+ROOM = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +134,7 @@ class ManyPredictions:
         rows = list(range(len(self.evidence.conditions) if self.changes else 1))
         alone = [] if self.evidence.shapes is None else [self._shape_row]
         rows = [row for row in rows if row not in alone]
-        size = 1 if self._apart else max(_ROOM // (count * self.forward.model.n_dofs**2), 1)
+        size = 1 if self._apart else max(ROOM // (count * self.forward.model.n_dofs**2), 1)
         groups = [rows[i : i + size] for i in range(0, len(rows), size)]
         return [alone, *groups] if alone else groups
 
