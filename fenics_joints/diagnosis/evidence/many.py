@@ -20,13 +20,13 @@ from fenics_joints.errors import InputError
 from fenics_joints.reduction import LeanForward
 from fenics_joints.reduction.many import Change, ManyModes, change
 
-__all__ = ["ROOM", "ManyPredictions"]
+__all__ = ["ManyPredictions"]
 
 #: Step of differences, in standard deviations of the prior, and relative difference that is
 #: round-off.
 _STEP, _SAME = 1e-5, 1e-8
 #: Entries of the matrices that are solved for together, which should stay near the processor.
-ROOM = 4_000_000
+_ROOM = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +96,9 @@ class ManyPredictions:
             by: Which of them derivatives are wanted by.
         """
         self._filled.clear()
+        most = max(_ROOM // self.forward.model.n_dofs**2, 1)
+        if len(z) > most:
+            return self._parted(z, by, -(-len(z) // most))
         try:
             return self._together(np.asarray(z, dtype=float), list(by))
         except _Apart:
@@ -106,8 +109,12 @@ class ManyPredictions:
             if len(z) == 1:
                 n = len(self.evidence.data)
                 return np.full((1, n), np.nan), np.full((1, n, len(by)), np.nan)
-            halves = (self(half, by) for half in np.array_split(z, 2))
-            return tuple(map(np.concatenate, zip(*halves, strict=True)))
+            return self._parted(z, by, 2)
+
+    def _parted(self, z, by, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The same, part by part."""
+        parts = (self(part, by) for part in np.array_split(z, count))
+        return tuple(map(np.concatenate, zip(*parts, strict=True)))
 
     def _together(self, z, by) -> tuple[np.ndarray, np.ndarray]:
         evidence, found, shapes = self.evidence, {}, []
@@ -134,7 +141,7 @@ class ManyPredictions:
         rows = list(range(len(self.evidence.conditions) if self.changes else 1))
         alone = [] if self.evidence.shapes is None else [self._shape_row]
         rows = [row for row in rows if row not in alone]
-        size = 1 if self._apart else max(ROOM // (count * self.forward.model.n_dofs**2), 1)
+        size = 1 if self._apart else max(_ROOM // (count * self.forward.model.n_dofs**2), 1)
         groups = [rows[i : i + size] for i in range(0, len(rows), size)]
         return [alone, *groups] if alone else groups
 

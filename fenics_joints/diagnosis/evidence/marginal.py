@@ -19,7 +19,7 @@ from scipy.stats import norm, qmc
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.linear import whiten
-from fenics_joints.diagnosis.evidence.many import ROOM, ManyPredictions
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction, joined, predict
 from fenics_joints.diagnosis.evidence.weighed import weights
 from fenics_joints.reduction import Forward, LeanForward
@@ -40,7 +40,7 @@ _WIDE_WEIGHT, _OTHERS = 0.05, 0.1
 _LIMIT = 0.1
 #: Standard deviation of the correction of ln Z at which no further point is looked at.
 _SURE = 0.02
-#: Points predicted together, at most: as many as have room (`ROOM`).
+#: Points looked at together.
 _TOGETHER = 128
 #: For points at which the model lacks a mode that the test saw.
 _IMPOSSIBLE = -1e30
@@ -257,10 +257,7 @@ class Marginal:
     def log_likelihood(self, points: np.ndarray) -> np.ndarray:
         """ln N(r - J_n z_n*; 0, Sigma + J_n J_n^T) at points, (b, d_e) -> (b,)."""
         self.calls += len(points)
-        most = _TOGETHER
-        if self.many is not None:
-            most = max(min(most, ROOM // self.forward.model.n_dofs**2), 1)
-        batches = np.array_split(points, -(-len(points) // most))
+        batches = np.array_split(points, -(-len(points) // _TOGETHER))
         return np.concatenate([self._looked_at(batch)[0] for batch in batches])
 
     def _looked_at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
