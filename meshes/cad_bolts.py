@@ -202,12 +202,20 @@ def _contact_at(model, contacts, centre, radius: float, reach: float) -> Contact
         if abs((centre - contact.point) @ contact.normal) > reach + TOUCH:
             continue
         around = centre + 0.99 * radius * circle_points(contact.normal, 16)
-        n = sum(
-            bool(model.isInside(2, face, p.tolist())) for face in contact.faces for p in around
-        )
+        n = sum(_on_face(model, face, contact.normal, p) for face in contact.faces for p in around)
         if n > most:
             best, most = contact, n
     return best
+
+
+def _on_face(model, face: int, normal, point) -> bool:
+    """Whether a plane face has a point, or what of it is in the plane.
+
+    gmsh's ``isInside`` alone asks it of the nearest place of the face's rectangle.
+    """
+    apart = np.asarray(model.getClosestPoint(2, face, point.tolist())[0]) - point
+    apart -= (apart @ normal) * normal
+    return np.linalg.norm(apart) < 10 * TOUCH and bool(model.isInside(2, face, point.tolist()))
 
 
 def _at_centre(seen: _Holes, contact, centre, r_wai, r_nei, number: int, at: str):

@@ -184,6 +184,24 @@ def pile(occ):
         occ.cut([(3, block)], bores(occ, [(20, 20), (60, 20)], z - 1, z + 21, 5))
 
 
+def trough(occ):
+    """Two walls on one face of a base."""
+    occ.addBox(0, 0, 0, 80, 60, 8)
+    for y in (0, 44):
+        occ.addBox(0, y, 8, 80, 16, 20)
+
+
+def test_bolts_given_by_place_where_parts_touch_on_one_plane(tmp_path):
+    """Each ring is between the base and the wall that stands there."""
+    path = write_step(tmp_path / "trough.step", trough)
+    tagged = read_step(
+        path, MPI.COMM_SELF, element_size=30 * MM, ring_size=12 * MM, circle=6, r_wai=7 * MM,
+        r_nei=2 * MM, bolts=[[0.04, 0.008, 0.008], [0.04, 0.052, 0.008]],
+        parts={"base": 1, "front": 2, "back": 3},
+    )  # fmt: skip
+    assert [measure_ring(tagged, f"ring_{i}").upper for i in (1, 2)] == [("front",), ("back",)]
+
+
 def turned_pile(occ):
     pile(occ)
     occ.rotate(occ.getEntities(3), 0, 0, 0, 1, 2, -0.5, 0.7)
