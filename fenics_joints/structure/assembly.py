@@ -22,6 +22,13 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError, MeshError, items, real, wanted, whole
 from fenics_joints.forms import circumference
 from fenics_joints.meshes.tagged import TaggedMesh, limits
+from fenics_joints.structure.changes import (
+    Change,
+    LocalLoss,
+    PlacedPoint,
+    ShapeChange,
+    add_changes,
+)
 from fenics_joints.structure.components import (
     ElasticSupport,
     Parameter,
@@ -60,6 +67,7 @@ class Assembly:
         masses: Point masses.
         springs: Grounding springs.
         supports: Held facets, and ones on springs that are spread over them.
+        changes: What else changes with parameters: `fenics_joints.structure.changes`.
         degree: Degree of the displacement, 1 to 3; on quadrilaterals and hexahedra degrees 2 and 3
             are the serendipity elements.
         quadrature_degree: Degree of the cell quadrature; 2 * degree by default, which is exact for
@@ -86,6 +94,7 @@ class Assembly:
         masses: Iterable[PointMass] = (),
         springs: Iterable[Spring] = (),
         supports: Iterable[Support | ElasticSupport] = (),
+        changes: Iterable[Change] = (),
         degree: int = 2,
         quadrature_degree: int | None = None,
         axisymmetric: bool = False,
@@ -100,9 +109,10 @@ class Assembly:
         self.masses = items("masses", masses, PointMass, "PointMass")
         self.springs = items("springs", springs, Spring, "Spring")
         supports = items("supports", supports, (Support, ElasticSupport), "Support, ElasticSupport")
+        self.changes = items("changes", changes, (LocalLoss, PlacedPoint, ShapeChange), "changes")
         self._made_of = {
             "regions": self.regions, "masses": self.masses, "springs": self.springs,
-            "supports": supports, "axisymmetric": axisymmetric,
+            "supports": supports, "changes": self.changes, "axisymmetric": axisymmetric,
         }  # fmt: skip
         self.supports = tuple(s for s in supports if isinstance(s, Support))
         self.elastic_supports = tuple(s for s in supports if isinstance(s, ElasticSupport))
@@ -144,7 +154,9 @@ class Assembly:
                 )
 
     def _components(self) -> tuple:
-        return (*self.regions, *self.masses, *self.springs, *self.elastic_supports)
+        return (
+            *self.regions, *self.masses, *self.springs, *self.elastic_supports, *self.changes,
+        )  # fmt: skip
 
     def _make_axisymmetric(self) -> None:
         """Give the parts their law in a body of revolution; refuse what has none."""
@@ -172,7 +184,7 @@ class Assembly:
         self.weight = circumference(ufl.SpatialCoordinate(self.mesh)[0])
 
     def _values(self):
-        for owner in (*self.regions, *self.elastic_supports):
+        for owner in (*self.regions, *self.elastic_supports, *self.changes):
             for key, value in owner.properties.items():
                 yield owner.name, key, value
         for mass in self.masses:
@@ -287,10 +299,17 @@ class Assembly:
             number: Index of the region in `regions`.
             which: 0 or 1.
         """
-        region, cells = self.field.regions[number]
+        return self.cells_form(number, which, self.field.regions[number][1])
+
+    def cells_form(self, number: int, which: int, cells: np.ndarray) -> ufl.Form:
+        """`region_form` of some of the region's cells, as numbered on this rank."""
+        region, dx = self.field.regions[number][0], self.cells_measure(cells)
+        return self._form(which, region, *self.arguments, dx)
+
+    def cells_measure(self, cells: np.ndarray) -> ufl.Measure:
+        """Integration over some cells of this rank, ghosts left out."""
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
-        mine = [(1, np.sort(cells[cells < owned]).astype(np.int32))]
-        return self._form(which, region, *self.arguments, self._measure("dx", mine, 1))
+        return self._measure("dx", [(1, np.sort(cells[cells < owned]).astype(np.int32))], 1)
 
     def region_matrices(self, number: int, q: Mapping[str, float] | None) -> tuple:
         """Stiffness and mass of one region alone; rows and columns of held DOFs are zero.
@@ -377,9 +396,10 @@ class Assembly:
         for spring in self.springs:
             k = real(f"{spring.name}.stiffness", number(spring.stiffness, values), "N/m", least=0)
             k *= spring.share
-            self._add_point(K, spring.point, k * np.outer(spring.direction, spring.direction))
+            self.add_point(K, spring.point, k * np.outer(spring.direction, spring.direction))
         self._add_supports(K, values)
         K.assemble()
+        add_changes(self, K, 0, values)
         return K
 
     def mass(self, given: Mapping[str, float] | None = None, out=None) -> PETSc.Mat:
@@ -390,8 +410,9 @@ class Assembly:
         for mass in self.masses:
             m = real(f"{mass.name}.mass", number(mass.mass, values), "kg", least=0) * mass.share
             if m:
-                self._add_point(M, self.place(mass, values), m * np.eye(3))
+                self.add_point(M, self.place(mass, values), m * np.eye(3))
         M.assemble()
+        add_changes(self, M, 1, values)
         return M
 
     def update(self, given: Mapping[str, float] | None) -> dict[str, float]:
@@ -432,7 +453,8 @@ class Assembly:
             )
         return self._rows[key]
 
-    def _add_point(self, A: PETSc.Mat, point, block: np.ndarray) -> None:
+    def add_point(self, A: PETSc.Mat, point, block: np.ndarray) -> None:
+        """Put a block, (3, 3), between the displacements at a point, in place. Collective."""
         gdim, rows = self.gdim, self.rows(point)
         for nodes, N in zip(rows.nodes, rows.values, strict=True):
             dofs = (nodes[:, None] * gdim + np.arange(gdim)).ravel().astype(np.int32)

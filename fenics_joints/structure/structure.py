@@ -20,6 +20,8 @@ from fenics_joints.meshes import Ring, measure_ring
 from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.structure.assembly import Assembly
+from fenics_joints.structure.changes import Change, change_slopes
+from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.grids import cell_grid, pyvista
 from fenics_joints.structure.points import PointRows, Sensors, observe
@@ -63,6 +65,12 @@ class Structure(Assembly):
         return Structure(
             self.tagged, parameters=parameters, degree=self.degree + 1, **self._made_of
         )
+
+    def with_changes(self, changes: Sequence[Change], more: Sequence[Parameter]) -> Structure:
+        """The same structure with what else may change of it, by further parameters."""
+        parameters = [*self.parameters.values(), *more]
+        made_of = self._made_of | {"changes": (*self.changes, *changes)}
+        return Structure(self.tagged, parameters=parameters, degree=self.degree, **made_of)
 
     @property
     def layers(self) -> tuple[str, ...]:
@@ -177,6 +185,7 @@ class Structure(Assembly):
                 m = mass.share * number(mass.mass, values)
                 left, right = np.hstack([slope, at]), np.hstack([at, slope])
                 yield position[mass.travel], "M", None, RowForm(left, right, m, self.comm)
+        yield from change_slopes(self, values)
 
     def _region_slopes(self, values, apart):
         for i, region in enumerate(self.regions):
@@ -218,9 +227,13 @@ class Structure(Assembly):
         rows = self.rows(np.repeat(place[None], self.gdim, axis=0))
         along = rows.gradients @ np.asarray(mass.direction, dtype=float)[: self.gdim]
         moved = PointRows(rows.index, rows.nodes, along, rows.gradients)
-        return tuple(self.unit_loads(r, np.eye(self.gdim)) for r in (rows, moved))
+        return self.point_loads(rows), self.point_loads(moved)
 
     # -- places --------------------------------------------------------------------------------
+
+    def point_loads(self, rows: PointRows) -> np.ndarray:
+        """This rank's rows of the displacement at a point, (n_local, gdim)."""
+        return self.unit_loads(rows, np.eye(self.gdim))
 
     def loads(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
         """This rank's rows of the loads of one newton at points, (n_local, n). Collective.
@@ -325,6 +338,7 @@ class Structure(Assembly):
         one = ufl.as_vector([1.0] + [0.0] * (self.gdim - 1))
         form = self.compiled("weight", lambda: self.inertia_form(one, one))
         attached = sum(m.share * number(m.mass, values) for m in self.masses)
+        attached += sum(c.volume * c.law.inertia_term(c.values(values)) for c in self.changes)
         return self.comm.allreduce(fem.assemble_scalar(form)) + attached
 
     def volumes(self) -> np.ndarray:

@@ -1,0 +1,137 @@
+"""What changes of a structure beside its properties, against meshes and matrices that have it."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from dolfinx import mesh
+from mpi4py import MPI
+
+from fenics_joints.meshes import TaggedMesh
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import reduce
+from fenics_joints.structure import Parameter, PointMass, Spring, Structure, part
+from fenics_joints.structure.changes import LocalLoss, PlacedPoint, ShapeChange
+
+SIZE, CELLS = (0.4, 0.06, 0.006), (10, 2, 1)
+E, NU, RHO = 70e9, 0.33, 2700.0
+CHANGED = {
+    "loss.depth": 0.0, "loss.place": 0.0, "loss.size": 1.0, "on.mass": 0.0, "on.stiffness": 0.0,
+    "on.place": 0.0, "bow": 0.0, "taper": 0.0,
+}  # fmt: skip
+
+
+def plate(moved=lambda x: x, regions=None, cells=None, **more):
+    """A free plate, its vertices moved, in one part or in some by cell."""
+    msh = mesh.create_box(
+        MPI.COMM_SELF, [np.zeros(3), np.array(SIZE)], CELLS, mesh.CellType.hexahedron
+    )
+    middles = mesh.compute_midpoints(msh, 3, np.arange(np.prod(CELLS), dtype=np.int32))
+    number = np.zeros(len(middles), dtype=np.int32) if cells is None else cells(middles)
+    tags = mesh.meshtags(msh, 3, np.arange(len(middles), dtype=np.int32), number)
+    msh.geometry.x[:] = moved(msh.geometry.x.copy())
+    names = {f"c{i}": i for i in np.unique(number).tolist()}
+    tagged = TaggedMesh(msh, tags, None, names, {})
+    regions = regions or [part("plate", ("c0",), E="E", nu=NU, rho="rho")]
+    own = [Parameter("E", E), Parameter("rho", RHO)]
+    return Structure(tagged, regions, own, **more), middles
+
+
+@pytest.fixture(scope="module")
+def changing():
+    """The plate with all kinds of changes."""
+    model, middles = plate()
+    stations = [np.flatnonzero(np.abs(middles[:, 0] - x) < 0.02) for x in (0.1, 0.14, 0.18)]
+    scaled = {"E": "E", "nominal": E}
+    loss = LocalLoss("loss", "plate", stations, scaled | {
+        "depth": "loss.depth", "place": "loss.place", "size": "loss.size", "first": 0,
+        "count": 3})  # fmt: skip
+    points = [PlacedPoint(f"on {i}", (x, 0.0, 0.0), {
+        "mass": "on.mass", "stiffness": "on.stiffness", "place": "on.place", "at": i})
+        for i, x in enumerate((0.0, 0.2))]  # fmt: skip
+    ones, L, t = np.ones(len(middles)), SIZE[0], SIZE[2]
+    fixed = {"rho": RHO, "nominal_rho": RHO}
+    bow = ShapeChange("bow", "plate", (0, 0, 1), (1, 0, 0), (0.0, 4 / L, -4 / L**2),
+                      np.array([ones, 0 * ones]), 0.01,
+                      scaled | fixed | {"amount": "bow", "count": 2})  # fmt: skip
+    taper = ShapeChange("taper", "plate", (0, 0, 1), (1, 0, 0), (-1.0, 2 / L, 0.0),
+                        np.array([-t / 2 * ones, ones]), 0.2,
+                        scaled | {"rho": "rho", "nominal_rho": RHO, "amount": "taper", "count": 6})
+    more = [Parameter(k, v, log=False) for k, v in CHANGED.items()]
+    return model.with_changes([loss, *points, bow, taper], more)
+
+
+def elastic(model, given=None, n=6):
+    modes = solve_modes(model, given, n_modes=n + 6)
+    return modes.frequencies_hz[modes.n_rigid :][:n]
+
+
+def bowed(x):
+    x[:, 2] += 0.004 * (4 * x[:, 0] / SIZE[0] - 4 * (x[:, 0] / SIZE[0]) ** 2)
+    return x
+
+
+def tapered(x):
+    x[:, 2] += 0.2 * (2 * x[:, 0] / SIZE[0] - 1) * (x[:, 2] - SIZE[2] / 2)
+    return x
+
+
+def softened(given):
+    number = lambda m: np.where(np.abs(m[:, 0] - 0.14) < 0.02, 1, 0).astype(np.int32)  # noqa: E731
+    regions = [part(f"p{i}", (f"c{i}",), E=e * E, nu=NU, rho=RHO) for i, e in enumerate(given)]
+    return plate(cells=number, regions=regions)[0]
+
+
+def weighed(x, kg, k):
+    springs = [Spring(f"s{i}", k, (x, 0.0, 0.0), tuple(row)) for i, row in enumerate(np.eye(3))]
+    return plate(masses=[PointMass("m", kg, (x, 0.0, 0.0))], springs=springs)[0]
+
+
+CASES = {
+    "loss": ({"loss.depth": 0.6, "loss.place": 1.0}, lambda: softened((1.0, 0.4)), 1e-9),
+    "mass": ({"on.mass": 0.05, "on.place": 0.0}, lambda: weighed(0.0, 0.05, 0.0), 1e-9),
+    "spring": (
+        {"on.stiffness": 1e5, "on.mass": 0.01, "on.place": 1.0}, lambda: weighed(0.2, 0.01, 1e5),
+        1e-9,
+    ),
+    # Hexahedra with straight edges on a parabola, against its tangents.
+    "bow": ({"bow": 0.004}, lambda: plate(bowed)[0], 2e-4),
+    "taper": ({"taper": 0.2}, lambda: plate(tapered)[0], 1e-6),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_change_is_that_of_a_mesh_or_of_cells_that_have_it(changing, name):
+    given, real, limit = CASES[name]
+    expected, found, before = elastic(real()), elastic(changing, given), elastic(changing)
+    assert np.max(np.abs(expected / before - 1)) > 20 * limit
+    assert found == pytest.approx(expected, rel=limit)
+
+
+def test_the_reduced_model_has_them_too(changing):
+    """On the modes of all samples, with slopes that are those of differences."""
+    samples = [{}, *(given for given, _, _ in CASES.values())]
+    small = reduce(changing, samples, 14).arrays()
+    for given in samples:
+        assert elastic(small, given) == pytest.approx(elastic(changing, given), rel=1e-5)
+    # Changes of the shape are not put in with others: they know nothing of each other.
+    both = {"loss.depth": 0.3, "loss.place": 0.6, "loss.size": 1.2, "on.mass": 0.02,
+            "on.stiffness": 2e4, "on.place": 0.3}  # fmt: skip
+    for model, given in product((small, changing), (both, {"taper": 0.1}, {"bow": 0.002})):
+        modes, n = solve_modes(model, given, n_modes=10), 8
+        lam = (2 * np.pi * modes.frequencies_hz[n]) ** 2
+        x = modes.shapes[:, [n]] if model is small else [modes.shapes[n]]
+        slope = model.pencil_gradients(x, [lam], given)[0]
+        for name, value in given.items():
+            step = 1e-3 * value
+            low, high = (
+                (2 * np.pi * solve_modes(model, given | {name: value + s},
+                                         n_modes=10).frequencies_hz[n]) ** 2 for s in (-step, step)
+            )  # fmt: skip
+            position = list(model.parameters).index(name)
+            assert slope[position] == pytest.approx((high - low) / (2 * step), rel=2e-3), name
