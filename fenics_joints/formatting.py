@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 __all__ = [
     "LEAST", "LIMITS", "MISSING", "MOST", "bounded", "condition_value", "control_character",
-    "extents", "hertz", "html_table", "interval", "number", "p_value", "percent",
+    "error_percent", "extents", "hertz", "html_table", "interval", "number", "p_value", "percent",
     "point_mm", "prefixed", "printable", "probability", "quantity", "spaced", "spread",
 ]  # fmt: skip
 
@@ -119,6 +119,11 @@ def percent(ratio: float | None, digits: int = 2, *, sign: bool = False) -> str:
         return MISSING
     # Rounded first, then 0 added, so that no small negative number becomes a negative zero.
     return f"{round(100 * ratio, digits) + 0.0:{'+' if sign else ''}.{digits}f} %"
+
+
+def error_percent(error: float | None) -> str:
+    """A relative error in per cent; above 100 % its size says no more than that it is no answer."""
+    return percent(error) if _missing(error) or error <= 1 else "over 100 %"
 
 
 def spread(log_sd: float | None) -> str:

@@ -358,7 +358,10 @@ class Diagnose(Section):
     patches of each region in which the gap is looked for; 0 for neither these nor the error in the
     constitutive relation, which cost solutions of the full model.
     ``mesh_error`` says whether the mesh's own error of each frequency is measured, by one solution
-    with elements of one degree more, and counts where it is larger than ``discrepancy``.
+    with elements of one degree more; it is taken off, and half of it stays as uncertain where that
+    is larger than ``discrepancy``.
+    ``rare`` says whether causes that few structures have are looked for too, such as a local loss
+    of stiffness or a resonator somewhere; those that ``effects`` names are in any case.
     ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that
     nothing of the joints is assumed; or the stiffness ``given`` by ``[joints]``, of which a
     diagnosis can then say that the preload is below the nominal one.
@@ -377,6 +380,7 @@ class Diagnose(Section):
     nested: Annotated[int, Field(ge=0, le=50, strict=True)] = 6
     patches: Annotated[int, Field(ge=0, le=200, strict=True)] = 12
     mesh_error: Annotated[bool, Field(strict=True)] = True
+    rare: Annotated[bool, Field(strict=True)] = False
 
 
 def _parallel(a, b) -> bool:

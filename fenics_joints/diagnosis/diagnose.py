@@ -124,7 +124,7 @@ class _Run:
         leader = self._leader(fits)
         effects = self._effects(fits, probability, grouped, leader)
         verdict, summary = decide(
-            fits, probability, effects, leader, _gap(self.data, leader.log_f)
+            fits, probability, effects, leader, self._gap(self.data, leader.log_f)
         )
         wrong = self._is_wrong(fits, leader, grouped)
         causes = self._causes(fits, probability, effects) if verdict in NAMED else {}
@@ -139,8 +139,8 @@ class _Run:
             verdict=verdict,
             summary=summary,
             condition=self.model.condition,
-            before=_gap(self.data, [self.forward(self.baseline)[0]] * len(self.data)),
-            after=_gap(self.data, leader.log_f),
+            before=self._gap(self.data, [self.forward(self.baseline)[0]] * len(self.data)),
+            after=self._gap(self.data, leader.log_f),
             noise=float(np.sqrt(np.nanmean(self.data.log_sd()[self.evidence.used] ** 2))),
             heldout_before=shrink.before,
             heldout_after=shrink.after,
@@ -165,6 +165,7 @@ class _Run:
                 **self.model.surrogate.facts(),
                 "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),
                 "mesh_error": self.model.mesh_error(),
+                "order": self.model.order_note(),
                 "notes": list(dict.fromkeys([
                     *test_notes(self.case, self.model.full), *self.data.notes,
                     *self.model.mesh_notes(),
@@ -189,7 +190,7 @@ class _Run:
                 tuple(e.key for e in f.hypothesis.effects),
                 float(p),
                 f.log_evidence,
-                _gap(self.data, f.log_f).rms,
+                self._gap(self.data, f.log_f).rms,
                 f.p_value,
                 f.hypothesis.table(f.z, f.covariance),
                 f.at_bound,
@@ -217,7 +218,7 @@ class _Run:
             found.append(
                 EffectResult(
                     effect.name, effect.region, total, grouped[effect.key], seen,
-                    effect.describe, effect.weight,
+                    _described(effect, fits[inside.index(True)]), effect.weight,
                 )
             )
         for label, words in (
@@ -235,7 +236,9 @@ class _Run:
     def _is_wrong(self, fits: Sequence[Fit], leader: Fit, grouped: dict[str, str]):
         """A hypothesis is a placebo if it has nothing of the leader's main cause.
 
-        The main cause is the class of effects without which the evidence falls most. Of its kind
+        The main cause is the class of effects without which the evidence falls most, of those that
+        move frequencies, which S* is of: beside one that only damps, the other is no placebo. Of
+        its kind
         are also effects of its family, and what acts on the same parameters of the model: a joint
         that gives way at one place is no fair placebo for one that gives way.
         """
@@ -251,12 +254,19 @@ class _Run:
             )
 
         known = [f for f in fits if not f.hypothesis.unknown]
+        effects = leader.hypothesis.effects
         main = min(
-            leader.hypothesis.effects,
+            [e for e in effects if touched[e.key] or e.sensing is not None] or effects,
             key=lambda e: max((f.log_evidence for f in known if not holds(f, e)), default=-np.inf),
             default=None,
         )
-        return lambda f: bool(f.hypothesis.effects) and (main is None or not holds(f, main))
+        def wrong(f: Fit) -> bool:
+            own = f.hypothesis.effects
+            # What few structures have did not have the same chance.
+            fair = bool(own) and not any(e.beside for e in own)
+            return fair and (main is None or not holds(f, main))
+
+        return wrong
 
     def _causes(self, fits, probability, effects) -> dict[str, Callable[[Fit], bool]]:
         """Several causes that are called so, each as whether a hypothesis holds one of its class;
@@ -305,6 +315,11 @@ class _Run:
                 chosen |= {id(fits[i]) for i in near}
         return [f for f in fits if id(f) in chosen] or list(fits[:1])
 
+    def _gap(self, data: TestData, log_f: Sequence[np.ndarray]) -> Gap:
+        """Of a test against ln f of the model at its conditions, its mesh's error taken off."""
+        hz = np.exp(self.evidence.off_mesh(np.asarray(log_f)))
+        return Gap(data.conditions, data.mode_names, data.frequencies_hz, hz)
+
     def _validation(self, leader: Fit) -> tuple[Gap, Gap] | None:
         data = self.given.validation()
         if data is None:
@@ -314,7 +329,7 @@ class _Run:
             RowPrediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f
             for c in data.conditions
         ]
-        return _gap(data, before), _gap(data, after)
+        return self._gap(data, before), self._gap(data, after)
 
     def _cells(self):
         names = list(self.model.full.parameters)
@@ -364,8 +379,11 @@ class _Run:
         return None
 
 
-def _gap(data: TestData, log_f: Sequence[np.ndarray]) -> Gap:
-    return Gap(data.conditions, data.mode_names, data.frequencies_hz, np.exp(log_f))
+def _described(effect: Effect, best: Fit) -> str:
+    """What an effect is, and where the best explanation with it has it."""
+    found = [row["at"] for row in best.hypothesis.table(best.z, best.covariance)
+             if row["effect"] == effect.key and row.get("at")]  # fmt: skip
+    return f"{effect.describe} Most probably at {found[0]}." if found else effect.describe
 
 
 def _lists(found: Fit) -> bool:

@@ -27,6 +27,8 @@ __all__ = ["blinded", "cross_validate", "folds", "forecast"]
 _TOLERANCE = 1e-3
 #: Probability of the intervals: a lower end above zero is a difference from zero with 95 %.
 _PROBABILITY = 0.9
+#: Excess over the best wrong effect that is more than nothing: a point, rounded.
+_SHOWS = 0.005
 _DRAWS = 2000
 _SEED = 1
 #: With this many modes or more the highest third of them is held out together.
@@ -332,7 +334,7 @@ def _pooled(opened: list[Fold], errors: list[_Errors], gains: list[dict], m) -> 
     entries = sum(f.entries_covered * f.n for f in opened) / sum(f.n for f in opened)
     return Shrinkage(
         before, after, placebo, noise, own, own_90, wrong, wrong_90, excess, excess_90,
-        claimed=bool(excess_90[0] > 0),
+        claimed=bool(excess_90[0] > _SHOWS),
         coverage=float(np.mean([f.held for f in opened])),
         better=float(np.mean([f.better for f in opened])),
         shrink_coverage=float(np.mean([f.shrink_covered for f in sized])) if sized else np.nan,

@@ -131,8 +131,9 @@ def _constitutive(model: Prepared, n_patches: int) -> ConstitutiveError | None:
     there = np.isfinite(data.frequencies_hz[row])
     if not there.any():
         return None
+    hz = np.exp(model.evidence.log_f[row][there])
     return constitutive_error(
-        model.cells, model.baseline, data.shapes[:, there], data.frequencies_hz[row][there],
-        data.sensors, split=patches(model.cells, n_patches, model.zones.shown),
+        model.cells, model.baseline, data.shapes[:, there], hz, data.sensors,
+        split=patches(model.cells, n_patches, model.zones.shown),
         noise=data.shape_noise,
     )  # fmt: skip

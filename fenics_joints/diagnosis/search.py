@@ -14,6 +14,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit, fit
+from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.screen import (
     near_best,
     near_listed,
@@ -22,6 +23,7 @@ from fenics_joints.diagnosis.evidence.screen import (
     with_other,
 )
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
+from fenics_joints.diagnosis.exchange import fit_exchanged
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.several import fit_several
@@ -30,10 +32,12 @@ from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.parallel import spread
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
+from fenics_joints.reduction.forward import Forward
 
 __all__ = ["Search"]
 
-#: Prior odds, against none, that some one effect is at work, shared out by the effects' weights;
+#: Prior odds, against none, that some one effect is at work, shared out by the effects' weights,
+#: beside which some come (`Effect.beside`), so that a larger library makes nothing less likely;
 #: two at once have the product of their odds. And those of an unknown cause.
 _ANY, _UNKNOWN = 1.5, 0.2
 #: A pair this far (in ln) behind the best is not fitted in full; and at most so many are.
@@ -68,11 +72,13 @@ class Search:
 
     def __init__(self, model: Prepared, progress: Progress, kept: KeptFits):
         self.model, self.progress, self.kept = model, progress, kept
-        total = sum(effect.weight for effect in model.effects)
+        common = [effect.weight for effect in model.effects if not effect.beside]
+        total = sum(common or [effect.weight for effect in model.effects])
         self._odds = {e.key: np.log(_ANY * e.weight / total) for e in model.effects}
         self._met = Known(model.baseline, model.evidence.conditions)
         for effect in model.effects:
             self._met.same((effect,))
+        self._leans: Leans | None = None
 
     def run(self) -> list[Fit]:
         """Nothing, the unknown, each effect, and what is promising of several. Collective."""
@@ -125,6 +131,17 @@ class Search:
                 starts[i].append(from_none[i])
         return starts
 
+    def guide(self, hypothesis: Hypothesis) -> Forward | None:
+        """What shows a fit the way, see `Leans.of`; of the reduced model as it is.
+
+        Args:
+            hypothesis: What is fitted.
+        """
+        model = self.model
+        if self._leans is None or not self._leans.are_of(model.forward):
+            self._leans = Leans(model.forward, model.evidence, model.baseline)
+        return self._leans.of(hypothesis)
+
     def looked(
         self,
         hypotheses: Sequence[Hypothesis],
@@ -141,7 +158,8 @@ class Search:
         model = self.model
 
         def look(task):
-            return quick_evidence(*task, model.forward, model.evidence, model.baseline, lowers)
+            forward = self.guide(task[0]) or model.forward
+            return quick_evidence(*task, forward, model.evidence, model.baseline, lowers)
 
         return spread(model.comm, list(zip(hypotheses, starts, strict=True)), look)
 
@@ -235,13 +253,15 @@ class Search:
         alone = self.model.comm.size == 1
         return fit(
             hypothesis, self.model.forward, self.model.evidence, self.model.baseline,
-            starts=starts, tolerance=_TOLERANCE, progress=self.progress.advance if alone else None,
+            starts=starts, tolerance=_TOLERANCE, guide=self.guide(hypothesis),
+            progress=self.progress.advance if alone else None,
         )  # fmt: skip
 
     def _together(self, level: Sequence[Fit], known: Sequence[Fit], size: int) -> list[Fit]:
         """Fits of ``size`` effects at once that a quick look does not rule out."""
         pairs = self._pairs(level) if size == 2 else self._beside_leaders(level)
         pairs = [pair for pair in pairs if self._met.same(pair[0]) is None]
+        allowed = {frozenset(e.key for e in effects): effects for effects, _ in pairs}
         pairs = self._promising(pairs, known)
         if not pairs:
             return []
@@ -249,7 +269,9 @@ class Search:
         lowers = self._lowers(known)
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
         starts = [self._start(effects, parent) for effects, parent in pairs]
-        best = np.max(self.scores(known))
+        # What an unknown cause does far better than is looked at all the same, for what is a part.
+        listed = [f for f in known if not f.hypothesis.unknown]
+        best = np.max(self.scores(listed))
         looks = self.looked(hypotheses, starts, lowers)
         if self.model.evidence.between is not None:
             # What grows with the level does so by exponentials: a first step may go far too far.
@@ -261,9 +283,10 @@ class Search:
         # fitted, and never against another promise.
         chosen = [i for i in near_best(scores, np.inf, _MOST) if scores[i] > best - _MARGIN]
         self.progress.step(f"fitting {size} effects at a time", len(chosen))
-        return self.fit_all(
-            [hypotheses[i] for i in chosen], [[looks[i][1]] for i in chosen]
-        )
+        found = self.fit_all([hypotheses[i] for i in chosen], [[looks[i][1]] for i in chosen])
+        singles = [f for f in known if len(f.hypothesis.effects) == 1]
+        lowers = self._lowers([*known, *found])
+        return found + fit_exchanged(self, found, singles, allowed, lowers)
 
     def _pairs(self, singles: Sequence[Fit]) -> list[tuple[tuple[Effect, ...], Fit]]:
         """Every two effects of different families, with the better of the two alone."""
@@ -408,7 +431,9 @@ def _spread(dimensions: int, count: int) -> np.ndarray:
 def _compatible(effects: Sequence[Effect]) -> bool:
     families = [e.family or e.key for e in effects]
     keys = [e.key for e in effects]
-    return len(set(families)) == len(families) and len(set(keys)) == len(keys)
+    if len(set(families)) < len(families) or len(set(keys)) < len(keys):
+        return False
+    return not any(a.never_with & {b.name for b in effects if b is not a} for a in effects)
 
 
 def _pack(found: Fit) -> dict:

@@ -40,6 +40,12 @@ class Fits(Protocol):
     ) -> list[Fit]:
         """Fits of each."""
 
+    def scores(self, fits: Sequence[Fit]) -> np.ndarray:
+        """ln of the evidence times the prior odds of each."""
+
+    def log_prior(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
+        """ln of each hypothesis' prior odds against none."""
+
     def lowest(self, f: Fit) -> dict[str, float]:
         """The model's parameter values of a fit at the lowest condition."""
 

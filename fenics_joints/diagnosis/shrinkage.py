@@ -117,7 +117,8 @@ class Shrinkage:
         placebo_interval: Its interval.
         excess: S* less that of the placebo.
         excess_interval: Its interval; both are of the same resampled data.
-        claimed: Whether the excess is above zero with 95 %: the lower end of its interval is.
+        claimed: Whether the excess is above zero with 95 %: the lower end of its interval is, by
+            half a point or more.
         coverage: Share of folds whose ``after`` lay in the interval stated before, or was better.
         better: Share of folds that ended better than stated.
         shrink_coverage: Share of folds whose S* lay in its interval, or was better.

@@ -14,7 +14,7 @@ from fenics_joints.structure.points import Sensors
 
 __all__ = [
     "ALIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight", "likeness",
-    "mac", "pair_modes", "rms",
+    "mac", "pair_modes", "rms", "skipped",
 ]  # fmt: skip
 
 
@@ -24,6 +24,8 @@ ALIKE, _PLACE = 0.3, 0.2
 #: How much MAC a factor of e in frequency is worth, from that of the mode of the same place in the
 #: order: at few sensors a mode of thirty times the frequency may look the same.
 _FAR = 0.1
+#: Frequencies that are off by a factor of e to this are of other modes, or of a joint that is not.
+_ELSEWHERE = 0.4
 #: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen.
 VISIBLE = 0.3
 
@@ -155,6 +157,25 @@ def pair_modes(
     )
     agreement = match[np.arange(n_test), columns]
     return Pairing(visible[columns], visible, shapes[:, columns], agreement, crossing)
+
+
+def skipped(measured_hz: np.ndarray, seen_hz: np.ndarray) -> int:
+    """How many of a model's lowest modes a test seems to lack that was paired by order alone, >= 0.
+
+    Joints and tolerances move all frequencies one way or a little; that all measured ones fit the
+    model's only if some of its lowest are passed over says that the test did not have those.
+
+    Args:
+        measured_hz: Frequencies of the test's modes, ascending, (m,).
+        seen_hz: All of the model's that the test could see, ascending, (n,), n >= m.
+    """
+    m = len(measured_hz)
+    far = [
+        np.mean(np.abs(np.log(measured_hz / seen_hz[k : k + m])))
+        for k in range(len(seen_hz) - m + 1)
+    ]
+    best = int(np.argmin(far))
+    return best if far[0] > _ELSEWHERE and far[best] < far[0] / 2 else 0
 
 
 def likeness(match: np.ndarray, frequencies: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -259,6 +259,12 @@ class AffinePencil:
         return [m for m in self.masses if isinstance(m.travel, str)]
 
     @cached_property
+    def travellers(self) -> tuple[str, ...]:
+        """Parameters of the masses that move."""
+        named = (name for m in self._moving for name in (m.mass, m.travel))
+        return tuple(dict.fromkeys(name for name in named if isinstance(name, str)))
+
+    @cached_property
     def _stiffness(self) -> _Stack:
         """Terms of regions, then of springs."""
         terms = [t for r in self.regions for t in r.stiffness]

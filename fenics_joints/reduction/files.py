@@ -20,6 +20,7 @@ from fenics_joints.files import check_writable, is_file, path_of, replaced, show
 from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import LINEAR_LAWS, Law
 from fenics_joints.structure.rows import PlaceRows
@@ -28,7 +29,7 @@ __all__ = ["read_array_model", "read_model", "register", "write_array_model", "w
 
 _ARRAYS = "fenics_joints reduced model"
 _VERSION = 1
-_LAWS = dict(LINEAR_LAWS)
+_LAWS = LINEAR_LAWS | {law.name: law for law in CHANGES}
 _CLASSES = {
     c.__name__: c
     for c in (AffinePencil, ArrayModel, MassTerm, Parameter, PlaceRows, RegionTerm, SpringTerm)

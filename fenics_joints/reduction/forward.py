@@ -17,6 +17,8 @@ __all__ = ["SPARE", "Forward", "line_of"]
 _SEARCHED = 4
 #: Parameter sets whose frequencies are remembered, and those whose shapes are, which are larger.
 _MOST, _SHAPES = 20000, 500
+#: Solutions that are kept whole, for whoever asks for shapes next.
+_WHOLE = 16
 #: Modes beyond those that the test saw, so that none is missed when modes change places.
 SPARE = 3
 
@@ -68,6 +70,7 @@ class Forward:
         self._last: tuple | None = None
         self._cache: dict[tuple, tuple] = {}
         self._shapes: dict[tuple, tuple] = {}
+        self._whole: dict[tuple, tuple] = {}
         self.calls = 0
 
     def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -78,6 +81,9 @@ class Forward:
                 self._cache.clear()
             modes, pairing = self.solve(values)
             self._last = key, pairing
+            self._whole[key] = modes, pairing
+            if len(self._whole) > _WHOLE:
+                del self._whole[next(iter(self._whole))]
             log_f = np.log(modes.frequencies_hz[pairing.index])
             self._cache[key] = (log_f, frequency_sensitivity(modes, pairing.index))
             self.calls += 1
@@ -165,7 +171,7 @@ class Forward:
         key = tuple(values[name] for name in self.model.parameters)
         if key in self._shapes:
             return self._shapes[key][:2]
-        modes, pairing = self.solve(values)
+        modes, pairing = self._whole.get(key) or self.solve(values)
         x = modes.shapes[:, pairing.index]
         return self.model.sensor_rows @ x, self.model.shift_rows @ x
 
@@ -179,6 +185,7 @@ class Forward:
         """Drop what was computed, after the model has changed."""
         self._cache.clear()
         self._shapes.clear()
+        self._whole.clear()
         self._last = None
 
 

@@ -7,7 +7,7 @@ matrices of these sums, which are formed once, and from the change of the scalar
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,37 +26,56 @@ ManyValues = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Derivatives, along one direction, of all that K and M are made of.
+    """Derivatives, along p directions, of all that K and M are made of.
 
     Attributes:
-        theta: Of the scalars of K, (n_terms, b).
+        theta: Of the scalars of K, (b, n_terms, p).
         rho: Likewise of M.
-        moved: For each point mass that moves, what is added to M and what is taken from it, each a
-            number before it, (b,), and displacements of the basis, (b, gdim, n).
+        moved: By direction, of those that change point masses that move: what is added to M and
+            what is taken from it, each a number before it, (b,), and displacements of the basis,
+            (b, gdim, n).
     """
 
     theta: np.ndarray
     rho: np.ndarray
-    moved: tuple = ()
+    moved: Mapping[int, Sequence[tuple[np.ndarray, np.ndarray]]]
+
+    @property
+    def n(self) -> int:
+        """Number of directions, p."""
+        return self.theta.shape[2]
 
 
-def change(model: ArrayModel, low: ManyValues, high: ManyValues, width: float) -> Change:
-    """The central difference between two sets of values.
+def change(
+    model: ArrayModel, low: ManyValues, high: ManyValues, width: float, count: int = 1
+) -> Change:
+    """The central differences between two sets of values, one for each direction.
 
     Args:
         model: The model.
-        low: Values of all parameters, each (b,).
+        low: Values of all parameters, each (count * b,): all of one direction, then the next.
         high: Likewise.
         width: How far they are apart along the direction.
+        count: Number of directions, p.
     """
-    theta, rho = model.pencil.change(low, high)
-    moved = []
-    for (w_low, at_low), (w, at) in zip(
-        model.pencil.travelling(low), model.pencil.travelling(high), strict=True
-    ):
-        if np.any(w != w_low) or np.any(at != at_low):
-            moved += [(w / width, at), (-w_low / width, at_low)]
-    return Change(theta / width, rho / width, tuple(moved))
+    pencil = model.pencil
+    theta, rho = (
+        np.moveaxis(part.reshape(len(part), count, -1) / width, 2, 0)
+        for part in pencil.change(low, high)
+    )
+    moved = {}
+    for k in range(count if pencil.travellers else 0):
+        below, above = (
+            {name: np.split(values[name], count)[k] for name in pencil.travellers}
+            for values in (low, high)
+        )
+        if any(np.any(below[name] != above[name]) for name in below):
+            moved[k] = [
+                (sign * weight / width, at)
+                for sign, values in ((1.0, above), (-1.0, below))
+                for weight, at in pencil.travelling(values)
+            ]
+    return Change(theta, rho, moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,14 +132,14 @@ class ManyModes:
             for whole in self.model.pencil.terms
         )
 
-    def slope(self, along: Change) -> np.ndarray:
-        """Derivative of `log_f` along a direction, (b, m)."""
+    def slopes(self, along: Change) -> np.ndarray:
+        """Derivatives of `log_f` along directions, (b, m, p)."""
         stiff, heavy = self._squares
-        by_M = (heavy @ along.rho.T[:, :, None])[:, :, 0]
-        for w, at in along.moved:
-            by_M = by_M + w[:, None] * np.sum((at @ self.x) ** 2, axis=1)
-        by_K = (stiff @ along.theta.T[:, :, None])[:, :, 0]
-        return (by_K - self.lam * by_M) / (2 * self.lam)
+        by_M, lam = heavy @ along.rho, self.lam[:, :, None]
+        for k, parts in along.moved.items():
+            for w, at in parts:
+                by_M[:, :, k] += w[:, None] * np.sum((at @ self.x) ** 2, axis=1)
+        return (stiff @ along.theta - lam * by_M) / (2 * lam)
 
     @cached_property
     def _shares(self) -> dict[str, np.ndarray]:
@@ -133,18 +152,18 @@ class ManyModes:
             low, high = (
                 {**self.values, name: self.values[name] * (1 + s * _STEP)} for s in (-1.0, 1.0)
             )
-            slope = self.slope(change(self.model, low, high, 2 * _STEP))
-            self._shares[name] = np.maximum(2 * slope, 0.0)
+            slopes = self.slopes(change(self.model, low, high, 2 * _STEP))
+            self._shares[name] = np.maximum(2 * slopes[:, :, 0], 0.0)
         return self._shares[name]
 
-    def shape_slope(self, along: Change) -> np.ndarray:
-        """Derivative of `x` along a direction, (b, n, m), by expansion in all modes, which have to
+    def shape_slope(self, along: Change, k: int) -> np.ndarray:
+        """Derivative of `x` along direction k, (b, n, m), by expansion in all modes, which have to
         be there (Fox and Kapoor, AIAA J. 6, 1968)."""
         b, n, m = self.x.shape
         stiff, heavy = self._products
-        by_K = (along.theta.T[:, None, :] @ stiff).reshape(b, n, m)
-        by_M = (along.rho.T[:, None, :] @ heavy).reshape(b, n, m)
-        for w, at in along.moved:
+        by_K = (along.theta[:, None, :, k] @ stiff).reshape(b, n, m)
+        by_M = (along.rho[:, None, :, k] @ heavy).reshape(b, n, m)
+        for w, at in along.moved.get(k, ()):
             by_M = by_M + w[:, None, None] * (
                 np.swapaxes(at @ self.vectors, 1, 2) @ (at @ self.x)
             )

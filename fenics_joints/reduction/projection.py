@@ -12,6 +12,7 @@ from fenics_joints.reduction.affine import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.forward import line_of
 from fenics_joints.reduction.snapshots import bordered, cross, dense_columns, project
 from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
+from fenics_joints.structure.changes import Change, PlacedPoint, forms_of
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 
 __all__ = ["Projection"]
@@ -93,6 +94,26 @@ class Projection:
         name = self.full.elastic_supports[number].name
         units = np.array([self.new(A) for A in self.full.support_matrices(number)])
         return _term(name, ELASTIC_SUPPORT, properties, units, 0.0 * units[0], 0.0, known)
+
+    def change(self, change: Change, known: RegionTerm | None = None) -> RegionTerm:
+        """What else changes of the structure, as a region of its own law."""
+        if isinstance(change, PlacedPoint):
+            row = self.points(change.point)[0]
+            own = (row.T @ row)[:, -self._new.getSize()[1] :]
+            return _term(change.name, change.law, change.properties, own[None], own,
+                         change.volume, known)  # fmt: skip
+        stiff, heavy = [], None
+        for which in range(1 + change.has_mass):
+            for form in forms_of(self.full, change, which, True):
+                projected = self.new(form.A)
+                form.destroy()
+                if which:
+                    heavy = projected
+                else:
+                    stiff.append(projected)
+        heavy = 0.0 * stiff[0] if heavy is None else heavy
+        return _term(change.name, change.law, change.properties, np.array(stiff), heavy,
+                     change.volume, known)  # fmt: skip
 
     def spring(self, spring: Spring) -> SpringTerm:
         """A grounding spring."""

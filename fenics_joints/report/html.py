@@ -160,7 +160,7 @@ _FACTS = {
     "seconds": "seconds that the diagnosis took",
     "reduced_solutions": "eigenproblems of the reduced model solved",
     "not_converged": "conditions at which the identification did not converge, left out",
-    "mesh_error": "error of the mesh alone, by the same mesh one degree higher",
+    "mesh_error": "error of the mesh alone, by the same mesh one degree higher, taken off",
     "crossing_modes": "modes of the test that change places in the model (followed by MAC)",
 }
 

@@ -265,15 +265,32 @@ def test_a_class_of_many_is_a_doubt():
 
 
 def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():
-    """Errors of 0.03 and 0.04 in the mesh are 0.035 (root mean square), of a gap of 0.2 a share."""
+    """Errors of 0.06 and 0.08 are 0.071 (root mean square); half of that is a share of 0.2."""
     plain = diagnosis()
-    doubted = replace(plain, model={**plain.model, "mesh_error": {"a": 0.03, "b": 0.04}})
-    off = 100 * np.sqrt(0.00125)
-    said = f"The mesh alone makes an error of {off:.2f} % (root mean square over the modes), "
-    share = f"{100 * np.sqrt(0.00125) / plain.before.rms:.0f} % of the gap"
-    assert [w for w in explain(doubted).doubts if w.startswith(said + share)]
-    fine = replace(plain, model={**plain.model, "mesh_error": {"a": 0.001, "b": 0.001}})
+    doubted = replace(plain, model={**plain.model, "mesh_error": {"a": 0.06, "b": 0.08}})
+    off = np.sqrt(0.005)
+    said = f"The mesh alone makes an error of {100 * off:.2f} % (root mean square over the modes). "
+    share = f"uncertain is {50 * off / plain.before.rms:.0f} % of the gap"
+    assert [w for w in explain(doubted).doubts if w.startswith(said) and share in w]
+    fine = replace(plain, model={**plain.model, "mesh_error": {"a": 0.002, "b": 0.002}})
     assert explain(fine).doubts == explain(plain).doubts
+
+
+def test_a_test_that_may_lack_the_lowest_modes_is_a_doubt():
+    said = "Modes are paired by their order: bending 2, 297.7 Hz, with the model's lowest."
+    plain = diagnosis()
+    doubted = replace(plain, model={**plain.model, "order": said})
+    assert said in explain(doubted).doubts and said not in explain(plain).doubts
+
+
+def test_a_wrong_effect_that_predicts_nothing_has_no_number():
+    """It was 5,612 % once, of a mass that one part held out did not bear."""
+    d = diagnosis(placebo_after=56.12, shrinkage=shrinkage(placebo=56.12, after=0.21))
+    console = Console(file=io.StringIO(), width=100)
+    show_diagnosis(console, d)
+    page, text = diagnosis_html(d), console.file.getvalue()
+    assert "over 100 %" in text and "over 100 %" in page and "over 100 %" in explain(d).how_far
+    assert "5612" not in text + page
 
 
 def test_an_ambiguous_verdict_has_a_sentence_of_its_own():

@@ -86,6 +86,7 @@ discrepancy = "0.5 %"
 max_effects = 2
 nested = 0
 patches = 0
+mesh_error = false  # the data are of this mesh
 {effects}
 """
 #: Effects for tests that are not about the rest of the library.

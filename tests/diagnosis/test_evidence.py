@@ -138,3 +138,34 @@ def test_repeated_data_do_not_sharpen_what_is_known(kind):
     shared = 0.5 * few.shape_error**2 * near
     bound = sum(column @ np.linalg.solve(shared, column) for column in slope.T)
     assert of_few < of_many < bound
+
+
+def test_close_modes_may_turn_into_one_another_as_far_as_the_models_error_turns_them():
+    """Eigenvectors of two close modes under an error of 1 % between them; none of distant ones."""
+    rng = np.random.default_rng(4)
+    shapes, _ = np.linalg.qr(rng.standard_normal((12, 2)))
+    points = np.column_stack([np.linspace(0, 1, 12), np.zeros((12, 2))])
+
+    def squares(hz, turned):
+        """Mahalanobis' square of a pair of shapes, beside the other shapes' error and noise."""
+        data = measured(
+            conditions=[5.0], frequencies_hz=[hz], damping=None, damping_noise=None, shapes=shapes,
+            shape_noise=0.01, sensors=Sensors(points, [0.0, 0.0, 1.0]),
+        )  # fmt: skip
+        evidence = evidence_of(data, 0.01)
+        is_shape = evidence.entries.kind == SHAPE
+        C = evidence.full_covariance()[np.ix_(is_shape, is_shape)]
+        off = (np.sqrt(12) * turned).ravel() - evidence.data[is_shape]
+        return off @ np.linalg.solve(C, off)
+
+    for hz in ((100.0, 103.0), (100.0, 160.0)):
+        # An error of 1 % of the frequency between the two: 2 % of the eigenvalue.
+        square = np.diag(np.square(hz))
+        square[0, 1] = square[1, 0] = 0.02 * hz[0] * hz[1]
+        turn = np.linalg.eigh(square)[1]
+        turn *= np.sign(np.diag(turn))
+        assert squares(hz, shapes @ turn) < 8.0, hz  # of 24 data
+    a = np.radians(18.0)  # as 1 % turns modes of 100 and 103 Hz
+    much = shapes @ [[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]
+    assert squares((100.0, 103.0), much) < 8.0
+    assert squares((100.0, 160.0), much) > 30.0

@@ -111,6 +111,23 @@ def test_the_right_effect_shrinks_what_a_wrong_one_cannot():
     assert lost.shrink < 0.3 and lost.excess == 0.0 and not lost.claimed
 
 
+def test_a_wrong_effect_that_is_the_right_one_but_for_round_off_claims_nothing():
+    """An excess of 1e-9 was called surely more than nothing, and the cause confirmed."""
+    evidence = draw(np.random.default_rng(5), [0.9, 0.0, 0.0])
+
+    def apply(values, theta, condition):
+        values["p0"] += (1 + 1e-7) * theta["d"]
+
+    twin = Effect("twin", "", (Prior("d", 0.0, 1.0, log=False),), apply)
+    fits = [*candidates(evidence), fit(Hypothesis((twin,)), FORWARD, evidence, FORWARD.baseline)]
+    found = cross_validate(
+        fits, [0.0, 0.0, 0.0, 0.0, -1.0], lambda f: f.hypothesis.effects == (twin,), FORWARD,
+        evidence, FORWARD.baseline, folds(TORQUES, MODES, ("torque", "N·m")),
+    )  # fmt: skip
+    assert found.shrink > 0.9 and 0.0 < abs(found.excess) < 1e-3
+    assert not found.claimed and not confirmed(found)
+
+
 def test_modes_without_levels_are_held_out_by_mode_alone():
     """Conditions are held out of the modes that were measured at several."""
     measured = np.array([[False, True, True], [True, False, False], [True, False, False]])

@@ -17,6 +17,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.held_out import folds
 from fenics_joints.diagnosis.zones.zone import Zone
+from fenics_joints.errors import InputError
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 RNG_SEED = 7
@@ -97,6 +98,40 @@ def test_where_a_fit_ended_is_not_solved_for_again():
     assert many - few == len(TORQUES)
     assert knowing.z == pytest.approx(alone.z, abs=1e-12)
     assert knowing.log_evidence == pytest.approx(alone.log_evidence, abs=1e-12)
+
+
+def test_a_guide_spares_solutions_and_misleads_nobody():
+    """With a model nearly the same the whole one is asked at the end alone; a wrong one, or one
+    that fails, costs its work and no more."""
+    asked = []
+
+    class Counted(Linear):
+        def __call__(self, values):
+            asked.append(values)
+            return super().__call__(values)
+
+    class Failing(Linear):
+        def __call__(self, values):
+            raise InputError("beyond the law's limit")
+
+    rng = np.random.default_rng(RNG_SEED)
+    forward = Counted(rng.standard_normal((4, 2)) * 0.05)
+    evidence = evidence_of(5.0 + 0.05 * rng.standard_normal((3, 4)))
+    hypothesis = Hypothesis((shift(0), shift(1)))
+
+    def fitted(guide):
+        asked.clear()
+        return fit(hypothesis, forward, evidence, forward.baseline, guide=guide), len(asked)
+
+    alone, many = fitted(None)
+    for guide, good in (
+        (Linear(forward.matrix + 1e-6), True), (Linear(1.5 * forward.matrix), False),
+        (Failing(forward.matrix), False),
+    ):  # fmt: skip
+        found, count = fitted(guide)
+        assert (count == len(TORQUES)) is good and (good or count <= many + len(TORQUES))
+        assert found.z == pytest.approx(alone.z, abs=2e-3)
+        assert found.log_evidence == pytest.approx(alone.log_evidence, abs=1e-3)
 
 
 def test_scanned_evidence_is_the_marginal_density():

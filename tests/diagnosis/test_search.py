@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.screen import near_best, near_listed, quick_evidence
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
+from fenics_joints.diagnosis.exchange import fit_exchanged
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.progress import Progress
@@ -144,6 +145,40 @@ def test_the_true_pair_is_found_where_neither_leads_alone():
         _, fits, probability = searched(model)
         lead.append(keys(fits[int(np.argmax(probability))]))
     assert lead == [frozenset({"effect 0", "effect 13"})] * 6
+
+
+def test_what_is_a_part_is_found_where_an_unknown_cause_leads():
+    """Three at work and two at most allowed: the best pair, though far behind the unknown."""
+    model = problem(0.0, {2: 2.0, 7: -2.0, 12: 2.0})
+    _, fits, _ = searched(model)
+    unknown = next(f for f in fits if f.hypothesis.unknown)
+    best = max((f for f in fits if len(f.hypothesis.effects) == 2), key=lambda f: f.log_evidence)
+    args = model.forward, model.evidence, model.baseline
+    every = [fit(model.hypothesis(pair), *args) for pair in combinations(model.effects, 2)]
+    assert best.log_evidence == pytest.approx(max(f.log_evidence for f in every), abs=0.1)
+    assert best.log_evidence < unknown.log_evidence - 20
+
+
+def test_a_look_alike_takes_the_place_of_what_leads():
+    """Effect 3 does nearly what 2 does: it is fitted beside 7 once 2 and 7 lead, as if chosen."""
+    model = problem(1.0, {2: 1.0, 7: -1.2})
+    model.forward.matrix[:, 3] = model.forward.matrix[:, 2] + 1e-3
+    search = Search(model, Progress(silent=True), KeptFits(None, model.evidence, {}, False))
+    singles = search.fit_all([model.hypothesis((e,)) for e in model.effects])
+    level = search.fit_all([model.hypothesis([model.effects[i] for i in (7, 2)])])
+    allowed = {
+        frozenset(e.key for e in pair): pair
+        for pair in combinations(model.effects, 2) if model.effects[4] not in pair
+    }  # fmt: skip
+    lowers = [np.linalg.cholesky(model.evidence.covariance())]
+    found = {keys(f): f for f in fit_exchanged(search, level, singles, allowed, lowers)}
+    pair = frozenset({"effect 3", "effect 7"})
+    assert pair in found and keys(level[0]) not in found
+    assert all("effect 4" not in names for names in found)
+    hypothesis = model.hypothesis([model.effects[i] for i in (3, 7)])
+    args = model.forward, model.evidence, model.baseline
+    own = fit(hypothesis, *args)
+    assert found[pair].log_evidence == pytest.approx(own.log_evidence, abs=0.01)
 
 
 def test_effects_of_a_family_are_never_together():

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import Gap, mac, pair_modes
-from fenics_joints.measurements.gap import rms
+from fenics_joints.measurements.gap import rms, skipped
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.structure import Parameter, Sensors, Structure, part
@@ -34,6 +34,14 @@ def kinds(modes):
     plane = modes.at(Sensors(LINE, [0.0, 1.0, 0.0]))
     size = np.array([np.sum(a**2, axis=0) for a in (middle, twist, plane)])
     return [("bending", "torsion", "in plane")[i] for i in np.argmax(size, axis=0)]
+
+
+def test_a_test_that_lacks_the_lowest_modes_is_noticed(strip):
+    """A lone driven mode is the fourth; all lower, or a few off a little, are no reason."""
+    f = solve_modes(strip, n_modes=16).frequencies_hz[6:]
+    assert skipped(0.9 * f[3:4], f) == 3
+    assert skipped(1.1 * f[1:4], f) == 1
+    assert [skipped(scale * f[:3], f) for scale in (0.5, 0.8, 1.2)] == [0, 0, 0]
 
 
 def test_torsion_and_in_plane_modes_between_are_left_out(strip):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +15,7 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.marginal import Marginal
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.evidence.sampled import nested_evidence
@@ -20,6 +23,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward, freeze, narrow
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.compact import merged
 from fenics_joints.reduction.many import change
 from fenics_joints.structure import Parameter, Sensors, Spring
 from fenics_joints.structure.laws import LAYER_LAWS
@@ -45,8 +49,9 @@ def model():
 
 def test_frozen_model_is_the_model(model):
     elsewhere = {"E": 1.9e11, "mass": 0.08, "place": -0.02, "cord": 4e3}
-    for free in (["k1"], ["E", "cord", "place"], list(VALUES)):
-        small = freeze(model, free, elsewhere)
+    sets = (["k1"], ["E", "cord", "place"], list(VALUES))
+    for make, free in product((freeze, merged), sets):
+        small = make(model, free, elsewhere)
         assert list(small.parameters) == free
         change = {name: 1.07 * small.values()[name] for name in free}
         full = {**elsewhere, **change}
@@ -60,6 +65,18 @@ def test_frozen_model_is_the_model(model):
         gradients = small.pencil_gradients(modes.shapes, modes.eigenvalues, change)
         exact = modes.gradients(range(6))[:, columns]
         np.testing.assert_allclose(gradients, exact, rtol=1e-8, atol=1e-9 * np.abs(exact).max())
+
+
+def test_merged_model_has_the_fewest_terms(model):
+    """Beams that differ by their modulus alone are one matrix each, in and beside the lap; masses
+    need no stiffness that varies."""
+    assert len(model.pencil.terms[0]) > len(merged(model, ["E"]).pencil.terms[0]) == 4
+    small = merged(model, ["mass", "place"])
+    assert len(small.pencil.terms[0]) == 0
+    values = {"mass": 0.2, "place": 0.03}
+    for key in ("stiffness", "mass"):
+        exact = getattr(model, key)(values)
+        assert np.abs(getattr(small, key)(values) - exact).max() < 1e-12 * np.abs(exact).max()
 
 
 def test_narrow_model_keeps_its_word(model):
@@ -171,7 +188,7 @@ def test_lowest_modes_alone_are_those_of_all():
     assert lowest.log_f == pytest.approx(every.log_f, rel=1e-9)
     low, high = ({**table, "rho": table["rho"] * (1 + s)} for s in (-1e-5, 1e-5))
     along = change(model, low, high, 2e-5)
-    assert lowest.slope(along) == pytest.approx(every.slope(along), rel=1e-6)
+    assert lowest.slopes(along) == pytest.approx(every.slopes(along), rel=1e-6)
     few = forward.of(model, 4)  # the rigid-body mode and three more
     found = LeanForward(few, model).many(table, every=False)
     assert found.good.all() and found.log_f == pytest.approx(every.log_f, rel=1e-9)
@@ -210,6 +227,27 @@ def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
     error = np.hypot(lean.error, whole.error)
     assert abs(lean.log_evidence - whole.log_evidence) < 4 * error < 0.5
     assert lean.mean == pytest.approx(whole.mean, abs=0.3 * whole.sd.max())
+
+
+def test_a_fit_that_a_lean_model_guides_ends_where_the_whole_one_does():
+    """A fraction of its size; where shapes are fitted, which it is not made for, there is none."""
+    model, sensors = chain(120)
+    forward = forward_of(model, sensors)
+    hypothesis = Hypothesis((stiffer("right.G", 0.5),), (stiffer("rho", 0.01),))
+    truth = hypothesis.values(np.array([0.7, -0.6]), 1.0, BASELINE)
+    log_f = forward(truth)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
+    evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003)
+    guide = Leans(forward, evidence, BASELINE).of(hypothesis)
+    assert guide.model.n_dofs < 60 and set(guide.model.parameters) == {"right.G", "rho"}
+    alone, guided = (fit(hypothesis, forward, evidence, BASELINE, guide=g) for g in (None, guide))
+    assert guided.log_evidence == pytest.approx(alone.log_evidence, abs=0.02)
+    assert guided.z == pytest.approx(alone.z, abs=0.05)
+    # What is said of the end is the whole model's.
+    said, _ = predict(hypothesis, forward, evidence, guided.z, BASELINE)
+    assert guided.predicted == pytest.approx(said, abs=1e-12)
+    shapes = forward.reference / np.sqrt(np.mean(forward.reference**2, axis=0))
+    with_shapes = replace(evidence, shapes=shapes, near=np.eye(120))
+    assert Leans(forward, with_shapes, BASELINE).of(hypothesis) is None
 
 
 def test_all_kinds_of_data_are_as_predicted_one_by_one():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fenics_joints.case import Case, Estimate, estimate
 from fenics_joints.case.machine import available_bytes
 from fenics_joints.case.size import BEGIN, estimate_of
+from fenics_joints.diagnosis.model.resolution import MOST
 
 __all__ = ["Cost", "costs_of", "known", "too_much"]
 
@@ -23,6 +24,8 @@ _SAMPLE, _CHECKS = 2, 20
 _FITS, _SAMPLED = (20.0, 10.5), (25.0, 3.0)
 #: Memory of a rank's samples, fits and draws beside the model: box and lap plates, 0.9 and 0.8 GB.
 _BESIDE = 0.9e9
+#: Of a model one degree finer: degrees of freedom, and memory, to those of the model.
+_FINER = 3
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,10 @@ def _costs(case: Case, found: Estimate, ranks: int) -> Iterator[Cost]:
     more = len(case.measured) - 1
     ways = (_FITS, _SAMPLED) if case.diagnose.nested else (_FITS,)
     fits = sum(first + more * each for first, each in ways) / ranks
-    yield Cost("diagnose", found.seconds + solutions * once + fits, found.bytes + ranks * _BESIDE)
+    memory = found.bytes + ranks * _BESIDE
+    if case.diagnose.mesh_error and case.mesh.origin != "beams" and _FINER * found.dofs < MOST:
+        memory = max(memory, _FINER * found.bytes)
+    yield Cost("diagnose", found.seconds + solutions * once + fits, memory)
 
 
 def too_much(costs: tuple[Cost, ...]) -> list[str]:

@@ -8,6 +8,7 @@ from fenics_joints.commands.diagnose.reading import LEVEL, SHARE, in_words, lead
 from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words
 from fenics_joints.diagnosis.effects.amplitude import NAMES
 from fenics_joints.diagnosis.evidence.between import medians
+from fenics_joints.diagnosis.evidence.evidence import UNSURE
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import LIKELY, NAMED, unconfirmed
 from fenics_joints.formatting import percent, probability, spaced
@@ -63,6 +64,8 @@ def doubts(d: Diagnosis) -> list[str]:
                 f"Only {share_words(s.coverage)} of the parts held out ended as well as the 90 % "
                 "interval that was stated before."
             )
+    if d.model.get("order"):
+        words.append(d.model["order"])
     words += [*_broad(d), *_drifts(d), *_of_mesh(d)]
     if np.isfinite(d.model_error) and d.model_error > 0.5 * d.noise:
         words.append(
@@ -84,14 +87,15 @@ def _broad(d: Diagnosis) -> list[str]:
 
 
 def _of_mesh(d: Diagnosis) -> list[str]:
-    """That the mesh is too coarse for more to be told, where it makes much of the gap."""
+    """That the mesh is too coarse for more to be told, where what is left of its error is much."""
     errors = list(d.model.get("mesh_error", {}).values())
     off = float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
-    if off < SHARE * d.before.rms:
+    if UNSURE * off < SHARE * d.before.rms:
         return []
     return [
-        f"The mesh alone makes an error of {percent(off)} (root mean square over the modes), "
-        f"{share_words(off / d.before.rms)} of the gap: a finer one would tell more."
+        f"The mesh alone makes an error of {percent(off)} (root mean square over the modes). It is "
+        f"taken off, but the half of it that stays uncertain is "
+        f"{share_words(UNSURE * off / d.before.rms)} of the gap: a finer one would tell more."
     ]
 
 

@@ -47,7 +47,7 @@ from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest
-from fenics_joints.formatting import percent, probability, spaced
+from fenics_joints.formatting import error_percent, percent, probability, spaced
 
 __all__ = ["Explanation", "explain"]
 
@@ -201,8 +201,13 @@ def _by_shares(d: Diagnosis) -> str:
     shares = [z for z in d.where if z.region != "unexplained" and z.share >= SHARE]
     if not shares:
         return ""
-    items = [f"{share_words(z.share)} in {_quoted(z.region)}" for z in shares]
+    items = [f"{_part(z.share)} in {_quoted(z.region)}" for z in shares]
     return f"of the gap in frequency the leading explanation puts {shortened(items)}"
+
+
+def _part(share: float) -> str:
+    """A share of the gap; of one that others widen a region may have more than all."""
+    return "all and more" if share > 1.005 else share_words(share)
 
 
 def _which(d: Diagnosis) -> str:
@@ -236,7 +241,7 @@ def _unknown(d: Diagnosis) -> str:
     words = f"none of the {n} effects that were considered explains all of the test"
     if lead is not None:
         words += (
-            f": the best, {named(lead)}, leaves a gap of {percent(lead.gap)} and would give "
+            f": the best, {named(lead)}, leaves a gap of {error_percent(lead.gap)} and would give "
             f"such a misfit with {p_value_words(lead.p_value)}"
         )
     if is_part(d):
@@ -282,7 +287,7 @@ def _how_far(d: Diagnosis) -> str:
         return f"{_HELD} the gap goes {from_to(d.heldout_before, d.heldout_after)}."
     words = f"{_HELD} the gap goes {from_to(s.before, s.after)}"
     if s.after >= s.before:
-        best = f" (to {percent(s.placebo)} with {_WRONG})" if np.isfinite(s.placebo) else ""
+        best = f" (to {error_percent(s.placebo)} with {_WRONG})" if np.isfinite(s.placebo) else ""
         words = f"{_HELD} the gap grows {from_to(s.before, s.after)}{best}"
         return f"{words}: what is chosen without them does not predict them{_folds(s)}."
     lead = leading(d)

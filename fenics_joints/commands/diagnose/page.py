@@ -39,6 +39,8 @@ _FILTERS = {
     "named": named, "with_place": with_place, "zone_words": zone_words, "by_effect": by_effect,
     "by_reason": by_reason,
 }  # fmt: skip
+#: What is known of the model and stands elsewhere in the page.
+_SAID = ("notes", "order")
 #: Hypotheses that get a row of their own.
 _MOST_HYPOTHESES = 8
 #: Classes of effects below this are folded away, but for so many.
@@ -164,6 +166,6 @@ def _gap_picture(d: Diagnosis) -> str:
 
 
 def _with_error(d: Diagnosis) -> dict[str, object]:
-    """A model that is its own reduced model has no error to speak of. Notes stand elsewhere."""
-    known = {key: value for key, value in d.model.items() if key != "notes"}
+    """A model that is its own reduced model has no error to speak of."""
+    known = {key: value for key, value in d.model.items() if key not in _SAID}
     return {**known, "frequency_error": d.model_error} if "basis" in known else known

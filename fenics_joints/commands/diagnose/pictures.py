@@ -10,13 +10,15 @@ from matplotlib.patches import Patch
 
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.shrinkage import Shrinkage
-from fenics_joints.formatting import percent
+from fenics_joints.formatting import error_percent, percent
 from fenics_joints.report.style import CHOSEN, INK, NOISE, NOMINAL, PLACEBO, drawing, to_svg
 
 __all__ = ["forecasts", "gap_bars", "level_panels"]
 
 #: What was stated before, behind what was found.
 _STATED = "#b9d4ea"
+#: A bar of a larger gap would leave nothing of the others, and its length says nothing.
+_LONGEST = 1.0
 
 
 def forecasts(s: Shrinkage, name: str = "forecasts") -> str:
@@ -73,8 +75,8 @@ def _legend() -> list:
 
 def _in_words(s: Shrinkage) -> str:
     rows = [
-        f"{f.name}: {percent(f.before)} to {percent(f.after)}, stated "
-        f"{percent(f.predicted_after[0])} to {percent(f.predicted_after[1])}"
+        f"{f.name}: {error_percent(f.before)} to {error_percent(f.after)}, stated "
+        f"{error_percent(f.predicted_after[0])} to {error_percent(f.predicted_after[1])}"
         for f in s.folds
     ]
     return f"Errors on held-out data, before and after, by fold. {'; '.join(rows)}."
@@ -101,14 +103,15 @@ def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noi
             )
             y -= 0.9
             for label, value, kind in bars:
-                axes.barh(y, 100 * value, 0.72, color=colours[kind])
+                shown = min(value, _LONGEST)
+                axes.barh(y, 100 * shown, 0.72, color=colours[kind])
                 axes.annotate(
-                    percent(value), (100 * max(value, noise), y), (6, 0),
+                    error_percent(value), (100 * max(shown, noise), y), (6, 0),
                     textcoords="offset points", va="center",
                 )  # fmt: skip
                 ticks.append(y)
                 labels.append(label)
-                largest = max(largest, 100 * value)
+                largest = max(largest, 100 * shown)
                 y -= 1
             # Only across the bars, so as not to strike through the group's name.
             axes.vlines(100 * noise, y + 0.5, y + len(bars) + 0.5, NOISE, (0, (4, 2)), lw=1.6)
@@ -123,7 +126,7 @@ def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noi
         axes.set_ylim(y - 0.1, 0.5)
         axes.set_xlabel("gap: root mean square relative frequency error, %")
         words = "; ".join(
-            f"{name}: " + ", ".join(f"{label} {percent(v)}" for label, v, _ in bars)
+            f"{name}: " + ", ".join(f"{label} {error_percent(v)}" for label, v, _ in bars)
             for name, bars in groups
         )
         return to_svg(figure, "gap", f"Bars of the gap. {words}. Noise {percent(noise)}.")

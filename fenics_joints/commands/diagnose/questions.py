@@ -37,6 +37,7 @@ from fenics_joints.diagnosis.verdict import NO_GAP
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 from fenics_joints.formatting import (
     condition_value,
+    error_percent,
     interval,
     percent,
     point_mm,
@@ -248,7 +249,7 @@ def _predicts(d: Diagnosis) -> str:
         worst = min(s.folds, key=lambda f: f.shrink if np.isfinite(f.shrink) else np.inf)
         words.append(
             f"Chosen and fitted anew without them, {len(s.folds)} parts of the data were predicted "
-            f"to {percent(s.after)} (the best wrong effect {percent(s.placebo)}, noise "
+            f"to {error_percent(s.after)} (the best wrong effect {error_percent(s.placebo)}, noise "
             f"{percent(s.noise)})."
         )
         if np.isfinite(worst.shrink):

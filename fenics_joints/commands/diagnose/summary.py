@@ -20,6 +20,7 @@ from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.formatting import (
     bounded,
     condition_value,
+    error_percent,
     interval,
     percent,
     probability,
@@ -53,15 +54,15 @@ def show_diagnosis(console: Console, d: Diagnosis) -> None:
         tell(console, f"but: {doubt}", "yellow")
     console.print()
     gaps = new_table("gap (RMS relative error)", ">nominal", ">best wrong", ">chosen")
-    gaps.add_row("all data, fitted", percent(d.before.rms), "", percent(d.after.rms))
+    gaps.add_row("all data, fitted", error_percent(d.before.rms), "", error_percent(d.after.rms))
     gaps.add_row(
-        "held out, predicted", percent(d.heldout_before), percent(d.placebo_after),
-        percent(d.heldout_after), style="bold",
+        "held out, predicted", error_percent(d.heldout_before), error_percent(d.placebo_after),
+        error_percent(d.heldout_after), style="bold",
     )  # fmt: skip
     if d.validation is not None:
         old, new = d.validation
         at = ", ".join(condition_value(x, d.condition[1]) for x in new.conditions)
-        gaps.add_row(f"validation, {at}", percent(old.rms), "", percent(new.rms))
+        gaps.add_row(f"validation, {at}", error_percent(old.rms), "", error_percent(new.rms))
     gaps.add_row("noise of the test", "", "", percent(d.noise))
     console.print(gaps)
     console.print()
@@ -75,6 +76,8 @@ def _where(console: Console, d: Diagnosis) -> None:
     for zone in d.where[:_REGIONS]:
         table.add_row(Text(spaced(zone.region)), percent(zone.share, 1), _bar(zone.share))
     console.print(table)
+    if any(zone.share > 1.005 for zone in d.where[:_REGIONS]):
+        tell(console, "more than 100 %, since others widen the gap by as much", "dim")
     console.print()
 
 
@@ -118,8 +121,10 @@ def _lead(console: Console, d: Diagnosis) -> None:
     left = _PARAMETERS
     for effect, rows in by_effect(lead.parameters):
         for i, p in enumerate(rows[: max(left, 0)]):
-            span = Text(interval(p["low"], p["high"], p["unit"]), no_wrap=True)
-            value = quantity(p["value"], p["unit"])
+            # A place is said in words, and has no interval.
+            at = p.get("at")
+            span = Text("" if at else interval(p["low"], p["high"], p["unit"]), no_wrap=True)
+            value = at or quantity(p["value"], p["unit"])
             table.add_row(Text(p["name"]), value, span, Text("" if i else spaced(effect)))
         left -= len(rows)
     more(table, -left)

@@ -8,7 +8,15 @@ from collections.abc import Sequence
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import confirmed
 from fenics_joints.diagnosis.where.zone_tests import Attribution
-from fenics_joints.formatting import LEAST, MOST, condition_value, number, percent, spaced
+from fenics_joints.formatting import (
+    LEAST,
+    MOST,
+    condition_value,
+    error_percent,
+    number,
+    percent,
+    spaced,
+)
 
 __all__ = [
     "NAMED", "NARROWED", "VERDICTS", "chance_words", "from_to", "group_words", "is_part",
@@ -85,7 +93,7 @@ def sentence(text: str) -> str:
 
 def from_to(before: float, after: float) -> str:
     """Two gaps: ``from 5.00 % to 1.00 %``."""
-    return f"from {percent(before)} to {percent(after)}"
+    return f"from {error_percent(before)} to {error_percent(after)}"
 
 
 def p_value_words(p: float) -> str:

@@ -25,14 +25,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.errors import flag, real, text, whole
 
-__all__ = ["DESCRIPTION", "Effect", "Prior", "Silent", "in_series", "relative_error"]
+__all__ = [
+    "DESCRIPTION", "RARE", "Effect", "Prior", "Silent", "in_series", "relative_error", "somewhere",
+]  # fmt: skip
 
 #: Prior odds of a law that describes what is seen without a physical reason for it.
 DESCRIPTION = 0.25
+#: Prior odds of what few structures have, against what any has, such as a modulus that is not quite
+#: the data sheet's.
+RARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,9 @@ class Prior:
         log: Log-normal (positive quantities) or normal.
         span: Hard limits (low, high) in ``unit``.
         scan: Number of values at which the evidence is integrated over this parameter, for one
-            that acts in steps; 0 for one that acts smoothly.
+            that acts in steps or in many places; 0 for one that acts smoothly.
+        even: Whether any value of ``span`` is as likely, as of a place; median and spread are then
+            those of this distribution.
     """
 
     name: str
@@ -57,6 +65,7 @@ class Prior:
     log: bool = True
     span: tuple[float, float] = (-np.inf, np.inf)
     scan: int = 0
+    even: bool = False
 
     def __post_init__(self):
         text("prior.name", self.name)
@@ -68,10 +77,14 @@ class Prior:
 
     def value(self, z: float) -> float:
         """The parameter at ``z`` standard deviations from the median."""
+        if self.even:
+            return self.span[0] + (self.span[1] - self.span[0]) * ndtr(z)
         return self.median * np.exp(self.spread * z) if self.log else self.median + self.spread * z
 
     def standard(self, value: float) -> float:
         """Inverse of `value`; the limits may be infinite or, for ``log``, zero."""
+        if self.even:
+            return float(ndtri((value - self.span[0]) / (self.span[1] - self.span[0])))
         if not self.log:
             return (value - self.median) / self.spread
         if value <= 0:
@@ -82,6 +95,18 @@ class Prior:
         """Limits of z."""
         low, high = (self.standard(v) for v in self.span)
         return max(low, -widest), min(high, widest)
+
+
+def somewhere(name: str, count: int, scan: int) -> Prior:
+    """Which of several places, 0 to count - 1, each as likely.
+
+    Args:
+        name: Name of the parameter.
+        count: Number of places, two at least.
+        scan: See `Prior`.
+    """
+    last = count - 1.0
+    return Prior(name, last / 2, last / 12**0.5, "", False, (0.0, last), scan, True)
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,6 +135,11 @@ class Effect:
             test reads the structure, in place.
         holds: Keys of effects that are a part of it, such as each bolt of several that are loose:
             it is looked at only beside the best of these; empty for one that stands alone.
+        by_frequency: Whether its condition is the frequency, Hz, of the mode that looks at it.
+        never_with: Names of effects that the model cannot have together with it.
+        places: What its ``place`` may be, in words; empty for one without.
+        beside: Whether its prior odds come beside those of the others, as of a cause that was an
+            unknown one before the library had it, and make none of them less likely.
     """
 
     name: str
@@ -125,6 +155,10 @@ class Effect:
     sensing: Callable[[Sensing, Mapping[str, float]], None] | None = None
     drifts: bool = False
     holds: frozenset[str] = frozenset()
+    by_frequency: bool = False
+    never_with: frozenset[str] = frozenset()
+    places: tuple[str, ...] = ()
+    beside: bool = False
 
     def __repr__(self) -> str:
         return f"Effect({self.key}: {', '.join(prior.name for prior in self.priors[:6])})"
@@ -133,6 +167,12 @@ class Effect:
     def key(self) -> str:
         """Unique name."""
         return f"{self.name} ({self.region})" if self.region else self.name
+
+    def place(self, theta: Mapping[str, float]) -> str:
+        """Where it is, in words: the nearest of `places`; empty for one without."""
+        if not self.places:
+            return ""
+        return self.places[int(np.clip(round(theta["place"]), 0, len(self.places) - 1))]
 
     def touches(
         self, baseline: Mapping[str, float], z: float, condition: float

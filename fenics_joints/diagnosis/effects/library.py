@@ -20,9 +20,12 @@ from fenics_joints.diagnosis.effects.bolts import (
 from fenics_joints.diagnosis.effects.contact import lost_beyond, lost_contact, smaller_contact
 from fenics_joints.diagnosis.effects.damping import (
     HYSTERETIC,
+    SUPPORTS,
     VISCOUS,
     has_ratios,
     hysteretic_damping,
+    spring_damping,
+    support_damping,
     viscous_damping,
 )
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
@@ -48,8 +51,10 @@ from fenics_joints.diagnosis.effects.rig import (
     swapped_modes,
     travel,
 )
+from fenics_joints.diagnosis.effects.sited import looked_for, sited_effects
 from fenics_joints.diagnosis.zones.laps import lap_as_one
 from fenics_joints.diagnosis.zones.nominal import bonded_values
+from fenics_joints.diagnosis.zones.sites import Sites
 from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import spaced
@@ -66,6 +71,7 @@ _NU = 0.49
 _ATTACHED = {"mass": 0.3, "stiffness": 1.0}
 #: Spread of the logarithm of a factor on the axial stiffness of a lap.
 _AXIAL = np.log(3.0)
+_NO_RATIOS = "the test has no damping ratios of known accuracy ([test] damping, damping_noise)"
 _NOT_OF_LAPS = {
     "joint compliance that falls with the pressure": (
         "joint elements of beams know no pressure; a stiffness graded along the lap is looked for"
@@ -114,7 +120,8 @@ def case_nuisances(
 
 
 def case_effects(
-    case: Case, data: TestData, zones: Zones, dimensions: Dimensions | None = None
+    case: Case, data: TestData, zones: Zones, dimensions: Dimensions | None = None,
+    sites: Sites | None = None, mass: float = 1.0,
 ) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
     """The effects of the library that this case can hold, and those its test cannot speak of.
 
@@ -123,20 +130,23 @@ def case_effects(
         data: The test.
         zones: Its joints in zones.
         dimensions: Which thicknesses and widths the model can represent; None: all.
+        sites: Places where something may be that the nominal model has nothing of.
+        mass: Of the structure, kg.
 
     Raises:
         InputError: If the case asks for an effect that is not there.
     """
     reference = float(data.conditions[-1]) if by_preload(data) else None
-    of_joints = [
+    of_joints = [] if not len(zones) else [
         (_stiffness(zones, reference), _of_layers_alone(zones)), _stiffer(case, zones, reference),
-        _bolts(case, zones),
-        _damping(data, zones),
+        _bolts(case, zones), _damping(data, zones),
     ]  # fmt: skip
     of_beams = [] if zones.laps is None else [_missed_modes(data)]
     groups = [
-        *(of_joints if len(zones) else ()), amplitude_effects(data, zones.all),
-        _parts(case, data, zones, dimensions), (_attached_effects(case), ()), _test_effects(data),
+        *of_joints, amplitude_effects(data, zones.all),
+        _parts(case, data, zones, dimensions), (_attached_effects(case), ()),
+        _support_damping(case, data),
+        sited_effects(case, data, sites or Sites.none(), mass), _test_effects(data),
         *of_beams,
     ]  # fmt: skip
     return _wanted(case, groups)
@@ -286,8 +296,7 @@ def _bolts(case: Case, zones: Zones) -> Group:
 
 def _damping(data: TestData, zones: Zones) -> Group:
     if not has_ratios(data):
-        reason = "the test has no damping ratios of known accuracy ([test] damping, damping_noise)"
-        return (), tuple(Silent(name, reason) for name in (HYSTERETIC, VISCOUS))
+        return (), tuple(Silent(name, _NO_RATIOS) for name in (HYSTERETIC, VISCOUS))
     middle = float(np.exp(np.nanmean(np.log(data.frequencies_hz))))
     return (hysteretic_damping(zones.all), viscous_damping(zones.all, middle)), ()
 
@@ -331,6 +340,21 @@ def _attached_effects(case: Case) -> list[Effect]:
     if len(supports) > 1:
         effects.append(support_compliance(supports))
     return effects
+
+
+def _support_damping(case: Case, data: TestData) -> Group:
+    """What supports and springs to the ground dissipate, where they are and damping says it."""
+    known = bonded_values(case)
+    supports = [name for name in case.supports if f"{name}.k_n" in known]
+    springs = list(case.springs)
+    if not (supports or springs) or not looked_for(case, SUPPORTS):
+        return (), ()
+    if not has_ratios(data):
+        return (), (Silent(SUPPORTS, _NO_RATIOS),)
+    places = [[name] for name in supports] + [supports] * (len(supports) > 1)
+    weight = 1 / (len(places) + len(springs))
+    found = [support_damping(own, support_compliance(own, weight)) for own in places]
+    return [*found, *(spring_damping([name], spaced(name), weight) for name in springs)], ()
 
 
 def _attachment(case: Case, name: str) -> Effect:

@@ -11,10 +11,13 @@ from fenics_joints.case.dimensions import Dimensions, unfit
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
 from fenics_joints.measurements.data import TestData
 
-__all__ = ["CAUSES", "SHEAR", "part_effects", "part_error", "shear_error", "temperature"]
+__all__ = [
+    "CAUSES", "DIMENSIONS", "SHEAR", "part_effects", "part_error", "shear_error", "temperature",
+]  # fmt: skip
 
 #: Spread of a part's property as a cause, far beyond its tolerance: a wrong material or gauge.
 CAUSES = {"E": 0.15, "rho": 0.10, "thickness": 0.10, "width": 0.10}
+DIMENSIONS = ("thickness", "width")
 _WORDS = {"E": "modulus", "rho": "density", "thickness": "thickness", "width": "width"}
 #: The same of a shear modulus at the same Young's modulus: Poisson's ratio of a metal, of which few
 #: tables give more than a digit, is 0.25 to 0.4, which is some 6 % of G.

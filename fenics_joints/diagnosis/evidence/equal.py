@@ -123,7 +123,7 @@ def equal(
 
 
 def _known(prior) -> tuple:
-    return prior.median, prior.spread, prior.unit, prior.log, prior.span, prior.scan
+    return prior.median, prior.spread, prior.unit, prior.log, prior.span, prior.scan, prior.even
 
 
 def _made(h: Hypothesis, z: np.ndarray, baseline: dict, conditions: Sequence[float]) -> dict:

@@ -44,6 +44,8 @@ class Hypothesis:
         driven: Those measured at several levels, by their place, each with an amplitude of its own
             at the same level for effects that depend on it; None for all. The first one's is the
             level itself, and others than these are measured near rest, where it does not matter.
+        hz: About the frequency of each mode, Hz, at which effects that depend on it are looked at;
+            none for as if the structure moved slowly.
     """
 
     effects: tuple[Effect, ...]
@@ -55,6 +57,7 @@ class Hypothesis:
     modes: tuple[str, ...] = ()
     damped: bool = False
     driven: tuple[int, ...] | None = None
+    hz: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         return f"Hypothesis({self.label}: {len(self.priors)} parameters)"
@@ -93,13 +96,20 @@ class Hypothesis:
         return tuple(Prior(f"{self.modes[i]} over {first}", *_MOTION) for i in self.moved)
 
     @cached_property
+    def tuned(self) -> bool:
+        """Whether each mode sees the model at its own frequency."""
+        return bool(self.hz) and any(e.by_frequency for e in self.effects)
+
+    @cached_property
     def looks(self) -> tuple[int | None, ...]:
         """How the model is looked at, at each condition: as a mode sees it, for those in `moved`,
-        behind None, as all others do."""
-        return (None, *self.moved)
+        or all where they are `tuned`, behind None, as all others do."""
+        return (None, *(range(len(self.hz)) if self.tuned else self.moved))
 
     def look_of(self, n: int) -> list[int]:
         """Which of `looks` is that of each of n modes."""
+        if self.tuned:
+            return list(range(1, n + 1))
         return [self.moved.index(i) + 1 if i in self.moved else 0 for i in range(n)]
 
     @cached_property
@@ -122,6 +132,15 @@ class Hypothesis:
         any case."""
         first = sum(len(e.priors) for e in self.nuisances)
         return slice(first, len(self._own))
+
+    @cached_property
+    def own_of(self) -> dict[str, slice]:
+        """Where each effect's parameters stand in z, by its key."""
+        at, found = self.own.start, {}
+        for effect in self.effects:
+            found[effect.key] = slice(at, at + len(effect.priors))
+            at += len(effect.priors)
+        return found
 
     def at(self, own: np.ndarray | float) -> np.ndarray:
         """z with the effects' parameters ``own`` and all others at their medians, (d,)."""
@@ -159,6 +178,7 @@ class Hypothesis:
         baseline: dict[str, float],
         row: int | np.ndarray | None = None,
         mode: int | None = None,
+        faster: float = 0.0,
     ) -> dict:
         """The model's parameter values at ``z`` and a condition.
 
@@ -169,14 +189,17 @@ class Hypothesis:
             baseline: Parameter values of the nominal model.
             row: Which of ``conditions`` it is, likewise; None for a tightening that was not
                 measured.
-            mode: The mode of `moved` that looks at it; None for the others.
+            mode: The mode of `looks` that looks at it; None for the others.
+            faster: ln of the frequency of that mode over the one in `hz`.
         """
         values = dict(baseline)
         felt = self._condition(z, condition, row, mode)
+        hz = self.hz[mode] * np.exp(faster) if self.tuned and mode is not None else 0.0
         acting = list(self._acting(z))
         for effect, theta in sorted(acting, key=lambda pair: pair[0].by_level):
             if effect.apply is not None:
-                effect.apply(values, theta, condition if effect.drifts else felt)
+                at = hz if effect.by_frequency else condition if effect.drifts else felt
+                effect.apply(values, theta, at)
         return values
 
     @cached_property
@@ -239,7 +262,7 @@ class Hypothesis:
         values = dict(baseline)
         for effect, theta in self._acting(z):
             if not effect.by_level and effect.apply is not None:
-                effect.apply(values, theta, condition)
+                effect.apply(values, theta, 0.0 if effect.by_frequency else condition)
         return values
 
     def _acting(self, z: np.ndarray) -> Iterator[tuple[Effect, Mapping[str, float]]]:
@@ -280,6 +303,7 @@ class Hypothesis:
                     "unit": prior.unit,
                     "nuisance": effect in self.nuisances or i >= len(self._own),
                     "prior_sigmas": float(z[i]),
+                    **({"at": effect.place({prior.name: prior.value(z[i])})} if prior.even else {}),
                 }
             )
         return rows

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from scipy.integrate import trapezoid
 from scipy.optimize import least_squares
+from scipy.special import ndtri
 from scipy.stats import chi2
 
 from fenics_joints.diagnosis.evidence.between import Scales, grid, squares, weighed
@@ -28,10 +30,14 @@ __all__ = ["Fit", "fit", "refreshed"]
 
 #: Standard deviations of the prior beyond which a scanned parameter is not looked for.
 _FARTHEST = 4.0
+#: Of the places that are looked at so many are started from.
+_STARTS = 3
 #: Step of differences, in standard deviations of the prior.
 _STEP = 1e-4
 #: How much less probable, in ln, another end may be, and how far away in prior standard deviations.
 _CLOSE, _ELSEWHERE = 6.0, 0.3
+#: Nats by which a guide may differ from the model where a fit ended.
+_SAME = 0.02
 #: Fits of one hypothesis with standard deviations between levels that the one before called for.
 _ROUNDS = 3
 
@@ -110,6 +116,7 @@ def fit(
     starts: Sequence[np.ndarray] | None = None,
     tolerance: float = 1e-5,
     known: Fit | None = None,
+    guide: Forward | None = None,
     progress: Callable[[], None] | None = None,
 ) -> Fit:
     """Most probable parameters of a hypothesis and its Laplace evidence.
@@ -128,9 +135,11 @@ def fit(
         tolerance: Relative change of the sum of squares, and of z, at which the search ends.
         known: The same hypothesis at one of the starts, by this very model, to other data: it is
             not solved for there again.
+        guide: Predicts nearly the same with less work (`Leans`): it shows the way, and ``forward``
+            says whether its end is one, and goes on from there if it is not. None for none.
         progress: Called when done.
     """
-    found = _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance, known)
+    found = _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance, known, guide)
     if evidence.between is not None:
         tried, ends = grid(damped=len(evidence.between) > 1), found.ends
         for again in range(_ROUNDS):
@@ -138,7 +147,9 @@ def fit(
             if best == found.between or again == _ROUNDS - 1:
                 break
             test = evidence.at(best)
-            found = _fit_at(hypothesis, forward, test, baseline, [found.z], tolerance, found)
+            found = _fit_at(
+                hypothesis, forward, test, baseline, [found.z], tolerance, found, guide
+            )
         widening = over(found.between)
         found = replace(
             found, log_evidence=found.log_evidence + widening, widening=widening, ends=ends
@@ -170,28 +181,54 @@ def refreshed(found: Fit, forward: Forward, evidence: Evidence, baseline) -> Fit
     return replace(found, predicted=predicted, jacobian=jacobian)
 
 
-def _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance, known=None) -> Fit:
+def _fit_at(
+    hypothesis, forward, evidence, baseline, starts, tolerance, known=None, guide=None
+) -> Fit:
     """`fit` with the test's standard deviations between levels as they are."""
     lower = np.linalg.cholesky(evidence.covariance(hypothesis.unknown))
-    problem = _Problem(hypothesis, forward, evidence, baseline, lower, known)
+    whole = _Problem(hypothesis, forward, evidence, baseline, lower, known)
+    if guide is not None:
+        quick = _Problem(hypothesis, guide, evidence, baseline, lower, known)
+        try:
+            scan, ends = _searched(quick, starts, tolerance, known is None)
+            z = min(ends, key=lambda end: end[0])[1]
+            if all(whole.agrees(quick, at) for at in (z, *(() if scan is None else [scan.start]))):
+                return _finished(whole, scan, ends)
+            starts = [z]
+        except (InputError, np.linalg.LinAlgError):
+            pass  # beyond what the guide was made for
+    return _finished(whole, *_searched(whole, starts, tolerance, known is None))
+
+
+def _searched(problem: _Problem, starts, tolerance: float, anew: bool):
+    """What was found over a parameter that acts in steps, or None; and (cost, z) of each end."""
+    hypothesis = problem.hypothesis
     bounds = hypothesis.limits
-    scanned = next((j for j, (_, p) in enumerate(hypothesis.priors) if p.scan), None)
-    scan = None if scanned is None else problem.scan(scanned, bounds[scanned])
-    if scan is not None:
+    scanned = [j for j, (_, p) in enumerate(hypothesis.priors) if p.scan]
+    placed = any(hypothesis.priors[j][1].even for j in scanned)
+    scan = None
+    if placed and len(hypothesis.effects) == 1 and anew:
+        # In several effects, and in a part of the data, it is where that found it.
+        starts = [*problem.places(scanned), *(starts or ())]
+    elif scanned and not placed:
+        scan = problem.scan(scanned[0], bounds[scanned[0]])
         starts = [scan.start, *(starts or ())]
     ends: list[tuple[float, np.ndarray]] = []
     for start in starts or (np.zeros(len(bounds)),):
         if len(bounds) == 0:
-            ends = [(0.0, start)]
-            break
+            return scan, [(0.0, start)]
         inside = np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6)
         result = least_squares(
             problem.residual, inside, problem.slope, bounds=tuple(bounds.T), method="trf",
             x_scale=1.0, ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=30,
         )  # fmt: skip
         ends.append((result.cost, result.x))
+    return scan, ends
+
+
+def _finished(problem: _Problem, scan: _Scan | None, ends) -> Fit:
     cost, z = min(ends, key=lambda end: end[0])
-    found = replace(problem.finish(z), ends=_others(ends, cost, z, hypothesis.own))
+    found = replace(problem.finish(z), ends=_others(ends, cost, z, problem.hypothesis.own))
     return found if scan is None else scan.improved(found)
 
 
@@ -276,22 +313,20 @@ class _Problem:
             [whiten(self.lower, jacobian[self.evidence.fitted]), np.eye(len(z))]
         )
 
+    def agrees(self, other: _Problem, z: np.ndarray) -> bool:
+        """Whether another model has the same evidence at a point, and would go the same way from
+        there, but for a small part of a nat each."""
+        (own, slope), (residual, its) = ((p.residual(z), p.slope(z)) for p in (self, other))
+        turn = slope.T @ own - its.T @ residual
+        apart = abs(own @ own - residual @ residual), turn @ np.linalg.solve(slope.T @ slope, turn)
+        return bool(max(apart) <= 2 * _SAME)
+
     def scan(self, index: int, limits) -> _Scan:
         """The evidence's integrand over one parameter, the others optimal in a linear model."""
         count = self.hypothesis.priors[index][1].scan
         grid = np.linspace(max(limits[0], -_FARTHEST), min(limits[1], _FARTHEST), count)
-        others = np.arange(len(self.hypothesis.priors)) != index
-        log_density, points = [], []
-        for value in grid:
-            z = np.zeros(len(others))
-            z[index] = value
-            residual, slope = self.residual(z)[: -len(z)], self.slope(z)[: -len(z), others]
-            hessian = slope.T @ slope + np.eye(slope.shape[1])
-            z[others] = -np.linalg.solve(hessian, slope.T @ residual)
-            residual = residual + slope @ z[others]
-            log_density.append(log_evidence(residual @ residual + z @ z, hessian, self.lower))
-            points.append(z)
-        log_density = np.array(log_density)
+        looks = [self._at({index: value}) for value in grid]
+        log_density, points = np.array([look[0] for look in looks]), [z for _, z in looks]
         top = log_density.max()
         weight = np.exp(log_density - top)
         total = trapezoid(weight, grid)
@@ -302,6 +337,27 @@ class _Problem:
             float(top + np.log(total) - 0.5 * np.log(2 * np.pi)),
             float(trapezoid(weight * (grid - mean) ** 2, grid) / total),
         )
+
+    def places(self, indices: Sequence[int]) -> list[np.ndarray]:
+        """The most probable points over parameters that say where, and others that act in steps, at
+        as many values of each as their priors say; the others optimal in a linear model."""
+        priors = [self.hypothesis.priors[j][1] for j in indices]
+        axes = [ndtri((np.arange(p.scan) + 0.5) / p.scan) for p in priors]
+        looks = [self._at(dict(zip(indices, point, strict=True))) for point in product(*axes)]
+        order = np.argsort([-value for value, _ in looks], kind="stable")
+        return [looks[i][1] for i in order[:_STARTS]]
+
+    def _at(self, fixed: dict[int, float]) -> tuple[float, np.ndarray]:
+        """ln of the evidence at values of some parameters, the others linear about their medians,
+        and the most probable z there."""
+        z = np.zeros(len(self.hypothesis.priors))
+        z[list(fixed)] = list(fixed.values())
+        others = np.delete(np.arange(len(z)), list(fixed))
+        residual, slope = self.residual(z)[: -len(z)], self.slope(z)[: -len(z), others]
+        hessian = slope.T @ slope + np.eye(slope.shape[1])
+        z[others] = -np.linalg.solve(hessian, slope.T @ residual)
+        residual = residual + slope @ z[others]
+        return log_evidence(residual @ residual + z @ z, hessian, self.lower), z
 
     def finish(self, z) -> Fit:
         predicted, jacobian = self.predict(z)

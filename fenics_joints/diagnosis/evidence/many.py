@@ -8,17 +8,17 @@ conditions of a test are solved for together too, so that it serves a single poi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.look import Look
 from fenics_joints.errors import InputError
 from fenics_joints.reduction import LeanForward
-from fenics_joints.reduction.many import Change, ManyModes, change
+from fenics_joints.reduction.many import Change, change
 
 __all__ = ["ManyPredictions"]
 
@@ -27,32 +27,6 @@ __all__ = ["ManyPredictions"]
 _STEP, _SAME = 1e-5, 1e-8
 #: Entries of the matrices that are solved for together, which should stay near the processor.
 _ROOM = 4_000_000
-
-
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """The model as one mode sees it; see `prediction._Look`.
-
-    Attributes:
-        mode: That mode, or None.
-        modes: The model's modes.
-        along: Changes of the model by the parameters that act.
-        felt: Which points feel one of these, (b, 1), where not all do.
-        values: The model's parameter values, each (b,).
-    """
-
-    mode: int | None
-    modes: ManyModes
-    along: dict[int, Change]
-    felt: dict[int, np.ndarray]
-    values: dict[str, np.ndarray]
-
-    @cached_property
-    def slopes(self) -> dict[int, np.ndarray]:
-        """Derivatives of ln f by the parameters that act, each (b, m)."""
-        found = {each: self.modes.slope(each) for each in dict.fromkeys(self.along.values())}
-        by = {j: found[each] for j, each in self.along.items()}
-        return {j: np.where(self.felt[j], s, 0.0) if j in self.felt else s for j, s in by.items()}
 
 
 class _Apart(Exception):
@@ -153,27 +127,38 @@ class ManyPredictions:
 
     # -- the model -----------------------------------------------------------------------------
 
-    def _look(self, z, rows, mode, by, every: bool) -> _Look:
+    def _look(self, z, rows, mode, by, every: bool) -> Look:
         """The model at points, (b, d), each at its own row, (b,)."""
-        h, along, felt = self.hypothesis, {}, {}
+        h, directions, columns, felt = self.hypothesis, [], {}, {}
         values = self._values(z, rows, mode, checked=True)
         modes = self.forward.many(values, every)
-        place, tightening = h.places["tightenings"], None
+        place = h.places["tightenings"]
         tightened = list(range(place.start, place.stop))
         for j in by:
             if j in tightened:
                 own = rows == j - place.start
-                if own.any():
-                    # Each row feels its own alone: all are moved together.
-                    tightening = tightening or self._change(z, rows, mode, tightened)
-                    along[j], felt[j] = tightening, own[:, None]
-            elif h.acts(j, None, mode):
-                along[j] = self._change(z, rows, mode, [j])
-        return _Look(mode, modes, along, felt, values)
+                if not own.any():
+                    continue
+                # Each row feels its own alone: all are moved together.
+                felt[j] = own[:, None]
+                if tightened in directions:
+                    columns[j] = directions.index(tightened)
+                    continue
+            elif not h.acts(j, None, mode):
+                continue
+            columns[j] = len(directions)
+            directions.append(tightened if j in tightened else [j])
+        along = self._change(z, rows, mode, directions) if directions else None
+        return Look(mode, modes, values, along, columns, felt)
 
-    def _change(self, z, rows, mode, of: list[int]) -> Change:
-        low, high = (self._own(self._values(moved, rows, mode)) for moved in _moved(z, of))
-        return change(self.forward.model, low, high, 2 * _STEP)
+    def _change(self, z, rows, mode, directions: Sequence[list[int]]) -> Change:
+        """Along each direction, in which some parameters are moved together: all at once."""
+        moved = (np.concatenate(part) for part in zip(*(_moved(z, of) for of in directions),
+                                                      strict=True))  # fmt: skip
+        low, high = (
+            self._own(self._values(each, np.tile(rows, len(directions)), mode)) for each in moved
+        )
+        return change(self.forward.model, low, high, 2 * _STEP, len(directions))
 
     def _own(self, values) -> dict[str, np.ndarray]:
         return {name: values[name] for name in self.forward.model.parameters}
@@ -217,7 +202,7 @@ class ManyPredictions:
 
     # -- frequencies and damping -----------------------------------------------------------------
 
-    def _rows(self, z, rows, looks: Sequence[_Look], by) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(self, z, rows, looks: Sequence[Look], by) -> tuple[np.ndarray, np.ndarray]:
         """`RowPrediction.data` and its slopes, (b, m) or (b, 2 m)."""
         order, further = self._order(z), None
         if order is not None and np.max(order) >= self.evidence.shape[1]:
@@ -228,11 +213,7 @@ class ManyPredictions:
         own = self.hypothesis.look_of(self.evidence.shape[1])
         looks = [further or looks[at] for at in own]
         log_f = _of_each(looks, lambda look: look.modes.log_f)
-        slopes = [
-            _of_each(looks, lambda look, j=j: look.slopes.get(j, np.zeros_like(log_f)))
-            for j in by
-        ]
-        slope = np.stack(slopes, axis=2) if by else np.zeros((*log_f.shape, 0))
+        slope = _of_each(looks, lambda look: look.slopes(by))
         blocks = [(log_f, slope)]
         if self.hypothesis.damped:
             # Where damping was not measured few ask what the effects dissipate.
@@ -291,7 +272,7 @@ class ManyPredictions:
         return {key: np.array([found[key] for found in each]) for key in each[0]}
 
     @staticmethod
-    def _share(look: _Look, i: int, key: str) -> np.ndarray:
+    def _share(look: Look, i: int, key: str) -> np.ndarray:
         """Share of mode i's strain energy in the stiffness ``key``, (b,); all for ``""``."""
         return look.modes.share(key)[:, i] if key else np.ones(len(look.modes.index))
 
@@ -299,7 +280,7 @@ class ManyPredictions:
         """Derivative of mode i's lost part by parameter ``j``, (b,); see
         `RowPrediction._damping_slopes`."""
         found, h = np.zeros(len(z)), self.hypothesis
-        if j not in look.along:
+        if j not in look.columns:
             return found
         moved = _moved(z, [j])
         if h.loses(j):
@@ -316,7 +297,7 @@ class ManyPredictions:
 
     # -- shapes and masses -----------------------------------------------------------------------
 
-    def _shapes(self, z, look: _Look, by) -> tuple[np.ndarray, np.ndarray]:
+    def _shapes(self, z, look: Look, by) -> tuple[np.ndarray, np.ndarray]:
         """`RowPrediction.shapes` flat, (b, n_s m), and slopes by what is no effect in the test."""
         model, measured, modes = self.forward.model, self.evidence.shapes, look.modes
         gains, shifts = self._read(z)
@@ -334,9 +315,9 @@ class ManyPredictions:
         scale = np.sum(seen * y, axis=1) / square
         slope = np.zeros((*found.shape, len(by)))
         for k, j in enumerate(by):
-            if j not in look.along:
+            if j not in look.columns:
                 continue
-            d = read(modes.shape_slope(look.along[j]))
+            d = read(modes.shape_slope(look.along, look.columns[j]))
             dx = np.where(there, d, 0.0)
             change = np.sum(y * dx, axis=1) - 2 * scale * np.sum(seen * dx, axis=1)
             slope[..., k] = scale[:, None] * d + found * (change / square)[:, None]
@@ -378,8 +359,8 @@ class ManyPredictions:
         return [(at(z), slope)]
 
 
-def _of_each(looks: Sequence[_Look], what) -> np.ndarray:
-    """What each mode has where it is looked at by itself, (b, m)."""
+def _of_each(looks: Sequence[Look], what) -> np.ndarray:
+    """What each mode has where it is looked at by itself, (b, m, ...)."""
     if all(look is looks[0] for look in looks):
         return what(looks[0])
     return np.stack([what(look)[:, i] for i, look in enumerate(looks)], axis=1)

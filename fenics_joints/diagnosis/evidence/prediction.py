@@ -60,6 +60,8 @@ def _together(hypothesis, forward, evidence, z, baseline):
     """`predict` with all conditions solved for at once; None where that cannot be done."""
     if not isinstance(forward, Forward):
         return None  # what stands in for one, such as for a structure that is altered
+    if hypothesis.tuned:
+        return None  # each mode sees another model, and feeds back on it
     many = batched(forward)
     if not many.batches or (hypothesis.senses and evidence.shapes is not None):
         return None  # how shapes follow a sensor's own error is known one by one
@@ -160,12 +162,27 @@ class RowPrediction:
             self._beyond = int(np.max(sensing.order)) >= self._m
             looks = [self._look(None)] if self._beyond else looks
         log_f, self._at = looks[0].log_f, [0] * len(looks[0].log_f)
-        if hypothesis.moved:
-            looks += [self._look(i) for i in hypothesis.moved]
+        if len(hypothesis.looks) > 1:
+            looks += [self._look(i) for i in hypothesis.looks[1:]]
             self._at = hypothesis.look_of(len(log_f))
             log_f = np.array([looks[at].log_f[i] for i, at in enumerate(self._at)])
-        self._looks, self._log_f = looks, log_f
+        self._looks, self._damped_by = looks, np.ones(len(log_f))
+        if hypothesis.tuned:
+            # Looked at at the frequency that was measured, the mode is where it says itself: to
+            # first order, so that what was measured has no say in it.
+            self._damped_by = 1 - np.array([self._fed_back(i) for i in range(len(log_f))])
+            near = np.log(hypothesis.hz)
+            log_f = near + (log_f - near) / self._damped_by
+        self._log_f = log_f
         self.log_f = self._ordered(log_f)
+
+    def _fed_back(self, i: int) -> float:
+        """Derivative of ln f of mode i by that at which the model is looked at."""
+        look, step = self._seen(i), _DIFFERENCE
+        low, high = (self._values(self._z, look.mode, way * step) for way in (-1, 1))
+        names = self._forward.model.parameters
+        change = [(high[name] - low[name]) / (2 * step) for name in names]
+        return float(look.by_values[i] @ change)
 
     def _ordered(self, by_mode: np.ndarray) -> np.ndarray:
         """Rows for the model's modes as rows for the test's columns."""
@@ -176,8 +193,10 @@ class RowPrediction:
         forward = self._forward.further if self._beyond else self._forward
         return _Look(mode, values, *forward(values))
 
-    def _values(self, z, mode) -> dict[str, float]:
-        return self._hypothesis.values(z, self._condition, self._baseline, self._row, mode)
+    def _values(self, z, mode, faster: float = 0.0) -> dict[str, float]:
+        return self._hypothesis.values(
+            z, self._condition, self._baseline, self._row, mode, faster
+        )
 
     def _seen(self, i: int) -> _Look:
         """The model as mode i sees it."""
@@ -201,7 +220,7 @@ class RowPrediction:
             by_z = np.array(
                 [self._looks[at].by_values[i] @ chains[at] for i, at in enumerate(self._at)]
             )
-        by_z = self._ordered(by_z)
+        by_z = self._ordered(by_z / self._damped_by[:, None])
         if not self._hypothesis.damped:
             return by_z
         return np.concatenate([by_z, self._ordered(self._damping_slopes(chains))])
@@ -260,19 +279,41 @@ class RowPrediction:
         Returns:
             Shapes, (n_s, m), and derivatives, (n_s, m, d).
         """
-        at, along, by_at, by_along = self._forward.shapes(self._looks[0].values)
-        chain = self._chain(self._looks[0].mode)
+        at, along, slope, by_along = self._shape_parts()
         read = self._read(self._z, at, along)
-        slope = by_at @ chain
         sensing = self._sensing(self._z)
         if sensing is not None:
-            slope = slope + sensing.shifts[:, None, None] * (by_along @ chain)
+            slope = slope + sensing.shifts[:, None, None] * by_along
             slope = sensing.gains[:, None, None] * slope + self._sensing_slopes(at, along)
         return _scaled_to(measured, read, slope)
 
+    def _shape_parts(self) -> tuple[np.ndarray, ...]:
+        """Shapes at the sensors, per metre that these sit further, (n_s, m), and the derivatives of
+        both by z, each mode's as it sees the model."""
+        if not self._hypothesis.tuned:
+            *seen, by_at, by_along = self._forward.shapes(self._looks[0].values)
+            chain = self._chain(self._looks[0].mode)
+            return *seen, by_at @ chain, by_along @ chain
+        first = self._forward.shapes(self._looks[0].values)
+        columns = []
+        for i in range(self._m):
+            look = self._seen(i)
+            at, along = (part[:, i] for part in self._forward.seen_shapes(look.values))
+            # Slopes by the model's values hardly differ from one mode's sight to the next's.
+            sign, chain = 1.0 if at @ first[0][:, i] > 0 else -1.0, self._chain(look.mode)
+            columns.append((at, along, *(sign * by[:, i] @ chain for by in first[2:])))
+        return tuple(np.stack(part, axis=1) for part in zip(*columns, strict=True))
+
     def read_shapes(self, measured: np.ndarray) -> np.ndarray:
         """`shapes` without their derivatives, which are most of the work, (n_s, m)."""
-        at, along = self._forward.seen_shapes(self._looks[0].values)
+        looks = [self._looks[0]]
+        if self._hypothesis.tuned:
+            looks = [self._seen(i) for i in range(self._m)]
+        seen = [self._forward.seen_shapes(look.values) for look in looks]
+        at, along = (
+            part[0] if len(looks) == 1 else np.stack([x[:, i] for i, x in enumerate(part)], axis=1)
+            for part in zip(*seen, strict=True)
+        )
         read = self._read(self._z, at, along)
         return read * _scales(measured, read)[0]
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,10 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
 from fenics_joints.diagnosis.model.resolution import mesh_errors
-from fenics_joints.diagnosis.model.subject import Subject, subject_of
+from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.data import TestData
+from fenics_joints.measurements.gap import skipped
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.seen import SeenModes
@@ -34,7 +36,7 @@ from fenics_joints.reduction.tested import tested_models
 __all__ = ["Prepared", "prepare"]
 
 
-@dataclass(repr=False)
+@dataclass(repr=False, kw_only=True)
 class Prepared(Subject):
     """A case ready to be diagnosed: its nominal model with a test.
 
@@ -77,8 +79,16 @@ class Prepared(Subject):
             tuple(effects), self.nuisances, scatter=self.scatter,
             conditions=tuple(float(c) for c in self.evidence.conditions),
             modes=tuple(self.data.mode_names), damped=self.evidence.log_damping is not None,
-            driven=self.evidence.driven, **kwargs,
+            driven=self.evidence.driven, hz=self.hz, **kwargs,
         )  # fmt: skip
+
+    @cached_property
+    def hz(self) -> tuple[float, ...]:
+        """About the frequency of each of the test's modes, Hz; none where one is not known."""
+        there = np.isfinite(self.data.frequencies_hz).any(axis=0)
+        if not there.all():
+            return ()
+        return tuple(np.exp(np.nanmean(np.log(self.data.frequencies_hz), axis=0)).tolist())
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:
         """Make the reduced model, or read it from a folder if it is kept there; and measure the
@@ -101,28 +111,47 @@ class Prepared(Subject):
             keep=None if keep is None else file, progress=progress,
         )  # fmt: skip
         if self.case.diagnose.mesh_error:
-            self.evidence = replace(self.evidence, mesh_error=mesh_errors(
+            errors = mesh_errors(
                 self.surrogate, self.baseline, progress,
-                None if keep is None else lambda: file("mesh").with_suffix(".json"),
-            ))  # fmt: skip
+                None if keep is None else lambda: file("signed mesh").with_suffix(".json"),
+            )  # fmt: skip
+            if errors is not None:
+                self.evidence = self.evidence.on_mesh(errors)
 
     def mesh_error(self) -> dict[str, float]:
-        """Relative error of the test's modes from the mesh; empty where it was not measured."""
-        errors = self.evidence.mesh_error
-        return {} if errors is None else dict(zip(self.data.mode_names, errors.tolist(),
-                                                  strict=True))  # fmt: skip
+        """How much too high the mesh makes the test's modes; empty where it was not measured."""
+        shift = self.evidence.mesh_shift
+        return {} if shift is None else dict(zip(self.data.mode_names, np.expm1(shift).tolist(),
+                                                 strict=True))  # fmt: skip
+
+    def order_note(self) -> str:
+        """That modes paired by order fit others better, as when a test lacks the lowest; or ""."""
+        seen, names = self.surrogate, self.data.mode_names
+        if seen.pairing.mac is not None:
+            return ""
+        own = np.exp(np.nanmean(np.log(self.data.frequencies_hz), axis=0))
+        model = seen.nominal.frequencies_hz[seen.pairing.visible]
+        count = skipped(own, model)
+        if not count:
+            return ""
+        return (
+            f"Modes are paired by their order: {names[0]}, {own[0]:.4g} Hz, with the model's "
+            f"lowest that the test could see, {model[0]:.4g} Hz, though {model[count]:.4g} Hz is "
+            "nearer. If the test lacks modes below, give their frequencies too, or shapes."
+        )
 
     def mesh_notes(self) -> list[str]:
         """A sentence where the mesh's own error is larger than the discrepancy of the case."""
         asked, errors = self.evidence.discrepancy, self.mesh_error()
-        worst = max(errors, key=errors.get, default=None)
-        if worst is None or errors[worst] <= asked:
+        worst = max(errors, key=lambda name: abs(errors[name]), default=None)
+        if worst is None or abs(errors[worst]) <= asked:
             return []
-        count = sum(e > asked for e in errors.values())
+        left = int(np.sum(self.evidence.mesh_error > asked))
+        more = f", more than diagnose.discrepancy in {left} of {len(errors)} modes" if left else ""
         return [
             f"{OF_MODEL}the mesh alone is {percent(errors[worst])} off in {worst}, by the same "
-            f"mesh one degree higher; where that is more than diagnose.discrepancy, "
-            f"{percent(asked)}, it is taken instead: in {count} of {len(errors)} modes"
+            "mesh one degree higher; that is taken off every frequency of the model, and half of "
+            f"it stays as its uncertainty{more}"
         ]
 
     def _travel(self) -> dict:
@@ -213,9 +242,10 @@ def prepare(
         InputError: If the case has no test, or names effects that do not exist.
     """
     data = case.diagnosed_test() if data is None else data
-    subject = subject_of(case.diagnosed(), comm, progress)
+    subject = with_places(subject_of(case.diagnosed(), comm, progress), data.sensors)
     case, zones = subject.case, subject.zones
-    effects, silent = case_effects(case, data, zones, subject.dimensions)
+    mass = subject.full.total_mass(subject.baseline)
+    effects, silent = case_effects(case, data, zones, subject.dimensions, subject.sites, mass)
     extra = [for_zones(effect, zones.by("joint")) for effect in extra]
     effects = distinct((*effects, *extra), subject.baseline, data.conditions)
     return Prepared(

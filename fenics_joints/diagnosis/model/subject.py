@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from mpi4py import MPI
 
@@ -10,17 +10,20 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.build_beams import build_beams
 from fenics_joints.case.dimensions import Dimensions
+from fenics_joints.diagnosis.effects.sited import wanted
 from fenics_joints.diagnosis.where.cells import BeamElements, Cells, MeshCells
 from fenics_joints.diagnosis.zones.contacts import contact_zones
 from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
 from fenics_joints.diagnosis.zones.nominal import bonded_values, layer_thickness
+from fenics_joints.diagnosis.zones.sites import Sites, sites_of
 from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
+from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["Subject", "beam_subject", "solid_subject", "subject_of"]
+__all__ = ["Subject", "beam_subject", "solid_subject", "subject_of", "with_places"]
 
 
 @dataclass
@@ -34,6 +37,7 @@ class Subject:
         baseline: Parameter values of the nominal model.
         cells: Its cells.
         dimensions: Which thicknesses and widths it can represent; None: all, as beams can.
+        sites: Places where something may be that the nominal model has nothing of.
     """
 
     case: Case
@@ -42,6 +46,27 @@ class Subject:
     baseline: dict[str, float]
     cells: Cells
     dimensions: Dimensions | None
+    sites: Sites = field(default_factory=Sites.none)
+
+
+def with_places(subject: Subject, sensors: Sensors | None) -> Subject:
+    """The same with what may be somewhere on it, as far as the case asks for that. Collective.
+
+    Args:
+        subject: The nominal model.
+        sensors: Of the test.
+    """
+    full, asked = subject.full, wanted(subject.case)
+    if not isinstance(full, Structure) or not asked:
+        return subject
+    sites, changes, values = sites_of(subject.case, full, subject.dimensions, sensors, asked)
+    if not changes:
+        return subject
+    more = [Parameter(name, value, log=False) for name, value in values.items()]
+    full = full.with_changes(changes, more)
+    return replace(
+        subject, full=full, baseline=subject.baseline | values, cells=MeshCells(full), sites=sites
+    )
 
 
 def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:

@@ -1,0 +1,206 @@
+"""Lean models for the fits: as few vectors and terms as the effects of one hypothesis ask for.
+
+The reduced model holds what any effect of the library makes of the structure. A hypothesis changes
+a few of its parameters and follows the test's modes alone: a basis a quarter as large, from modes
+at points all over the priors of its effects, predicts these a tenth as long. It is made once for
+each effect, tried at other points, and only guides: the reduced model itself has the last word
+on every fit (`fenics_joints.diagnosis.evidence.inference`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.reduction.batch import pod
+from fenics_joints.reduction.compact import merged
+from fenics_joints.reduction.forward import SPARE, Forward
+from fenics_joints.reduction.lean import LeanForward, batched, frequency_error, seen_modes_at
+
+__all__ = ["Leans", "all_over", "changed"]
+
+#: Size of a reduced model from which a leaner one is worth its making.
+_LARGE = 80
+#: Points of each effect's prior and how far they reach, in standard deviations; points at which a
+#: lean model is tried, and how often it takes those in.
+_POINTS, _REACH, _TRIES, _ROUNDS = 16, 2.5, 6, 4
+#: Energy of a vector, relative to the first, below which it is left out, half of it in each further
+#: round; weight of modes that are not the test's, which must be there for these to be told from
+#: them; share of the reduced model's size at which a lean one is none.
+_SHARE, _OTHERS, _SMALL = 1e-3, 0.1, 0.6
+#: Error of ln f, relative to the data's standard deviation, that is good enough for a guide.
+_LIMIT = 0.05
+
+Snapshot = tuple[np.ndarray, np.ndarray]
+
+
+class Leans:
+    """Lean forwards by hypothesis.
+
+    Args:
+        forward: Of the reduced model.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+    """
+
+    def __init__(self, forward: Forward, evidence: Evidence, baseline: dict[str, float]):
+        self.forward = forward
+        self.whole = batched(forward) if isinstance(forward, Forward) else None
+        self._model = forward.model
+        self.evidence, self.baseline = evidence, baseline
+        is_f = evidence.entries.kind[evidence.fitted] == FREQUENCY
+        sizes = np.sqrt(np.diag(evidence.covariance())[is_f])
+        self.limit = _LIMIT * float(np.median(sizes)) if len(sizes) else 0.0
+        self._snapshots: dict[str, list[Snapshot]] = {}
+        self._known: dict[tuple, LeanForward | None] = {}
+
+    def are_of(self, forward: Forward) -> bool:
+        """Whether a forward's model is still the one that these are made from."""
+        return forward is self.forward and forward.model is self._model
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the reduced model is one of plain arrays that is large enough, and none of its
+        shapes are fitted, for which a lean one is not tried."""
+        if self.whole is None or not self.whole.batches or self.evidence.shapes is not None:
+            return False
+        return self.forward.model.n_dofs >= _LARGE and self.limit > 0
+
+    def of(self, hypothesis: Hypothesis) -> LeanForward | None:
+        """The lean forward of a hypothesis; None where there is none that is good enough.
+
+        Nor is there one of several effects: their fits are many, and each takes no longer than the
+        making; nor of one whose place is a parameter, which may change any part of the model.
+        """
+        placed = any(prior.even for _, prior in hypothesis.priors)
+        if not self.wanted or hypothesis.senses or placed or len(hypothesis.effects) > 1:
+            return None
+        key = tuple(effect.key for effect in hypothesis.effects)
+        if key not in self._known:
+            try:
+                self._known[key] = self._made(hypothesis)
+            except (InputError, ConvergenceError, np.linalg.LinAlgError):
+                self._known[key] = None  # somewhere in its prior there is no model
+        return self._known[key]
+
+    def _made(self, hypothesis: Hypothesis) -> LeanForward | None:
+        free = changed(hypothesis, self.forward.model.parameters, self.evidence, self.baseline)
+        if not free:
+            return None
+        model = merged(self.forward.model, free, self.baseline)
+        snapshots = [s for e in (None, *hypothesis.effects) for s in self._of(hypothesis, e)]
+        share = _SHARE
+        for seed in range(_ROUNDS):
+            lean = self._on(model, snapshots, share)
+            tries = self._values(hypothesis, _TRIES, seed)
+            exact = self.whole.prepare(tries, slopes=False)
+            self.whole.release()
+            if not np.isfinite(exact).all() or lean.model.n_dofs > _SMALL * model.n_dofs:
+                return None
+            if frequency_error(lean, tries, exact) <= self.limit:
+                return lean
+            snapshots, share = snapshots + self._seen(tries), share / 2
+        return None
+
+    def _on(self, model, snapshots: Sequence[Snapshot], share: float) -> LeanForward:
+        shapes = np.hstack([x for x, _ in snapshots])
+        weights = np.concatenate([w for _, w in snapshots])
+        vectors, sizes = pod(model, shapes, weights)
+        return LeanForward(self.forward, model.on(vectors[:, sizes > share * sizes[0]]))
+
+    # -- samples -------------------------------------------------------------------------------
+
+    def _of(self, hypothesis: Hypothesis, effect: Effect | None) -> list[Snapshot]:
+        """Modes all over the prior of an effect, beside what is uncertain in any case."""
+        key = "" if effect is None else effect.key
+        if key not in self._snapshots:
+            alone = replace(hypothesis, effects=() if effect is None else (effect,), name="alone",
+                            unknown=False)  # fmt: skip
+            self._snapshots[key] = self._seen(self._values(alone, _POINTS, seed=3))
+        return self._snapshots[key]
+
+    def _seen(self, wanted: Sequence[dict[str, float]]) -> list[Snapshot]:
+        found = []
+        for shapes, index in seen_modes_at(self.forward, wanted):
+            if not len(index):
+                continue
+            count = int(index.max()) + 1 + SPARE
+            weights = np.where(np.isin(np.arange(shapes.shape[1]), index), 1.0, _OTHERS)
+            found.append((shapes[:, :count], weights[:count]))
+        return found
+
+    def _values(self, hypothesis: Hypothesis, count: int, seed: int) -> list[dict[str, float]]:
+        return all_over(hypothesis, self.evidence, self.baseline, count, seed)
+
+
+def all_over(
+    hypothesis: Hypothesis, evidence: Evidence, baseline: dict[str, float], count: int, seed: int
+) -> list[dict[str, float]]:
+    """Parameter values all over the priors of a hypothesis, and at its medians; each at one of the
+    test's rows in turn, the outer first.
+
+    Args:
+        hypothesis: The hypothesis.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+        count: Number of points, beside the medians and the steps of a parameter that has some.
+        seed: Of the random numbers.
+    """
+    n, looks = len(evidence.conditions), hypothesis.looks
+    rows, found = [0, n - 1, n // 2, n // 4, 3 * n // 4], []
+    for i, z in enumerate(_points(hypothesis, count, seed)):
+        row, look = rows[i % len(rows)], looks[(i // len(rows)) % len(looks)]
+        found.append(hypothesis.values(z, evidence.conditions[row], baseline, row, look))
+    return found
+
+
+def _points(hypothesis: Hypothesis, count: int, seed: int) -> np.ndarray:
+    """z at the medians, all over the priors of effects and tolerances, and at all values of a
+    parameter that acts in steps, (n, d)."""
+    some = hypothesis.own.stop
+    limits = hypothesis.limits[:some]
+    points = np.zeros((count + 2, len(hypothesis.priors)))
+    if some:
+        unit = qmc.Sobol(some, seed=seed).random(count)
+        points[2:, :some] = np.clip(_REACH * (2 * unit - 1), *limits.T)
+    return np.vstack([points, *_steps(hypothesis)])
+
+
+def _steps(hypothesis: Hypothesis) -> list[np.ndarray]:
+    """Points at all values of each parameter that acts in steps, the others at their medians."""
+    return [
+        np.where(np.arange(len(hypothesis.priors)) == j, value, 0.0)
+        for j, (_, prior) in enumerate(hypothesis.priors) if prior.scan
+        for value in np.linspace(*hypothesis.limits[j], prior.scan)
+    ]  # fmt: skip
+
+
+def changed(
+    hypothesis: Hypothesis, names: Iterable[str], evidence: Evidence, baseline: dict[str, float]
+) -> list[str]:
+    """Those of a model's parameters that a hypothesis changes somewhere in its priors, or in whose
+    stiffness it dissipates.
+
+    Args:
+        hypothesis: The hypothesis.
+        names: The parameters.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+    """
+    wanted = all_over(hypothesis, evidence, baseline, _POINTS, seed=5)
+    for z in _steps(hypothesis):
+        for row, condition in enumerate(evidence.conditions):
+            wanted.append(hypothesis.values(z, float(condition), baseline, row))
+    middle = np.zeros(len(hypothesis.priors))
+    lossy = {key for c in evidence.conditions for key in hypothesis.losses(middle, float(c), 1.0)}
+    return [
+        name for name in names
+        if name in lossy or any(v[name] != baseline[name] for v in wanted)
+    ]  # fmt: skip

@@ -1,0 +1,191 @@
+"""Effects at a place that is a parameter, of plates' shapes and of supports.
+
+On tests that were made by meshes and matrices that have them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+from virtual_strip import (
+    SIZE,
+    held_by,
+    measured,
+    on_springs,
+    strip,
+    with_resonator,
+    write_strip,
+)
+
+from fenics_joints.case import load_case
+from fenics_joints.diagnosis.effects.sited import dynamic
+from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
+from fenics_joints.diagnosis.kept_fits import KeptFits
+from fenics_joints.diagnosis.model.prepared import prepare
+from fenics_joints.diagnosis.model.subject import subject_of, with_places
+from fenics_joints.diagnosis.search import Search
+from fenics_joints.modal import solve_modes
+from fenics_joints.progress import Progress
+
+QUIET = Progress(silent=True)
+LISTED = (
+    "modulus error", "density error", "local loss of stiffness", "cable or stinger",
+    "attached resonator", "plate not flat", "thickness not even",
+)  # fmt: skip
+
+
+def bowed(x):
+    x[:, 2] += 0.6e-3 * (1 - (2 * x[:, 1] / SIZE[1] - 1) ** 2)
+    return x
+
+
+def tapered(x):
+    x[:, 2] += 0.1 * (2 * x[:, 0] / SIZE[0] - 1) * (x[:, 2] - SIZE[2] / 2)
+    return x
+
+
+def ranked(folder, data, listed=LISTED, **more):
+    """What is asked of a case, and its fits, the most probable first, with probabilities."""
+    effects = ", ".join(f'"{name}"' for name in listed)
+    path = write_strip(folder, *data, f"effects = [{effects}]", **more)
+    model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
+    model.reduce(QUIET)
+    search = Search(model, QUIET, KeptFits(None, model.evidence, model.baseline, False))
+    fits = search.run()
+    order, probability = search.ranked(fits)
+    return model, [fits[i] for i in order], probability
+
+
+def leading(fits, probability):
+    """Name of the most probable hypothesis, its probability, and its effects' parameters."""
+    first = fits[0].hypothesis.table(fits[0].z, fits[0].covariance)
+    rows = {row["name"]: row for row in first if not row["nuisance"]}
+    return fits[0].hypothesis.label, probability[0], rows
+
+
+#: What is put in, thickness, what it is called, and what its parameters are, each within a factor.
+TRUTHS = {
+    "a soft band": (
+        lambda: measured(strip(soft=(0.119, 0.161, 0.5))), SIZE[2], "local loss of stiffness",
+        {"depth": (0.5, 1.5), "size": (4.0, 1.5)},
+    ),
+    "a lead": (
+        lambda: held_by(0.010, 1e4, (0.32, 0.06, 0.0)), SIZE[2], "cable or stinger",
+        {"mass": (0.010, 1.3)},
+    ),
+    "a harness": (
+        lambda: with_resonator(0.008, 370.0, (0.08, 0.0, 0.0)), SIZE[2], "attached resonator",
+        {"mass": (0.008, 2.0), "frequency": (370.0, 1.3)},
+    ),
+    "a bow": (
+        lambda: measured(strip(bowed, thick=0.002)), 0.002, "plate not flat",
+        {"height": (0.6e-3, 1.3)},
+    ),
+    "a wedge": (
+        lambda: measured(strip(tapered)), SIZE[2], "thickness not even", {"taper": (0.1, 1.2)}
+    ),
+}  # fmt: skip
+PLACES = {"a soft band": (140, 30, 3), "a lead": (320, 60, 0), "a harness": (80, 0, 0)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", TRUTHS)
+def test_what_is_there_is_named_first(truth, tmp_path):
+    make, thick, name, expected = TRUTHS[truth]
+    _, fits, probability = ranked(tmp_path, make(), thick=thick)
+    label, p, rows = leading(fits, probability)
+    # What is mostly a mass is a resonator far below its own frequency, in other words.
+    also = {"attached resonator"} if truth == "a lead" else set()
+    assert label in {name} | also and p > 0.5
+    for key, (value, factor) in expected.items():
+        assert value / factor < rows[key]["value"] < value * factor, key
+    if truth in PLACES:
+        place = [float(c) for c in rows["place"]["at"].split(")")[0][1:].split(",")]
+        assert np.linalg.norm(np.subtract(place, PLACES[truth])) < 35
+
+
+@pytest.mark.slow
+def test_what_is_not_there_is_not_named(tmp_path):
+    """And a model of one part without joints can be diagnosed."""
+    _, fits, probability = ranked(tmp_path, measured(strip()))
+    assert fits[0].hypothesis.label == "no gap"
+    named = [p for f, p in zip(fits, probability, strict=True)
+             if {e.name for e in f.hypothesis.effects} & set(LISTED[2:])]  # fmt: skip
+    assert sum(named) < 0.15
+
+
+def test_supports_that_dissipate_are_named(tmp_path):
+    """They give way and damp; with the ratios of a plate that damps by itself, they do not."""
+    listed = ("modulus error", "end compliance", "damping of the supports")
+    hz, shapes, ratios = on_springs(2e11, 0.3)
+    _, fits, probability = ranked(tmp_path, (hz, shapes), listed, ratios=ratios)
+    label, p, rows = leading(fits, probability)
+    assert label == "damping of the supports" and p > 0.5
+    assert 0.15 < rows["eta"]["value"] < 0.6
+    other = tmp_path / "other"
+    other.mkdir()
+    _, fits, probability = ranked(other, (hz, shapes), listed, ratios=np.full(len(hz), 1e-3))
+    assert leading(fits, probability)[0] == "end compliance"
+
+
+def test_a_resonator_is_a_mass_below_its_frequency_and_a_spring_above():
+    mass, spring = dynamic(0.02, 300.0, np.array([0.0, 30.0, 150.0, 3000.0]))
+    assert mass == pytest.approx([0.02, 0.02 / (1 - 0.01), 0.02 / (1 - 0.25), 0.0], rel=0.02)
+    assert spring[:3] == pytest.approx(0.0)
+    assert spring[3] == pytest.approx(0.02 * (2 * np.pi * 300.0) ** 2, rel=0.05)
+
+
+def test_what_a_mode_was_measured_at_has_no_say_in_where_it_is(tmp_path):
+    """A resonator is looked at about the measured frequency; the prediction is that of the model's
+    own, and all ways to it agree."""
+    data = with_resonator(0.008, 370.0, (0.08, 0.0, 0.0))
+    path = write_strip(tmp_path, *data, 'effects = ["attached resonator", "modulus error"]')
+    model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
+    model.reduce(QUIET)
+    effect = next(e for e in model.effects if e.by_frequency)
+    hypothesis = model.hypothesis((effect,))
+    z = hypothesis.at([0.7, -0.9, -0.4])
+    near = RowPrediction(hypothesis, model.forward, z, 0.0, model.baseline, 0).log_f
+    moved = model.hypothesis((effect,))
+    object.__setattr__(moved, "hz", tuple(1.01 * hz for hz in hypothesis.hz))
+    off = RowPrediction(moved, model.forward, z, 0.0, model.baseline, 0).log_f
+    assert off == pytest.approx(near, abs=3e-5)
+    steps = 1e-3 * np.eye(len(z))
+    _, jacobian = predict(hypothesis, model.forward, model.evidence, z, model.baseline)
+    for j in range(*hypothesis.own.indices(len(z))):
+        ends = [
+            RowPrediction(hypothesis, model.forward, z + way * steps[j], 0.0, model.baseline, 0)
+            for way in (-1, 1)
+        ]
+        by = (ends[1].log_f - ends[0].log_f) / 2e-3
+        # That the mass felt bends with the frequency is left out of them.
+        assert jacobian[: len(by), j] == pytest.approx(by, rel=0.1, abs=1e-6)
+
+
+@pytest.mark.parallel
+def test_places_are_the_same_on_two_ranks(shared_tmp_path):
+    comm = MPI.COMM_WORLD
+    if comm.rank == 0:
+        write_strip(shared_tmp_path, np.array([100.0]), np.ones((12, 1)), "rare = true")
+    comm.barrier()
+    case = load_case(shared_tmp_path)
+    alone, together = (
+        with_places(subject_of(case.diagnosed(), c, QUIET), case.diagnosed_test().sensors)
+        for c in (MPI.COMM_SELF, comm)
+    )
+    assert together.sites.points == pytest.approx(alone.sites.points)
+    assert together.sites.patches == pytest.approx(alone.sites.patches)
+    assert together.sites.tapered == alone.sites.tapered and len(alone.sites.bowed) == 2
+    given = [
+        {"local_loss.depth": 0.5, "local_loss.place": 7.3, "local_loss.size": 2.0},
+        {"put_on.mass": 0.01, "put_on.stiffness": 1e4, "put_on.place": 3.4},
+        {"taper.block": 0.1}, {"bow.across": 1e-3},
+    ]  # fmt: skip
+    for values in given:
+        a, b = (solve_modes(s.full, values, n_modes=9).frequencies_hz[7:]
+                for s in (alone, together))  # fmt: skip
+        assert b == pytest.approx(a, rel=1e-6)
