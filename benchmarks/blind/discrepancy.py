@@ -13,11 +13,9 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import world  # noqa: E402
-from world.cases import _write  # noqa: E402
-
+from benchmarks.blind import worlds  # noqa: E402
 from fenics_joints.case import build_structure, load_case  # noqa: E402
 from fenics_joints.diagnosis.zones.nominal import bonded_values
 from fenics_joints.measurements import pair_modes
@@ -31,17 +29,10 @@ def compare(geometry: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     The latter is relative to unit root mean square, (n_s, m).
     """
-    spec = world.nominal_spec(geometry)
-    truth = world.clean(spec)
+    world = worlds.world_of(geometry)
+    truth = world.clean(world.nominal_spec(geometry))
     with tempfile.TemporaryDirectory() as folder:
-        conditions = [float(t) for t in range(1, len(truth.frequencies) + 1)]
-        _write(
-            Path(folder), np.random.default_rng(0), spec, (1e-9, 1e-9, 1e-9), conditions, truth, []
-        )
-        text = (Path(folder) / "case.toml").read_text()
-        # Keys that only a newer diagnosis knows.
-        kept = [x for x in text.splitlines() if not x.startswith(("shapes_at", "shape_noise"))]
-        (Path(folder) / "case.toml").write_text("\n".join(kept))
+        world.write_nominal(geometry, truth, Path(folder))
         case = load_case(folder)
         structure = build_structure(case, MPI.COMM_SELF)
         given = {k: v for k, v in bonded_values(case).items() if k in structure.parameters}
@@ -56,7 +47,7 @@ def compare(geometry: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def main(names: list[str]) -> None:
     """Print the comparison for each geometry."""
-    for name in names or world.GEOMETRIES:
+    for name in names or worlds.geometries():
         model, truth, error = compare(name)
         print("  world, Hz ", *(f"{f:9.2f}" for f in truth))
         print("  nominal   ", *(f"{f:9.2f}" for f in model))

@@ -16,6 +16,8 @@ __all__ = ["LEVELS", "NONE", "UNKNOWN", "Forecast"]
 
 NONE, UNKNOWN = "no gap", "none of these"
 LEVELS = ("effect", "cause", "class")
+#: Members of a class, and its share of the prior odds, up to which it is an answer.
+_MEMBERS, _SHARE = 5, 0.2
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,13 @@ class Forecast:
             if same_cause(effect["name"], row["name"])
             and (not region or same_region(effect["region"], row["region"]))
         }
+
+    def says_little(self, class_name: str) -> bool:
+        """Whether a class holds more than five effects and more than a fifth of the prior odds."""
+        odds = {key: row.get("odds") or 0.0 for key, row in self.effects.items()}
+        own = sum(odds[key] for key, row in self.effects.items() if row["class"] == class_name)
+        large = own > _SHARE * sum(odds.values()) or not any(odds.values())
+        return self.members(class_name) > _MEMBERS and large
 
     def members(self, class_name: str) -> int:
         """Number of effects in a class; 1 for no gap and none of these."""

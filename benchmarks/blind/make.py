@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from datetime import datetime, timezone
 from pathlib import Path
 
-from benchmarks.blind import seal
+from benchmarks.blind import seal, worlds
 from benchmarks.blind.seal import SealError
 from fenics_joints.files import json_text, write_text
 
@@ -36,6 +36,8 @@ def make_cases(
     *,
     final: bool = False,
     jobs: int = 2,
+    world: str = "first",
+    only: str | None = None,
     say: Callable[[str], None] = print,
 ) -> dict:
     """Make and seal ``n`` cases; what is there of an earlier call is kept.
@@ -47,6 +49,8 @@ def make_cases(
         seed: Of the plan; None draws one that nobody has seen, as a final check asks for.
         final: Whether the geometry and effects that are for scoring only are among them.
         jobs: Processes at a time.
+        world: Name of the world that makes them.
+        only: Its geometry that they shall be of; all of them by default.
         say: Told what is done.
 
     Returns:
@@ -58,7 +62,7 @@ def make_cases(
     if (folder / seal.SEALED).exists():
         raise SealError(f"{folder}: is sealed already; expected a new folder")
     folder.mkdir(parents=True, exist_ok=True)
-    state = _state(folder, key, n, seed, final)
+    state = _state(folder, key, n, seed, final, world, only)
     state["failed"] = {}
     todo = [name for name in state["items"] if name not in state["done"]]
     secrets.SystemRandom().shuffle(todo)  # times of files shall not tell the plan's order
@@ -77,18 +81,20 @@ def make_cases(
     return _publish(folder, key, state)
 
 
-def _state(folder: Path, key: bytes, n: int, seed: int | None, final: bool) -> dict:
+def _state(
+    folder: Path, key: bytes, n: int, seed: int | None, final: bool, world: str, only: str | None
+) -> dict:
     """What an earlier call left, else a new plan under random ids."""
-    asked = {"n": n, "seed": seed, "final": final, "world": seal.source_digest(_WORLD)}
+    own = worlds.folder_of(world)
+    asked = {"n": n, "seed": seed, "final": final, "world": seal.source_digest(own), "of": world,
+             "only": only}  # fmt: skip
     if (folder / _MAKING).exists():
         state = seal.decrypt((folder / _MAKING).read_text(encoding="ascii"), key)
         if state["asked"] != asked:
             raise SealError(f"{folder}: was begun with another seed, number, kind or generator")
         return state
-    from benchmarks.blind import world
-
     drawn = secrets.randbits(62) if seed is None else seed
-    plan = [list(item) for item in world.plan(n, drawn, final)]
+    plan = [list(item) for item in _plan(worlds.world_named(world), n, drawn, final, only)]
     secrets.SystemRandom().shuffle(plan)
     items = dict(zip(seal.new_ids(len(plan)), plan, strict=True))
     state = {"asked": asked, "plan_seed": drawn, "items": items, "done": {}, "failed": {}}
@@ -96,7 +102,13 @@ def _state(folder: Path, key: bytes, n: int, seed: int | None, final: bool) -> d
     return state
 
 
-_WORLD = "benchmarks/blind/world"
+def _plan(world, n: int, seed: int, final: bool, only: str | None) -> list:
+    if only is None:
+        return world.plan(n, seed, final)
+    if only not in world.GEOMETRIES:
+        raise SealError(f"--only {only}: expected one of {', '.join(world.GEOMETRIES)}")
+    many = world.plan(n * len(world.GEOMETRIES), seed, final)
+    return [item for item in many if item[0] == only][:n]
 
 
 def _make(item: list, folder: Path) -> dict:
@@ -149,9 +161,10 @@ def _publish(folder: Path, key: bytes, state: dict) -> dict:
     write_text(folder / seal.ANSWERS, seal.encrypt(answers, key) + "\n")
     listed = {
         "final": state["asked"]["final"],
+        "world": state["asked"]["of"],
         "sealed": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "commit": seal.commit(),
-        "generator_sha256": seal.source_digest(_WORLD),
+        "generator_sha256": seal.source_digest(worlds.folder_of(state["asked"]["of"])),
         "rules_sha256": seal.source_digest(*seal.RULES),
         "diagnosis_sha256": seal.source_digest(*seal.DIAGNOSIS),
         "answers_sha256": seal.file_digest(folder / seal.ANSWERS),
@@ -165,11 +178,9 @@ def _publish(folder: Path, key: bytes, state: dict) -> dict:
 
 def _worker() -> None:
     """Make the case that standard input asks for."""
-    from benchmarks.blind import world
-
     asked = json.load(sys.stdin)
     geometry, kind, effects, seed = asked["item"]
-    truth = world.generate(geometry, kind, effects, seed, Path(asked["folder"]))
+    truth = worlds.world_of(geometry).generate(geometry, kind, effects, seed, Path(asked["folder"]))
     print("\n" + _MARK + seal.canonical(truth).decode(), flush=True)
 
 

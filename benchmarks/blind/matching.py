@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from functools import cache
 
+from benchmarks.blind import worlds
+
 __all__ = ["ALSO", "cause_of", "opened", "outcomes", "same_cause", "same_region"]
 
 #: Further names of the library that are right, beside the world's own list of them; patterns.
@@ -36,15 +38,14 @@ def same_cause(world: str, library: str) -> bool:
 
 @cache
 def _patterns(world: str) -> tuple[str, ...]:
-    return (plain_name(_library().get(world, world)), *ALSO.get(world, ()))
+    names = _library().get(world, (world,))
+    return (*(plain_name(name) for name in names), *ALSO.get(world, ()))
 
 
 @cache
-def _library() -> dict[str, str]:
-    """The world's list of what the diagnosis calls its effects."""
-    from benchmarks.blind.world.effects import LIBRARY
-
-    return LIBRARY
+def _library() -> dict[str, tuple[str, ...]]:
+    """The worlds' lists of what the diagnosis calls their effects."""
+    return worlds.library()
 
 
 def cause_of(library: str) -> str:
@@ -70,17 +71,18 @@ def opened(answer: Mapping) -> dict:
     """The world's truth of a case as scoring needs it.
 
     Returns:
-        ``kind``, ``geometry``, ``noise`` (quiet, usual, poor), ``final_only``, and ``effects`` with
-        the world's ``name``, ``region`` (or those that symmetry makes equal) and ``size``.
+        ``kind``, ``geometry``, ``noise`` (quiet, usual, poor), ``final_only``,
+        ``small_classes``, and ``effects`` with the world's ``name``, ``region`` (or those that
+        symmetry makes equal) and ``size``.
     """
-    from benchmarks.blind.world import NOISE
-
-    size = [tuple(noise) for noise in NOISE].index(tuple(answer["noise"]))
+    world = worlds.world_of(answer["geometry"])
     return {
         "kind": answer["kind"],
         "geometry": answer["geometry"],
-        "noise": ("quiet", "usual", "poor")[size],
+        "noise": world.noise_word(answer["noise"]),
         "final_only": answer["final_only"],
+        # A rule of the third check: answers by class count only while the class is small.
+        "small_classes": world.SMALL_CLASSES,
         "effects": [
             {"name": e["name"], "region": _region(e), "size": e["params"]}
             for e in answer["effects"]
@@ -90,7 +92,7 @@ def opened(answer: Mapping) -> dict:
 
 def _region(effect: Mapping):
     """Where it acts: the world has no place for two modes that were mistaken, the library has."""
-    if effect["name"] != "mis_pairing":
+    if effect["name"] != "mis_pairing" or effect["region"]:
         return effect["region"]
     first = effect["params"]["mode"] + 1
     return f"bending {first}, bending {first + 1}"
@@ -98,9 +100,7 @@ def _region(effect: Mapping):
 
 def outcomes(geometry: str) -> int:
     """Outcomes of a geometry: its effects, no gap, and none of these."""
-    from benchmarks.blind.world import EFFECTS
-
-    return len(EFFECTS[geometry]) + 2
+    return len(worlds.world_of(geometry).EFFECTS[geometry]) + 2
 
 
 def plain_name(text: str) -> str:

@@ -71,6 +71,20 @@ class Record:
             return [{UNKNOWN}]
         return [self.forecast.accepted(e, level, region=region) for e in self.effects]
 
+    def counted(self, level: str, *, region: bool = True) -> list[set[str]]:
+        """As `accepted`, without classes that say too little to be an answer, where rules say so.
+
+        Outcomes without effect have no class. Such an answer is ambiguous: neither first nor among
+        the first two.
+        """
+        found = self.accepted(level, region=region)
+        if level != "class" or not self.truth.get("small_classes"):
+            return found
+        return [
+            {x for x in right if x in (NONE, UNKNOWN) or not self.forecast.says_little(x)}
+            for right in found
+        ]
+
     def rank(self, level: str, *, region: bool = True, named: bool = False) -> float:
         """Rank of the (first) right outcome, from 1; equals count before it; inf if it has none.
 
@@ -82,7 +96,7 @@ class Record:
         shares = self.forecast.shares(level)
         if named:
             shares.pop(UNKNOWN, None)
-        right = self.accepted(level, region=region)[0]
+        right = self.counted(level, region=region)[0]
         best = max((shares.get(label, 0.0) for label in right), default=0.0)
         if best <= 0:
             return math.inf
@@ -285,7 +299,7 @@ def _pairs(records: Sequence[Record]) -> dict:
         for r in records:
             found = r.forecast.marginals(level)
             first = sorted(found, key=lambda k: -found[k])[:2]
-            hits.append([bool(right & set(first)) for right in r.accepted(level, region=False)])
+            hits.append([bool(right & set(first)) for right in r.counted(level, region=False)])
         both = [all(h) and (level == "class" or len(h) == 2) for h in hits]
         out[f"both_{level}"] = Rate.of(both).to_json()
         out[f"one_{level}"] = Rate.of(any(h) for h in hits).to_json()

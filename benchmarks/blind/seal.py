@@ -34,7 +34,8 @@ DIAGNOSIS = ("fenics_joints", "forms", "meshes")
 RULES = tuple(
     f"benchmarks/blind/{name}.py"
     for name in (
-        "forecast", "matching", "oracle", "rates", "reckoning", "score", "targets", "world/effects"
+        "forecast", "matching", "oracle", "rates", "reckoning", "score", "targets", "worlds",
+        "signatures", "calculix/effects", "calculix/sheets", "world/effects",
     )
 )  # fmt: skip
 _SALT = 32  # bytes

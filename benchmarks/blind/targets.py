@@ -54,8 +54,12 @@ class Target:
         }  # fmt: skip
 
 
-def targets(summary: Mapping) -> list[Target]:
-    """The table, from `score.summary`."""
+def targets(summary: Mapping, world: str = "first") -> list[Target]:
+    """The table, from `score.summary`, by what was asked of the world's check."""
+    return _third(summary) if world == "calculix" else _first(summary)
+
+
+def _first(summary: Mapping) -> list[Target]:
     apart, shrink = summary["single_apart"], summary["shrinkage"]
     said = f"single effects with D ≥ {APART}"
     return [
@@ -68,6 +72,26 @@ def targets(summary: Mapping) -> list[Target]:
         _error("expected calibration error, by cause", summary["calibration"]["cause"]),
         _error("expected calibration error, by class", summary["calibration"]["class"]),
         _median("S* on held-out data, median", 0.8, shrink["s"]),
+        _median("S* above the placebo's, median", 0.0, shrink["excess"]),
+    ]
+
+
+def _third(summary: Mapping) -> list[Target]:
+    """Of the check whose D counts the model's error, and whose classes count while small."""
+    apart, shrink = summary["single_apart"], summary["shrinkage"]
+    said = f"single effects with D ≥ {APART}"
+    held = shrink["predicted_covered"]
+    return [
+        _rate(f"{said}: class first", 0.90, apart["top1_class"]),
+        _rate(f"{said}: class among the first two", 0.97, apart["top2_class"]),
+        _rate(f"{said}: cause by its own name first", 0.75, apart["top1_cause"]),
+        _rate("no effect: any verdict but “no gap”", 0.03, summary["none"]["alarm"], False),
+        _rate("unknown caught, at 5 % false", 0.80, summary["unknown"]["caught"]),
+        _error("expected calibration error, by cause", summary["calibration"]["cause"]),
+        _error("expected calibration error, by class", summary["calibration"]["class"]),
+        _rate("stated 90 % intervals that held, at least", 0.87, held),
+        _rate("stated 90 % intervals that held, at most", 0.93, held, False),
+        _median("S* on held-out data, median", 0.85, shrink["s"]),
         _median("S* above the placebo's, median", 0.0, shrink["excess"]),
     ]
 

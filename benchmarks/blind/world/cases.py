@@ -13,7 +13,10 @@ from .model import Answer, answer, calibrate_levels
 from .rigs import RIGS
 from .specimen import Spec
 
-__all__ = ["GEOMETRIES", "NOISE", "Truth", "clean", "generate", "nominal_spec", "plan", "signature"]
+__all__ = [
+    "GEOMETRIES", "NOISE", "Truth", "clean", "generate", "noise_word", "nominal_spec", "plan",
+    "signature", "write_nominal",
+]  # fmt: skip
 
 GEOMETRIES = tuple(RIGS)
 #: Which is for the final check only.
@@ -250,6 +253,18 @@ def _table(file: Path, head, modes, unit, first, values, form: str) -> None:
         cells = ["" if np.isnan(value) else format(value, form) for value in row]
         lines.append(",".join([f"{name:g}", *cells]))
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def noise_word(noise) -> str:
+    """quiet, usual or poor."""
+    return ("quiet", "usual", "poor")[[tuple(n) for n in NOISE].index(tuple(noise))]
+
+
+def write_nominal(geometry: str, shown: Answer, folder: Path) -> None:
+    """A folder with the nominal model and clean data of the structure as drawn."""
+    conditions = [float(t) for t in range(1, len(shown.frequencies) + 1)]
+    rng, noise = np.random.default_rng(0), (1e-9, 1e-9, 1e-9)
+    _write(folder, rng, nominal_spec(geometry), noise, conditions, shown, [])
 
 
 # -- for an oracle ---------------------------------------------------------------------------------
