@@ -107,17 +107,18 @@ GRADED = {"slap": (2.5, 1.0, 0.4, 1.0, 2.5)}
 
 
 @pytest.mark.parametrize(
-    ("truth", "cause", "region"),
+    ("truth", "cause", "region", "verdict"),
     [
-        (GRADED, "joint slap stiffness graded by the distance from the bolt", "lap"),
-        ({"cable": 0.02}, "cable mass", "cable"),
-        ({"axial": 0.3}, "joint axial stiffness", "lap"),
+        (GRADED, "joint slap stiffness graded by the distance from the bolt", "lap", "cause"),
+        ({"cable": 0.02}, "cable mass", "cable", "cause"),
+        # One mode in eight moves with it: held out, the others say next to nothing of it.
+        ({"axial": 0.3}, "joint axial stiffness", "lap", "likely"),
     ],
 )
-def test_the_cause_is_named(tmp_path, truth, cause, region):
+def test_the_cause_is_named(tmp_path, truth, cause, region, verdict):
     case = write_case(tmp_path, measured(**truth), "max_effects = 1", "patches = 0")
     result = diagnose(case, MPI.COMM_SELF)
-    assert result.verdict == "cause", result.summary
+    assert result.verdict == verdict, result.summary
     assert result.effects[0].name == cause, result.effects[:4]
     assert result.after.rms < 0.3 * result.before.rms
     shares = {zone.region: zone.share for zone in result.where}
