@@ -18,7 +18,7 @@ from benchmarks.blind.calculix import program
 from benchmarks.blind.calculix.build import BONDED, Build, Joint
 from benchmarks.blind.calculix.deck import pressures, stiffness, write_deck
 from benchmarks.blind.calculix.effects import UNKNOWN_OF
-from benchmarks.blind.calculix.meshing import mesh_of
+from benchmarks.blind.calculix.meshing import mesh_of, unfolded
 from benchmarks.blind.calculix.rigs import RIGS
 from benchmarks.blind.calculix.ritz import with_attached
 from benchmarks.blind.calculix.specimen import drawn_hz, follow
@@ -79,6 +79,19 @@ def test_pads_have_the_area_of_the_cone(name):
         assert total == pytest.approx(bolts * pads / 2, rel=0.08)
     for pairs in mesh.pairs:
         assert np.allclose(mesh.x[pairs.first], mesh.x[pairs.second], atol=1e-12)
+
+
+def test_a_folded_cell_is_made_straight():
+    """CalculiX refuses it: a middle of an edge beyond the opposite face. A curved one stays."""
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    edges = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+    straight = np.vstack([corners, [corners[list(edge)].mean(axis=0) for edge in edges]])
+    cells = np.arange(10)[None]
+    curved, folded = straight.copy(), straight.copy()
+    curved[4] += [0, -0.05, -0.05]
+    folded[4] += [0, 0.6, 0.6]
+    assert np.array_equal(unfolded(curved, cells), curved)
+    assert np.allclose(unfolded(folded, cells), straight, atol=1e-15)
 
 
 def test_stiffness_goes_with_pressure_and_torque():

@@ -60,7 +60,7 @@ def mesh_of(name: str, scale: float = 1.0) -> Mesh:
         scale: Factor on the size of cells.
     """
     rig = RIGS[name]
-    key = f"{name}_{rig.size * scale:.4g}_{rig.fine * scale:.4g}"
+    key = f"{name}_{rig.size * scale:.4g}_{rig.fine * scale:.4g}_unfolded"
     path = CACHE / f"{key}.npz"
     if path.exists():
         with np.load(path) as kept:
@@ -149,7 +149,51 @@ def _read(gmsh, rig: Rig, volumes) -> dict[str, np.ndarray]:
     for i, one in enumerate(volumes):
         out[f"cells_{i}"] = nodes(3, 11, one, 10)[:, _TO_C3D10]
         out[f"faces_{i}"] = nodes(2, 9, sorted(sides[i] - touching), 6)
+    cells = np.concatenate([out[f"cells_{i}"] for i in range(len(volumes))])
+    out["x"] = unfolded(out["x"], cells)
     return out
+
+
+def unfolded(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Nodes, (n, 3), with the edges of cells that a curved side folds made straight."""
+    x = x.copy()
+    for _ in range(20):
+        bad = cells[_least_volume(x[cells]) <= _FOLDED]
+        if not len(bad):
+            return x
+        for middle, (first, second) in enumerate(_EDGES, 4):
+            x[bad[:, middle]] = (x[bad[:, first]] + x[bad[:, second]]) / 2
+    raise ValueError(f"{len(bad)} cells stay folded though their edges are straight")
+
+
+def _least_volume(nodes: np.ndarray) -> np.ndarray:
+    """Least over a cell of its Jacobian, over that with straight edges, (k,) of (k, 10, 3)."""
+    straight = np.linalg.det(nodes[:, 1:4] - nodes[:, :1])
+    jacobians = np.einsum("pia,kib->kpab", _SLOPES, nodes)
+    return (np.linalg.det(jacobians) / straight[:, None]).min(axis=1)
+
+
+def _slopes(point: np.ndarray) -> np.ndarray:
+    """Derivatives of the ten shape functions by the last three barycentric coordinates, (10, 3)."""
+    by = np.vstack([-np.ones(3), np.eye(3)])
+    t = np.array([1 - point.sum(), *point])
+    corners = (4 * t - 1)[:, None] * by
+    middles = [4 * (t[i] * by[j] + t[j] * by[i]) for i, j in _EDGES]
+    return np.vstack([corners, middles])
+
+
+#: Corners at the ends of the middles 5 to 10 of a C3D10.
+_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+#: Jacobian, over that with straight edges, below which a cell counts as folded.
+_FOLDED = 0.1
+#: At the four points of its quadrature and at its corners.
+_SLOPES = np.array([
+    _slopes(np.array(point))
+    for point in [
+        *np.full((1, 3), 0.1381966), *(0.1381966 + 0.4472136 * np.eye(3)), *np.zeros((1, 3)),
+        *np.eye(3),
+    ]
+])  # fmt: skip
 
 
 def _separate(rig: Rig, x, cells, faces, touch) -> Mesh:
