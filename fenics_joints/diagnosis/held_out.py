@@ -15,6 +15,7 @@ from scipy.special import logsumexp
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit, fit, refreshed
+from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.predictive import gain, held, predictive
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
@@ -216,7 +217,7 @@ def cross_validate(
     """
     nominal = _nominal(forward, evidence, baseline)
     candidates = [refreshed(c, forward, evidence, baseline) for c in candidates]
-    causes = causes or {}
+    causes, leans = causes or {}, Leans(forward, evidence, baseline)
 
     def work(fold):
         name, mask = fold
@@ -224,7 +225,7 @@ def cross_validate(
         blind = blinded(evidence, mask)
         found = None
         if scored.any() and blind.used.any():
-            refits = [_refit(c, forward, blind, baseline) for c in candidates]
+            refits = [_refit(c, forward, blind, baseline, leans) for c in candidates]
             closed = _close(refits, log_prior, is_wrong, nominal, blind, scored)
             gains = _gains(causes, refits, log_prior, blind, evidence, mask)
             found = (*_open(name, closed, nominal, evidence, scored), gains)
@@ -250,10 +251,10 @@ def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]
     }
 
 
-def _refit(candidate: Fit, forward, blind, baseline) -> Fit:
+def _refit(candidate: Fit, forward, blind, baseline, leans: Leans) -> Fit:
     return fit(
         candidate.hypothesis, forward, blind, baseline, starts=[candidate.z], tolerance=_TOLERANCE,
-        known=candidate,
+        known=candidate, guide=leans.of(candidate.hypothesis, several=True),
     )  # fmt: skip
 
 

@@ -73,6 +73,10 @@ class LeanForward(Forward):
             return super().seen_shapes(self._own(values))
         return self.model.sensor_rows @ x, self.model.shift_rows @ x
 
+    def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
+        """See `Forward`."""
+        return super().shapes(self._own(values))
+
     def _own(self, values) -> dict[str, float]:
         """Without parameters that the model does not have, which a solution would refuse."""
         return {name: values[name] for name in self.model.parameters}

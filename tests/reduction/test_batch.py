@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
 
@@ -230,7 +229,7 @@ def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
 
 
 def test_a_fit_that_a_lean_model_guides_ends_where_the_whole_one_does():
-    """A fraction of its size; where shapes are fitted, which it is not made for, there is none."""
+    """A fraction of its size, and what is said of the end is the whole model's."""
     model, sensors = chain(120)
     forward = forward_of(model, sensors)
     hypothesis = Hypothesis((stiffer("right.G", 0.5),), (stiffer("rho", 0.01),))
@@ -245,9 +244,35 @@ def test_a_fit_that_a_lean_model_guides_ends_where_the_whole_one_does():
     # What is said of the end is the whole model's.
     said, _ = predict(hypothesis, forward, evidence, guided.z, BASELINE)
     assert guided.predicted == pytest.approx(said, abs=1e-12)
-    shapes = forward.reference / np.sqrt(np.mean(forward.reference**2, axis=0))
-    with_shapes = replace(evidence, shapes=shapes, near=np.eye(120))
-    assert Leans(forward, with_shapes, BASELINE).of(hypothesis) is None
+
+
+def test_a_lean_model_guides_fits_of_shapes_and_of_sensors_errors():
+    """As the whole one, also where what is wrong is a sensor and the model is as it was."""
+    model, sensors = chain(120)
+    forward = forward_of(model, sensors)
+    rng = np.random.default_rng(2)
+    true = forward.reference / np.sqrt(np.mean(forward.reference**2, axis=0))
+    shapes = true + 0.02 * rng.standard_normal(true.shape)
+    shapes[40] *= 0.4
+    low = Effect(
+        "mis-scaled", "", (Prior("gain", 1.0, 0.5),), None,
+        sensing=lambda sensing, theta: sensing.gains.__setitem__(40, theta["gain"]),
+    )  # fmt: skip
+    log_f = forward(BASELINE)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
+    evidence = Evidence(
+        np.ones(1), log_f, np.full((1, 4), 0.003), 0.003, shapes=shapes, near=np.eye(len(shapes)),
+    )  # fmt: skip
+    leans = Leans(forward, evidence, BASELINE)
+    for effect in (stiffer("right.G", 0.5), low):
+        hypothesis = Hypothesis((effect,), (stiffer("rho", 0.01),))
+        guide = leans.of(hypothesis)
+        assert guide.model.n_dofs < 60
+        alone, guided = (
+            fit(hypothesis, forward, evidence, BASELINE, guide=g) for g in (None, guide)
+        )
+        assert guided.log_evidence == pytest.approx(alone.log_evidence, abs=0.02)
+        assert guided.z == pytest.approx(alone.z, abs=0.05)
+    assert guided.z[-1] == pytest.approx(np.log(0.4) / 0.5, abs=0.2)
 
 
 def test_all_kinds_of_data_are_as_predicted_one_by_one():

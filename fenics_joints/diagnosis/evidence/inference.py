@@ -36,7 +36,7 @@ _STARTS = 3
 _STEP = 1e-4
 #: How much less probable, in ln, another end may be, and how far away in prior standard deviations.
 _CLOSE, _ELSEWHERE = 6.0, 0.3
-#: Nats by which a guide may differ from the model where a fit ended.
+#: Nats by which a guide may differ from the model where a fit ended, or where it was integrated.
 _SAME = 0.02
 #: Fits of one hypothesis with standard deviations between levels that the one before called for.
 _ROUNDS = 3
@@ -192,7 +192,9 @@ def _fit_at(
         try:
             scan, ends = _searched(quick, starts, tolerance, known is None)
             z = min(ends, key=lambda end: end[0])[1]
-            if all(whole.agrees(quick, at) for at in (z, *(() if scan is None else [scan.start]))):
+            if whole.ends_with(quick, z, tolerance) and (
+                scan is None or whole.agrees(quick, scan.start)
+            ):
                 return _finished(whole, scan, ends)
             starts = [z]
         except (InputError, np.linalg.LinAlgError):
@@ -313,13 +315,18 @@ class _Problem:
             [whiten(self.lower, jacobian[self.evidence.fitted]), np.eye(len(z))]
         )
 
+    def ends_with(self, other: _Problem, z: np.ndarray, tolerance: float) -> bool:
+        """Whether a search that another model ends at a point would end there, but for a small part
+        of a nat, or of what the search itself leaves: its value there is one's own in any case."""
+        own, slope = self.residual(z), self.slope(z)
+        turn = slope.T @ own - other.slope(z).T @ other.residual(z)
+        gain = turn @ np.linalg.solve(slope.T @ slope, turn)
+        return bool(gain <= max(2 * _SAME, tolerance * (own @ own)))
+
     def agrees(self, other: _Problem, z: np.ndarray) -> bool:
-        """Whether another model has the same evidence at a point, and would go the same way from
-        there, but for a small part of a nat each."""
-        (own, slope), (residual, its) = ((p.residual(z), p.slope(z)) for p in (self, other))
-        turn = slope.T @ own - its.T @ residual
-        apart = abs(own @ own - residual @ residual), turn @ np.linalg.solve(slope.T @ slope, turn)
-        return bool(max(apart) <= 2 * _SAME)
+        """Whether another model has the same evidence at a point, but for a small part of a nat."""
+        own, residual = self.residual(z), other.residual(z)
+        return bool(abs(own @ own - residual @ residual) <= 2 * _SAME)
 
     def scan(self, index: int, limits) -> _Scan:
         """The evidence's integrand over one parameter, the others optimal in a linear model."""

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from fenics_joints.diagnosis.effects.effect import Effect
-from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
+from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, SHAPE, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.reduction.batch import pod
@@ -55,9 +55,11 @@ class Leans:
         self.whole = batched(forward) if isinstance(forward, Forward) else None
         self._model = forward.model
         self.evidence, self.baseline = evidence, baseline
-        is_f = evidence.entries.kind[evidence.fitted] == FREQUENCY
-        sizes = np.sqrt(np.diag(evidence.covariance())[is_f])
-        self.limit = _LIMIT * float(np.median(sizes)) if len(sizes) else 0.0
+        kinds, sizes = evidence.entries.kind[evidence.fitted], np.diag(evidence.covariance())
+        self.limit, self.shape_limit = (
+            _LIMIT * float(np.sqrt(np.median(sizes[own]))) if np.any(own) else 0.0
+            for own in (kinds == FREQUENCY, kinds == SHAPE)
+        )
         self._snapshots: dict[str, list[Snapshot]] = {}
         self._known: dict[tuple, LeanForward | None] = {}
 
@@ -67,21 +69,31 @@ class Leans:
 
     @property
     def wanted(self) -> bool:
-        """Whether the reduced model is one of plain arrays that is large enough, and none of its
-        shapes are fitted, for which a lean one is not tried."""
-        if self.whole is None or not self.whole.batches or self.evidence.shapes is not None:
+        """Whether the reduced model is one of plain arrays that is large enough."""
+        if self.whole is None or not self.whole.batches:
             return False
         return self.forward.model.n_dofs >= _LARGE and self.limit > 0
 
-    def of(self, hypothesis: Hypothesis) -> LeanForward | None:
+    def of(self, hypothesis: Hypothesis, several: bool = False) -> LeanForward | None:
         """The lean forward of a hypothesis; None where there is none that is good enough.
 
-        Nor is there one of several effects: their fits are many, and each takes no longer than the
-        making; nor of one whose place is a parameter, which may change any part of the model.
+        Nor is there one of an effect whose place is a parameter, which may change any part of the
+        model.
+
+        Args:
+            hypothesis: The hypothesis.
+            several: Whether one of several effects is worth it, as where it is fitted many times:
+                a single fit takes no longer than the making.
         """
         placed = any(prior.even for _, prior in hypothesis.priors)
-        if not self.wanted or hypothesis.senses or placed or len(hypothesis.effects) > 1:
+        # A mode that the test missed is another model's.
+        missed = hypothesis.senses and self.forward.further is not None
+        if not self.wanted or missed or placed or (len(hypothesis.effects) > 1 and not several):
             return None
+        # What changes the sensors alone leaves the model as it is.
+        hypothesis = replace(
+            hypothesis, effects=tuple(e for e in hypothesis.effects if e.apply is not None)
+        )
         key = tuple(effect.key for effect in hypothesis.effects)
         if key not in self._known:
             try:
@@ -101,10 +113,12 @@ class Leans:
             lean = self._on(model, snapshots, share)
             tries = self._values(hypothesis, _TRIES, seed)
             exact = self.whole.prepare(tries, slopes=False)
+            seen = self._read(self.whole, tries)
             self.whole.release()
             if not np.isfinite(exact).all() or lean.model.n_dofs > _SMALL * model.n_dofs:
                 return None
-            if frequency_error(lean, tries, exact) <= self.limit:
+            off = frequency_error(lean, tries, exact)
+            if off <= self.limit and self._shape_error(lean, tries, seen) <= self.shape_limit:
                 return lean
             snapshots, share = snapshots + self._seen(tries), share / 2
         return None
@@ -114,6 +128,21 @@ class Leans:
         weights = np.concatenate([w for _, w in snapshots])
         vectors, sizes = pod(model, shapes, weights)
         return LeanForward(self.forward, model.on(vectors[:, sizes > share * sizes[0]]))
+
+    def _read(self, forward: LeanForward, tries) -> list[np.ndarray]:
+        """Shapes at the sensors, where they are measured, of root mean square 1, (n_s, m) each."""
+        if self.evidence.shapes is None:
+            return []
+        found = [forward.seen_shapes(values)[0] for values in tries]
+        return [x / np.sqrt(np.mean(x**2, axis=0)) for x in found]
+
+    def _shape_error(self, lean: LeanForward, tries, seen: list[np.ndarray]) -> float:
+        """Largest root mean square difference of a shape that is measured."""
+        off = 0.0
+        for x, exact in zip(self._read(lean, tries), seen, strict=True):
+            x = x * np.sign(np.sum(x * exact, axis=0))
+            off = max(off, float(np.sqrt(np.mean((x - exact) ** 2, axis=0)).max()))
+        return off
 
     # -- samples -------------------------------------------------------------------------------
 
