@@ -80,6 +80,17 @@ def test_a_diagnosis_is_said_to_take_what_it_took():
     assert 0.4 < seconds(6, ranks=2) / seconds(6) < 0.7
 
 
+def test_levels_of_a_mode_count_in_what_a_diagnosis_takes():
+    """350 s of the beam from a drawing with eight levels, 126 s with the hammer alone."""
+    case = load_case(DEMOS / "half_lap_beam/drawn.toml")
+    hammer = case.test.model_copy(update={"amplitude": {}})
+    found = [
+        next(c.seconds for c in costs_of(one, estimate(one), None, 1) if c.command == "diagnose")
+        for one in (case, case.model_copy(update={"test": hammer}))
+    ]
+    assert 350 / 2 < found[0] < 2 * 350 and 126 / 2 < found[1] < 2 * 126
+
+
 def test_all_at_once(tmp_path, write_case, keeps_rules):
     """What cannot be read, what is not there, what is beside the mesh and what is unlikely."""
     write_case(

@@ -9,6 +9,7 @@ from fenics_joints.case import Case, Estimate, estimate
 from fenics_joints.case.machine import available_bytes
 from fenics_joints.case.size import BEGIN, estimate_of
 from fenics_joints.diagnosis.model.resolution import MOST
+from fenics_joints.errors import InputError
 
 __all__ = ["Cost", "costs_of", "known", "too_much"]
 
@@ -78,13 +79,21 @@ def _costs(case: Case, found: Estimate, ranks: int) -> Iterator[Cost]:
         found = estimate(coarse, ranks=ranks)
     solutions = _SAMPLE * case.diagnose.samples + _CHECKS
     once = max(found.seconds - BEGIN, 0.0)
-    more = len(case.measured) - 1
+    more = _conditions(case) - 1
     ways = (_FITS, _SAMPLED) if case.diagnose.nested else (_FITS,)
     fits = sum(first + more * each for first, each in ways) / ranks
     memory = found.bytes + ranks * _BESIDE
     if case.diagnose.mesh_error and case.mesh.origin != "beams" and _FINER * found.dofs < MOST:
         memory = max(memory, _FINER * found.bytes)
     yield Cost("diagnose", found.seconds + solutions * once + fits, memory)
+
+
+def _conditions(case: Case) -> int:
+    """Torques or levels of the test, those of modes over their amplitude among them."""
+    try:
+        return len(case.diagnosed_test())
+    except InputError:
+        return len(case.measured)  # why it is none stands among the errors
 
 
 def too_much(costs: tuple[Cost, ...]) -> list[str]:
