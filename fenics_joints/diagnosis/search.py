@@ -139,7 +139,7 @@ class Search:
         """
         model = self.model
         if self._leans is None or not self._leans.are_of(model.forward):
-            self._leans = Leans(model.forward, model.evidence, model.baseline)
+            self._leans = Leans(model.forward, model.evidence, model.baseline, self._leans)
         return self._leans.of(hypothesis)
 
     def looked(

@@ -48,9 +48,14 @@ class Leans:
         forward: Of the reduced model.
         evidence: The test.
         baseline: Parameter values of the nominal model.
+        earlier: Those of the reduced model before it was extended: they guide as well but near what
+            it was extended by, and there it has the last word.
     """
 
-    def __init__(self, forward: Forward, evidence: Evidence, baseline: dict[str, float]):
+    def __init__(
+        self, forward: Forward, evidence: Evidence, baseline: dict[str, float],
+        earlier: Leans | None = None,
+    ):  # fmt: skip
         self.forward = forward
         self.whole = batched(forward) if isinstance(forward, Forward) else None
         self._model = forward.model
@@ -61,7 +66,7 @@ class Leans:
             for own in (kinds == FREQUENCY, kinds == SHAPE)
         )
         self._snapshots: dict[str, list[Snapshot]] = {}
-        self._known: dict[tuple, LeanForward | None] = {}
+        self._known: dict[tuple, LeanForward | None] = dict(earlier._known) if earlier else {}
 
     def are_of(self, forward: Forward) -> bool:
         """Whether a forward's model is still the one that these are made from."""
