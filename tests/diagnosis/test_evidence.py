@@ -14,6 +14,7 @@ from fenics_joints.diagnosis.evidence.evidence import (
     Evidence,
     evidence_of,
 )
+from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
 from fenics_joints.measurements import TestData
 from fenics_joints.structure import Sensors
 
@@ -169,3 +170,36 @@ def test_close_modes_may_turn_into_one_another_as_far_as_the_models_error_turns_
     much = shapes @ [[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]
     assert squares((100.0, 103.0), much) < 8.0
     assert squares((100.0, 160.0), much) > 30.0
+
+
+def test_a_shape_may_turn_into_a_mode_that_the_test_lacks():
+    """As the model has it beside, to its scale; and one that is held out is still there."""
+    rng = np.random.default_rng(5)
+    modes, _ = np.linalg.qr(rng.standard_normal((12, 3)))  # of a body of 1 kg a node
+    points = np.column_stack([np.linspace(0, 1, 12), np.zeros((12, 2))])
+    hz = np.array([100.0, 160.0, 163.0])
+    angle = np.radians(20.0)
+    turn = modes.copy()
+    turn[:, 1] = np.cos(angle) * modes[:, 1] + np.sin(angle) * modes[:, 2]
+    data = measured(
+        conditions=[5.0], frequencies_hz=[hz[:2]], damping=None, damping_noise=None,
+        shapes=turn[:, :2], shape_noise=0.01, sensors=Sensors(points, [0.0, 0.0, 1.0]),
+    )  # fmt: skip
+    alone = evidence_of(data, 0.01)
+    beside = replace(alone, neighbours=Neighbours(np.log(hz), modes, np.arange(2)))
+
+    def squares(evidence, mode):
+        own = (evidence.entries.kind == SHAPE) & (evidence.entries.mode == mode)
+        off = (np.sqrt(12) * modes[:, mode]) - evidence.data[own]
+        C = evidence.full_covariance()[np.ix_(own, own)]
+        return off @ np.linalg.solve(C, off)
+
+    assert squares(alone, 1) > 20.0 and squares(beside, 1) < 8.0  # of 12 data
+    # The share of the third in the second: of its own root mean square, by 1 % over ln (163 / 160).
+    off = turned(np.log(hz[:2]), alone.shapes, np.full(2, 0.01), 0.1, beside.neighbours)
+    near = next(shape for mode, shape in off if mode == 1)
+    size = np.sqrt((0.01 / np.log(163 / 160)) ** 2 - 0.1**2)
+    assert near == pytest.approx(size * np.sqrt(12) * modes[:, 2], rel=1e-9)
+    hidden = np.array([np.log(100.0), np.nan])
+    off = turned(hidden, alone.shapes, np.full(2, 0.6), 0.1, beside.neighbours)
+    assert [mode for mode, _ in off].count(0) == 3  # of both others, and what is then missing

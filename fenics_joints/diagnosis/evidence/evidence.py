@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 
 from fenics_joints.diagnosis.effects.damping import has_ratios
 from fenics_joints.diagnosis.evidence.between import Scales, correlation, medians
+from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
 from fenics_joints.diagnosis.evidence.weighed import Weighed
 from fenics_joints.measurements.data import TestData
 
@@ -101,6 +101,8 @@ class Evidence:
             mesh, which is taken for the discrepancy where it is larger; None where it was not
             measured.
         mesh_shift: How much higher, in ln f, the mesh makes each mode, (m,); None likewise.
+        neighbours: The nominal model's modes, those that the test lacks among them; None where they
+            are not known.
     """
 
     conditions: np.ndarray
@@ -122,6 +124,7 @@ class Evidence:
     weighed: tuple[Weighed, ...] = ()
     mesh_error: np.ndarray | None = None
     mesh_shift: np.ndarray | None = None
+    neighbours: Neighbours | None = None
 
     def __repr__(self) -> str:
         return f"Evidence({self.fitted.sum()} data at {len(self.conditions)} conditions)"
@@ -264,29 +267,14 @@ class Evidence:
         return total + np.diag(self.noise_sd() ** 2)
 
     def _turned(self, by_mode: np.ndarray) -> np.ndarray:
-        """Errors of shapes from close modes that turn into one another, (N, 3 pairs).
-
-        An error of the model that is d in ln f of two modes turns them by d / |ln (f_i / f_j)|
-        (first-order perturbation; Fox and Kapoor, AIAA J. 6, 1968): half a per cent apart, what one
-        has of the other says nothing. Of that, what `shape_error` does not hold already.
-        """
-        e, log_f = self.entries, self.log_f[self.shape_row]
-        columns = []
-        for i, j in combinations(np.flatnonzero(np.isfinite(log_f)), 2):
-            apart = abs(log_f[i] - log_f[j])
-            angle = min(np.hypot(by_mode[i], by_mode[j]) / np.sqrt(2) / max(apart, 1e-12), 1.0)
-            if angle <= self.shape_error:
-                continue
-            size = np.sqrt(angle**2 - self.shape_error**2)
-            # What each has of the other, with opposite signs; and what of each is then missing.
-            for ways in (
-                ((i, j, size), (j, i, -size)), ((i, i, size**2 / 2),), ((j, j, size**2 / 2),)
-            ):  # fmt: skip
-                column = np.zeros(len(e.kind))
-                for at, of, much in ways:
-                    own = (e.kind == SHAPE) & (e.mode == at)
-                    column[own] = much * np.nan_to_num(self.shapes[e.sensor[own], of])
-                columns.append(column)
+        """Errors of shapes by modes nearby, (N, k), see `turned`."""
+        e, columns = self.entries, []
+        found = turned(
+            self.log_f[self.shape_row], self.shapes, by_mode, self.shape_error, self.neighbours
+        )
+        for mode, shape in found:
+            own = (e.kind == SHAPE) & (e.mode == mode)
+            columns.append(np.where(own, shape[e.sensor], 0.0))
         return np.array(columns).reshape(-1, len(e.kind)).T
 
     def noise_sd(self) -> np.ndarray:

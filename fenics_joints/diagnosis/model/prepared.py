@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from fenics_joints.diagnosis.effects.user import for_zones
 from fenics_joints.diagnosis.evidence.equal import distinct
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
 from fenics_joints.diagnosis.model.resolution import mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
@@ -110,6 +111,8 @@ class Prepared(Subject):
             samples=lambda: self._samples(self.case.diagnose.samples), travel=self._travel,
             keep=None if keep is None else file, progress=progress,
         )  # fmt: skip
+        if self.evidence.shapes is not None:
+            self.evidence = replace(self.evidence, neighbours=self._neighbours())
         if self.case.diagnose.mesh_error:
             errors = mesh_errors(
                 self.surrogate, self.baseline, progress,
@@ -117,6 +120,14 @@ class Prepared(Subject):
             )  # fmt: skip
             if errors is not None:
                 self.evidence = self.evidence.on_mesh(errors)
+
+    def _neighbours(self) -> Neighbours:
+        """The nominal model's modes, which those of the test may turn into. Collective."""
+        modes, first = self.surrogate.nominal, self.surrogate.nominal.n_rigid
+        return Neighbours(
+            np.log(modes.frequencies_hz[first:]), modes.at(self.data.sensors)[:, first:],
+            self.surrogate.pairing.index - first,
+        )  # fmt: skip
 
     def mesh_error(self) -> dict[str, float]:
         """How much too high the mesh makes the test's modes; empty where it was not measured."""
