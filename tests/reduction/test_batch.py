@@ -275,6 +275,24 @@ def test_a_lean_model_guides_fits_of_shapes_and_of_sensors_errors():
     assert guided.z[-1] == pytest.approx(np.log(0.4) / 0.5, abs=0.2)
 
 
+def test_a_lean_model_knows_what_an_effect_that_only_dissipates_dissipates_in():
+    """It changes no stiffness, and asks for the share of the energy in one all the same."""
+    model, sensors = chain(120)
+    forward = forward_of(model, sensors)
+    loss = Effect("loss", "", (Prior("eta", 0.01, 0.5),), None,
+                  loss=lambda theta, condition, hz: {"right.G": theta["eta"]})  # fmt: skip
+    hypothesis = Hypothesis((loss,), (stiffer("rho", 0.01),), modes=tuple("abcd"), damped=True)
+    evidence = Evidence(
+        np.ones(1), forward(BASELINE)[0][None], np.full((1, 4), 0.003), 0.003,
+        log_damping=np.log([[0.004, 0.006, 0.005, 0.004]]),
+    )  # fmt: skip
+    guide = Leans(forward, evidence, BASELINE).of(hypothesis)
+    assert "right.G" in guide.model.parameters
+    alone, guided = (fit(hypothesis, forward, evidence, BASELINE, guide=g) for g in (None, guide))
+    assert guided.log_evidence == pytest.approx(alone.log_evidence, abs=0.02)
+    assert guided.z == pytest.approx(alone.z, abs=0.05)
+
+
 def test_all_kinds_of_data_are_as_predicted_one_by_one():
     """Frequencies, damping and shapes at two levels of a lossy effect, on a complete basis."""
     model, sensors = chain()

@@ -96,10 +96,9 @@ class Leans:
         if not self.wanted or missed or placed or (len(hypothesis.effects) > 1 and not several):
             return None
         # What changes the sensors alone leaves the model as it is.
-        hypothesis = replace(
-            hypothesis, effects=tuple(e for e in hypothesis.effects if e.apply is not None)
-        )
-        key = tuple(effect.key for effect in hypothesis.effects)
+        own = tuple(e for e in hypothesis.effects if e.apply is not None or e.loss is not None)
+        hypothesis = replace(hypothesis, effects=own)
+        key = tuple(effect.key for effect in own)
         if key not in self._known:
             try:
                 self._known[key] = self._made(hypothesis)
@@ -202,7 +201,7 @@ def _points(hypothesis: Hypothesis, count: int, seed: int) -> np.ndarray:
     limits = hypothesis.limits[:some]
     points = np.zeros((count + 2, len(hypothesis.priors)))
     if some:
-        unit = qmc.Sobol(some, seed=seed).random(count)
+        unit = qmc.Sobol(some, seed=seed).random_base2(int(np.ceil(np.log2(count))))[:count]
         points[2:, :some] = np.clip(_REACH * (2 * unit - 1), *limits.T)
     return np.vstack([points, *_steps(hypothesis)])
 
