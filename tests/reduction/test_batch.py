@@ -23,6 +23,7 @@ from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward, freeze, narrow
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.compact import merged
+from fenics_joints.reduction.lean import frequency_error
 from fenics_joints.reduction.many import change
 from fenics_joints.structure import Parameter, Sensors, Spring
 from fenics_joints.structure.laws import LAYER_LAWS
@@ -244,6 +245,25 @@ def test_a_fit_that_a_lean_model_guides_ends_where_the_whole_one_does():
     # What is said of the end is the whole model's.
     said, _ = predict(hypothesis, forward, evidence, guided.z, BASELINE)
     assert guided.predicted == pytest.approx(said, abs=1e-12)
+
+
+def test_a_lean_model_outlives_an_extension_only_where_it_is_as_good():
+    """That of a model whose link could not part does not; of an equal model it does."""
+    model, sensors = chain(120)
+    forward = forward_of(model, sensors)
+    poor = forward_of(model.on(solve_modes(model, {"k": 2e12}, n_modes=90).shapes), sensors)
+    poor.reference = forward.reference
+    hypothesis = Hypothesis((stiffer("k", 1.0),), (stiffer("rho", 0.01),))
+    log_f = forward(BASELINE)[0][None]
+    evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003)
+    before, now = Leans(poor, evidence, BASELINE), Leans(forward, evidence, BASELINE)
+    old, new = (leans.of(hypothesis) for leans in (before, now))
+    values = [{**BASELINE, "k": k} for k in (4e7, 1e9)]
+    exact = np.array([forward(each)[0] for each in values])
+    assert frequency_error(old, values, exact) > 3 * now.limit
+    assert Leans(forward, evidence, BASELINE, now).of(hypothesis) is new
+    extended = Leans(forward, evidence, BASELINE, before).of(hypothesis)
+    assert frequency_error(extended, values, exact) <= now.limit
 
 
 def test_a_lean_model_guides_fits_of_shapes_and_of_sensors_errors():

@@ -48,8 +48,8 @@ class Leans:
         forward: Of the reduced model.
         evidence: The test.
         baseline: Parameter values of the nominal model.
-        earlier: Those of the reduced model before it was extended: they guide as well but near what
-            it was extended by, and there it has the last word.
+        earlier: Those of the reduced model before it was extended, which serve on where they are as
+            good for the extended one.
     """
 
     def __init__(
@@ -66,7 +66,8 @@ class Leans:
             for own in (kinds == FREQUENCY, kinds == SHAPE)
         )
         self._snapshots: dict[str, list[Snapshot]] = {}
-        self._known: dict[tuple, LeanForward | None] = dict(earlier._known) if earlier else {}
+        self._known: dict[tuple, LeanForward | None] = {}
+        self._earlier = dict(earlier._known) if earlier else {}
 
     def are_of(self, forward: Forward) -> bool:
         """Whether a forward's model is still the one that these are made from."""
@@ -101,10 +102,18 @@ class Leans:
         key = tuple(effect.key for effect in own)
         if key not in self._known:
             try:
-                self._known[key] = self._made(hypothesis)
+                self._known[key] = self._still_good(hypothesis, key) or self._made(hypothesis)
             except (InputError, ConvergenceError, np.linalg.LinAlgError):
                 self._known[key] = None  # somewhere in its prior there is no model
         return self._known[key]
+
+    def _still_good(self, hypothesis: Hypothesis, key: tuple) -> LeanForward | None:
+        """The lean forward of the model before, if this one says the same."""
+        lean = self._earlier.get(key)
+        if lean is None:
+            return None
+        tries = self._values(hypothesis, _TRIES, _ROUNDS)
+        return lean if self._is_good(lean, tries, *self._exact(tries)) else None
 
     def _made(self, hypothesis: Hypothesis) -> LeanForward | None:
         free = changed(hypothesis, self.forward.model.parameters, self.evidence, self.baseline)
@@ -116,16 +125,25 @@ class Leans:
         for seed in range(_ROUNDS):
             lean = self._on(model, snapshots, share)
             tries = self._values(hypothesis, _TRIES, seed)
-            exact = self.whole.prepare(tries, slopes=False)
-            seen = self._read(self.whole, tries)
-            self.whole.release()
+            exact, seen = self._exact(tries)
             if not np.isfinite(exact).all() or lean.model.n_dofs > _SMALL * model.n_dofs:
                 return None
-            off = frequency_error(lean, tries, exact)
-            if off <= self.limit and self._shape_error(lean, tries, seen) <= self.shape_limit:
+            if self._is_good(lean, tries, exact, seen):
                 return lean
             snapshots, share = snapshots + self._seen(tries), share / 2
         return None
+
+    def _exact(self, tries) -> tuple[np.ndarray, list[np.ndarray]]:
+        """ln f of the reduced model at points, (n, m), and its shapes as `_read` has them."""
+        exact = self.whole.prepare(tries, slopes=False)
+        seen = self._read(self.whole, tries)
+        self.whole.release()
+        return exact, seen
+
+    def _is_good(self, lean: LeanForward, tries, exact: np.ndarray, seen) -> bool:
+        if frequency_error(lean, tries, exact) > self.limit:
+            return False
+        return self._shape_error(lean, tries, seen) <= self.shape_limit
 
     def _on(self, model, snapshots: Sequence[Snapshot], share: float) -> LeanForward:
         shapes = np.hstack([x for x, _ in snapshots])
