@@ -293,6 +293,18 @@ def test_a_wrong_effect_that_predicts_nothing_has_no_number():
     assert "5612" not in text + page
 
 
+def test_rows_of_one_name_say_which():
+    """Two sensors misplaced stood as one name twice."""
+    plain = diagnosis()
+    two = [EffectResult("sensor misplaced", f"sensor {i}", p, "family", True)
+           for i, p in ((3, 0.25), (9, 0.15))]  # fmt: skip
+    console = Console(file=io.StringIO(), width=100)
+    show_diagnosis(console, replace(plain, effects=[*two, *plain.effects[2:]]))
+    text = console.file.getvalue().partition("which effect")[2]
+    assert "sensor misplaced (sensor 3)" in text and "sensor misplaced (sensor 9)" in text
+    assert "modulus error " in text and "modulus error (plate" not in text
+
+
 def test_an_ambiguous_verdict_has_a_sentence_of_its_own():
     assert explain(diagnosis(verdict="ambiguous")).which.startswith(
         "Undecided between joint normal"

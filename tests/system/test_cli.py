@@ -271,6 +271,22 @@ def test_help_is_quick():
 
 
 @serial
+def test_an_answer_of_the_database_loads_neither_dolfinx_nor_matplotlib():
+    """They took half of its two seconds."""
+    code = (
+        "import sys; sys.argv = ['fenics-joints', 'database', 'query', '--bolt', 'M12', "
+        "'--torque', '120 N·m', '--thickness', '25 mm']\n"
+        "from fenics_joints.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
+        "print([m for m in ('dolfinx', 'matplotlib', 'sklearn') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert "contact radius" in done.stdout and done.stdout.rstrip().endswith("[]")
+
+
+@serial
 def test_commands_and_rooms_are_imported_when_asked_for():
     assert all(callable(getattr(commands, name)) for name in commands.__all__)
     assert fenics_joints.modal.solve_modes is solve_modes and "preload" in dir(fenics_joints)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from rich.console import Console
 from rich.padding import Padding
 from rich.table import Table
@@ -15,6 +17,7 @@ from fenics_joints.commands.diagnose.reading import (
     heading_of,
     leading,
     sure_causes,
+    with_place,
 )
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.formatting import (
@@ -82,7 +85,7 @@ def _where(console: Console, d: Diagnosis) -> None:
 
 
 def _which(console: Console, d: Diagnosis) -> None:
-    classes = effect_classes(d)
+    classes, often = effect_classes(d), Counter(effect.name for effect in d.effects)
     table = new_table("which effect", "class", ">probability", "")
     # Every cause that is named has its row; a class takes one of its own beside its members'.
     named, shown = {group.name for group in sure_causes(d)}, 0
@@ -94,7 +97,10 @@ def _which(console: Console, d: Diagnosis) -> None:
             name = f"one of {len(group.effects)} in"
             _effect_row(table, name, group.letter, group.probability, indent=0)
         for effect in members:
-            _effect_row(table, effect.name, group.letter, effect.probability)
+            # Which of several of one name, as the loose bolts.
+            key = f"{effect.name} ({effect.region})"
+            name = effect.name if often[effect.name] == 1 else with_place(key)
+            _effect_row(table, name, group.letter, effect.probability)
         shown += len(members)
     more(table, len(d.effects) - shown)
     console.print(table)
