@@ -53,19 +53,27 @@ class Browser:
         self._run(self._browser.close())
         self._loop.call_soon_threadsafe(self._loop.stop)
 
-    def show(self, file: Path, *, width: int = 1280, dark: bool = False) -> None:
-        """Load a page from a file, as by a double click."""
+    def show(self, page: Path | str, *, width: int = 1280, dark: bool = False) -> None:
+        """Load a page from a file, as by a double click, or from an address."""
         self._send("Emulation.setDeviceMetricsOverride", width=width, height=900,
                    deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._send("Emulation.setEmulatedMedia", features=[scheme])
-        self._send("Page.navigate", url=file.resolve().as_uri())
+        address = page.resolve().as_uri() if isinstance(page, Path) else page
+        self._send("Page.navigate", url=address)
+        self.until("location.protocol !== 'about:' && document.readyState === 'complete'")
+
+    def until(self, expression: str) -> None:
+        """Wait until it holds.
+
+        Raises:
+            AssertionError: If it does not within some seconds.
+        """
         for _ in range(400):
-            there = "location.protocol === 'file:' && document.readyState === 'complete'"
-            if self.js(there):
+            if self.js(expression):
                 return
             threading.Event().wait(0.02)
-        raise AssertionError(f"{file} is not loaded")
+        raise AssertionError(f"it never came to hold that {expression}")
 
     def js(self, expression: str):
         """Value of an expression, which may be a promise.
@@ -97,11 +105,20 @@ class Browser:
         """Fail if a page breaks a rule, in light or dark, or does not fit a phone or paper."""
         file = folder / "page.html"
         file.write_text(text, encoding="utf-8")
+        views = text.count('type="application/json"')
+        self.check_at(file, f"document.querySelectorAll('.live').length === {views}")
+
+    def check_at(self, page: Path | str, ready: str) -> None:
+        """`check` of a page that is there already.
+
+        Args:
+            page: Its file or address.
+            ready: JavaScript that says whether it is drawn.
+        """
         for width, dark in ((1280, False), (1280, True), (390, False)):
-            self.show(file, width=width, dark=dark)
+            self.show(page, width=width, dark=dark)
+            self.until(ready)
             assert self.js("document.documentElement.scrollWidth") <= width
-            views = text.count('type="application/json"')
-            assert self.js("document.querySelectorAll('.live').length") == views
             self.js("document.querySelectorAll('details').forEach(d => { d.open = true; })")
             if width > 600:
                 found = self.rules(*(("color-contrast",) if dark else ()))

@@ -114,6 +114,11 @@ def test_the_page_fetches_nothing_from_elsewhere_and_serves_nobody_else(page_url
     assert listening == ["0100007F"] or not os.path.exists("/proc/net/tcp")
 
 
+def test_the_page_keeps_the_rules_of_the_others(page_url, browser):
+    """Contrast in light and dark, names of fields, a phone's width, paper."""
+    browser.check_at(page_url, "document.getElementById('radius-value').innerText.includes('mm')")
+
+
 def test_a_typed_torque_gives_the_radius_and_what_is_outside_the_data_is_said(page_url):
     surfaces = Surfaces.fit(seed_database())
 
