@@ -25,11 +25,13 @@ __all__ = [
 
 #: Colours that the page replaces by its own, and those that suit light and dark pages alike.
 INK, _MUTED, _LINE, PAPER = "#1b2027", "#5b6470", "#d3d8de", "#fdfdfc"
-_PAGE = {INK: "--ink", _MUTED: "--muted", _LINE: "--line", PAPER: "--paper"}
+_BLUE, _GREEN = "#0072b2", "#009e73"
+_PAGE = {INK: "--ink", _MUTED: "--muted", _LINE: "--line", PAPER: "--paper", _BLUE: "--blue",
+         _GREEN: "--green"}  # fmt: skip
 CHOSEN, NOMINAL, PLACEBO, NOISE = "#2b7bba", "#8d949e", "#d9822b", "#4d9a6a"
 
 #: Colours one after the other that all kinds of colour vision tell apart (Okabe and Ito 2008).
-SERIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
+SERIES = (_BLUE, "#e69f00", _GREEN, "#cc79a7", "#56b4e9", "#d55e00")
 
 _STYLE = {
     "axes.prop_cycle": cycler(color=SERIES),
@@ -55,6 +57,8 @@ _STYLE = {
     "legend.labelcolor": INK,
     "axes.unicode_minus": False,
 }
+#: Pixels of a point below which a phone scrolls a chart instead of making it smaller.
+_LEGIBLE = 1.1
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
@@ -112,8 +116,9 @@ def to_svg(figure: Figure, name: str, alt: str, dpi: int = 150) -> str:
         text = text.replace(colour, f"var({variable}, {colour})")
     # The page's own font; matplotlib's list would ask for what the reader may not have.
     text = re.sub(r"font-family: [^;\"]*", "font-family: inherit", text)
-    label = html.escape(alt, quote=True)
-    return re.sub(r"^<svg ", f'<svg role="img" aria-label="{label}" ', text, count=1)
+    label, least = html.escape(alt, quote=True), _LEGIBLE * 72 * figure.get_figwidth()
+    named = f'<svg role="img" aria-label="{label}" style="--least: {least:.0f}px" '
+    return re.sub(r"^<svg ", lambda _: named, text, count=1)
 
 
 def _unique_ids(text: str, name: str) -> str:

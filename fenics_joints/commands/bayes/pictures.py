@@ -122,6 +122,8 @@ def _wrapped(label: str) -> str:
 
 
 def _tidied_pair(axes) -> None:
+    for artist in (*axes.lines, *axes.collections):
+        artist.set_color(CHOSEN)  # of pixels, which take no colour from the page
     for text in (axes.xaxis.label, axes.yaxis.label):
         text.set_text(_wrapped(text.get_text()))
         text.set_fontsize(8)
