@@ -2,8 +2,9 @@
 
 Into ``build/docs`` unless told otherwise, with Sphinx, MyST and furo (``fenics-joints[docs]``),
 from the Markdown pages of the repository, docstrings, the case file's schema and the demos. It
-needs no network. Demos that take less than a minute are run; with ``--static`` none is. With
-``--links`` nothing is built: links that lead elsewhere are followed, which takes a network.
+needs no network. Notebooks, and demos that take less than a minute, are run; with ``--static`` none
+is. With ``--links`` nothing is built: links that lead elsewhere are followed, which takes a
+network.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ DOCS = Path(__file__).resolve().parent
 REPOSITORY = DOCS.parent
 sys.path.insert(0, str(DOCS))
 
-from site_pages import api, gallery, pages, reference  # noqa: E402
+from site_pages import api, gallery, notebooks, pages, reference  # noqa: E402
 
 
 def main() -> int:
@@ -32,7 +33,9 @@ def main() -> int:
     pages.write(REPOSITORY, source)
     reference.write(source)
     api.write(source)
-    gallery.write(REPOSITORY, source, run=not (arguments.static or arguments.links))
+    run = not (arguments.static or arguments.links)
+    notebooks.write(REPOSITORY, source, run)
+    gallery.write(REPOSITORY, source, run)
     from sphinx.cmd.build import build_main
 
     builder = "linkcheck" if arguments.links else "html"

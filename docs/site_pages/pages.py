@@ -69,7 +69,7 @@ def relinked(text: str, original: str, sites: Mapping[str, str], source: Path) -
 
     def turned(match: re.Match) -> str:
         path = os.path.normpath(os.path.join(os.path.dirname(original), match[1]))
-        page = sites.get(path) or sites.get(f"{path}/README.md")
+        page = sites.get(path) or sites.get(f"{path}/README.md") or _notebook(path)
         if page:
             place = f"{page}.md"
         else:
@@ -82,6 +82,12 @@ def relinked(text: str, original: str, sites: Mapping[str, str], source: Path) -
     return "".join(
         part if part.startswith("```") else LINK.sub(turned, part) for part in blocks
     )
+
+
+def _notebook(path: str) -> str | None:
+    """The page of one of the notebooks."""
+    folder, _, file = path.rpartition("/")
+    return f"notebooks/{file[:-3]}" if folder == "docs/notebooks" else None
 
 
 def _contents(source: Path, known: set[str]) -> str:

@@ -132,7 +132,9 @@ def status_map(state: ContactState, *, centres=None) -> Figure:
             corners, owner = _corners(plane.points, facets)
             colours = [_STATUS[kind][1] for kind in state.status[owner]]
             panel.add_collection(
-                PolyCollection(corners, facecolors=colours, edgecolors=colours, lw=0.3)
+                PolyCollection(
+                    corners, facecolors=colours, edgecolors=colours, lw=0.3, rasterized=True
+                )
             )
             _facets(panel, plane, facets, "none")
             panel.set_title(patch.title, loc="left")
@@ -340,7 +342,9 @@ def _plan(state: ContactState, centres):
 
 def _facets(panel, plane: _Plane, facets: np.ndarray, colours) -> None:
     shapes = plane.points[facets[:, _AROUND[facets.shape[1]]]]
-    panel.add_collection(PolyCollection(shapes, facecolors=colours, edgecolors=_MUTED, lw=0.3))
+    panel.add_collection(
+        PolyCollection(shapes, facecolors=colours, edgecolors=_MUTED, lw=0.3, rasterized=True)
+    )
 
 
 def _corners(points: np.ndarray, facets: np.ndarray):

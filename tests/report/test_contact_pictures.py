@@ -14,6 +14,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.meshes import c_beams, stacked_blocks
 from fenics_joints.preload import OPEN, SLIP, STICK, Contact, ContactState, PreloadModel
 from fenics_joints.report.contact_pictures import pressure_map, pressure_profile, status_map
+from fenics_joints.report.style import to_svg
 from fenics_joints.structure import Structure, part
 
 CENTRES = np.array([[0.0497 / 2, 0.0, 0.0], [0.508 - 0.0497 / 2, 0.0, 0.0]])
@@ -76,6 +77,14 @@ def test_facets_have_the_colour_of_their_pressure():
     # One colour for each column of the four that are closed, darker towards the right.
     columns = np.unique(np.column_stack([centres[:, 0].round(6), colours])[~is_open], axis=0)
     assert len(columns) == 4 and np.all(np.diff(columns[:, 1:4].sum(axis=1)) < 0)
+
+
+@pytest.mark.parametrize("draw", [pressure_map, status_map])
+def test_a_page_bears_the_facets_of_a_real_interface(draw):
+    """Drawn one by one, 2,400 facets made a megabyte."""
+    state = square(lambda x: 4e7 * x[:, 0])
+    cells = to_svg(draw(state), "a", "a contact").count("<path")
+    assert cells < len(state.interface.facets)
 
 
 def test_status_covers_each_vertex_with_its_own_area():
