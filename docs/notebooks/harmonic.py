@@ -64,3 +64,16 @@ for fact in found.facts:
     print(f"{fact.level:6g} N: {fact.frequency_hz:.3f} Hz, {100 * fact.damping_ratio:.2f} %")
 low, high = found.facts
 assert high.frequency_hz < low.frequency_hz and high.damping_ratio > low.damping_ratio
+# -
+
+# Both responses over their force: what is linear would lie on one line.
+
+# +
+from matplotlib import pyplot
+
+figure, axes = pyplot.subplots(figsize=(7, 3), layout="constrained")
+for fact, response in zip(found.facts, found.responses, strict=True):
+    amplitude = response.amplitude("sensor", "displacement") / fact.level
+    axes.plot(response.frequencies_hz, 1e3 * amplitude, label=f"{fact.level:g} N")
+axes.set(xlabel="frequency, Hz", ylabel="displacement over force, mm/N")
+_ = axes.legend()

@@ -30,6 +30,7 @@ assert abs(state.normal_force / 25e3 - 1) < 1e-6
 # `state.to_pyvista()` for pyvista.
 
 # +
+# %matplotlib inline
 from fenics_joints.report import pressure_profile
 
 pressure_profile(state)

@@ -51,7 +51,7 @@ def _run(notebook, where: Path) -> None:
 def _shown(output, folder: Path, name: str) -> str:
     """An output as Markdown: a picture, else a table, else text; nothing of warnings."""
     if output.output_type == "stream":
-        return f"```text\n{output.text.strip()}\n```" if output.name == "stdout" else ""
+        return "```text\n" + output.text.strip("\n") + "\n```" if output.name == "stdout" else ""
     data = output.get("data", {})
     if "image/png" in data:
         picture = f"{name}-{len(list(folder.glob('*.png')))}.png"

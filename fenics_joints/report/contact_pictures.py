@@ -27,9 +27,10 @@ from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, grid
 
 __all__ = ["pressure_map", "pressure_profile", "status_map"]
 
-_INK, _MUTED, _APART = "#1b2027", "#8d949e", "#eceef1"
+#: Of lines over facets, which are pixels and keep their colours on a dark page.
+_INK, _MUTED, _APART = "#cf3f16", "#8d949e", "#eceef1"
 _PRESSURE = colormaps["YlGnBu"]
-_STATUS = {OPEN: ("open", "#d3d8de"), SLIP: ("slip", PLACEBO), STICK: ("stick", CHOSEN)}
+_STATUS = {OPEN: ("open", "#c9ced5"), SLIP: ("slip", PLACEBO), STICK: ("stick", CHOSEN)}
 _DASHES = (0, (4, 3))
 #: Corners of a facet one after the other, by their number.
 _AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
