@@ -252,9 +252,10 @@ def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]
 
 
 def _refit(candidate: Fit, forward, blind, baseline, leans: Leans) -> Fit:
+    hypothesis, guide = candidate.hypothesis, leans.of(candidate.hypothesis, several=True)
     return fit(
-        candidate.hypothesis, forward, blind, baseline, starts=[candidate.z], tolerance=_TOLERANCE,
-        known=candidate, guide=leans.of(candidate.hypothesis, several=True),
+        hypothesis, leans.whole_of(hypothesis) if guide is None else forward, blind, baseline,
+        starts=[candidate.z], tolerance=_TOLERANCE, known=candidate, guide=guide,
     )  # fmt: skip
 
 

@@ -137,10 +137,13 @@ class Search:
         Args:
             hypothesis: What is fitted.
         """
+        return self._leans_now().of(hypothesis)
+
+    def _leans_now(self) -> Leans:
         model = self.model
         if self._leans is None or not self._leans.are_of(model.forward):
             self._leans = Leans(model.forward, model.evidence, model.baseline, self._leans)
-        return self._leans.of(hypothesis)
+        return self._leans
 
     def looked(
         self,
@@ -250,10 +253,11 @@ class Search:
 
     def _fit_task(self, task) -> Fit:
         hypothesis, starts = task
-        alone = self.model.comm.size == 1
+        model, guide, alone = self.model, self.guide(hypothesis), self.model.comm.size == 1
+        forward = self._leans_now().whole_of(hypothesis) if guide is None else model.forward
         return fit(
-            hypothesis, self.model.forward, self.model.evidence, self.model.baseline,
-            starts=starts, tolerance=_TOLERANCE, guide=self.guide(hypothesis),
+            hypothesis, forward, model.evidence, model.baseline, starts=starts,
+            tolerance=_TOLERANCE, guide=guide,
             progress=self.progress.advance if alone else None,
         )  # fmt: skip
 

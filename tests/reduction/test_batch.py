@@ -295,6 +295,25 @@ def test_a_lean_model_guides_fits_of_shapes_and_of_sensors_errors():
     assert guided.z[-1] == pytest.approx(np.log(0.4) / 0.5, abs=0.2)
 
 
+def test_a_fit_in_few_terms_is_the_fit():
+    """Of two effects, for which no lean model is made; to round-off."""
+    model, sensors = chain(120)
+    forward = forward_of(model, sensors)
+    hypothesis = Hypothesis(
+        (stiffer("right.G", 0.5), stiffer("k", 0.5)), (stiffer("rho", 0.01), stiffer("tip", 0.1))
+    )
+    truth = hypothesis.values(np.array([0.7, -0.6, 0.2, 0.3]), 1.0, BASELINE)
+    evidence = Evidence(np.ones(1), forward(truth)[0][None], np.full((1, 4), 0.003), 0.003)
+    leans = Leans(forward, evidence, BASELINE)
+    few = leans.whole_of(hypothesis)
+    assert leans.of(hypothesis) is None and "left.G" not in few.model.parameters
+    assert len(few.model.pencil.terms[0]) < len(model.pencil.terms[0])
+    one, other = (fit(hypothesis, f, evidence, BASELINE) for f in (forward, few))
+    assert other.z == pytest.approx(one.z, abs=1e-6)
+    assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-8)
+    assert other.jacobian == pytest.approx(one.jacobian, abs=1e-8)
+
+
 def test_a_lean_model_knows_what_an_effect_that_only_dissipates_dissipates_in():
     """It changes no stiffness, and asks for the share of the energy in one all the same."""
     model, sensors = chain(120)
