@@ -272,6 +272,9 @@ def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():
     said = f"The mesh alone makes an error of {100 * off:.2f} % (root mean square over the modes). "
     share = f"uncertain is {50 * off / plain.before.rms:.0f} % of the gap"
     assert [w for w in explain(doubted).doubts if w.startswith(said) and share in w]
+    own = f"after the mesh's own {100 * off:.2f} % is taken off"
+    assert f"(root mean square, {own}); that is the gap." in explain(doubted).start
+    assert "mesh" not in explain(plain).start
     fine = replace(plain, model={**plain.model, "mesh_error": {"a": 0.002, "b": 0.002}})
     assert explain(fine).doubts == explain(plain).doubts
 

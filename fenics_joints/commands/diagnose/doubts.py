@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_joints.commands.diagnose.reading import LEVEL, SHARE, in_words, leading, sure_causes
+from fenics_joints.commands.diagnose.reading import (
+    LEVEL,
+    SHARE,
+    in_words,
+    leading,
+    mesh_error,
+    sure_causes,
+)
 from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words
 from fenics_joints.diagnosis.effects.amplitude import NAMES
 from fenics_joints.diagnosis.evidence.between import medians
@@ -88,8 +95,7 @@ def _broad(d: Diagnosis) -> list[str]:
 
 def _of_mesh(d: Diagnosis) -> list[str]:
     """That the mesh is too coarse for more to be told, where what is left of its error is much."""
-    errors = list(d.model.get("mesh_error", {}).values())
-    off = float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
+    off = mesh_error(d)
     if UNSURE * off < SHARE * d.before.rms:
         return []
     return [

@@ -25,6 +25,7 @@ from fenics_joints.commands.diagnose.reading import (
     is_loud,
     leading,
     members_in_words,
+    mesh_error,
     named,
     probability_of,
     sure_causes,
@@ -51,8 +52,8 @@ from fenics_joints.formatting import error_percent, percent, probability, spaced
 
 __all__ = ["Explanation", "explain"]
 
-#: Probability of a look-alike that is not worth a word.
-_REMOTE = 0.01
+#: Probability of a look-alike that is not worth a word; error of the mesh that is.
+_REMOTE, _SEEN = 0.01, 5e-4
 _COUNT = {2: "two", 3: "three"}
 #: Words of the diagnosis with what they mean, where they first stand.
 _HELD = "On data held out while the cause was chosen and fitted,"
@@ -112,8 +113,14 @@ def explain(d: Diagnosis) -> Explanation:
 
 
 def _start(d: Diagnosis) -> str:
-    off = f"is {percent(d.before.rms)} off the measured frequencies (root mean square)"
+    off = f"is {percent(d.before.rms)} off the measured frequencies (root mean square{_mesh(d)})"
     return f"The nominal model{_JOINTS[d.joints]} {off}; that is the gap."
+
+
+def _mesh(d: Diagnosis) -> str:
+    """What the mesh adds to the gap no more."""
+    off = mesh_error(d)
+    return f", after the mesh's own {percent(off)} is taken off" if off > _SEEN else ""
 
 
 _JOINTS = {

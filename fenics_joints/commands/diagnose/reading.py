@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
+import numpy as np
+
 from fenics_joints.commands.diagnose.words import (
     NARROWED,
     VERDICTS,
@@ -24,7 +26,8 @@ from fenics_joints.formatting import probability, spaced
 __all__ = [
     "LEVEL", "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
     "effect_classes", "effect_key", "heading_of", "in_test", "in_words", "is_loud", "leading",
-    "members_in_words", "named", "probability_of", "sampled", "sure_causes", "with_place",
+    "members_in_words", "mesh_error", "named", "probability_of", "sampled", "sure_causes",
+    "with_place",
 ]  # fmt: skip
 
 #: Adjusted p below which a test says more than chance.
@@ -130,6 +133,12 @@ def effect_key(effect: EffectResult) -> str:
 def along(found: Location, by: str) -> list[Attribution]:
     """What each group of one kind, such as ``mode``, adds to the misfit."""
     return [a for a in found.attribution if a.by == by]
+
+
+def mesh_error(d: Diagnosis) -> float:
+    """Root mean square over the modes of the mesh's own error; 0 where it was not measured."""
+    errors = list(d.model.get("mesh_error", {}).values())
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
 
 
 def is_loud(part: Attribution, parts: Sequence[Attribution]) -> bool:
