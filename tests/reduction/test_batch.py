@@ -14,7 +14,7 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
-from fenics_joints.diagnosis.evidence.leans import Leans
+from fenics_joints.diagnosis.evidence.leans import Leans, changed
 from fenics_joints.diagnosis.evidence.marginal import Marginal
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.evidence.sampled import nested_evidence
@@ -312,6 +312,19 @@ def test_a_fit_in_few_terms_is_the_fit():
     assert other.z == pytest.approx(one.z, abs=1e-6)
     assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-8)
     assert other.jacobian == pytest.approx(one.jacobian, abs=1e-8)
+
+
+def test_what_gives_way_only_at_the_end_of_a_prior_is_no_constant():
+    """A tip that is lost beyond four standard deviations, or at the second condition alone."""
+    def lost(values, theta, condition):
+        values["tip"] *= 0.5 if theta["size"] > np.exp(4.0) or condition > 1.5 else 1.0
+
+    for conditions, spread in (((1.0,), 1.0), ((1.0, 2.0), 0.1)):
+        h = Hypothesis((Effect("lost", "", (Prior("size", 1.0, spread),), lost),),
+                       conditions=conditions)  # fmt: skip
+        n = len(conditions)
+        evidence = Evidence(np.array(conditions), np.zeros((n, 4)), np.full((n, 4), 0.003), 0.003)
+        assert changed(h, BASELINE, evidence, BASELINE) == ["tip"]
 
 
 def test_a_lean_model_knows_what_an_effect_that_only_dissipates_dissipates_in():

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from scipy.stats import qmc
@@ -35,6 +36,8 @@ _POINTS, _REACH, _TRIES, _ROUNDS = 16, 2.5, 6, 4
 #: round; weight of modes that are not the test's, which must be there for these to be told from
 #: them; share of the reduced model's size at which a lean one is none.
 _SHARE, _OTHERS, _SMALL = 1e-3, 0.1, 0.6
+#: Parameters of effects of which all limits are tried together.
+_CORNERS = 4
 #: Error of ln f, relative to the data's standard deviation, that is good enough for a guide.
 _LIMIT = 0.05
 
@@ -249,6 +252,18 @@ def _steps(hypothesis: Hypothesis) -> list[np.ndarray]:
     ]  # fmt: skip
 
 
+def _ends(hypothesis: Hypothesis) -> list[np.ndarray]:
+    """Points at either limit of each parameter of effects and tolerances, the others at their
+    medians; and at all limits of the effects' together, where they are few."""
+    own, found = hypothesis.own, []
+    for j, limits in enumerate(hypothesis.limits[: own.stop]):
+        at = np.arange(len(hypothesis.priors)) == j
+        found += [np.where(at, limit, 0.0) for limit in limits]
+    if 1 < own.stop - own.start <= _CORNERS:
+        found += [hypothesis.at(np.array(corner)) for corner in product(*hypothesis.limits[own])]
+    return found
+
+
 def changed(
     hypothesis: Hypothesis, names: Iterable[str], evidence: Evidence, baseline: dict[str, float]
 ) -> list[str]:
@@ -262,11 +277,15 @@ def changed(
         baseline: Parameter values of the nominal model.
     """
     wanted = all_over(hypothesis, evidence, baseline, _POINTS, seed=5)
-    for z in _steps(hypothesis):
-        for row, condition in enumerate(evidence.conditions):
-            wanted.append(hypothesis.values(z, float(condition), baseline, row))
+    conditions = [float(condition) for condition in evidence.conditions]
+    # What gives way from some size on does so at a limit, and perhaps at one condition alone.
+    for z in (*_steps(hypothesis), *_ends(hypothesis)):
+        wanted += [hypothesis.values(z, c, baseline, row) for row, c in enumerate(conditions)]
+        wanted += [
+            hypothesis.values(z, conditions[0], baseline, 0, look) for look in hypothesis.looks[1:]
+        ]
     middle = np.zeros(len(hypothesis.priors))
-    lossy = {key for c in evidence.conditions for key in hypothesis.losses(middle, float(c), 1.0)}
+    lossy = {key for c in conditions for key in hypothesis.losses(middle, c, 1.0)}
     return [
         name for name in names
         if name in lossy or any(v[name] != baseline[name] for v in wanted)
