@@ -2,9 +2,9 @@
 
 Into ``build/docs`` unless told otherwise, with Sphinx, MyST and furo (``fenics-joints[docs]``),
 from the Markdown pages of the repository, docstrings, the case file's schema and the demos. It
-needs no network. Notebooks, and demos that take less than a minute, are run; with ``--static`` none
-is. With ``--links`` nothing is built: links that lead elsewhere are followed, which takes a
-network.
+needs no network. Notebooks, and demos that take less than a minute, are run; with ``--all`` every
+demo, with ``--static`` none is. With ``--links`` nothing is built: links that lead elsewhere are
+followed, which takes a network.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def main() -> int:
     api.write(source)
     run = not (arguments.static or arguments.links)
     notebooks.write(REPOSITORY, source, run)
-    gallery.write(REPOSITORY, source, run)
+    gallery.write(REPOSITORY, source, run, long=arguments.all)
     from sphinx.cmd.build import build_main
 
     builder = "linkcheck" if arguments.links else "html"
@@ -53,7 +53,9 @@ def main() -> int:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folder", nargs="?", type=Path, help="build/docs, or build/links")
-    parser.add_argument("--static", action="store_true", help="run no demo")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--static", action="store_true", help="run no demo")
+    which.add_argument("--all", action="store_true", help="run the demos that take minutes, too")
     parser.add_argument("--links", action="store_true", help="follow links that lead elsewhere")
     arguments = parser.parse_args()
     usual = REPOSITORY / "build" / ("links" if arguments.links else "docs")

@@ -29,7 +29,7 @@ Pictures are drawn by the scripts{when}.
 """
 
 
-def write(repository: Path, source: Path, run: bool) -> None:
+def write(repository: Path, source: Path, run: bool, long: bool = False) -> None:
     """Write `gallery/index.md`, and a page for each demo and for each of its scripts.
 
     Args:
@@ -37,6 +37,7 @@ def write(repository: Path, source: Path, run: bool) -> None:
         source: The site's folder of sources.
         run: Run the demos that take less than a minute; the others keep the pictures in
             `docs/gallery`.
+        long: Run the others, too.
     """
     folder = source / "gallery"
     folder.mkdir()
@@ -51,18 +52,18 @@ def write(repository: Path, source: Path, run: bool) -> None:
         scripts = sorted(readme.parent.glob("demo_*.py"))
         if (repository / "docs" / "gallery" / f"{name}.png").exists():
             shutil.copy(repository / "docs" / "gallery" / f"{name}.png", folder)
-        stories = [_story(script, folder, run) for script in scripts]
+        stories = [_story(script, folder, run, long) for script in scripts]
         (folder / f"{name}.md").write_text(page + _scripts(stories), encoding="utf-8")
         text += _card(name, folder, page, stories)
     text += "\n```{toctree}\n:hidden:\n\n" + "\n".join(names) + "\n```\n"
     (folder / "index.md").write_text(text, encoding="utf-8")
 
 
-def _story(script: Path, folder: Path, run: bool) -> tuple[str, str, bool]:
+def _story(script: Path, folder: Path, run: bool, long: bool) -> tuple[str, str, bool]:
     """Write a script's page; its name, title, and whether it has a picture."""
     name = script.stem
     picture = folder / f"{name}.png"
-    printed = _run(script, picture) if run and name not in LONG else None
+    printed = _run(script, picture, long) if run and (long or name not in LONG) else None
     committed = script.parents[2] / "docs" / "gallery" / f"{name}.png"
     if not picture.exists() and committed.exists():
         shutil.copyfile(committed, picture)
@@ -75,15 +76,13 @@ def _story(script: Path, folder: Path, run: bool) -> tuple[str, str, bool]:
     return name, title.strip("# "), picture.exists()
 
 
-def _run(script: Path, picture: Path) -> str | None:
+def _run(script: Path, picture: Path, long: bool) -> str | None:
     """What a script prints, or None if it takes too long; if it fails, so does the site."""
     command = [sys.executable, str(script), str(picture)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    limits = {} if long else {"timeout": BUSY * SECONDS, "preexec_fn": _limited}
     try:
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, timeout=BUSY * SECONDS,
-            preexec_fn=_limited,
-        )  # fmt: skip
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, **limits)
     except subprocess.TimeoutExpired:
         done = None
     if done is None or done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
