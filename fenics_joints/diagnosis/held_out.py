@@ -225,7 +225,7 @@ def cross_validate(
         blind = blinded(evidence, mask)
         found = None
         if scored.any() and blind.used.any():
-            refits = [_refit(c, forward, blind, baseline, leans) for c in candidates]
+            refits = [_refit(c, blind, baseline, leans) for c in candidates]
             closed = _close(refits, log_prior, is_wrong, nominal, blind, scored)
             gains = _gains(causes, refits, log_prior, blind, evidence, mask)
             found = (*_open(name, closed, nominal, evidence, scored), gains)
@@ -251,11 +251,11 @@ def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]
     }
 
 
-def _refit(candidate: Fit, forward, blind, baseline, leans: Leans) -> Fit:
-    hypothesis, guide = candidate.hypothesis, leans.of(candidate.hypothesis, several=True)
+def _refit(candidate: Fit, blind, baseline, leans: Leans) -> Fit:
+    forward, guide = leans.for_fit(candidate.hypothesis, several=True)
     return fit(
-        hypothesis, leans.whole_of(hypothesis) if guide is None else forward, blind, baseline,
-        starts=[candidate.z], tolerance=_TOLERANCE, known=candidate, guide=guide,
+        candidate.hypothesis, forward, blind, baseline, starts=[candidate.z], tolerance=_TOLERANCE,
+        known=candidate, guide=guide,
     )  # fmt: skip
 
 

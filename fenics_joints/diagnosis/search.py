@@ -32,7 +32,6 @@ from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.parallel import spread
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
-from fenics_joints.reduction.forward import Forward
 
 __all__ = ["Search"]
 
@@ -131,15 +130,9 @@ class Search:
                 starts[i].append(from_none[i])
         return starts
 
-    def guide(self, hypothesis: Hypothesis) -> Forward | None:
-        """What shows a fit the way, see `Leans.of`; of the reduced model as it is.
-
-        Args:
-            hypothesis: What is fitted.
-        """
-        return self._leans_now().of(hypothesis)
-
-    def _leans_now(self) -> Leans:
+    @property
+    def leans(self) -> Leans:
+        """What shows fits the way; of the reduced model as it is."""
         model = self.model
         if self._leans is None or not self._leans.are_of(model.forward):
             self._leans = Leans(model.forward, model.evidence, model.baseline, self._leans)
@@ -161,7 +154,7 @@ class Search:
         model = self.model
 
         def look(task):
-            forward = self.guide(task[0]) or model.forward
+            forward = self.leans.of(task[0]) or model.forward
             return quick_evidence(*task, forward, model.evidence, model.baseline, lowers)
 
         return spread(model.comm, list(zip(hypotheses, starts, strict=True)), look)
@@ -253,8 +246,8 @@ class Search:
 
     def _fit_task(self, task) -> Fit:
         hypothesis, starts = task
-        model, guide, alone = self.model, self.guide(hypothesis), self.model.comm.size == 1
-        forward = self._leans_now().whole_of(hypothesis) if guide is None else model.forward
+        model, alone = self.model, self.model.comm.size == 1
+        forward, guide = self.leans.for_fit(hypothesis)
         return fit(
             hypothesis, forward, model.evidence, model.baseline, starts=starts,
             tolerance=_TOLERANCE, guide=guide,

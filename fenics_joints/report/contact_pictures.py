@@ -28,7 +28,7 @@ from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, grid
 __all__ = ["pressure_map", "pressure_profile", "status_map"]
 
 #: Of lines over facets, which are pixels and keep their colours on a dark page.
-_INK, _MUTED, _APART = "#cf3f16", "#8d949e", "#eceef1"
+_LINE, _MUTED, _APART = "#cf3f16", "#8d949e", "#eceef1"
 _PRESSURE = colormaps["YlGnBu"]
 _STATUS = {OPEN: ("open", "#c9ced5"), SLIP: ("slip", PLACEBO), STICK: ("stick", CHOSEN)}
 _DASHES = (0, (4, 3))
@@ -93,7 +93,7 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
             colours = np.where((value > 0)[:, None], _PRESSURE(norm(value)), to_rgba(_APART))
             _facets(panel, plane, state.interface.facets[patch.facets], colours)
             lines = _contour(plane.points, patch, limit)
-            panel.add_collection(LineCollection(lines, colors=_INK, lw=1.5, capstyle="round"))
+            panel.add_collection(LineCollection(lines, colors=_LINE, lw=1.5, capstyle="round"))
             radius = patch.radius(limit)
             if radius > 0:
                 _circle(panel, plane, patch, radius)
@@ -106,8 +106,8 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
         bar.set_label("pressure, MPa")
         bar.outline.set_visible(False)
         handles = [
-            Line2D([], [], color=_INK, lw=1.5, label=_limit_name(limit)),
-            Line2D([], [], color=_INK, ls=_DASHES, lw=1.1, label="contact radius"),
+            Line2D([], [], color=_LINE, lw=1.5, label=_limit_name(limit)),
+            Line2D([], [], color=_LINE, ls=_DASHES, lw=1.1, label="contact radius"),
             Patch(fc=_APART, label="open"),
         ]
         figure.legend(handles=handles, loc="outside upper left", ncols=3)
@@ -195,10 +195,10 @@ def _profile(panel, patch: _Patch, limit: float, along) -> None:
             at[mask], p[mask], "o", ms=3.4, mec=_MUTED if kind == OPEN else colour, mew=0.5,
             color=colour, label=name, zorder=3,
         )  # fmt: skip
-    panel.axhline(limit / 1e6, color=_INK, lw=1.0, zorder=1, label=_limit_name(limit))
+    panel.axhline(limit / 1e6, color=_LINE, lw=1.0, zorder=1, label=_limit_name(limit))
     radius = patch.radius(limit)
     if along is None and radius > 0:
-        panel.axvline(_MM * radius, color=_INK, lw=1.1, ls=_DASHES, zorder=1)
+        panel.axvline(_MM * radius, color=_LINE, lw=1.1, ls=_DASHES, zorder=1)
         left = _MM * radius < at.min() + 0.7 * np.ptp(at)
         panel.annotate(
             f"contact radius {_MM * radius:.1f} mm", (_MM * radius, 0.97), (5 if left else -5, 0),
@@ -374,6 +374,6 @@ def _contour(points: np.ndarray, patch: _Patch, limit: float) -> np.ndarray:
 
 def _circle(panel, plane: _Plane, patch: _Patch, radius: float) -> None:
     centre = plane.at(patch.centre[None])[0]
-    panel.add_patch(Circle(centre, _MM * radius, fill=False, ec=_INK, lw=1.1, ls=_DASHES))
-    panel.plot(*centre, "+", color=_INK, ms=6, mew=0.8)
+    panel.add_patch(Circle(centre, _MM * radius, fill=False, ec=_LINE, lw=1.1, ls=_DASHES))
+    panel.plot(*centre, "+", color=_LINE, ms=6, mew=0.8)
 

@@ -61,7 +61,8 @@ class Browser:
         self._send("Emulation.setEmulatedMedia", features=[scheme])
         address = page.resolve().as_uri() if isinstance(page, Path) else page
         self._send("Page.navigate", url=address)
-        self.until("location.protocol !== 'about:' && document.readyState === 'complete'")
+        there = f"location.protocol === '{address.partition(':')[0]}:'"
+        self.until(f"{there} && document.readyState === 'complete'")
 
     def until(self, expression: str) -> None:
         """Wait until it holds.

@@ -15,9 +15,9 @@ from fenics_joints.commands.diagnose.reading import (
     by_reason,
     effect_classes,
     heading_of,
+    in_words,
     leading,
     sure_causes,
-    with_place,
 )
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.formatting import (
@@ -98,8 +98,7 @@ def _which(console: Console, d: Diagnosis) -> None:
             _effect_row(table, name, group.letter, group.probability, indent=0)
         for effect in members:
             # Which of several of one name, as the loose bolts.
-            key = f"{effect.name} ({effect.region})"
-            name = effect.name if often[effect.name] == 1 else with_place(key)
+            name = effect.name if often[effect.name] == 1 else in_words(effect)
             _effect_row(table, name, group.letter, effect.probability)
         shown += len(members)
     more(table, len(d.effects) - shown)

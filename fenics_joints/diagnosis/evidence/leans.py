@@ -20,12 +20,13 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, SHAPE, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.compact import merged
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.lean import LeanForward, batched, frequency_error, seen_modes_at
 
-__all__ = ["Leans", "all_over", "changed"]
+__all__ = ["Leans", "all_over", "changed", "of_few_terms"]
 
 #: Size of a reduced model from which a leaner one is worth its making.
 _LARGE = 80
@@ -110,21 +111,29 @@ class Leans:
                 self._known[key] = None  # somewhere in its prior there is no model
         return self._known[key]
 
+    def for_fit(
+        self, hypothesis: Hypothesis, several: bool = False
+    ) -> tuple[Forward, LeanForward | None]:
+        """What a fit of a hypothesis asks, and what guides it: see `of`.
+
+        Args:
+            hypothesis: The hypothesis.
+            several: See `of`.
+        """
+        guide = self.of(hypothesis, several)
+        return (self.whole_of(hypothesis) if guide is None else self.forward), guide
+
     def whole_of(self, hypothesis: Hypothesis) -> Forward:
         """The reduced model's forward in as few terms as a hypothesis asks for: it says the same,
-        and sooner where it is asked as often as by a fit.
+        and sooner where it is asked as often as by a fit without a guide.
 
         Args:
             hypothesis: The hypothesis.
         """
-        placed = any(prior.even for _, prior in hypothesis.priors)
-        if not self.wanted or placed or self.forward.further is not None:
+        if not self.wanted or self.forward.further is not None:
             return self.forward
-        model = self.forward.model
-        free = changed(hypothesis, model.parameters, self.evidence, self.baseline)
-        if not free:
-            return self.forward
-        return LeanForward(self.forward, merged(model, free, self.baseline))
+        model = of_few_terms(hypothesis, self.forward.model, self.evidence, self.baseline)
+        return self.forward if model is self.forward.model else LeanForward(self.forward, model)
 
     def _still_good(self, hypothesis: Hypothesis, key: tuple) -> LeanForward | None:
         """The lean forward of the model before, if this one says the same."""
@@ -135,10 +144,9 @@ class Leans:
         return lean if self._is_good(lean, tries, *self._exact(tries)) else None
 
     def _made(self, hypothesis: Hypothesis) -> LeanForward | None:
-        free = changed(hypothesis, self.forward.model.parameters, self.evidence, self.baseline)
-        if not free:
+        model = of_few_terms(hypothesis, self.forward.model, self.evidence, self.baseline)
+        if model is self.forward.model:
             return None
-        model = merged(self.forward.model, free, self.baseline)
         snapshots = [s for e in (None, *hypothesis.effects) for s in self._of(hypothesis, e)]
         share = _SHARE
         for seed in range(_ROUNDS):
@@ -262,6 +270,24 @@ def _ends(hypothesis: Hypothesis) -> list[np.ndarray]:
     if 1 < own.stop - own.start <= _CORNERS:
         found += [hypothesis.at(np.array(corner)) for corner in product(*hypothesis.limits[own])]
     return found
+
+
+def of_few_terms(
+    hypothesis: Hypothesis, model: ArrayModel, evidence: Evidence, baseline: dict[str, float]
+) -> ArrayModel:
+    """A model in as few terms as a hypothesis changes: the model itself where that is nothing, or
+    where a place is a parameter, which may be anywhere.
+
+    Args:
+        hypothesis: The hypothesis.
+        model: The model.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+    """
+    if any(prior.even for _, prior in hypothesis.priors):
+        return model
+    free = changed(hypothesis, model.parameters, evidence, baseline)
+    return merged(model, free, baseline) if free else model
 
 
 def changed(

@@ -18,13 +18,12 @@ from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
 from fenics_joints.diagnosis.evidence.inference import Fit
-from fenics_joints.diagnosis.evidence.leans import changed
+from fenics_joints.diagnosis.evidence.leans import of_few_terms
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction, joined, predict
 from fenics_joints.diagnosis.evidence.weighed import weights
-from fenics_joints.reduction import ArrayModel, Forward, LeanForward
-from fenics_joints.reduction.compact import merged
+from fenics_joints.reduction import Forward, LeanForward
 from fenics_joints.reduction.forward import SPARE
 from fenics_joints.reduction.lean import lean_forward, seen_modes_at
 
@@ -140,7 +139,7 @@ class Marginal:
         # Half-way to the most probable point, where no sample is.
         centre = self.fit.z[self.own]
         checks = self.spread(centre + 0.5 * (points[weights == 1.0][1 : CHECKS + 1] - centre))
-        model = self._of_few_terms(forward.model)
+        model = of_few_terms(self.hypothesis, forward.model, self.evidence, self.baseline)
         most_probable = self._values(self.fit.z, 0, None)
         lean, _ = lean_forward(
             forward, model, {name: most_probable[name] for name in model.parameters},
@@ -148,14 +147,6 @@ class Marginal:
             beyond=self.watched(forward) is not forward,
         )  # fmt: skip
         return lean
-
-    def _of_few_terms(self, model: ArrayModel) -> ArrayModel:
-        """The model without what the hypothesis leaves as it is; all of it where a place is a
-        parameter, which may be anywhere."""
-        if any(prior.even for _, prior in self.hypothesis.priors):
-            return model
-        free = changed(self.hypothesis, model.parameters, self.evidence, self.baseline)
-        return merged(model, free, self.baseline) if free else model
 
     def _by_own_shapes(self, forward: Forward, count: int) -> Forward:
         """The forward among so many modes, matched to its own shapes at the most probable values:
