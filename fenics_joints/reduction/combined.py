@@ -183,7 +183,8 @@ class CombinedModel:
         frequencies, target, off = 0.0, self.target, None
         if len(target):
             own = solve_modes(self.arrays, values, n_modes=min(self.n_modes, self.arrays.n_dofs))
-            index = paired(own, target).index
+            # Modes that are alike: the test's pairs may be decided by a hair.
+            index = paired(own, target, paired(modes, target).shapes).index
             ours, theirs = own.frequencies_hz[index], modes.frequencies_hz
             frequencies = float(np.max(np.abs(ours / theirs[paired(modes, target).index] - 1)))
             exact = self.ratios(values, modes)
@@ -211,9 +212,10 @@ def error_limits(target: Target) -> ModelError:
     return ModelError(_FREQUENCY, functions, ratios)
 
 
-def paired(modes: Modes, target: Target) -> Pairing:
-    """A model's modes that are the test's."""
-    return pair_modes(modes, len(target), target.shape_sensors, reference=target.shapes)
+def paired(modes: Modes, target: Target, like: np.ndarray | None = None) -> Pairing:
+    """A model's modes that are the test's, or those most ``like`` others at its sensors."""
+    reference = target.shapes if like is None else like
+    return pair_modes(modes, len(target), target.shape_sensors, reference=reference)
 
 
 def sample_values(

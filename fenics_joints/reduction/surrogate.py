@@ -81,16 +81,24 @@ class Surrogate(SeenModes):
     def errors(self, points: Points) -> np.ndarray:
         """Largest relative frequency error against the full model at each point, (n,).
 
+        It is of modes that are alike: of two that are as like a test's mode as each other, either
+        model may take another.
+
         Raises:
             InputError: If either lacks a mode that the test saw.
         """
         # Others are let go: they hold vectors of the full model's size.
         wanted = {tuple(values.items()) for values in points}
         self._solved = {key: m for key, m in self._solved.items() if key in wanted}
-        off = [self.forward(values)[0] - self.log_f(values) for values in points]
-        errors = np.array([np.max(np.abs(each)) for each in off])
+        errors = np.array([self._off(values) for values in points])
         # Every rank has to take the same way from here.
         return self.full.comm.bcast(errors)
+
+    def _off(self, values) -> float:
+        self.log_f(values)  # which notes modes that cross, and refuses where one is missing
+        full, pairing = self.solve(values), self.forward.pairing(values)
+        index = self.forward.paired(full, pairing.shapes).index
+        return float(np.abs(self.forward(values)[0] - np.log(full.frequencies_hz[index])).max())
 
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis."""

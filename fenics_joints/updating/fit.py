@@ -30,7 +30,7 @@ from fenics_joints.updating.identification import Identification
 from fenics_joints.updating.least_squares import Problem
 from fenics_joints.updating.residuals import raw_rows
 from fenics_joints.updating.result import Update
-from fenics_joints.updating.rounds import in_rounds, is_stuck
+from fenics_joints.updating.rounds import OUT_OF_EVALUATIONS, in_rounds, is_stuck
 
 __all__ = ["MOVES", "update"]
 
@@ -122,7 +122,7 @@ _WEAK = np.log(10.0)
 _SETTLED = "converged: in rounds, with the data's standard deviations widened to what is left"
 #: What scipy's status says, in words.
 _WORDS = {
-    0: "not converged: out of evaluations",
+    0: f"not converged: {OUT_OF_EVALUATIONS}",
     1: "converged: the gradient vanishes",
     2: "converged: the sum of squares no longer falls",
     3: "converged: the parameters no longer change",
@@ -185,7 +185,7 @@ class _Fit(Identification):
             low, high = self.coordinates.bounds()
             self.weight += 1 / np.minimum((high - low) / 4, _WEAK)
         end = in_rounds(self.problem, [self.start, x], max_evaluations)
-        return end.x, end.settled, _SETTLED if end.settled else _WORDS[0]
+        return end.x, end.settled, _SETTLED if end.settled else f"not converged: {end.why}"
 
     def finish(self, x: np.ndarray, moved: bool, converged: bool, message: str) -> Update:
         """The result at the end of a fit."""

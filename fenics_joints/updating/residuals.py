@@ -139,14 +139,19 @@ class Residuals:
         )  # fmt: skip
 
     def volume(self) -> float:
-        """What a density loses by the widths, and by modes that are left out: as much as by a model
-        that misses them, a frequency by three standard deviations and a shape altogether."""
-        widths, lost = self._factors(sum(map(len, self._modes()))), 0.0
-        for i in self.widths.without:
+        """What the logarithm of a density loses by the widths, and by modes that are left out."""
+        widths = self._factors(sum(map(len, self._modes())))
+        return float(np.sum(np.log(widths[np.isfinite(widths)]))) + self.lost(self.widths)
+
+    def lost(self, widths: Widths) -> float:
+        """What it loses by modes that are left out: as much as by a model that misses them, a
+        frequency by three standard deviations and a shape altogether."""
+        lost = 0.0
+        for i in widths.without:
             lost += 0.5 * _MISSED**2 * (int(self.f_used[i]) + int(self.zeta_used[i]))
             sizes = [len(shape) for j, _, shape in self.modes if j == i]
             lost += sum(sizes) * (0.5 - np.log(min(self.target.shape_sd[i], 1.0))) if sizes else 0.0
-        return float(np.sum(np.log(widths[np.isfinite(widths)])) + lost)
+        return float(lost)
 
     def _parts(self, found: Prediction):
         target, used = self.target, self.f_used

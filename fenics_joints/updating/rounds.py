@@ -22,8 +22,12 @@ import numpy as np
 from fenics_joints.updating.least_squares import Problem
 from fenics_joints.updating.residuals import Widths
 
-__all__ = ["End", "in_rounds", "is_stuck"]
+__all__ = ["OUT_OF_EVALUATIONS", "End", "in_rounds", "is_stuck"]
 
+#: Why no answer was found, in words.
+OUT_OF_EVALUATIONS = "out of evaluations"
+PARTNERS = "too many modes change their partners near the answer"
+UNSETTLED = "the standard deviations of what is left do not settle"
 #: Most rounds from one start, and the change of a width's logarithm at which they end.
 _ROUNDS, _SETTLED = 10, 0.05
 #: Change of the logarithm of the density in a step at which a round ends, and the coarsest relative
@@ -46,12 +50,14 @@ class End:
         widths: Factors of the standard deviations.
         misfit: Minus the logarithm of the posterior density, up to a constant.
         settled: Whether the last round converged, and neither widths nor pairs changed in it.
+        why: What ended the rounds that did not settle, in words.
     """
 
     x: np.ndarray
     widths: Widths
     misfit: float
     settled: bool
+    why: str = ""
 
 
 def is_stuck(problem: Problem, x: np.ndarray) -> bool:
@@ -74,12 +80,17 @@ def in_rounds(problem: Problem, starts: list[np.ndarray], max_evaluations: int) 
         starts: Coordinates at which the model is solved.
         max_evaluations: Sets of values from each start.
     """
+    (residuals,) = problem.residuals
     ends = [end for x in starts for end in _chain(problem, problem.inside(x), max_evaluations)]
     best = min(ends, key=lambda end: end.misfit)
-    settled = [end for end in ends if end.settled and end.misfit < best.misfit + _SAME]
+    # By a mode whose partner is open an end that has not settled gains nothing that is known.
+    settled = [
+        end for end in ends
+        if end.settled and end.misfit - residuals.lost(end.widths) < best.misfit + _SAME
+    ]  # fmt: skip
     if settled:
         best = min(settled, key=lambda end: end.misfit)
-    problem.residuals[0].widths = best.widths
+    residuals.widths = best.widths
     return best
 
 
@@ -89,6 +100,7 @@ def _chain(problem: Problem, x: np.ndarray, max_evaluations: int) -> list[End]:
     residuals.widths = Widths(shapes=(1.0,) * len(residuals.modes))
     residuals.widths = residuals.left(problem.predict(0, x))
     ends, left = [End(x, residuals.widths, problem.misfit(x), False)], max_evaluations
+    why = UNSETTLED
     for number in range(_ROUNDS):
         done, pairs = _round(problem, x, left, number > 0)
         x, left, before = done.x, left - done.nfev, residuals.widths
@@ -99,14 +111,18 @@ def _chain(problem: Problem, x: np.ndarray, max_evaluations: int) -> list[End]:
         settled = done.status > 0 and same and own.change(before) < _SETTLED
         residuals.widths = own
         ends.append(End(x, own, problem.misfit(x), settled))
-        if settled or left <= 1:
+        if settled:
+            break
+        if left <= 1:
+            why = OUT_OF_EVALUATIONS
             break
         if number > 0:
             without = tuple(sorted({*before.without, *other}))
             if len(without) > max(1, int(_LEFT_OUT * len(found.frequencies_hz))):
+                why = PARTNERS
                 break
             residuals.widths = replace(own, without=without)
-    return ends
+    return [replace(end, why="" if end.settled else why) for end in ends]
 
 
 def _round(problem: Problem, x: np.ndarray, left: int, follow: bool):

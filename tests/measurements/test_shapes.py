@@ -50,3 +50,31 @@ def test_modes_follow_the_measured_shapes_not_the_order(write_case, tmp_path):
     assert followed.crossings == {(0, 1)} and plain.crossings == set()
     log_f, _ = followed.forward(case.nominal())
     assert np.argsort(log_f).tolist() == [1, 0, 2, 3]
+
+
+def test_an_error_is_of_modes_that_are_alike(write_case, tmp_path):
+    """A shape that is a mixture of two modes, of which the small model takes the one and the full
+    model the other: that is no error of the small model."""
+    case = load_case(write_case(tmp_path))
+    full = build_structure(case, MPI.COMM_SELF)
+    args = dict(samples=lambda: [case.nominal()], sensors=case.sensors(), n_modes=16)
+    shapes = Surrogate(full, case.nominal(), n_test=2, **args).pairing.shapes
+    shapes = shapes / np.linalg.norm(shapes, axis=0)
+    small = Surrogate(full, case.nominal(), n_test=1, **args)
+    values = {**case.nominal(), "near.E": 0.03 * case.nominal()["near.E"]}
+    (error,) = small.errors([values])
+    both = small.forward.solve(values)[0], small.solve(values)
+
+    def taken(angle):
+        mixture = np.cos(angle) * shapes[:, :1] + np.sin(angle) * shapes[:, 1:]
+        small.forward.reference = mixture
+        small.forward.forget()
+        return [small.forward.paired(modes).index[0] for modes in both]
+
+    switches, first = np.array([[0.0, np.pi / 2]] * 2), taken(0.0)
+    for _ in range(40):
+        for k, middle in enumerate(switches.mean(axis=1)):
+            switches[k, int(taken(middle)[k] != first[k])] = middle
+    own, theirs = taken(switches.mean())
+    assert own != theirs
+    assert small.errors([values])[0] < 2 * error < 0.01
