@@ -14,7 +14,7 @@ from fenics_joints.structure.points import Sensors
 
 __all__ = [
     "ALIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight", "likeness",
-    "mac", "pair_modes", "rms", "skipped",
+    "mac", "pair_modes", "rms", "same_modes", "skipped",
 ]  # fmt: skip
 
 
@@ -157,6 +157,27 @@ def pair_modes(
     )
     agreement = match[np.arange(n_test), columns]
     return Pairing(visible[columns], visible, shapes[:, columns], agreement, crossing)
+
+
+def same_modes(
+    modes: Modes, sensors: Sensors | None, shapes: np.ndarray | None, frequencies: np.ndarray
+) -> np.ndarray:
+    """Modes of a model that are those of another which should be as good, by index, (m,).
+
+    Which modes the test's are may differ between the two by a hair, where several are as like one.
+
+    Args:
+        modes: The model's modes.
+        sensors: Where shapes are compared; None takes elastic modes in order.
+        shapes: The other model's at the sensors, (n_sensors, m).
+        frequencies: The other model's, Hz, (m,).
+    """
+    elastic = np.arange(modes.n_rigid, len(modes))
+    if sensors is None:
+        return elastic[: len(frequencies)]
+    match = mac(shapes, modes.at(sensors)[:, elastic])
+    alike = likeness(match, modes.frequencies_hz[elastic], frequencies)
+    return elastic[linear_sum_assignment(-alike)[1]]
 
 
 def skipped(measured_hz: np.ndarray, seen_hz: np.ndarray) -> int:

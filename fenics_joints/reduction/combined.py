@@ -10,6 +10,7 @@ from scipy.stats import qmc
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import Pairing, Target, pair_modes
+from fenics_joints.measurements.gap import same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
@@ -183,10 +184,10 @@ class CombinedModel:
         frequencies, target, off = 0.0, self.target, None
         if len(target):
             own = solve_modes(self.arrays, values, n_modes=min(self.n_modes, self.arrays.n_dofs))
-            # Modes that are alike: the test's pairs may be decided by a hair.
-            index = paired(own, target, paired(modes, target).shapes).index
-            ours, theirs = own.frequencies_hz[index], modes.frequencies_hz
-            frequencies = float(np.max(np.abs(ours / theirs[paired(modes, target).index] - 1)))
+            pairing = paired(modes, target)
+            theirs = modes.frequencies_hz[pairing.index]
+            index = same_modes(own, target.shape_sensors, pairing.shapes, theirs)
+            frequencies = float(np.max(np.abs(own.frequencies_hz[index] / theirs - 1)))
             exact = self.ratios(values, modes)
             if exact is not None:
                 ours, _ = damping_ratios(self.arrays, values, self.damping, own, index)
@@ -212,10 +213,9 @@ def error_limits(target: Target) -> ModelError:
     return ModelError(_FREQUENCY, functions, ratios)
 
 
-def paired(modes: Modes, target: Target, like: np.ndarray | None = None) -> Pairing:
-    """A model's modes that are the test's, or those most ``like`` others at its sensors."""
-    reference = target.shapes if like is None else like
-    return pair_modes(modes, len(target), target.shape_sensors, reference=reference)
+def paired(modes: Modes, target: Target) -> Pairing:
+    """A model's modes that are the test's."""
+    return pair_modes(modes, len(target), target.shape_sensors, reference=target.shapes)
 
 
 def sample_values(

@@ -124,12 +124,10 @@ class Forward:
                 continue
             return modes, pairing
 
-    def paired(self, modes: Modes, like: np.ndarray | None = None) -> Pairing:
-        """Which modes of such a model the test's are, or those most ``like`` others at the
-        sensors."""
-        reference = self.reference if like is None else like
+    def paired(self, modes: Modes) -> Pairing:
+        """Which modes of such a model the test's are."""
         return pair_modes(
-            modes, self.n_test, self.sensors, reference=reference, threshold=self.threshold
+            modes, self.n_test, self.sensors, reference=self.reference, threshold=self.threshold
         )
 
     def of(self, model, n_modes: int | None = None) -> Forward:

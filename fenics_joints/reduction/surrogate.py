@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.files import write_arrays
+from fenics_joints.measurements.gap import same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
@@ -96,9 +97,10 @@ class Surrogate(SeenModes):
 
     def _off(self, values) -> float:
         self.log_f(values)  # which notes modes that cross, and refuses where one is missing
-        full, pairing = self.solve(values), self.forward.pairing(values)
-        index = self.forward.paired(full, pairing.shapes).index
-        return float(np.abs(self.forward(values)[0] - np.log(full.frequencies_hz[index])).max())
+        own, pairing = self.forward.solve(values)
+        full, hz = self.solve(values), own.frequencies_hz[pairing.index]
+        same = full.frequencies_hz[same_modes(full, self.sensors, pairing.shapes, hz)]
+        return float(np.abs(np.log(hz / same)).max())
 
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis."""
