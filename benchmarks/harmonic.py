@@ -1,16 +1,14 @@
-"""Harmonic balance: beside time integration, beside pyHarm, and its growth with the model's size.
+"""Harmonic balance: beside time integration, and its growth with the model's size.
 
-    ./with-fenicsx env OMP_NUM_THREADS=1 python3 benchmarks/harmonic.py [transient] [peer] [growth]
+    ./with-fenicsx env OMP_NUM_THREADS=1 python3 benchmarks/harmonic.py [transient] [growth]
 
-All three by default, on one core.
+Both by default, on one core. Beside other codes: harmonic_peers.py.
 
 transient: the lap beam of the demo with the law of its paper, about its first resonance: a branch
 by harmonic balance, and at some of its frequencies the same reduced model by PETSc's generalised
 alpha, each from the steady motion at the frequency before, as in a stepped sine. The time steps and
 the tolerance of steadiness are the cheapest with which all are within 0.5 % of the peak of a finer
 time integration.
-peer: a chain of masses with Jenkins elements, beside pyHarm (Apache-2.0), if it is installed
-(``pip install pyHarm-os``, in an environment of its own that sees DOLFINx).
 growth: time per point of the branch against interface points, harmonics and sliders.
 """
 
@@ -18,8 +16,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,13 +28,12 @@ from fenics_joints.case import build_structure, load_case
 from fenics_joints.harmonic import Balance, HarmonicResult, Settings, solve_harmonic
 from fenics_joints.interfaces import (
     InterfaceModel,
-    InterfacePoints,
     full_layers,
     loading_shapes,
     reduce_layers,
     with_modal_damping,
 )
-from fenics_joints.joint_laws import Bilinear, Iwan, IwanLayer, RichardAbbott
+from fenics_joints.joint_laws import IwanLayer, RichardAbbott
 from fenics_joints.modal import solve_modes
 from fenics_joints.transient import solve_transient, steady_harmonics
 
@@ -211,123 +206,6 @@ def beside_time_integration(args) -> dict:
     }  # fmt: skip
 
 
-# -- the peer --------------------------------------------------------------------------------------
-
-
-def chain(n: int, every: int, H: int) -> dict:
-    """A chain of unit masses with Jenkins elements between some of them: first resonance near 1."""
-    k = (2 * n + 1) ** 2 / np.pi**2
-    K = k * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
-    K[-1, -1] = k
-    slack = np.pi / (2 * n)  # between neighbours, at a unit amplitude of the end
-    return {
-        "M": np.eye(n), "C": 0.02 * np.eye(n), "K": K, "at": list(range(0, n, every)),
-        "stiffness": 0.3 * k, "strength": 0.3 * k * 0.2 * slack, "push": 0.025 * n, "H": H,
-        "T": 128, "band": (0.8, 1.3),
-    }  # fmt: skip
-
-
-def our_chain(c: dict) -> InterfaceModel:
-    """It as an `InterfaceModel`."""
-    n = len(c["M"])
-    rows = (np.eye(n) - np.eye(n, k=-1))[c["at"]]
-    law = Iwan(Bilinear(c["stiffness"], c["strength"], 0.0), 1)
-    joint = InterfacePoints("joints", law, rows[:, None, :], np.ones(len(rows)))
-    end = np.eye(n)[-1]
-    return InterfaceModel(c["M"], c["K"], (joint,), c["C"], {"end": end}, {"end": end})
-
-
-def by_pyharm(c: dict, step: float):
-    """Frequencies (rad/s), amplitudes of the end, and the times that the branch took, s."""
-    os.environ.setdefault("PYHARM_CONTEXT_FILE", f"{tempfile.mkdtemp()}/context.json")
-    from pyHarm.Maestro import Maestro
-
-    n = len(c["M"])
-    connectors = {
-        f"jenkins {i}": {
-            "type": "Jenkins", "dirs": [0], "mu": 1.0, "N0": c["strength"], "k": c["stiffness"],
-            "connect": [("chain", [i]), ("chain", [i - 1]) if i else ("GROUND", [None])],
-        }
-        for i in c["at"]
-    }  # fmt: skip
-    connectors["push"] = {
-        "type": "CosinusForcing", "connect": [("chain", [n - 1]), ("GROUND", [None])],
-        "dirs": [0], "amp": c["push"],
-    }  # fmt: skip
-    matrices = {"matrix": {key: c[key].copy() for key in "MCK"}, "ndofs": 1}
-    low, high = c["band"]
-    study = {
-        "study": "frf", "puls_inf": low, "puls_sup": high, "ds0": step, "ds_max": step,
-        "ds_min": 1e-6, "solver": "NewtonRaphson", "verbose": False,
-        "solver_options": {"tol_residual": 1e-6, "tol_delta_x": 1e-6},
-    }  # fmt: skip
-    task = Maestro({
-        "system": {"type": "Base", "nh": c["H"], "nti": c["T"]},
-        "substructures": {"chain": matrices}, "connectors": connectors, "analysis": {"frf": study},
-    })  # fmt: skip
-    _, wall, processor = timed(task.operate)
-    x = np.array([s.x for s in task.nls["frf"].SolList if s.flag_accepted])
-    dofs = task.system.expl_dofs
-    end = dofs[(dofs["node_num"] == n - 1) & (dofs["harm"] == 1)].index
-    return x[:, -1], np.hypot(*x[:, end].T), wall, processor
-
-
-def elsewhere(function: Callable, *arguments):
-    """Call in a temporary folder: pyHarm leaves files where it runs."""
-    here = os.getcwd()
-    with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)
-        try:
-            return function(*arguments)
-        finally:
-            os.chdir(here)
-
-
-def beside_pyharm(args) -> dict | None:
-    """The same curve by both, and the times."""
-    try:
-        import pyHarm  # noqa: F401
-    except ImportError:
-        print("pyHarm is not installed: python3 -m venv --system-site-packages PEER, "
-              "PEER/bin/pip install pyHarm-os, and start this with PEER/bin/python")  # fmt: skip
-        return None
-    c = chain(args.masses, 2, args.harmonics)
-    small = chain(4, 2, args.harmonics)
-    by_pyharm(small, 0.2)  # compiles
-    model, step = our_chain(c), args.peer_step
-    band = tuple(w / (2 * np.pi) for w in c["band"])
-
-    def ours(longest):
-        settings = Settings(max_step=longest)
-        return solve_harmonic(
-            model, "end", c["push"], band, harmonics=c["H"], samples=c["T"], cycles=3,
-            settings=settings,
-        )  # fmt: skip
-
-    ours(0.1)  # compiles
-    omega, height, wall, processor = by_pyharm(c, step)
-    inside = omega <= c["band"][1]
-    omega, height = omega[inside], height[inside]
-    fair = min((0.2, 0.1, 0.07, 0.05, 0.03, 0.02), key=lambda s: abs(len(ours(s)) - len(omega)))
-    found, our_wall, our_processor = timed(lambda: ours(fair))
-    at = solve_harmonic(
-        model, "end", c["push"], at=omega / (2 * np.pi), harmonics=c["H"], samples=c["T"], cycles=3
-    )
-    off = float(np.abs(at.amplitude("end") - height).max() / height.max())
-    rows = {
-        "masses": args.masses, "jenkins": len(c["at"]), "harmonics": c["H"], "samples": c["T"],
-        "points": [len(found), len(omega)], "wall_s": [our_wall, wall],
-        "processor_s": [our_processor, processor], "largest_difference": off,
-        "ratio": wall / our_wall,
-        "ratio_per_point": wall / len(omega) * len(found) / our_wall,
-    }  # fmt: skip
-    print(f"chain of {args.masses} masses, {len(c['at'])} Jenkins elements, {c['H']} harmonics, "
-          f"{c['T']} samples:\n  ours {our_wall:.2f} s, {len(found)} points; pyHarm {wall:.2f} s, "
-          f"{len(omega)} points; per point {rows['ratio_per_point']:.0f} times faster\n  largest "
-          f"difference {100 * off:.1e} % of the peak, at pyHarm's frequencies")  # fmt: skip
-    return rows
-
-
 # -- growth ----------------------------------------------------------------------------------------
 
 
@@ -366,15 +244,13 @@ def growth(args) -> dict:
 
 
 def main() -> None:
-    parts = {"transient": beside_time_integration, "peer": beside_pyharm, "growth": growth}
+    parts = {"transient": beside_time_integration, "growth": growth}
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("parts", nargs="*", choices=[*parts, []], help="all by default")
     parser.add_argument("--harmonics", type=int, default=5)
     parser.add_argument("--sliders", type=int, default=12)
     parser.add_argument("--frequencies", type=int, default=3, choices=(3, 4),
                         help="at which time is integrated")  # fmt: skip
-    parser.add_argument("--masses", type=int, default=20, help="of the chain")
-    parser.add_argument("--peer-step", type=float, default=0.1, help="pyHarm's longest step")
     counts = {"type": int, "nargs": "+"}
     parser.add_argument("--points", default=[60, 120, 240, 480, 960], **counts)
     parser.add_argument("--slider-counts", default=[4, 8, 16, 32], **counts)
@@ -384,7 +260,7 @@ def main() -> None:
                         help="a small mesh, to try this out")  # fmt: skip
     parser.add_argument("--json", type=Path, metavar="FILE")
     args = parser.parse_args()
-    found = {name: elsewhere(parts[name], args) for name in args.parts or parts}
+    found = {name: parts[name](args) for name in args.parts or parts}
     if args.json:
         args.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 

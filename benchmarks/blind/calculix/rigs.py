@@ -118,7 +118,7 @@ _T = Rig(
     "t_tubes",
     (Body("chord", _chord, hollow=True), Body("stem", _stem, axis=2, hollow=True)),
     (Interface((0, 1), 2, tuple((x, y, 0.0) for x in (-0.045, 0.045) for y in (-0.015, 0.015))),),
-    thread="M8", pad=0.0115, head_mass=0.016, torques=(6.0, 12.0, 20.0), size=0.032, fine=0.0065,
+    thread="M8", pad=0.0115, head_mass=0.016, torques=(6.0, 12.0, 20.0), size=0.014, fine=0.0045,
 )  # fmt: skip
 
 # -- two flanged pipes, each with a fin ------------------------------------------------------------
@@ -146,7 +146,7 @@ _PIPE = Rig(
     ),
     (Interface((0, 1), 2, tuple(
         (0.050 * cos(pi / 3 * i), 0.050 * sin(pi / 3 * i), 0.0) for i in range(6))),),
-    thread="M8", pad=0.0110, head_mass=0.016, torques=(6.0, 12.0, 20.0), size=0.0155, fine=0.0075,
+    thread="M8", pad=0.0110, head_mass=0.016, torques=(6.0, 12.0, 20.0), size=0.009, fine=0.005,
 )  # fmt: skip
 
 # -- a box of four plates with sixteen screws ------------------------------------------------------
@@ -174,7 +174,7 @@ _BOX = Rig(
         Interface((0, 1), 2, _row(0.072, 0.008)), Interface((0, 2), 2, _row(-0.072, 0.008)),
         Interface((1, 3), 2, _row(0.072, 0.075)), Interface((2, 3), 2, _row(-0.072, 0.075)),
     ),
-    thread="M5", pad=0.0075, head_mass=0.004, torques=(1.5, 3.0, 5.0), size=0.030, fine=0.0065,
+    thread="M5", pad=0.0075, head_mass=0.004, torques=(1.5, 3.0, 5.0), size=0.014, fine=0.0045,
 )  # fmt: skip
 
 RIGS = {rig.name: rig for rig in (_T, _PIPE, _BOX)}
