@@ -14,7 +14,7 @@ from fenics_joints.structure.points import Sensors
 
 __all__ = [
     "ALIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight", "likeness",
-    "mac", "pair_modes", "rms", "same_modes", "skipped",
+    "frequency_error", "mac", "pair_modes", "rms", "same_modes", "skipped",
 ]  # fmt: skip
 
 
@@ -178,6 +178,29 @@ def same_modes(
     match = mac(shapes, modes.at(sensors)[:, elastic])
     alike = likeness(match, modes.frequencies_hz[elastic], frequencies)
     return elastic[linear_sum_assignment(-alike)[1]]
+
+
+def frequency_error(
+    ours: Modes, own: Pairing, theirs: Modes, other: Pairing, sensors: Sensors | None
+) -> float:
+    """Largest difference of ln f between two models, of all modes that either takes for the test's.
+
+    Modes are compared that are the same: which of two that look alike to the test is taken may be
+    decided by a hair, and a mode that one model has not has none that is like it.
+
+    Args:
+        ours: Modes of the one model.
+        own: Which of them the test's are.
+        theirs: Those of the other.
+        other: Which of them the test's are.
+        sensors: Where the test measured; None where modes are paired by order.
+    """
+    off = []
+    for modes, pairing, beside in ((ours, own, theirs), (theirs, other, ours)):
+        hz = modes.frequencies_hz[pairing.index]
+        index = same_modes(beside, sensors, pairing.shapes, hz)
+        off.append(np.abs(np.log(hz / beside.frequencies_hz[index])).max())
+    return float(max(off))
 
 
 def skipped(measured_hz: np.ndarray, seen_hz: np.ndarray) -> int:

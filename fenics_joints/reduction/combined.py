@@ -10,7 +10,7 @@ from scipy.stats import qmc
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import Pairing, Target, pair_modes
-from fenics_joints.measurements.gap import same_modes
+from fenics_joints.measurements.gap import frequency_error, same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
@@ -184,12 +184,12 @@ class CombinedModel:
         frequencies, target, off = 0.0, self.target, None
         if len(target):
             own = solve_modes(self.arrays, values, n_modes=min(self.n_modes, self.arrays.n_dofs))
-            pairing = paired(modes, target)
-            theirs = modes.frequencies_hz[pairing.index]
-            index = same_modes(own, target.shape_sensors, pairing.shapes, theirs)
-            frequencies = float(np.max(np.abs(own.frequencies_hz[index] / theirs - 1)))
+            mine, pairing = paired(own, target), paired(modes, target)
+            frequencies = frequency_error(own, mine, modes, pairing, target.shape_sensors)
             exact = self.ratios(values, modes)
             if exact is not None:
+                hz = modes.frequencies_hz[pairing.index]
+                index = same_modes(own, target.shape_sensors, pairing.shapes, hz)
                 ours, _ = damping_ratios(self.arrays, values, self.damping, own, index)
                 used = np.isfinite(target.damping_ratios)
                 off = float(np.max(np.abs(ours / exact - 1)[used]))

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.files import write_arrays
-from fenics_joints.measurements.gap import same_modes
+from fenics_joints.measurements.gap import frequency_error
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
@@ -82,8 +82,7 @@ class Surrogate(SeenModes):
     def errors(self, points: Points) -> np.ndarray:
         """Largest relative frequency error against the full model at each point, (n,).
 
-        It is of modes that are alike: of two that are as like a test's mode as each other, either
-        model may take another.
+        See `fenics_joints.measurements.gap.frequency_error`.
 
         Raises:
             InputError: If either lacks a mode that the test saw.
@@ -97,10 +96,9 @@ class Surrogate(SeenModes):
 
     def _off(self, values) -> float:
         self.log_f(values)  # which notes modes that cross, and refuses where one is missing
-        own, pairing = self.forward.solve(values)
-        full, hz = self.solve(values), own.frequencies_hz[pairing.index]
-        same = full.frequencies_hz[same_modes(full, self.sensors, pairing.shapes, hz)]
-        return float(np.abs(np.log(hz / same)).max())
+        full = self.solve(values)
+        own = self.forward.solve(values)
+        return frequency_error(*own, full, self.forward.paired(full), self.sensors)
 
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis."""

@@ -8,7 +8,12 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError
+from fenics_joints.measurements.gap import frequency_error, pair_modes
+from fenics_joints.modal import solve_modes
+from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.surrogate import Surrogate
+from fenics_joints.structure import Sensors
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes a case in a folder")
 
@@ -78,3 +83,22 @@ def test_an_error_is_of_modes_that_are_alike(write_case, tmp_path):
     own, theirs = taken(switches.mean())
     assert own != theirs
     assert small.errors([values])[0] < 2 * error < 0.01
+
+
+def test_a_mode_that_a_small_model_lacks_is_an_error():
+    """Five oscillators, coupled; of the small model's basis one mode is missing, and the test has
+    it: nothing in the small model is like it."""
+    n = 5
+    sensors = Sensors(np.column_stack([np.arange(n), np.zeros((n, 2))]), [1.0, 0.0, 0.0])
+    K = np.diag(np.arange(1.0, n + 1) ** 2) - 0.3 * (np.eye(n, k=1) + np.eye(n, k=-1))
+    vectors = np.linalg.eigh(K)[1]
+
+    def modes(kept):
+        Z = vectors[:, kept]
+        pencil = AffinePencil({}, [], [], fixed=(Z.T @ K @ Z, np.eye(len(kept))), fixed_mass=n)
+        found = solve_modes(ArrayModel(pencil, 1e-3, Z, 0 * Z), {}, n_modes=len(kept))
+        return found, pair_modes(found, 2, sensors, reference=vectors[:, [0, 2]])
+
+    full, lacking = modes([0, 1, 2, 3, 4]), modes([0, 1, 3, 4])
+    assert frequency_error(*full, *modes([0, 2, 4]), sensors) < 1e-9
+    assert frequency_error(*lacking, *full, sensors) > 0.1

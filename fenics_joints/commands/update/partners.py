@@ -1,11 +1,14 @@
-"""Modes of a test that no mode of the model could be: left out of an update, and said."""
+"""Modes of a test that no mode of the model could be, or more than one: what an update says."""
 
 from __future__ import annotations
 
 from fenics_joints.case import Case
-from fenics_joints.measurements.gap import TooFewModes
+from fenics_joints.commands.update.data import UpdateData
+from fenics_joints.measurements.gap import Pairing, TooFewModes, same_modes
+from fenics_joints.modal.modes import Modes
+from fenics_joints.updating import Update
 
-__all__ = ["more_or_fewer"]
+__all__ = ["more_or_fewer", "other_partners"]
 
 #: How much further a model's modes are looked through, for a test's modes and beyond those a body
 #: has at rest, before the test's are left out: its own multiple, and a factor each time.
@@ -42,3 +45,29 @@ def more_or_fewer(case: Case, error: TooFewModes) -> tuple[Case, str | None]:
         "something move there that is not in the model?"
     )
     return case.with_modes(error.partnered), note
+
+
+def other_partners(data: UpdateData, found: Update, modes: Modes, pairing: Pairing) -> list[str]:
+    """Modes for which a fit took another of the model's than the full model does, in words.
+
+    Where two are as like a measured one, a hair decides.
+
+    Args:
+        data: The test's data.
+        found: The fit.
+        modes: Modes of the full model at its values.
+        pairing: Which of them the test's are.
+    """
+    sensors, own = data.target.shape_sensors, found.prediction
+    if own.shapes is None or sensors is None:
+        return []
+    taken = same_modes(modes, sensors, own.shapes, own.frequencies_hz)
+    hz, notes = modes.frequencies_hz, []
+    for j, (fitted, shown) in enumerate(zip(taken, pairing.index, strict=True)):
+        if fitted != shown and j not in found.widths.without:
+            notes.append(
+                f"two modes of the model look like {data.mode_names[j]} to the test: the fit took "
+                f"that at {hz[fitted]:.5g} Hz, the table that at {hz[shown]:.5g} Hz; sensors that "
+                "tell them apart, or another start, would help"
+            )
+    return notes

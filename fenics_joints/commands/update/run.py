@@ -17,7 +17,7 @@ from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
 from fenics_joints.commands.update.data import UpdateData, update_data
 from fenics_joints.commands.update.page import update_page
-from fenics_joints.commands.update.partners import more_or_fewer
+from fenics_joints.commands.update.partners import more_or_fewer, other_partners
 from fenics_joints.commands.update.result import (
     Compared,
     Functions,
@@ -33,7 +33,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import plain
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.measurements import Pairing, Target, mac
-from fenics_joints.measurements.gap import TooFewModes, same_modes
+from fenics_joints.measurements.gap import TooFewModes
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
@@ -205,25 +205,8 @@ class _Run:
                 "parameters may be off by more than their standard deviations"
             )
         modes = self.model.modes(self._values(found))
-        self.notes += self._other_partners(found, modes)
+        self.notes += other_partners(self.data, found, modes, self._pair(modes))
         return found, modes, error
-
-    def _other_partners(self, found: Update, modes: Modes) -> list[str]:
-        """Modes for which the fit took another of the model's than the full model does, in words:
-        where two are as like a measured one, a hair decides."""
-        sensors, own = self.data.target.shape_sensors, found.prediction
-        if own.shapes is None or sensors is None:
-            return []
-        taken = same_modes(modes, sensors, own.shapes, own.frequencies_hz)
-        hz, notes = modes.frequencies_hz, []
-        for j, (fitted, shown) in enumerate(zip(taken, self._pair(modes).index, strict=True)):
-            if fitted != shown and j not in found.widths.without:
-                notes.append(
-                    f"two modes of the model look like {self.data.mode_names[j]} to the test: the "
-                    f"fit took that at {hz[fitted]:.5g} Hz, the table that at {hz[shown]:.5g} Hz; "
-                    "sensors that tell them apart, or another start, would help"
-                )
-        return notes
 
     def _again(self, found: Update, before: Update | None) -> Update:
         """A fit, or one from where that on the model before ended, if that is clearly better."""
