@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from fenics_joints._compat import geometry_dofmap
 from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["SeenModes"]
+__all__ = ["SeenModes", "all_over"]
 
 #: Least visibility of a mode that enters a basis.
 _SEEN = 0.05
@@ -114,3 +115,24 @@ class SeenModes:
         rigid-body modes."""
         enough = self.n_modes if self.sensors is None else 6 + 3 * self.n_test + SPARE
         return Forward(model, self.sensors, self.n_test, enough, self.reference)
+
+
+def all_over(full, count: int) -> Sensors:
+    """Points all over a structure, the farthest from each other, in all directions. Collective.
+
+    Args:
+        full: A structure with a mesh.
+        count: Number of points.
+    """
+    msh = full.mesh
+    owned = msh.topology.index_map(msh.topology.dim).size_local
+    middles = msh.geometry.x[geometry_dofmap(msh)[:owned]].mean(axis=1)
+    middles = np.concatenate(msh.comm.allgather(middles))[:, : full.gdim]
+    middles = middles[np.lexsort(np.round(middles, 9).T)]
+    chosen = [0]
+    away = np.linalg.norm(middles - middles[0], axis=1)
+    while len(chosen) < min(count, len(middles)):
+        chosen.append(int(np.argmax(np.round(away, 9))))
+        away = np.minimum(away, np.linalg.norm(middles - middles[chosen[-1]], axis=1))
+    points = np.repeat(middles[chosen], full.gdim, axis=0)
+    return Sensors(points, np.tile(np.eye(full.gdim), (len(chosen), 1)))

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints._compat import geometry_dofmap
 from fenics_joints.files import write_arrays
 from fenics_joints.measurements.gap import frequency_error
 from fenics_joints.modal.modes import Modes, solve_modes
@@ -20,7 +19,7 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 from fenics_joints.reduction.sampled import SampledBasis
-from fenics_joints.reduction.seen import SeenModes
+from fenics_joints.reduction.seen import SeenModes, all_over
 from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.sparse import vectors_like
@@ -135,18 +134,7 @@ class Surrogate(SeenModes):
 
     def everywhere(self, count: int) -> Sensors:
         """Points all over the structure, each in all directions. Collective."""
-        full, msh = self.full, self.full.mesh
-        owned = msh.topology.index_map(msh.topology.dim).size_local
-        middles = msh.geometry.x[geometry_dofmap(msh)[:owned]].mean(axis=1)
-        middles = np.concatenate(msh.comm.allgather(middles))[:, : full.gdim]
-        middles = middles[np.lexsort(np.round(middles, 9).T)]
-        chosen = [0]
-        away = np.linalg.norm(middles - middles[0], axis=1)
-        while len(chosen) < min(count, len(middles)):
-            chosen.append(int(np.argmax(np.round(away, 9))))
-            away = np.minimum(away, np.linalg.norm(middles - middles[chosen[-1]], axis=1))
-        points = np.repeat(middles[chosen], full.gdim, axis=0)
-        return Sensors(points, np.tile(np.eye(full.gdim), (len(chosen), 1)))
+        return all_over(self.full, count)
 
     def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""

@@ -116,7 +116,7 @@ class Prepared(Subject):
         if self.case.diagnose.mesh_error:
             errors = mesh_errors(
                 self.surrogate, self.baseline, progress,
-                None if keep is None else lambda: file("signed mesh").with_suffix(".json"),
+                None if keep is None else lambda: file("mesh error").with_suffix(".json"),
             )  # fmt: skip
             if errors is not None:
                 self.evidence = self.evidence.on_mesh(errors)
