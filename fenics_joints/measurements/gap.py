@@ -20,7 +20,7 @@ __all__ = [
 
 #: MAC below which two shapes have so little in common that order tells more; and how much MAC a
 #: place in the order is worth then.
-ALIKE, _PLACE = 0.3, 0.2
+ALIKE, _PLACE = 0.5, 0.2
 #: How much MAC a factor of e in frequency is worth, from that of the mode of the same place in the
 #: order: at few sensors a mode of thirty times the frequency may look the same.
 _FAR = 0.1

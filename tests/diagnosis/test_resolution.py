@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.model.resolution import mesh_errors
+from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
@@ -40,6 +44,30 @@ def test_mesh_error_is_that_against_a_finer_mesh(degree, shared_tmp_path):
     # From the file without a solution, whatever the model.
     again = mesh_errors(small, {"none such": 1.0}, silent, lambda: file)
     assert again == pytest.approx(found, abs=1e-12)
+
+
+def test_to_few_sensors_two_modes_may_look_alike():
+    """One sensor on a corner, which bending and torsion move alike: each mode is still compared
+    with itself on the finer mesh, where some are in another order."""
+    corner = Sensors([[0.3, 0.06, 0.006]], [0.0, 0.0, 1.0])
+    given = {"sensors": corner, "n_test": 6, "n_modes": 24}
+    small = SeenModes(strip(8, 2, 1, degree=2), {}, **given)
+    found = mesh_errors(small, {}, Progress(silent=True))
+    at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 9) for y in (0.0, 0.03, 0.06)])
+    grid = Sensors(at, [0.0, 0.0, 1.0])
+    index, fine = small.pairing.index, solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
+    best = pair_modes(fine, 6, grid, reference=small.nominal.at(grid)[:, index])
+    true = small.nominal.frequencies_hz[index] / fine.frequencies_hz[best.index] - 1
+    assert found == pytest.approx(true, rel=0.5, abs=5e-4) and best.mac.min() > 0.95
+
+
+def test_modes_that_a_mesh_does_not_resolve_are_named():
+    test = SimpleNamespace(discrepancy=0.02, mesh_error=np.array([0.005, 0.01]))
+    model = SimpleNamespace(
+        evidence=test, mesh_error=lambda: {"mode 1": 0.01, "mode 2": 0.0}, unresolved=("mode 2",)
+    )
+    (note,) = Prepared.mesh_notes(model)
+    assert "does not resolve mode 2" in note
 
 
 def test_no_degree_is_above_the_third():

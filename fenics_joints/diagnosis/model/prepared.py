@@ -50,6 +50,7 @@ class Prepared(Subject):
         scatter: Standard deviation of ln(preload / torque).
         evidence: The test as the inference sees it.
         surrogate: The reduced model; None until `reduce`.
+        unresolved: Modes of the test that are no modes of the same mesh one degree higher.
     """
 
     comm: MPI.Intracomm
@@ -60,6 +61,7 @@ class Prepared(Subject):
     scatter: float
     evidence: Evidence
     surrogate: SeenModes | None = None
+    unresolved: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Prepared({self.case.title!r}, {len(self.effects)} effects, {self.evidence})"
@@ -120,6 +122,8 @@ class Prepared(Subject):
             )  # fmt: skip
             if errors is not None:
                 self.evidence = self.evidence.on_mesh(errors)
+                names = zip(self.data.mode_names, errors, strict=True)
+                self.unresolved = tuple(name for name, error in names if np.isnan(error))
 
     def _neighbours(self) -> Neighbours:
         """The nominal model's modes, which those of the test may turn into. Collective."""
@@ -152,14 +156,22 @@ class Prepared(Subject):
         )
 
     def mesh_notes(self) -> list[str]:
-        """A sentence where the mesh's own error is larger than the discrepancy of the case."""
-        asked, errors = self.evidence.discrepancy, self.mesh_error()
+        """A sentence where the mesh's own error is larger than the discrepancy of the case, and one
+        where it does not resolve modes."""
+        asked, errors, notes = self.evidence.discrepancy, self.mesh_error(), []
+        if self.unresolved:
+            notes.append(
+                f"{OF_MODEL}the mesh does not resolve {', '.join(self.unresolved)}: the same mesh "
+                "one degree higher has no mode of that shape; finer cells would help, and without "
+                "them what such a mode says is not to be trusted"
+            )
         worst = max(errors, key=lambda name: abs(errors[name]), default=None)
         if worst is None or abs(errors[worst]) <= asked:
-            return []
+            return notes
         left = int(np.sum(self.evidence.mesh_error > asked))
         more = f", more than diagnose.discrepancy in {left} of {len(errors)} modes" if left else ""
         return [
+            *notes,
             f"{OF_MODEL}the mesh alone is {percent(errors[worst])} off in {worst}, by the same "
             "mesh one degree higher; that is taken off every frequency of the model, and half of "
             f"it stays as its uncertainty{more}"
