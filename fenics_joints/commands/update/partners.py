@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from fenics_joints.case import Case
 from fenics_joints.commands.update.data import UpdateData
-from fenics_joints.measurements.gap import Pairing, TooFewModes, same_modes
+from fenics_joints.measurements.gap import TooFewModes, same_modes
 from fenics_joints.modal.modes import Modes
+from fenics_joints.reduction.combined import paired
 from fenics_joints.updating import Update
 
 __all__ = ["more_or_fewer", "other_partners"]
@@ -47,7 +48,7 @@ def more_or_fewer(case: Case, error: TooFewModes) -> tuple[Case, str | None]:
     return case.with_modes(error.partnered), note
 
 
-def other_partners(data: UpdateData, found: Update, modes: Modes, pairing: Pairing) -> list[str]:
+def other_partners(data: UpdateData, found: Update, modes: Modes) -> list[str]:
     """Modes for which a fit took another of the model's than the full model does, in words.
 
     Where two are as like a measured one, a hair decides.
@@ -56,11 +57,11 @@ def other_partners(data: UpdateData, found: Update, modes: Modes, pairing: Pairi
         data: The test's data.
         found: The fit.
         modes: Modes of the full model at its values.
-        pairing: Which of them the test's are.
     """
     sensors, own = data.target.shape_sensors, found.prediction
     if own.shapes is None or sensors is None:
         return []
+    pairing = paired(modes, data.target)
     taken = same_modes(modes, sensors, own.shapes, own.frequencies_hz)
     hz, notes = modes.frequencies_hz, []
     for j, (fitted, shown) in enumerate(zip(taken, pairing.index, strict=True)):

@@ -205,7 +205,7 @@ class _Run:
                 "parameters may be off by more than their standard deviations"
             )
         modes = self.model.modes(self._values(found))
-        self.notes += other_partners(self.data, found, modes, self._pair(modes))
+        self.notes += other_partners(self.data, found, modes)
         return found, modes, error
 
     def _again(self, found: Update, before: Update | None) -> Update:
