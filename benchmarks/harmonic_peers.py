@@ -22,11 +22,11 @@ import json
 import os
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from harmonic import timed  # beside this file
 
 from fenics_joints.harmonic import Settings, solve_harmonic
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints
@@ -36,13 +36,6 @@ HOW = {
     "pyHarm": "pip install pyHarm-os",
     "tmdsimpy": "pip install jax, and name a checkout of github.com/tmd-lab/tmdsimpy in TMDSIMPY",
 }
-
-
-def timed(function: Callable):
-    """Result, wall and processor time, s."""
-    wall, processor = time.perf_counter(), time.process_time()
-    result = function()
-    return result, time.perf_counter() - wall, time.process_time() - processor
 
 
 def chain(kind: str, n: int, every: int, H: int) -> dict:
@@ -76,13 +69,12 @@ def our_model(c: dict) -> InterfaceModel:
 
 def ours(c: dict, longest: float | None = None, omega: np.ndarray | None = None):
     """The branch, or solutions at frequencies, rad/s."""
-    where = {"at": omega / (2 * np.pi)} if omega is not None else {
-        "settings": Settings(max_step=longest)}  # fmt: skip
-    band = None if omega is not None else tuple(w / (2 * np.pi) for w in c["band"])
-    given = () if band is None else (band,)
-    return solve_harmonic(
-        our_model(c), "end", c["push"], *given, harmonics=c["H"], samples=c["T"], cycles=3, **where
-    )
+    common = {"harmonics": c["H"], "samples": c["T"], "cycles": 3}
+    if omega is not None:
+        at = omega / (2 * np.pi)
+        return solve_harmonic(our_model(c), "end", c["push"], at=at, **common)
+    band, settings = tuple(w / (2 * np.pi) for w in c["band"]), Settings(max_step=longest)
+    return solve_harmonic(our_model(c), "end", c["push"], band, settings=settings, **common)
 
 
 # -- pyHarm ----------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from fenics_joints.structure.points import Sensors
 
 __all__ = [
     "ALIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight", "likeness",
-    "frequency_error", "mac", "pair_modes", "rms", "same_modes", "skipped",
+    "largest_difference", "mac", "pair_modes", "rms", "same_modes", "skipped",
 ]  # fmt: skip
 
 
@@ -180,7 +180,7 @@ def same_modes(
     return elastic[linear_sum_assignment(-alike)[1]]
 
 
-def frequency_error(
+def largest_difference(
     ours: Modes, own: Pairing, theirs: Modes, other: Pairing, sensors: Sensors | None
 ) -> float:
     """Largest difference of ln f between two models, of all modes that either takes for the test's.

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import Pairing, Target, pair_modes
-from fenics_joints.measurements.gap import frequency_error, same_modes
+from fenics_joints.measurements.gap import largest_difference, same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
@@ -185,7 +185,7 @@ class CombinedModel:
         if len(target):
             own = solve_modes(self.arrays, values, n_modes=min(self.n_modes, self.arrays.n_dofs))
             mine, pairing = paired(own, target), paired(modes, target)
-            frequencies = frequency_error(own, mine, modes, pairing, target.shape_sensors)
+            frequencies = largest_difference(own, mine, modes, pairing, target.shape_sensors)
             exact = self.ratios(values, modes)
             if exact is not None:
                 hz = modes.frequencies_hz[pairing.index]

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.measurements.gap import Pairing, pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["SeenModes", "all_over"]
+__all__ = ["SeenModes", "places_all_over"]
 
 #: Least visibility of a mode that enters a basis.
 _SEEN = 0.05
@@ -94,10 +94,15 @@ class SeenModes:
         Raises:
             InputError: If they are not all there.
         """
+        modes, pairing = self._paired(values)
+        return np.log(modes.frequencies_hz[pairing.index])
+
+    def _paired(self, values: Mapping[str, float]) -> tuple[Modes, Pairing]:
+        """Modes of the full model and which the test's are; those that cross are noted."""
         modes = self.solve(values)
         pairing = self.forward.paired(modes)
         self.crossings.update(pairing.crossing)
-        return np.log(modes.frequencies_hz[pairing.index])
+        return modes, pairing
 
     def crossing_names(self, mode_names: Sequence[str]) -> list[str]:
         """Pairs of test modes that were seen to change places, in words; MAC followed them."""
@@ -117,7 +122,7 @@ class SeenModes:
         return Forward(model, self.sensors, self.n_test, enough, self.reference)
 
 
-def all_over(full, count: int) -> Sensors:
+def places_all_over(full, count: int) -> Sensors:
     """Points all over a structure, the farthest from each other, in all directions. Collective.
 
     Args:

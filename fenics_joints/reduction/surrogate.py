@@ -10,7 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.files import write_arrays
-from fenics_joints.measurements.gap import frequency_error
+from fenics_joints.measurements.gap import largest_difference
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
@@ -19,7 +19,7 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 from fenics_joints.reduction.sampled import SampledBasis
-from fenics_joints.reduction.seen import SeenModes, all_over
+from fenics_joints.reduction.seen import SeenModes, places_all_over
 from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.sparse import vectors_like
@@ -81,7 +81,7 @@ class Surrogate(SeenModes):
     def errors(self, points: Points) -> np.ndarray:
         """Largest relative frequency error against the full model at each point, (n,).
 
-        See `fenics_joints.measurements.gap.frequency_error`.
+        See `fenics_joints.measurements.gap.largest_difference`.
 
         Raises:
             InputError: If either lacks a mode that the test saw.
@@ -89,15 +89,12 @@ class Surrogate(SeenModes):
         # Others are let go: they hold vectors of the full model's size.
         wanted = {tuple(values.items()) for values in points}
         self._solved = {key: m for key, m in self._solved.items() if key in wanted}
-        errors = np.array([self._off(values) for values in points])
+        errors = np.array([
+            largest_difference(*self.forward.solve(values), *self._paired(values), self.sensors)
+            for values in points
+        ])  # fmt: skip
         # Every rank has to take the same way from here.
         return self.full.comm.bcast(errors)
-
-    def _off(self, values) -> float:
-        self.log_f(values)  # which notes modes that cross, and refuses where one is missing
-        full = self.solve(values)
-        own = self.forward.solve(values)
-        return frequency_error(*own, full, self.forward.paired(full), self.sensors)
 
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis."""
@@ -134,7 +131,7 @@ class Surrogate(SeenModes):
 
     def everywhere(self, count: int) -> Sensors:
         """Points all over the structure, each in all directions. Collective."""
-        return all_over(self.full, count)
+        return places_all_over(self.full, count)
 
     def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""

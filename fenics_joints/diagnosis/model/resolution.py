@@ -13,7 +13,7 @@ from fenics_joints.measurements.gap import VISIBLE, mac, same_modes
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.seen import SeenModes, all_over
+from fenics_joints.reduction.seen import SeenModes, places_all_over
 
 __all__ = ["MOST", "mesh_errors"]
 
@@ -74,7 +74,7 @@ def _measured(small: SeenModes, values, progress: Progress) -> np.ndarray | None
     # The highest of one may have no like among those of the other.
     own = own[: len(better) - better.n_rigid]
     # All over the body: to the test's sensors two modes may look alike.
-    places = all_over(small.full, _PLACES)
+    places = places_all_over(small.full, _PLACES)
     shapes, hz = modes.at(places)[:, own], modes.frequencies_hz[own]
     index = same_modes(better, places, shapes, hz)
     same = np.diag(mac(shapes, better.at(places)[:, index])) > _SAME
