@@ -87,14 +87,20 @@ class Pairs:
         with np.errstate(invalid="ignore"):
             return np.where(pressed > 0, self.friction * pressed, 0.0)
 
-    def tangent(self, x: np.ndarray, r: np.ndarray):
-        """Blocks A, B, each (n, gdim, gdim): the equations' derivative is A dr + B dx."""
+    def tangent(self, x: np.ndarray, r: np.ndarray, slack: float = 0.0):
+        """Blocks A, B, each (n, gdim, gdim): the equations' derivative is A dr + B dx.
+
+        Args:
+            x: Displacements and jumps.
+            r: Rows of K x - f.
+            slack: Share of Coulomb's limit by which a pair may be above it and count as stuck.
+        """
         normal, tangent = self.trial(x, r)
         n, gdim = self.numbers.shape
         slope = np.zeros((n, gdim, gdim))
         slope[normal > 0, 0, 0] = 1.0
         limit, size, eye = self._limit(normal), np.linalg.norm(tangent, axis=1), np.eye(gdim - 1)
-        stick = (size <= limit) & (limit > 0)
+        stick = (size <= (1 + slack) * limit) & (limit > 0)
         slope[stick, 1:, 1:] = eye
         slip = ~stick & (limit > 0)
         unit = tangent[slip] / size[slip, None]

@@ -15,6 +15,8 @@ __all__ = ["Equations"]
 _ROUND_OFF = 10 * np.finfo(float).eps
 #: Relative to the loads; never is a larger residual taken for round-off.
 _LEAST_ACCURATE = 1e-6
+#: Share of Coulomb's limit within which a pair is at it when a step begins.
+_AT_LIMIT = 1e-6
 
 
 class Equations:
@@ -22,7 +24,7 @@ class Equations:
 
     def __init__(self, system: PreloadSystem, pairs: Pairs, load: PETSc.Vec, start: bool):
         self.system, self.pairs, self.load = system, pairs, load
-        self.start, self.iterations = start, 0
+        self.start, self.first, self.iterations = start, True, 0
         self.rows = load.duplicate()
         self.pins = system.model.jumps.local(system.fixed)
         self._norm = self._atol = None
@@ -83,7 +85,11 @@ class Equations:
             self.start = False
         else:
             self.residual(x, self.rows)
-            A, B = self.pairs.tangent(x.array_r, self.rows.array_r)
+            # Where the step before ended in slip, a pair is at its limit but for round-off: whether
+            # it goes on or sticks again is for the new load to say.
+            slack = _AT_LIMIT if self.first else 0.0
+            A, B = self.pairs.tangent(x.array_r, self.rows.array_r, slack)
+        self.first = False
         if P.getType() == "python":
             context = P.getPythonContext()
             context.A, context.B = A, B

@@ -281,6 +281,8 @@ def test_block_on_springs():
             assert np.allclose(found, (move_x, move_y), atol=2e-2 * limit / k)
             slipping = abs(push_x) > limit
             assert np.all(state.status == (SLIP if slipping else STICK))
+            # Unloaded it sticks at once: round-off about the limit does not say who slips.
+            assert slipping or result.iterations <= 2
             if slipping:
                 assert abs(np.linalg.norm(friction) / limit - 1) < 1e-7
     # The last: slip along the change of the springs' load.
