@@ -30,7 +30,8 @@ def compare(geometry: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     """Frequencies, Hz, of the nominal model, of it with one degree more, and of the world, (m,)
     each, and the error of the shapes.
 
-    The finer one's is nan where it has not the mode; the error of the shapes is relative to unit root mean square, (n_s, m).
+    The finer one's is nan where it has not the mode; the error of the shapes is relative to unit
+    root mean square, (n_s, m).
     """
     world = worlds.world_of(geometry)
     truth = world.clean(world.nominal_spec(geometry))
