@@ -38,17 +38,22 @@ HOW = {
 }
 
 
-def chain(kind: str, n: int, every: int, H: int) -> dict:
-    """A chain of unit masses with elements between some of them: first resonance near 1 rad/s."""
+def chain(kind: str, n: int, every: int, H: int, copies: int = 1) -> dict:
+    """A chain of unit masses with elements between some of them: first resonance near 1 rad/s.
+
+    As many ``copies`` of each side by side do together what one does.
+    """
     k = (2 * n + 1) ** 2 / np.pi**2
     K = k * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     K[-1, -1] = k
     slack = np.pi / (2 * n)  # between neighbours, at a unit amplitude of the end
-    own = {"stiffness": 0.3 * k, "strength": 0.3 * k * 0.2 * slack, "band": (0.8, 1.3)}
+    each = k / copies
+    own = {"stiffness": 0.3 * each, "strength": 0.3 * each * 0.2 * slack, "band": (0.8, 1.3)}
     if kind == "cubic":
-        own = {"cubic": 0.01 * k / slack**2, "band": (0.8, 1.3)}
+        own = {"cubic": 0.01 * each / slack**2, "band": (0.8, 1.3)}
     common = {"kind": kind, "K": K, "M": np.eye(n), "C": 0.02 * np.eye(n), "push": 0.025 * n}
-    return {**own, **common, "at": list(range(0, n, every)), "H": H, "T": 128}
+    return {**own, **common, "at": list(range(0, n, every)) * copies, "H": H,
+            "T": 128}  # fmt: skip
 
 
 # -- ours ------------------------------------------------------------------------------------------
@@ -90,9 +95,9 @@ def by_pyharm(c: dict, step: float):
     else:
         common |= {"type": "Jenkins", "mu": 1.0, "N0": c["strength"], "k": c["stiffness"]}
     connectors = {
-        f"element {i}": common
+        f"element {number}": common
         | {"connect": [("chain", [i]), ("chain", [i - 1]) if i else ("GROUND", [None])]}
-        for i in c["at"]
+        for number, i in enumerate(c["at"])
     }
     connectors["push"] = {
         "type": "CosinusForcing", "connect": [("chain", [n - 1]), ("GROUND", [None])],
@@ -213,6 +218,8 @@ def beside(c: dict, peers: dict[str, Callable], steps: dict[str, float]) -> list
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--masses", type=int, default=20, help="of the chain")
+    parser.add_argument("--copies", type=int, default=1, help="of each element, side by side")
+    parser.add_argument("--kinds", nargs="+", default=["jenkins", "cubic"])
     parser.add_argument("--harmonics", type=int, default=5)
     parser.add_argument("--pyharm-step", type=float, default=0.1, help="pyHarm's longest step")
     parser.add_argument("--tmdsimpy-step", type=float, default=0.1, help="tmdsimpy's longest step")
@@ -224,8 +231,8 @@ def main() -> None:
     peers, found = available(), {}
     os.chdir(tempfile.mkdtemp())  # pyHarm leaves files where it runs
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # JAX has threads of its own
-    for kind in ("jenkins", "cubic"):
-        c = chain(kind, args.masses, 2, args.harmonics)
+    for kind in args.kinds:
+        c = chain(kind, args.masses, 2, args.harmonics, args.copies)
         found[kind] = beside(c, peers, steps)
         print(f"{args.masses} masses, {len(c['at'])} {kind} elements, {c['H']} harmonics, "
               f"{c['T']} samples")  # fmt: skip

@@ -81,8 +81,9 @@ def slider(slip, position, stiffness, strength):
     slip, position = _parts(slip), _parts(position)
     stretch = [x - z for x, z in zip(slip, position, strict=True)]
     length = _length(stretch)
-    sticks = ufl.le(stiffness * length, strength)
-    share = strength / ufl.conditional(sticks, 1.0, length)
+    # Without strength nothing sticks, not even at rest: an open contact has no shear stiffness.
+    sticks = ufl.And(ufl.le(stiffness * length, strength), ufl.gt(strength, 0.0))
+    share = strength / ufl.conditional(ufl.gt(length, 0.0), length, 1.0)
     sliding = [share * e for e in stretch]
     moved = [x - t / stiffness for x, t in zip(slip, sliding, strict=True)]
     traction = _either(sticks, [stiffness * e for e in stretch], sliding)

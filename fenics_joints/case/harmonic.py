@@ -231,8 +231,8 @@ class HarmonicSection(Section):
     ``loads`` come beside it; ``damping`` are the ratios of the modes at rest, the last
     one for all further modes; ``measured`` a table with the columns ``level``, ``frequency`` and
     ``amplitude``, of the ``response`` at the sensor. ``interface_modes`` go into the reduced model
-    beside the ``modes``: none in layers, which show how they give way under static load instead,
-    and 60 in contacts, or all they have, unless the case says so. ``quasi_static`` asks for the
+    beside the ``modes`` and how the joints give way under static load: none of layers, 12 of
+    contacts, unless the case says how many. ``quasi_static`` asks for the
     mode over its amplitude from static loads too, of the ``reduced`` model or the ``full`` one.
     ``bifurcations`` are those where the responses' stability changes: to ``find`` them, or to
     ``follow`` the motions of broken symmetry or of twice the period that begin there, too.
@@ -253,7 +253,7 @@ class HarmonicSection(Section):
     harmonics: Annotated[int, Field(ge=1, le=51, strict=True)] = 5
     samples: Annotated[int, Field(ge=8, le=65_536, strict=True)] = 128
     modes: ModeCount = 12
-    interface_modes: Annotated[int, Field(ge=0, le=10_000, strict=True)] = 24
+    interface_modes: Annotated[int, Field(ge=0, le=10_000, strict=True)] | None = None
     identify: IdentifySection | None = None
 
     @model_validator(mode="before")

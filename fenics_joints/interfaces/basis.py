@@ -68,10 +68,11 @@ class Basis:
         columns: The basis, (n_local, n): of the columns' span that in which K and M are diagonal,
             modes first. Up to the highest of the k modes it has unit mass; beyond, where mass
             says little, unit stiffness times that mode's eigenvalue.
+        more: The further columns as they came.
     """
 
     def __init__(self, K: PETSc.Mat, M: PETSc.Mat, shift: float, modes, more):
-        self._comm = K.comm.tompi4py()
+        self._comm, self.more = K.comm.tompi4py(), more
         more = more / _length(np.sqrt(self._energy(K, M, shift, more)))
         for _ in range(2):
             more = more - modes @ self._dot(modes, product(M, more))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,12 +19,13 @@ from fenics_joints.interfaces.assembly import (
     check_uniform,
 )
 from fenics_joints.interfaces.basis import (
+    Basis,
     characteristic,
     energy_share,
     fixed_interface,
     free_interface,
 )
-from fenics_joints.interfaces.model import InterfacePoints
+from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.interfaces.reduced import ReducedInterfaceModel
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.modal.eigensolver import EigenSolver
@@ -40,6 +41,8 @@ __all__ = ["reduce_contacts"]
 #: The shift of static solutions and modes, as `modal.modes` takes it: its frequency as a
 #: share of the dilation frequency.
 _SHIFT_SHARE = 0.002
+#: Constraint modes that are kept, where shapes are asked for, of an interface that has more.
+_MOST = 1500
 _METHODS = ("craig-bampton", "free-interface")
 
 
@@ -51,6 +54,7 @@ def reduce_contacts(
     n_modes: int = 20,
     interface_modes: int | None = None,
     tolerance: float | None = None,
+    shapes: Callable[[InterfaceModel], Sequence[PETSc.Vec]] | None = None,
     forces: Places | None = None,
     sensors: Places | None = None,
     given: Mapping[str, float] | None = None,
@@ -73,6 +77,10 @@ def reduce_contacts(
             interface as many as modes.
         tolerance: Instead of a number, of a free interface: the least energy of an interface mode
             under unit stress, relative to the largest.
+        shapes: Gives displacements of a model that keeps all constraint modes (or 1,500 of
+            them), such as by `fenics_joints.interfaces.loading_shapes`. They and the modes at rest
+            are the basis then, and as many characteristic constraint modes as `interface_modes`,
+            by default none: far fewer than constraint modes alone that do as well.
         forces: Position, m, and direction of each force, by name. Bolts and loads of the model are
             forces too, by their names, per newton or factor.
         sensors: Position and direction of each sensor.
@@ -86,11 +94,6 @@ def reduce_contacts(
         raise InputError(f"method = {method!r}: expected {' or '.join(map(repr, _METHODS))}.")
     check_uniform(joint.structure)
     pairs = _Pairs(joint, laws)
-    choose = (
-        characteristic(interface_modes, pairs.size)
-        if method == "craig-bampton"
-        else energy_share(interface_modes, tolerance, n_modes, pairs.size)
-    )
     free = joint.change(_released(joint, laws), joint.springs)
     K, M = free.stiffness(given), free.mass(given)
     _hold(joint, (K, M), pairs.bubbles())
@@ -100,8 +103,15 @@ def reduce_contacts(
     shift = -((2 * np.pi * _SHIFT_SHARE * joint.dilation_frequency(given)) ** 2)
     solver = EigenSolver(n_modes, shift=shift)
     elastic = pairs.with_tangents(K)
-    find = _fixed if method == "craig-bampton" else _free
-    columns = find(pairs, (K, elastic, M), solver, loads, choose)
+    basis = pairs, (K, elastic, M), solver, loads
+    if shapes is not None:
+        columns = _guided(
+            *basis, lambda X: shapes(_bare(pairs, (K, M), X, forces, sensors)), interface_modes or 0
+        )
+    elif method == "craig-bampton":
+        columns = _fixed(*basis, characteristic(interface_modes, pairs.size)).columns
+    else:
+        columns = _free(*basis, energy_share(interface_modes, tolerance, n_modes, pairs.size))
     elastic.destroy(), solver.destroy()
     source = ReducedStructure(joint.structure, joint.displacements(as_vectors(K, columns)))
     pencil = _with_contacts(joint, source, (K, M), columns, given)
@@ -109,23 +119,52 @@ def reduce_contacts(
     return assemble(columns, source, pairs.points(columns), pencil, {}, given, forces, sensors)
 
 
-def _fixed(pairs: _Pairs, matrices, solver: EigenSolver, loads, choose: Callable) -> np.ndarray:
+def _fixed(pairs: _Pairs, matrices, solver: EigenSolver, loads, choose: Callable) -> Basis:
     """Craig and Bampton's basis: modes with the pairs stuck, and constraint modes."""
     K, elastic, M = matrices
     held = [A.copy() for A in (K, M)]
     _hold(pairs.joint, held, pairs.numbers)
     modes = as_columns(solver.solve(*held).shapes)
-    columns = fixed_interface(elastic, M, solver, modes, loads, pairs.local, choose).columns
+    basis = fixed_interface(elastic, M, solver, modes, loads, pairs.local, choose)
     for A in held:
         A.destroy()
-    return columns
+    return basis
 
 
-def _free(pairs: _Pairs, matrices, solver: EigenSolver, loads, choose: Callable) -> np.ndarray:
-    """Modes with the laws' tangents between the pairs, and interface modes."""
+def _free(
+    pairs: _Pairs, matrices, solver: EigenSolver, loads, choose: Callable | None, extra=None
+) -> np.ndarray:
+    """Modes with the laws' tangents between the pairs, and interface modes or further columns."""
     _, elastic, M = matrices
     modes = as_columns(solver.solve(elastic, M).shapes)
-    return free_interface(elastic, M, solver, modes, loads, pairs, choose).columns
+    return free_interface(elastic, M, solver, modes, loads, pairs, choose, extra).columns
+
+
+def _guided(
+    pairs: _Pairs, matrices, solver: EigenSolver, loads, shapes: Callable, few: int
+) -> np.ndarray:
+    """Modes at rest, few characteristic constraint modes, displacements of a model with them all.
+
+    Raises:
+        InputError: If there are fewer constraint modes.
+    """
+    if few > pairs.size:
+        characteristic(few, pairs.size)  # says so
+    most = characteristic(min(_MOST, pairs.size), pairs.size)
+    whole = _fixed(pairs, matrices, solver, loads, most)
+    known = whole.columns @ pairs.joint.jumps.comm.bcast(as_columns(shapes(whole.columns)))
+    return _free(pairs, matrices, solver, loads, None, np.hstack([known, whole.more[:, :few]]))
+
+
+def _bare(pairs: _Pairs, matrices, columns, forces: Placed, sensors: Placed) -> InterfaceModel:
+    """The model of a basis without its parameters."""
+    comm = pairs.joint.jumps.comm
+    K, M = (_projected(A, columns) for A in matrices)
+    rows = [
+        dict(zip(names, comm.allreduce(columns.T @ loads).T, strict=True))
+        for names, loads in (forces, sensors)
+    ]
+    return InterfaceModel(M, K, tuple(pairs.points(columns)), forces=rows[0], sensors=rows[1])
 
 
 class _Pairs:

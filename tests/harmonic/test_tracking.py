@@ -1,4 +1,4 @@
-"""Folds and superharmonic resonances over the force, and isolas."""
+"""Folds, superharmonic and internal resonances over the force, and isolas."""
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from fenics_joints.harmonic import (
     track_folds,
     track_resonance,
 )
+from fenics_joints.interfaces import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import CubicSpring, ElasticFriction
 
 
@@ -104,6 +105,29 @@ def test_a_superharmonic_resonance_is_where_its_harmonic_is_largest(law, near):
             for k in (1, 5)
         )
         assert np.cos(third - 3 * first) == pytest.approx(np.zeros(len(tracked)), abs=1e-6)
+
+
+def test_an_internal_resonance_follows_what_the_first_mode_stiffens():
+    """Three times the frequency is the second mode's, 3.3 rad/s and what the cube's mean adds."""
+    first, second, zeta, k3 = 1.0, 3.3, 1e-3, 1.0
+    modes = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
+    K, C = (modes @ np.diag(d) @ modes.T for d in (
+        (first**2, second**2), (2 * zeta * first, 2 * zeta * second)))  # fmt: skip
+    spring = InterfacePoints("spring", CubicSpring(0.0, k3), np.array([[[1.0, 0.0]]]), np.ones(1))
+    places = {"push": np.ones(2)}, {"mass": np.array([1.0, 0.0])}
+    model = InterfaceModel(np.eye(2), K, (spring,), C, *places)
+    band = 0.9 / TURN, 1.2 / TURN
+    fine = Settings(max_step=0.02)
+    result = solve_harmonic(model, "push", 0.008, band, harmonics=7, settings=fine)
+    tracked = track_resonance(result, 3, (0.008, 0.03))
+    X = tracked.coefficients
+    third = np.linalg.norm(X[:, :, 5:7], axis=2)
+    assert third[:, 0] == pytest.approx(third[:, 1], rel=0.05)  # of the second mode
+    # A small motion beside a cos(w t) meets the mean of 3 k3 a^2 cos^2, by half of it in the mode.
+    mean = 1.5 * k3 * np.hypot(X[:, 0, 1], X[:, 0, 2]) ** 2
+    expected = np.sqrt(second**2 + mean / 2) / 3 - second / 3
+    assert tracked.omegas - second / 3 == pytest.approx(expected, rel=0.08)
+    assert expected[-1] > 7e-4
 
 
 def test_what_does_not_resonate_is_said():

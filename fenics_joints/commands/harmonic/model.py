@@ -13,6 +13,7 @@ from fenics_joints.case.contact_laws import ContactSection
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces import (
     FullModel,
+    InterfaceModel,
     ReducedInterfaceModel,
     reduce_contacts,
     reduce_layers,
@@ -31,8 +32,8 @@ __all__ = ["FORCE", "SENSOR", "HarmonicModel", "harmonic_model", "level_power", 
 FORCE, SENSOR = "force", "sensor"
 #: Static loads whose shapes go into the basis: as many, the least as a share of the largest.
 _LOADINGS, _LEAST = 12, 0.01
-#: Interface modes of contacts, unless the case says how many.
-_CONTACT_MODES = 60
+#: Interface modes of contacts beside those shapes, unless the case says how many.
+_CONTACT_MODES = 12
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def harmonic_model(case: Case, comm: MPI.Intracomm, progress: Progress) -> Harmo
     model, n_dofs, modes, full = make(case, comm, progress)
     damping = case.harmonic.damping
     model = with_modal_damping(model, damping, damping[-1])
-    mode = _mode_in_band(case, modes)
+    mode = _mode_in_band(case, modes.frequencies_hz, modes.n_rigid)
     kept = full if case.harmonic.quasi_static == "full" else None
     return HarmonicModel(model, n_dofs, modes.frequencies_hz, mode, kept)
 
@@ -121,13 +122,12 @@ def level_power(case: Case) -> int:
     return 2 if base is not None and base.motion == "displacement" else 0
 
 
-def _mode_in_band(case: Case, modes: Modes) -> int:
+def _mode_in_band(case: Case, hz: np.ndarray, n_rigid: int = 0) -> int:
     """The elastic mode in or near a band that is nearest to its middle."""
     low, high = case.harmonic.band
-    hz = modes.frequencies_hz
-    inside = [i for i in range(modes.n_rigid, len(hz)) if 0.8 * low <= hz[i] <= 1.25 * high]
+    inside = [i for i in range(n_rigid, len(hz)) if 0.8 * low <= hz[i] <= 1.25 * high]
     if not inside:
-        there = ", ".join(f"{f:.4g}" for f in hz[modes.n_rigid :])
+        there = ", ".join(f"{f:.4g}" for f in hz[n_rigid:][: case.harmonic.modes])
         raise InputError(
             f"{case.path}: harmonic.band = [{low:g}, {high:g}] Hz: no mode is near it; expected "
             f"one of {there} Hz inside"
@@ -153,19 +153,36 @@ def _with_layers(case: Case, comm, progress: Progress):
 
 def _loadings(case: Case, full: FullModel, modes: Modes) -> list:
     """Static shapes up to what a linear joint would do at resonance at the highest level."""
-    i = _mode_in_band(case, modes)
+    i = _mode_in_band(case, modes.frequencies_hz, modes.n_rigid)
     shape, eigenvalue = modes.shapes[i], float(modes.eigenvalues[i])
     load = full.M.createVecLeft()
     full.M.mult(shape, load)
     load.scale(eigenvalue)
+    pushed, seen = full.forces[FORCE].dot(shape), full.sensors[SENSOR].dot(shape)
+    factors = _factors(case, i, eigenvalue, abs(pushed), abs(seen))
+    return loading_shapes(full, load, factors)
+
+
+def _factors(case: Case, i: int, eigenvalue: float, pushed: float, seen: float) -> np.ndarray:
+    """Amplitudes of a mode, by mass, up to the largest that is asked for."""
     zeta = case.harmonic.damping[min(i, len(case.harmonic.damping) - 1)]
-    push = abs(full.forces[FORCE].dot(shape)) * max(case.harmonic.levels)
-    push *= eigenvalue ** (level_power(case) / 2)
+    push = pushed * max(case.harmonic.levels) * eigenvalue ** (level_power(case) / 2)
     largest = push / (2 * max(zeta, 1e-4) * eigenvalue)
-    sensed = abs(full.sensors[SENSOR].dot(shape))
-    if sensed > 0:
-        largest = max(largest, _measured_reach(case) / sensed)
-    return loading_shapes(full, load, largest * np.geomspace(_LEAST, 1.0, _LOADINGS))
+    if seen > 0:
+        largest = max(largest, _measured_reach(case) / seen)
+    return largest * np.geomspace(_LEAST, 1.0, _LOADINGS)
+
+
+def _opening_shapes(case: Case, whole: InterfaceModel) -> list:
+    """As `_loadings` of contacts, which open one way and close the other: both ways."""
+    shift, theta, X = whole.modes_at_rest()
+    hz = np.sqrt(np.maximum(1 / theta - shift, 0.0)) / (2 * np.pi)
+    i = _mode_in_band(case, hz)
+    shape, eigenvalue = X[:, i] / np.sqrt(theta[i]), (2 * np.pi * hz[i]) ** 2
+    load = eigenvalue * whole.M @ shape
+    pushed, seen = whole.forces[FORCE] @ shape, whole.sensors[SENSOR] @ shape
+    factors = _factors(case, i, eigenvalue, abs(pushed), abs(seen))
+    return [u for way in (1, -1) for u in loading_shapes(whole, way * load, factors)]
 
 
 def _measured_reach(case: Case) -> float:
@@ -204,7 +221,10 @@ def _with_contacts(case: Case, comm, progress: Progress):
     progress.step(f"reducing {preload.jumps.n} degrees of freedom")
     jumps = sum(len(c) * preload.structure.gdim for c in preload.jumps.contacts if c.name in laws)
     kept = min(jumps, _CONTACT_MODES) if h.interface_modes is None else h.interface_modes
-    model = reduce_contacts(joint, laws, n_modes=h.modes, interface_modes=kept, **_places(case))
+    model = reduce_contacts(
+        joint, laws, n_modes=h.modes, interface_modes=kept,
+        shapes=lambda whole: _opening_shapes(case, whole), **_places(case),
+    )  # fmt: skip
     modes = solve_modes(model, n_modes=min(h.modes, model.n_dofs))
     return model, preload.jumps.n, modes, None
 
