@@ -4,7 +4,7 @@ A law is made of parallel elements, each written once, as UFL. Those here are `I
 follow a backbone: `RichardAbbott`, Iranzad and Ahmadian 2012's eq. 4; `Segalman`; `Bilinear`; or
 one of one's own), `IwanLayer`, `ElasticFriction` (Jenkins), `CoulombStick` (friction under a normal
 load that varies), `DilatantCoulomb` (Iranzad and Ahmadian 2012's eqs. 1-2), `BoucWen` and
-`Valanis`; without memory `CubicSpring`, `UnilateralSpring`, `Gap` and `RateDamping`.
+`Valanis`; without memory `CubicSpring`, `UnilateralSpring`, `Gap`, `RateDamping` and `FluidFilm`.
 
 In a finite-element model, on a layer of cells or on facets, 2-D or 3-D, serial or parallel::
 
@@ -66,7 +66,13 @@ from fenics_joints.joint_laws.library import (
     Iwan,
     Valanis,
 )
-from fenics_joints.joint_laws.memoryless import CubicSpring, Gap, RateDamping, UnilateralSpring
+from fenics_joints.joint_laws.memoryless import (
+    CubicSpring,
+    FluidFilm,
+    Gap,
+    RateDamping,
+    UnilateralSpring,
+)
 from fenics_joints.joint_laws.quasi_static import (
     QuasiStatic,
     QuasiStaticHistory,
@@ -84,6 +90,7 @@ __all__ = [
     "CubicSpring",
     "DilatantCoulomb",
     "ElasticFriction",
+    "FluidFilm",
     "Gap",
     "HarmonicStress",
     "Iwan",

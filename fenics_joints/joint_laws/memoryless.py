@@ -1,4 +1,4 @@
-"""Laws without memory: springs with gaps or cubic terms, damping by the rate of slip."""
+"""Laws without memory: springs with gaps or cubic terms, damping by the rate of motion."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.forms.hysteresis import vector_length
 from fenics_joints.joint_laws.law import JointLaw, not_negative, positive
 
-__all__ = ["CubicSpring", "Gap", "RateDamping", "UnilateralSpring"]
+__all__ = ["CubicSpring", "FluidFilm", "Gap", "RateDamping", "UnilateralSpring"]
 
 
 class UnilateralSpring(JointLaw):
@@ -140,3 +140,30 @@ class RateDamping(JointLaw):
         friction = p["strength"] * (1.0 - fallen) / (1.0 + fallen) / speed
         factor = p["c1"] + p["c3"] * square + friction
         return ufl.as_ufl(0.0), ufl.as_vector([factor * w for w in v]), None
+
+
+class FluidFilm(JointLaw):
+    """A thin film of oil between parallel faces, full and incompressible, as stress on the area.
+
+    Squeezed by eta b^2 w' / (h + w)^3, as a long strip open along both edges is, and sheared by
+    eta v / (h + w) (Reynolds' equation; Hamrock, Schmid and Jacobson, Fundamentals of Fluid Film
+    Lubrication, 2004). It carries tension too: where it would cavitate, too much.
+
+    Args:
+        viscosity: eta, Pa s.
+        thickness: h at rest, m.
+        width: b of the strip, m; of a disc of radius R, R sqrt(3 / 2).
+    """
+
+    name, coupled = "fluid_film", True
+
+    def __init__(self, viscosity: ArrayLike, thickness: ArrayLike, width: ArrayLike):
+        super().__init__(viscosity=viscosity, thickness=thickness, width=width)
+
+    def check(self) -> None:
+        positive(self, "viscosity", "thickness", "width")
+
+    def element(self, normal, slip, state, p, rate):
+        eta, h = p["viscosity"], p["thickness"] + normal
+        shear = [eta * rate[1 + i] / h for i in range(slip.ufl_shape[0])]
+        return eta * p["width"] ** 2 * rate[0] / h**3, ufl.as_vector(shear), None

@@ -9,7 +9,15 @@ from scipy.integrate import solve_ivp
 
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import Balance
-from fenics_joints.joint_laws import CoulombStick, ElasticFriction, Gap, LawKernel, UnilateralSpring
+from fenics_joints.interfaces import InterfaceModel, InterfacePoints
+from fenics_joints.joint_laws import (
+    CoulombStick,
+    ElasticFriction,
+    FluidFilm,
+    Gap,
+    LawKernel,
+    UnilateralSpring,
+)
 
 
 def history(law, strain, normal=False):
@@ -94,3 +102,21 @@ def test_friction_in_a_plane_under_a_load_that_varies():
     assert stress[0, -1, 0] == pytest.approx(k_n * strain[-1, 0])
     expected = k * (strain[-1, 1:] - z)
     assert stress[0, -1, 1:] == pytest.approx(expected, rel=1e-3, abs=1e-3 * k_n * mu)
+
+
+def test_a_squeezed_film_takes_what_reynolds_says():
+    """Per cycle of h (1 + e cos w t): pi c w (h e)^2 / (1 - e^2)^1.5 with c = eta b^2 / h^3."""
+    eta, h, b, area, e, omega = 0.08, 2e-5, 0.01, 3e-4, 0.4, 250.0
+    one = np.ones((1, 1))
+    rows = np.array([[[1.0], [0.5]]])  # it opens, and slips half as far
+    film = InterfacePoints("film", FluidFilm(eta, h, b), rows, np.array([area]), True)
+    model = InterfaceModel(one, one, (film,), one, {"push": one[0]}, {"mass": one[0]})
+    balance = Balance(model, 9, samples=512)
+    X = np.zeros(balance.shape)
+    X[0, 1] = h * e
+    work = -np.pi * h * e * balance.interface_force(X, omega)[0][0, 2]
+    squeeze = np.pi * eta * b**2 / h**3 * omega * (h * e) ** 2 / (1 - e**2) ** 1.5
+    # The integral of sin^2 / (1 + e cos) over a turn, of the shear.
+    shear = 0.25 * eta / h * omega * (h * e) ** 2 * 2 * np.pi * (1 - np.sqrt(1 - e**2)) / e**2
+    assert work == pytest.approx(area * (squeeze + shear), rel=1e-9)
+    assert shear > 1e-7 * squeeze
