@@ -324,6 +324,7 @@ class _Run:
         data = self.given.validation()
         if data is None:
             return None
+        data = self.model.without_lost(data)
         before = [self.forward(self.baseline)[0]] * len(data)
         after = [
             RowPrediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f

@@ -51,6 +51,8 @@ class Prepared(Subject):
         evidence: The test as the inference sees it.
         surrogate: The reduced model; None until `reduce`.
         unresolved: Modes of the test that are no modes of the same mesh one degree higher.
+        left_out: Mask of these, (m,), if they are left out; None if not, as they are most of the
+            test or there are none.
     """
 
     comm: MPI.Intracomm
@@ -62,6 +64,7 @@ class Prepared(Subject):
     evidence: Evidence
     surrogate: SeenModes | None = None
     unresolved: tuple[str, ...] = ()
+    left_out: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"Prepared({self.case.title!r}, {len(self.effects)} effects, {self.evidence})"
@@ -121,9 +124,23 @@ class Prepared(Subject):
                 None if keep is None else lambda: file("mesh error").with_suffix(".json"),
             )  # fmt: skip
             if errors is not None:
-                self.evidence = self.evidence.on_mesh(errors)
-                names = zip(self.data.mode_names, errors, strict=True)
-                self.unresolved = tuple(name for name, error in names if np.isnan(error))
+                self._on_mesh(errors)
+
+    def _on_mesh(self, errors: np.ndarray) -> None:
+        """Take the mesh's errors off, and leave out modes that it does not resolve."""
+        self.evidence, lost = self.evidence.on_mesh(errors), np.isnan(errors)
+        names = zip(self.data.mode_names, lost, strict=True)
+        self.unresolved = tuple(name for name, gone in names if gone)
+        if 0 < lost.sum() <= len(lost) / 2:
+            self.left_out = lost
+            self.data = self.without_lost(self.data)
+            self.evidence = self.evidence.without(np.broadcast_to(lost, self.evidence.shape))
+
+    def without_lost(self, data: TestData) -> TestData:
+        """A test without the frequencies of modes that are left out."""
+        if self.left_out is None:
+            return data
+        return replace(data, frequencies_hz=np.where(self.left_out, np.nan, data.frequencies_hz))
 
     def _neighbours(self) -> Neighbours:
         """The nominal model's modes, which those of the test may turn into. Collective."""
@@ -134,17 +151,20 @@ class Prepared(Subject):
         )  # fmt: skip
 
     def mesh_error(self) -> dict[str, float]:
-        """How much too high the mesh makes the test's modes; empty where it was not measured."""
+        """How much too high the mesh makes the test's modes, of those that it resolves; empty where
+        it was not measured."""
         shift = self.evidence.mesh_shift
-        return {} if shift is None else dict(zip(self.data.mode_names, np.expm1(shift).tolist(),
-                                                 strict=True))  # fmt: skip
+        if shift is None:
+            return {}
+        errors = zip(self.data.mode_names, np.expm1(shift).tolist(), strict=True)
+        return {name: error for name, error in errors if name not in self.unresolved}
 
     def order_note(self) -> str:
         """That modes paired by order fit others better, as when a test lacks the lowest; or ""."""
         seen, names = self.surrogate, self.data.mode_names
         if seen.pairing.mac is not None:
             return ""
-        own = np.exp(np.nanmean(np.log(self.data.frequencies_hz), axis=0))
+        own = np.exp(np.nanmean(self.evidence.off_mesh(self.evidence.log_f), axis=0))
         model = seen.nominal.frequencies_hz[seen.pairing.visible]
         count = skipped(own, model)
         if not count:
@@ -160,10 +180,14 @@ class Prepared(Subject):
         where it does not resolve modes."""
         asked, errors, notes = self.evidence.discrepancy, self.mesh_error(), []
         if self.unresolved:
+            so = (
+                "left out (finer cells resolve more)" if self.left_out is not None else
+                "as they are most of the test they stay, but what they say is not to be trusted "
+                "without finer cells"
+            )  # fmt: skip
             notes.append(
                 f"{OF_MODEL}the mesh does not resolve {', '.join(self.unresolved)}: the same mesh "
-                "one degree higher has no mode of that shape; finer cells would help, and without "
-                "them what such a mode says is not to be trusted"
+                f"one degree higher has no mode of that shape; {so}"
             )
         worst = max(errors, key=lambda name: abs(errors[name]), default=None)
         if worst is None or abs(errors[worst]) <= asked:

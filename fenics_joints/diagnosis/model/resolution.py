@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.measurements.gap import VISIBLE, mac, same_modes
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.measurements.gap import VISIBLE, same_modes
+from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.seen import SeenModes, places_all_over
@@ -22,6 +22,8 @@ __all__ = ["MOST", "mesh_errors"]
 MOST = 200_000
 #: MAC below which two modes are not the same one, and at how many places it is taken.
 _SAME, _PLACES = 0.7, 60
+#: Difference of ln f within which modes may turn into one another by any small error.
+_TURNED = 0.01
 
 
 def mesh_errors(
@@ -77,10 +79,21 @@ def _measured(small: SeenModes, values, progress: Progress) -> np.ndarray | None
     places = places_all_over(small.full, _PLACES)
     shapes, hz = modes.at(places)[:, own], modes.frequencies_hz[own]
     index = same_modes(better, places, shapes, hz)
-    same = np.diag(mac(shapes, better.at(places)[:, index])) > _SAME
+    same = _share_within(shapes, better, places, index) > _SAME
     found = np.full(len(modes), np.nan)
     found[own[same]] = (hz / better.frequencies_hz[index] - 1.0)[same]
     return small.full.comm.bcast(found)
+
+
+def _share_within(shapes: np.ndarray, better: Modes, places, index: np.ndarray) -> np.ndarray:
+    """MAC of shapes, (p, m), with what their partners and modes as near as makes them turn span."""
+    hz, there = better.frequencies_hz, better.at(places)
+    found = np.empty(len(index))
+    for i, j in enumerate(index):
+        near = np.abs(np.log(hz[better.n_rigid :] / hz[j])) < _TURNED
+        span = np.linalg.qr(there[:, better.n_rigid :][:, near])[0]
+        found[i] = np.sum((span.T @ shapes[:, i]) ** 2) / np.sum(shapes[:, i] ** 2)
+    return found
 
 
 def _read(file: Path | None) -> list[float] | None:
