@@ -41,8 +41,9 @@ __all__ = ["reduce_contacts"]
 #: The shift of static solutions and modes, as `modal.modes` takes it: its frequency as a
 #: share of the dilation frequency.
 _SHIFT_SHARE = 0.002
-#: Constraint modes that are kept, where shapes are asked for, of an interface that has more.
-_MOST = 1500
+#: Constraint modes that are kept, where shapes are asked for, of an interface that has more; and
+#: how many are if there are no shapes.
+_MOST, _WITHOUT = 1500, 60
 _METHODS = ("craig-bampton", "free-interface")
 
 
@@ -80,7 +81,8 @@ def reduce_contacts(
         shapes: Gives displacements of a model that keeps all constraint modes (or 1,500 of
             them), such as by `fenics_joints.interfaces.loading_shapes`. They and the modes at rest
             are the basis then, and as many characteristic constraint modes as `interface_modes`,
-            by default none: far fewer than constraint modes alone that do as well.
+            by default none, or 60 if it gives no shape: far fewer than constraint modes alone that
+            do as well.
         forces: Position, m, and direction of each force, by name. Bolts and loads of the model are
             forces too, by their names, per newton or factor.
         sensors: Position and direction of each sensor.
@@ -150,9 +152,14 @@ def _guided(
     """
     if few > pairs.size:
         characteristic(few, pairs.size)  # says so
-    most = characteristic(min(_MOST, pairs.size), pairs.size)
+    most = characteristic(min(max(_MOST, few), pairs.size), pairs.size)
     whole = _fixed(pairs, matrices, solver, loads, most)
-    known = whole.columns @ pairs.joint.jumps.comm.bcast(as_columns(shapes(whole.columns)))
+    found, own = shapes(whole.columns), np.zeros((whole.columns.shape[1], 0))
+    if len(found):
+        own = as_columns(found)
+    else:
+        few = max(few, min(_WITHOUT, pairs.size))
+    known = whole.columns @ pairs.joint.jumps.comm.bcast(own)
     return _free(pairs, matrices, solver, loads, None, np.hstack([known, whole.more[:, :few]]))
 
 

@@ -69,6 +69,7 @@ def gaping(model):
     return CoulombStick(1e13, 8e12, 0.3, pressure[:, None])
 
 
+@pytest.mark.parallel
 def test_an_open_pair_has_no_stiffness_at_rest():
     """Not along the contact either: the modes at rest are those of the closed pairs' springs."""
     model = blocks(degree=1)
@@ -81,6 +82,7 @@ def test_an_open_pair_has_no_stiffness_at_rest():
     assert np.abs(relative(solve_modes(reduced, n_modes=N), exact, 6)).max() < 1e-8
 
 
+@pytest.mark.parallel
 def test_shapes_of_a_load_do_for_all_interface_modes():
     """Response of a contact whose lips part and slip: a quarter of the unknowns."""
     model = blocks(degree=1)

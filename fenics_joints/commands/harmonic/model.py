@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from mpi4py import MPI
 from fenics_joints.case import Case, build_preload, build_structure
 from fenics_joints.case.checks.beams import refuse_beams
 from fenics_joints.case.contact_laws import ContactSection
-from fenics_joints.errors import InputError
+from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.interfaces import (
     FullModel,
     InterfaceModel,
@@ -174,15 +175,22 @@ def _factors(case: Case, i: int, eigenvalue: float, pushed: float, seen: float) 
 
 
 def _opening_shapes(case: Case, whole: InterfaceModel) -> list:
-    """As `_loadings` of contacts, which open one way and close the other: both ways."""
+    """As `_loadings` of contacts, which open one way and close the other: both ways.
+
+    A way in which no equilibrium is found, as where nothing holds a part that lifts off, has none.
+    """
     shift, theta, X = whole.modes_at_rest()
     hz = np.sqrt(np.maximum(1 / theta - shift, 0.0)) / (2 * np.pi)
-    i = _mode_in_band(case, hz)
+    i = _mode_in_band(case, hz, int(np.searchsorted(hz, 1e-3 * case.harmonic.band[0])))
     shape, eigenvalue = X[:, i] / np.sqrt(theta[i]), (2 * np.pi * hz[i]) ** 2
     load = eigenvalue * whole.M @ shape
     pushed, seen = whole.forces[FORCE] @ shape, whole.sensors[SENSOR] @ shape
     factors = _factors(case, i, eigenvalue, abs(pushed), abs(seen))
-    return [u for way in (1, -1) for u in loading_shapes(whole, way * load, factors)]
+    found = []
+    for way in (1, -1):
+        with contextlib.suppress(ConvergenceError):
+            found += loading_shapes(whole, way * load, factors)
+    return found
 
 
 def _measured_reach(case: Case) -> float:
