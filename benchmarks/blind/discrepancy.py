@@ -48,7 +48,7 @@ def compare(geometry: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     shapes = shapes * np.sign(np.sum(shapes * truth.shapes, axis=0))
     print(f"{geometry}: {seen.full.n_dofs} unknowns, {modes.model.total_mass(modes.given):.4f} kg")
     own = modes.frequencies_hz[pairing.index]
-    return own, own / (1 + errors), truth.frequencies[-1], shapes - truth.shapes
+    return own, own / (1 + errors.frequencies), truth.frequencies[-1], shapes - truth.shapes
 
 
 def main(names: list[str]) -> None:

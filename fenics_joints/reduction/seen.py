@@ -122,22 +122,27 @@ class SeenModes:
         return Forward(model, self.sensors, self.n_test, enough, self.reference)
 
 
-def places_all_over(full, count: int) -> Sensors:
+def places_all_over(full, count: int, corners: bool = False) -> Sensors:
     """Points all over a structure, the farthest from each other, in all directions. Collective.
 
     Args:
         full: A structure with a mesh.
         count: Number of points.
+        corners: Whether the cells' corners are among them; else they are middles of cells alone.
     """
     msh = full.mesh
     owned = msh.topology.index_map(msh.topology.dim).size_local
-    middles = msh.geometry.x[geometry_dofmap(msh)[:owned]].mean(axis=1)
-    middles = np.concatenate(msh.comm.allgather(middles))[:, : full.gdim]
-    middles = middles[np.lexsort(np.round(middles, 9).T)]
+    cells = msh.geometry.x[geometry_dofmap(msh)[:owned]]
+    own = cells.mean(axis=1)
+    if corners:
+        own = np.concatenate([own, cells.reshape(-1, 3)])
+    there = np.concatenate(msh.comm.allgather(own))[:, : full.gdim]
+    there = there[np.unique(np.round(there, 9), axis=0, return_index=True)[1]]
+    there = there[np.lexsort(np.round(there, 9).T)]
     chosen = [0]
-    away = np.linalg.norm(middles - middles[0], axis=1)
-    while len(chosen) < min(count, len(middles)):
+    away = np.linalg.norm(there - there[0], axis=1)
+    while len(chosen) < min(count, len(there)):
         chosen.append(int(np.argmax(np.round(away, 9))))
-        away = np.minimum(away, np.linalg.norm(middles - middles[chosen[-1]], axis=1))
-    points = np.repeat(middles[chosen], full.gdim, axis=0)
+        away = np.minimum(away, np.linalg.norm(there - there[chosen[-1]], axis=1))
+    points = np.repeat(there[chosen], full.gdim, axis=0)
     return Sensors(points, np.tile(np.eye(full.gdim), (len(chosen), 1)))

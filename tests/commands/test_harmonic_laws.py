@@ -95,5 +95,6 @@ def test_loads_press_as_a_bolt_does_and_what_is_not_touched_holds_nothing(tmp_pa
     by_bolt, by_loads = built(tmp_path, law), built(tmp_path, law, (bolt, ours))
     pressures = [b.model.interfaces[0].law.parameters["pressure"] for b in (by_loads, by_bolt)]
     assert pressures[0] == pytest.approx(pressures[1], rel=1e-6, abs=1e-6 * pressures[1].max())
-    # Later ones are those of the basis, which the loads add to.
-    assert by_loads.frequencies_hz[:4] == pytest.approx(by_bolt.frequencies_hz[:4], rel=1e-6)
+    # Without friction the upper beam slides: two ways and a turn have no stiffness.
+    assert by_bolt.frequencies_hz[2] < 0.1 < 10 < by_bolt.frequencies_hz[3]
+    assert by_loads.frequencies_hz[3:7] == pytest.approx(by_bolt.frequencies_hz[3:7], rel=1e-6)

@@ -101,6 +101,8 @@ class Evidence:
             mesh, which is taken for the discrepancy where it is larger; None where it was not
             measured.
         mesh_shift: How much higher, in ln f, the mesh makes each mode, (m,); None likewise.
+        mesh_shape: What the mesh does to each shape, (m,), which is taken for the `shape_error`
+            where it is larger; None likewise.
         neighbours: The nominal model's modes, those that the test lacks among them; None where they
             are not known.
     """
@@ -124,6 +126,7 @@ class Evidence:
     weighed: tuple[Weighed, ...] = ()
     mesh_error: np.ndarray | None = None
     mesh_shift: np.ndarray | None = None
+    mesh_shape: np.ndarray | None = None
     neighbours: Neighbours | None = None
 
     def __repr__(self) -> str:
@@ -180,7 +183,7 @@ class Evidence:
         """The same test with some entries held out, mask of shape (n, m)."""
         return replace(self, used=self.used & ~held_out)
 
-    def on_mesh(self, error: np.ndarray) -> Evidence:
+    def on_mesh(self, error: np.ndarray, shape: np.ndarray | None = None) -> Evidence:
         """The same test as a model whose mesh makes frequencies too high should give it.
 
         The error of a mesh hardly depends on the parameters: of three bolted structures it stayed
@@ -190,6 +193,8 @@ class Evidence:
         Args:
             error: Relative error of each mode's frequency at the nominal model, (m,); nan where it
                 is not known, which leaves the largest of the others as uncertain.
+            shape: What the mesh does to each shape, relative to it, (m,); of it all stays as
+                uncertain, since a shape that turns goes on turning with finer meshes.
         """
         known = np.isfinite(error)
         error = np.where(known, error, 0.0)
@@ -197,6 +202,7 @@ class Evidence:
         return replace(
             self, log_f=self.log_f + shift, mesh_shift=shift,
             mesh_error=np.where(known, UNSURE * np.abs(error), most),
+            mesh_shape=None if shape is None else np.where(known, shape, 1.0),
         )  # fmt: skip
 
     def off_mesh(self, log_f: np.ndarray) -> np.ndarray:
@@ -244,9 +250,7 @@ class Evidence:
         slow = _slow(self.conditions, self.changing)[np.ix_(e.row, e.row)] * same_mode
         by_mode = np.broadcast_to(self.discrepancy, self.shape[1])
         if self.mesh_error is not None:
-            by_mode = np.maximum(by_mode, np.pad(
-                self.mesh_error, (0, self.shape[1] - len(self.mesh_error)), mode="maximum"
-            ))  # fmt: skip
+            by_mode = np.maximum(by_mode, self._of_all_modes(self.mesh_error))
         total = slow * _blocks(e.kind, by_mode[e.mode], self.damping_scatter)
         if unknown:
             wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * same_mode
@@ -254,7 +258,10 @@ class Evidence:
         if self.shapes is not None:
             is_shape = e.kind == SHAPE
             near = self.near if self.near is not None else np.eye(len(self.shapes))
-            error = self.shape_error**2 + (_UNKNOWN_SHAPE**2 if unknown else 0.0)
+            least = np.broadcast_to(self.shape_error, self.shape[1])
+            if self.mesh_shape is not None:
+                least = np.maximum(least, self._of_all_modes(self.mesh_shape))
+            error = least[e.mode] ** 2 + (_UNKNOWN_SHAPE**2 if unknown else 0.0)
             local = _LOCAL * near**_NARROW + (1 - _LOCAL) * near
             if self.along is not None:
                 local = local * self.along
@@ -265,6 +272,10 @@ class Evidence:
         if unknown and self.weighed:
             total = total + np.diag(np.where(e.kind == MASS, _UNKNOWN_MASS**2, 0.0))
         return total + np.diag(self.noise_sd() ** 2)
+
+    def _of_all_modes(self, error: np.ndarray) -> np.ndarray:
+        """Errors by mesh, and the largest of modes that were added since, (m,)."""
+        return np.pad(error, (0, self.shape[1] - len(error)), mode="maximum")
 
     def _turned(self, by_mode: np.ndarray) -> np.ndarray:
         """Errors of shapes by modes nearby, (N, k), see `turned`."""

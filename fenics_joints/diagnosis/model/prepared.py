@@ -24,7 +24,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
-from fenics_joints.diagnosis.model.resolution import mesh_errors
+from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.data import TestData
@@ -124,11 +124,11 @@ class Prepared(Subject):
                 None if keep is None else lambda: file("mesh error").with_suffix(".json"),
             )  # fmt: skip
             if errors is not None:
-                self._on_mesh(errors)
+                self.on_mesh(errors)
 
-    def _on_mesh(self, errors: np.ndarray) -> None:
+    def on_mesh(self, errors: MeshErrors) -> None:
         """Take the mesh's errors off, and leave out modes that it does not resolve."""
-        self.evidence, lost = self.evidence.on_mesh(errors), np.isnan(errors)
+        self.evidence, lost = self.evidence.on_mesh(*errors), np.isnan(errors.frequencies)
         names = zip(self.data.mode_names, lost, strict=True)
         self.unresolved = tuple(name for name, gone in names if gone)
         if 0 < lost.sum() <= len(lost) / 2:

@@ -1,4 +1,4 @@
-"""The error of a model's own mesh: its frequencies against those of one degree higher."""
+"""The error of a model's own mesh: its modes against those of one degree higher."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from fenics_joints.measurements.gap import VISIBLE, same_modes
+from fenics_joints.measurements.gap import VISIBLE, mac, same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.seen import SeenModes, places_all_over
 
-__all__ = ["MOST", "mesh_errors"]
+__all__ = ["MOST", "MeshErrors", "mesh_errors"]
 
 #: Degrees of freedom of the finer model at most: it is solved once, in some three times the memory
 #: of the other (the box, 66,645 and 199,476: 0.9 and 2.9 GB, 4 and 16 s).
@@ -26,13 +27,28 @@ _SAME, _PLACES = 0.7, 60
 _TURNED = 0.01
 
 
+class MeshErrors(NamedTuple):
+    """What a mesh does to the test's modes.
+
+    Attributes:
+        frequencies: How much too high it makes each frequency, relative, (m,).
+        shapes: Length of what each shape has at the test's sensors that the finer model's has not,
+            relative to its own, (m,); 0 without sensors.
+
+    Both are nan of a mode that has no like in the finer model.
+    """
+
+    frequencies: np.ndarray
+    shapes: np.ndarray
+
+
 def mesh_errors(
     small: SeenModes,
     values: Mapping[str, float],
     progress: Progress,
     keep: Callable[[], Path] | None = None,
-) -> np.ndarray | None:
-    """How much too high the mesh makes the frequency of each of the test's modes, (m,). Collective.
+) -> MeshErrors | None:
+    """What the mesh does to the frequencies and shapes of the test's modes. Collective.
 
     The same mesh with displacements of one degree more, solved once, is taken for the truth: its
     own error is smaller by more than the order between them (Babuska and Guo, Comput. Mech. 1,
@@ -45,8 +61,7 @@ def mesh_errors(
         keep: Gives the file in which the errors of all modes are kept; None to keep nothing.
 
     Returns:
-        Relative errors, nan of a mode that has no like there; None for a model without a finer
-        one, or one that would be too large.
+        The errors; None for a model without a finer one, or one that would be too large.
     """
     if not small.full.is_meshed:
         return None
@@ -58,11 +73,11 @@ def mesh_errors(
         return None
     if kept is None and keep is not None:
         on_root(comm, lambda: keep.write_text(json.dumps(errors.tolist())))
-    return errors[small.pairing.index]
+    return MeshErrors(*errors[:, small.pairing.index])
 
 
 def _measured(small: SeenModes, values, progress: Progress) -> np.ndarray | None:
-    """Relative error of all modes of the full model, (n,); nan where none is the same."""
+    """Errors of frequencies and shapes of all modes of the full model, (2, n)."""
     finer = small.full.finer()
     if finer is None or finer.n_dofs > MOST:
         return None
@@ -76,12 +91,17 @@ def _measured(small: SeenModes, values, progress: Progress) -> np.ndarray | None
     # The highest of one may have no like among those of the other.
     own = own[: len(better) - better.n_rigid]
     # All over the body: to the test's sensors two modes may look alike.
-    places = places_all_over(small.full, _PLACES)
+    places = places_all_over(small.full, _PLACES, corners=True)
     shapes, hz = modes.at(places)[:, own], modes.frequencies_hz[own]
     index = same_modes(better, places, shapes, hz)
     same = _share_within(shapes, better, places, index) > _SAME
-    found = np.full(len(modes), np.nan)
-    found[own[same]] = (hz / better.frequencies_hz[index] - 1.0)[same]
+    found, shape = np.full((2, len(modes)), np.nan), 0.0
+    if small.sensors is not None:
+        at = small.sensors
+        agree = np.diag(mac(modes.at(at)[:, own], better.at(at)[:, index]))
+        shape = np.sqrt(np.maximum(1.0 - agree, 0.0))
+    errors = np.stack([hz / better.frequencies_hz[index] - 1.0, shape + np.zeros(len(own))])
+    found[:, own[same]] = errors[:, same]
     return small.full.comm.bcast(found)
 
 
@@ -96,10 +116,11 @@ def _share_within(shapes: np.ndarray, better: Modes, places, index: np.ndarray) 
     return found
 
 
-def _read(file: Path | None) -> list[float] | None:
+def _read(file: Path | None) -> list[list[float]] | None:
     if file is None or not file.is_file():
         return None
     try:
-        return [float(x) for x in json.loads(file.read_text())]
+        frequencies, shapes = json.loads(file.read_text())
+        return [[float(x) for x in row] for row in (frequencies, shapes)]
     except (OSError, ValueError, TypeError):
         return None
