@@ -30,6 +30,8 @@ _RIGID_SHARE = 0.01
 #: Or below so many round-offs of the stiffness: those of rigid bodies with joint layers of a
 #: micrometre came to 3 at most, elastic modes had 400 and more.
 _ROUND_OFFS = 20.0
+#: Size of a dense eigenproblem up to which all modes are found sooner than some.
+_WHOLE = 200
 
 
 @dataclass(frozen=True, repr=False)
@@ -245,7 +247,9 @@ def _solve_dense(model, given, K, M, n_modes) -> Modes:
             f"n_modes = {n_modes}: expected at most {len(K)}, the size of the reduced model."
         )
     shift_hz = model.dilation_frequency(given) * SHIFT_SHARE
-    values, vectors = dense_modes(K, M, shift_hz, n_modes)
+    every = getattr(model, "all_modes", None)  # of one that keeps them for its shapes' derivatives
+    values, vectors = dense_modes(K, M, shift_hz, n_modes) if every is None else every(given)
+    values, vectors = values[:n_modes], vectors[:, :n_modes]
     return Modes(model, given, values, vectors, count_rigid(values, shift_hz))
 
 
@@ -274,7 +278,8 @@ def inverted_modes(
         ConvergenceError: If they are not found.
     """
     n = len(K)
-    some = None if n_modes in (None, n) else [n - n_modes, n - 1]
+    few = n_modes is not None and n > _WHOLE
+    some = [n - n_modes, n - 1] if few and n_modes < n else None
     try:
         inverse, vectors = scipy.linalg.eigh(
             M, K + shift * M, subset_by_index=some, check_finite=False
@@ -285,7 +290,7 @@ def inverted_modes(
             "tolerance",
             str(error),
         ) from error
-    return inverse[::-1], vectors[:, ::-1]
+    return inverse[::-1][:n_modes], vectors[:, ::-1][:, :n_modes]
 
 
 def count_rigid(

@@ -23,6 +23,8 @@ __all__ = ["AffinePencil", "MassTerm", "RegionTerm", "SpringTerm"]
 
 #: Sets of a law's values that are remembered.
 _MOST = 20000
+#: Matrices whose products with vectors are held at a time.
+_READ = 32
 #: A parameter's values: a number, or one for each of many sets of values, (b,).
 Values = Mapping[str, float | np.ndarray]
 
@@ -128,6 +130,12 @@ class _Stack:
         i, j = self._indices
         return np.ascontiguousarray(self.whole[:, i, j])
 
+    @cached_property
+    def _twice(self) -> np.ndarray:
+        """How often each entry of an upper triangle is in the matrix."""
+        i, j = self._indices
+        return np.where(i == j, 1.0, 2.0)
+
     def sum(self, factors: np.ndarray, rows=slice(None)) -> np.ndarray:
         """The sum of factors times matrices, (n, n); of factors (n_terms, b) all b, (b, n, n).
 
@@ -154,16 +162,28 @@ class _Stack:
         """x x^T of every column of the shapes, for `squares` of this stack or one of its size."""
         i, j = self._indices
         packed = shapes[i] * shapes[j]
-        packed[i != j] *= 2.0
+        packed *= self._twice[:, None]
         return packed.T
 
     def squares(self, packed: np.ndarray) -> np.ndarray:
         """x^T A x of every packed vector and every matrix, (k, n_terms)."""
         return packed @ self._upper.T
 
-    def times(self, shapes: np.ndarray) -> np.ndarray:
-        """A x of every matrix and every column, (n_terms, n, k)."""
-        return (self.whole.reshape(-1, self.n) @ shapes).reshape(-1, self.n, shapes.shape[1])
+    def times(self, shapes: np.ndarray, factors: np.ndarray) -> np.ndarray:
+        """A x of every column, A being each of some sums of factors times matrices, (n, k, p).
+
+        Args:
+            shapes: The columns, (n, k).
+            factors: Of each matrix in each sum, (n_terms, p).
+        """
+        found = np.zeros((*shapes.shape, factors.shape[1]))
+        # To read the matrices is most of the work: those in none of the sums are let be.
+        used = np.flatnonzero(factors.any(axis=1))
+        for first in range(0, len(used), _READ):
+            rows = used[first : first + _READ]
+            columns = np.array([self.whole[i] @ shapes for i in rows]).reshape(len(rows), -1)
+            found += (columns.T @ factors[rows]).reshape(found.shape)
+        return found
 
 
 @dataclass
@@ -435,26 +455,29 @@ class AffinePencil:
         packed = self._stiffness.pack(shapes)
         return self._stiffness.squares(packed), self._inertia.squares(packed)
 
-    def mass_gradients(self, shapes: np.ndarray, values) -> np.ndarray:
-        """Derivatives of x^T M x by every parameter, shape (k, n_parameters)."""
-        return self._mass_gradients(self._inertia.pack(shapes), shapes, values)
-
     def _mass_gradients(self, packed, shapes, values) -> np.ndarray:
         total = self._inertia.squares(packed) @ self.scalar_slopes(values)[1]
         for p, A, B in self._moved(values):
             total[:, p] += 2 * np.sum((A @ shapes) * (B @ shapes), axis=0)
         return total
 
-    def products(self, shapes: np.ndarray, eigenvalues, values) -> np.ndarray:
-        """(dK/dp - lambda dM/dp) x for every parameter, shape (k, n_parameters, n)."""
-        by_theta, by_rho = self.scalar_slopes(values)
-        lam = np.asarray(eigenvalues, dtype=float)
-        total = np.tensordot(self._stiffness.times(shapes), by_theta, axes=(0, 0))
-        heavy = np.tensordot(self._inertia.times(shapes), by_rho, axes=(0, 0))
+    def products(
+        self, shapes: np.ndarray, values, along: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of K x and of M x by every parameter, each (n, k, n_parameters).
+
+        Args:
+            shapes: Vectors x as columns, (n, k).
+            values: All parameters' values.
+            along: Directions, (n_parameters, p): derivatives along these instead, (n, k, p).
+        """
+        along = np.eye(len(self.parameters)) if along is None else along
+        by_theta, by_rho = (by @ along for by in self.scalar_slopes(values))
+        stiff, heavy = self._stiffness.times(shapes, by_theta), self._inertia.times(shapes, by_rho)
         for p, A, B in self._moved(values):
-            heavy[:, :, p] += A.T @ (B @ shapes) + B.T @ (A @ shapes)
-        total -= lam[None, :, None] * heavy
-        return total.transpose(1, 2, 0)
+            moved = A.T @ (B @ shapes) + B.T @ (A @ shapes)
+            heavy += moved[:, :, None] * along[p]
+        return stiff, heavy
 
     def slopes(
         self, values: Mapping[str, float], apart: Sequence[str] = ()

@@ -100,9 +100,22 @@ class ArrayModel:
 
     def pencil_products(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
         """(dK/dp - lambda dM/dp) x for every parameter, shape (k, n_parameters, n_dofs)."""
-        return self.pencil.products(shapes, eigenvalues, self.values_of_slopes(given))
+        stiff, heavy = self.pencil.products(shapes, self.values_of_slopes(given))
+        return (stiff - np.asarray(eigenvalues)[:, None] * heavy).transpose(1, 2, 0)
 
-    def shape_slopes(self, index, given=None) -> tuple[np.ndarray, np.ndarray]:
+    def all_modes(self, given: Mapping[str, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Eigenvalues, (n_dofs,), and M-normalised vectors of all modes; kept for the next call,
+        since frequencies and shapes are asked for one after the other."""
+        K, M = self._matrices(given)
+        last = self.__dict__.get("_last_modes")
+        if last is None or last[0] is not K:
+            found = dense_modes(K, M, SHIFT_SHARE * self.scale_hz, len(K))
+            last = self.__dict__["_last_modes"] = K, found
+        return last[1]
+
+    def shape_slopes(
+        self, index, given=None, along: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Mass-normalised shapes of some modes and their derivatives by every parameter.
 
         By expansion in all modes of the reduced model, which is exact on its basis (Fox and Kapoor,
@@ -111,20 +124,21 @@ class ArrayModel:
         Args:
             index: Which modes, by ascending eigenvalue.
             given: Values of parameters that differ from their nominal value.
+            along: Directions in the parameters, (n_parameters, p): derivatives along these instead.
 
         Returns:
-            Shapes, (n_dofs, k); derivatives, (n_dofs, k, n_parameters).
+            Shapes, (n_dofs, k); derivatives, (n_dofs, k, n_parameters) or (n_dofs, k, p).
         """
-        K, M = self._matrices(given)
-        eigenvalues, vectors = dense_modes(K, M, SHIFT_SHARE * self.scale_hz, len(K))
+        eigenvalues, vectors = self.all_modes(given)
         x, lam = vectors[:, index], eigenvalues[index]
-        products = self.pencil_products(x, lam, given) @ vectors
-        gap = lam[:, None] - eigenvalues[None, :]
-        gap[np.arange(len(lam)), index] = np.inf
-        weights = products / gap[:, None, :]
-        own = self.pencil.mass_gradients(x, self.values(given))
-        change = np.einsum("nj,kpj->nkp", vectors, weights, optimize=True)
-        return x, change - 0.5 * x[:, :, None] * own[None]
+        stiff, heavy = self.pencil.products(x, self.values_of_slopes(given), along)
+        own = np.sum(x[:, :, None] * heavy, axis=0)
+        n, k, p = heavy.shape
+        turned = vectors.T @ (stiff - lam[:, None] * heavy).reshape(n, k * p)
+        gap = lam[None, :] - eigenvalues[:, None]
+        gap[index, np.arange(k)] = np.inf
+        change = vectors @ (turned.reshape(n, k, p) / gap[:, :, None]).reshape(n, k * p)
+        return x, change.reshape(n, k, p) - 0.5 * x[:, :, None] * own[None]
 
     def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
         """What a layer's own damping multiplies, shape (n_dofs, n_dofs).

@@ -15,8 +15,8 @@ __all__ = ["SPARE", "Forward", "line_of"]
 
 #: Modes looked through for the test's, at most, as a multiple of the usual number.
 _SEARCHED = 4
-#: Parameter sets whose frequencies are remembered, and those whose shapes are, which are larger.
-_MOST, _SHAPES = 20000, 500
+#: Parameter sets whose frequencies are remembered.
+_MOST = 20000
 #: Solutions that are kept whole, for whoever asks for shapes next.
 _WHOLE = 16
 #: Modes beyond those that the test saw, so that none is missed when modes change places.
@@ -69,7 +69,6 @@ class Forward:
         self.further: Forward | None = None
         self._last: tuple | None = None
         self._cache: dict[tuple, tuple] = {}
-        self._shapes: dict[tuple, tuple] = {}
         self._whole: dict[tuple, tuple] = {}
         self.calls = 0
 
@@ -144,33 +143,32 @@ class Forward:
         """Which of the model's modes the test's are."""
         return self.solve(values)[1]
 
-    def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
+    def shapes(
+        self, values: Mapping[str, float], along: np.ndarray | None = None
+    ) -> tuple[np.ndarray, ...]:
         """Shapes of the test's modes at the sensors, and their derivatives.
 
         Needs an `ArrayModel` with sensors.
 
+        Args:
+            values: Parameter values.
+            along: Directions in the parameters, (n_parameters, p): derivatives along these, which
+                is less work where they are few; by every parameter for None.
+
         Returns:
             Shapes, (n_s, m); the same per metre that the sensors sit further along their line;
-            and the derivatives of both by every parameter, (n_s, m, n_parameters).
+            and the derivatives of both, (n_s, m, n_parameters) or (n_s, m, p).
         """
         key = tuple(values[name] for name in self.model.parameters)
-        if key not in self._shapes:
-            if len(self._shapes) >= _SHAPES:
-                self._shapes.clear()
-            last = self._last
-            pairing = last[1] if last and last[0] == key else self.solve(values)[1]
-            x, dx = self.model.shape_slopes(pairing.index, values)
-            rows = self.model.sensor_rows, self.model.shift_rows
-            at, along = (r @ x for r in rows)
-            by_at, by_along = (np.tensordot(r, dx, axes=1) for r in rows)
-            self._shapes[key] = at, along, by_at, by_along
-        return self._shapes[key]
+        last = self._last
+        pairing = last[1] if last and last[0] == key else self.solve(values)[1]
+        x, dx = self.model.shape_slopes(pairing.index, values, along)
+        rows = self.model.sensor_rows, self.model.shift_rows
+        return *(r @ x for r in rows), *(np.tensordot(r, dx, axes=1) for r in rows)
 
     def seen_shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """The first two of `shapes`, but for their scale, without the work of derivatives."""
         key = tuple(values[name] for name in self.model.parameters)
-        if key in self._shapes:
-            return self._shapes[key][:2]
         modes, pairing = self._whole.get(key) or self.solve(values)
         x = modes.shapes[:, pairing.index]
         return self.model.sensor_rows @ x, self.model.shift_rows @ x
@@ -184,7 +182,6 @@ class Forward:
     def forget(self) -> None:
         """Drop what was computed, after the model has changed."""
         self._cache.clear()
-        self._shapes.clear()
         self._whole.clear()
         self._last = None
 

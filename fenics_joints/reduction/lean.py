@@ -73,9 +73,11 @@ class LeanForward(Forward):
             return super().seen_shapes(self._own(values))
         return self.model.sensor_rows @ x, self.model.shift_rows @ x
 
-    def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
+    def shapes(
+        self, values: Mapping[str, float], along: np.ndarray | None = None
+    ) -> tuple[np.ndarray, ...]:
         """See `Forward`."""
-        return super().shapes(self._own(values))
+        return super().shapes(self._own(values), along)
 
     def _own(self, values) -> dict[str, float]:
         """Without parameters that the model does not have, which a solution would refuse."""
@@ -96,7 +98,6 @@ class LeanForward(Forward):
         keys = [self._key(values) for values in wanted]
         unique = dict(zip(keys, wanted, strict=True))
         self.release()
-        self._shapes.clear()
         table = np.array(list(unique))
         values = dict(zip(self.model.parameters, table.T, strict=True))
         eigenvalues, vectors = self._modes(values, self.n_modes)

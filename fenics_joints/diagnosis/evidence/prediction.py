@@ -291,9 +291,8 @@ class RowPrediction:
         """Shapes at the sensors, per metre that these sit further, (n_s, m), and the derivatives of
         both by z, each mode's as it sees the model."""
         if not self._hypothesis.tuned:
-            *seen, by_at, by_along = self._forward.shapes(self._looks[0].values)
-            chain = self._chain(self._looks[0].mode)
-            return *seen, by_at @ chain, by_along @ chain
+            look = self._looks[0]
+            return self._forward.shapes(look.values, self._chain(look.mode))
         first = self._forward.shapes(self._looks[0].values)
         columns = []
         for i in range(self._m):

@@ -69,10 +69,12 @@ class Joined:
         pairs = zip(self._first(values), self._second(values), strict=True)
         return tuple(np.concatenate(pair) for pair in pairs)
 
-    def shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, ...]:
+    def shapes(
+        self, values: Mapping[str, float], along: np.ndarray | None = None
+    ) -> tuple[np.ndarray, ...]:
         """See `Forward.shapes`; zero for the further modes."""
         more = len(self._second(values)[0])
-        found = self._first.shapes(values)
+        found = self._first.shapes(values, along)
         return tuple(np.pad(a, [(0, 0), (0, more)] + [(0, 0)] * (a.ndim - 2)) for a in found)
 
 
