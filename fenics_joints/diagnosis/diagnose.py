@@ -295,8 +295,8 @@ class _Run:
         self.progress.step("holding data out, choosing and fitting anew", len(masks))
         return cross_validate(
             fair, self.search.log_prior([f.hypothesis for f in fair]), wrong, self.forward,
-            self.evidence, self.baseline, masks, causes=causes, comm=self.comm,
-            progress=self.progress.advance,
+            self.evidence, self.baseline, masks, causes=causes, leans=self.search.leans,
+            comm=self.comm, progress=self.progress.advance,
         )  # fmt: skip
 
     def _short_list(self, fits: Sequence[Fit], masks, always: Sequence[Fit]) -> list[Fit]:

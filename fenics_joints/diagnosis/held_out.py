@@ -195,6 +195,7 @@ def cross_validate(
     masks: Sequence[tuple[str, np.ndarray]],
     *,
     causes: Mapping[str, Callable[[Fit], bool]] | None = None,
+    leans: Leans | None = None,
     comm: MPI.Intracomm = MPI.COMM_SELF,
     progress: Callable[[], None] | None = None,
 ) -> Shrinkage:
@@ -212,12 +213,13 @@ def cross_validate(
         masks: From `folds`.
         causes: Whether a hypothesis holds a cause, by the cause's name: of each is said what it
             gains on the held-out data (`Shrinkage.gains`).
+        leans: What shows fits the way, of this forward; made anew for None.
         comm: Communicator whose ranks share out the folds; the call is collective.
         progress: Called after each fold.
     """
     nominal = _nominal(forward, evidence, baseline)
     candidates = [refreshed(c, forward, evidence, baseline) for c in candidates]
-    causes, leans = causes or {}, Leans(forward, evidence, baseline)
+    causes, leans = causes or {}, leans or Leans(forward, evidence, baseline)
 
     def work(fold):
         name, mask = fold

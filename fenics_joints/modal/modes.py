@@ -30,8 +30,8 @@ _RIGID_SHARE = 0.01
 #: Or below so many round-offs of the stiffness: those of rigid bodies with joint layers of a
 #: micrometre came to 3 at most, elastic modes had 400 and more.
 _ROUND_OFFS = 20.0
-#: Size of a dense eigenproblem up to which all modes are found sooner than some.
-_WHOLE = 200
+#: Share of a dense problem's modes above which all are found sooner than some.
+_SOME = 1 / 8
 
 
 @dataclass(frozen=True, repr=False)
@@ -278,8 +278,7 @@ def inverted_modes(
         ConvergenceError: If they are not found.
     """
     n = len(K)
-    few = n_modes is not None and n > _WHOLE
-    some = [n - n_modes, n - 1] if few and n_modes < n else None
+    some = None if n_modes is None or n_modes > _SOME * n else [n - n_modes, n - 1]
     try:
         inverse, vectors = scipy.linalg.eigh(
             M, K + shift * M, subset_by_index=some, check_finite=False

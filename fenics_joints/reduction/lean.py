@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -21,7 +22,8 @@ from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.many import ManyModes
 
 __all__ = [
-    "LeanForward", "batched", "frequency_error", "lean_forward", "modes_at", "seen_modes_at",
+    "LeanForward", "SeenAt", "batched", "frequency_error", "lean_forward", "modes_at",
+    "seen_modes_at",
 ]  # fmt: skip
 
 #: As in `fenics_joints.modal.modes`: the shift below zero, and what counts as rigid.
@@ -318,11 +320,22 @@ def _log_f(forward: Forward, wanted: Sequence[Mapping[str, float]]) -> np.ndarra
     return np.array([forward(values)[0] for values in wanted])
 
 
-def seen_modes_at(
-    forward: Forward, wanted: Sequence[Mapping[str, float]]
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """`modes_at` each of several values, and which of them are the test's, (n_test,); (0,) where
-    they are not all there.
+class SeenAt(NamedTuple):
+    """Modes of a model at parameter values, and which of them are the test's.
+
+    Attributes:
+        shapes: As columns, (n_dofs, n_modes).
+        index: The test's, (n_test,); (0,) where they are not all there.
+        log_f: ln f of these, (n_test,); nan where they are not all there.
+    """
+
+    shapes: np.ndarray
+    index: np.ndarray
+    log_f: np.ndarray
+
+
+def seen_modes_at(forward: Forward, wanted: Sequence[Mapping[str, float]]) -> list[SeenAt]:
+    """`modes_at` each of several values, and which of them are the test's.
 
     Args:
         forward: Of the reduced model.
@@ -335,21 +348,21 @@ def seen_modes_at(
             modes = many.many(table, every=False)
             if modes.good.all():
                 most = np.maximum(modes.index.max(axis=1) + 1, many.n_modes)
-                return [
-                    (x[:, :n], index)
-                    for x, n, index in zip(modes.vectors, most, modes.index, strict=True)
-                ]
+                each = zip(modes.vectors, most, modes.index, modes.log_f, strict=True)
+                return [SeenAt(x[:, :n], index, log_f) for x, n, index, log_f in each]
         except (InputError, np.linalg.LinAlgError):
             pass  # one of them is beyond a law's limit
     return [_seen_modes(forward, values) for values in wanted]
 
 
-def _seen_modes(forward: Forward, values) -> tuple[np.ndarray, np.ndarray]:
+def _seen_modes(forward: Forward, values) -> SeenAt:
     try:
         modes, pairing = forward.solve(values)
     except InputError:
-        return modes_at(forward, values), np.zeros(0, dtype=int)
-    return modes.shapes, pairing.index
+        nothing = np.full(forward.n_test, np.nan)
+        return SeenAt(modes_at(forward, values), np.zeros(0, dtype=int), nothing)
+    log_f = np.log(modes.frequencies_hz[pairing.index])
+    return SeenAt(modes.shapes, pairing.index, log_f)
 
 
 def modes_at(forward: Forward, values: Mapping[str, float]) -> np.ndarray:

@@ -24,7 +24,12 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.compact import merged
 from fenics_joints.reduction.forward import SPARE, Forward
-from fenics_joints.reduction.lean import LeanForward, batched, frequency_error, seen_modes_at
+from fenics_joints.reduction.lean import (
+    LeanForward,
+    SeenAt,
+    batched,
+    seen_modes_at,
+)
 
 __all__ = ["Leans", "all_over", "changed", "of_few_terms"]
 
@@ -72,6 +77,7 @@ class Leans:
         self._snapshots: dict[str, list[Snapshot]] = {}
         self._known: dict[tuple, LeanForward | None] = {}
         self._earlier = dict(earlier._known) if earlier else {}
+        self._tried: dict[tuple, list[Snapshot]] = {}
 
     def are_of(self, forward: Forward) -> bool:
         """Whether a forward's model is still the one that these are made from."""
@@ -106,7 +112,9 @@ class Leans:
         key = tuple(effect.key for effect in own)
         if key not in self._known:
             try:
-                self._known[key] = self._still_good(hypothesis, key) or self._made(hypothesis)
+                self._known[key] = (
+                    self._still_good(hypothesis, key) or self._made(hypothesis, key)
+                )
             except (InputError, ConvergenceError, np.linalg.LinAlgError):
                 self._known[key] = None  # somewhere in its prior there is no model
         return self._known[key]
@@ -136,41 +144,45 @@ class Leans:
         return self.forward if model is self.forward.model else LeanForward(self.forward, model)
 
     def _still_good(self, hypothesis: Hypothesis, key: tuple) -> LeanForward | None:
-        """The lean forward of the model before, if this one says the same."""
+        """The lean forward of the model before, if this one says the same; else what this one says
+        where that was tried is kept for the next."""
         lean = self._earlier.get(key)
         if lean is None:
             return None
         tries = self._values(hypothesis, _TRIES, _ROUNDS)
-        return lean if self._is_good(lean, tries, *self._exact(tries)) else None
+        seen = seen_modes_at(self.forward, tries)
+        if self._is_good(lean, tries, seen):
+            return lean
+        self._tried[key] = _snapshots(seen)
+        return None
 
-    def _made(self, hypothesis: Hypothesis) -> LeanForward | None:
+    def _made(self, hypothesis: Hypothesis, key: tuple) -> LeanForward | None:
         model = of_few_terms(hypothesis, self.forward.model, self.evidence, self.baseline)
         if model is self.forward.model:
             return None
         snapshots = [s for e in (None, *hypothesis.effects) for s in self._of(hypothesis, e)]
-        share = _SHARE
+        snapshots, share = snapshots + self._tried.pop(key, []), _SHARE
         for seed in range(_ROUNDS):
             lean = self._on(model, snapshots, share)
-            tries = self._values(hypothesis, _TRIES, seed)
-            exact, seen = self._exact(tries)
-            if not np.isfinite(exact).all() or lean.model.n_dofs > _SMALL * model.n_dofs:
+            if lean.model.n_dofs > _SMALL * model.n_dofs:
                 return None
-            if self._is_good(lean, tries, exact, seen):
+            tries = self._values(hypothesis, _TRIES, seed)
+            seen = seen_modes_at(self.forward, tries)
+            if not all(len(at.index) for at in seen):
+                return None
+            if self._is_good(lean, tries, seen):
                 return lean
-            snapshots, share = snapshots + self._seen(tries), share / 2
+            snapshots, share = snapshots + _snapshots(seen), share / 2
         return None
 
-    def _exact(self, tries) -> tuple[np.ndarray, list[np.ndarray]]:
-        """ln f of the reduced model at points, (n, m), and its shapes as `_read` has them."""
-        exact = self.whole.prepare(tries, slopes=False)
-        seen = self._read(self.whole, tries)
-        self.whole.release()
-        return exact, seen
-
-    def _is_good(self, lean: LeanForward, tries, exact: np.ndarray, seen) -> bool:
-        if frequency_error(lean, tries, exact) > self.limit:
-            return False
-        return self._shape_error(lean, tries, seen) <= self.shape_limit
+    def _is_good(self, lean: LeanForward, tries, seen: Sequence[SeenAt]) -> bool:
+        """Whether a lean forward says what the reduced model does where it is tried."""
+        exact, found = np.array([at.log_f for at in seen]), lean.prepare(tries, slopes=False)
+        # What is nan in either is no number that could be small enough.
+        good = bool(np.max(np.abs(found - exact)) <= self.limit)
+        good = good and self._shape_error(lean, tries, seen) <= self.shape_limit
+        lean.release()
+        return good
 
     def _on(self, model, snapshots: Sequence[Snapshot], share: float) -> LeanForward:
         shapes = np.hstack([x for x, _ in snapshots])
@@ -178,17 +190,14 @@ class Leans:
         vectors, sizes = pod(model, shapes, weights)
         return LeanForward(self.forward, model.on(vectors[:, sizes > share * sizes[0]]))
 
-    def _read(self, forward: LeanForward, tries) -> list[np.ndarray]:
-        """Shapes at the sensors, where they are measured, of root mean square 1, (n_s, m) each."""
+    def _shape_error(self, lean: LeanForward, tries, seen: Sequence[SeenAt]) -> float:
+        """Largest root mean square difference of a shape that is measured, at the sensors."""
         if self.evidence.shapes is None:
-            return []
-        found = [forward.seen_shapes(values)[0] for values in tries]
-        return [x / np.sqrt(np.mean(x**2, axis=0)) for x in found]
-
-    def _shape_error(self, lean: LeanForward, tries, seen: list[np.ndarray]) -> float:
-        """Largest root mean square difference of a shape that is measured."""
-        off = 0.0
-        for x, exact in zip(self._read(lean, tries), seen, strict=True):
+            return 0.0
+        rows, off = self.forward.model.sensor_rows, 0.0
+        for values, at in zip(tries, seen, strict=True):
+            exact = _of_unit_size(rows @ at.shapes[:, at.index])
+            x = _of_unit_size(lean.seen_shapes(values)[0])
             x = x * np.sign(np.sum(x * exact, axis=0))
             off = max(off, float(np.sqrt(np.mean((x - exact) ** 2, axis=0)).max()))
         return off
@@ -201,21 +210,28 @@ class Leans:
         if key not in self._snapshots:
             alone = replace(hypothesis, effects=() if effect is None else (effect,), name="alone",
                             unknown=False)  # fmt: skip
-            self._snapshots[key] = self._seen(self._values(alone, _POINTS, seed=3))
+            points = self._values(alone, _POINTS, seed=3)
+            self._snapshots[key] = _snapshots(seen_modes_at(self.forward, points))
         return self._snapshots[key]
-
-    def _seen(self, wanted: Sequence[dict[str, float]]) -> list[Snapshot]:
-        found = []
-        for shapes, index in seen_modes_at(self.forward, wanted):
-            if not len(index):
-                continue
-            count = int(index.max()) + 1 + SPARE
-            weights = np.where(np.isin(np.arange(shapes.shape[1]), index), 1.0, _OTHERS)
-            found.append((shapes[:, :count], weights[:count]))
-        return found
 
     def _values(self, hypothesis: Hypothesis, count: int, seed: int) -> list[dict[str, float]]:
         return all_over(hypothesis, self.evidence, self.baseline, count, seed)
+
+
+def _snapshots(seen: Sequence[SeenAt]) -> list[Snapshot]:
+    """What of modes makes a basis, where the test's are all there."""
+    found = []
+    for at in seen:
+        if len(at.index):
+            count = int(at.index.max()) + 1 + SPARE
+            weights = np.where(np.isin(np.arange(at.shapes.shape[1]), at.index), 1.0, _OTHERS)
+            found.append((at.shapes[:, :count], weights[:count]))
+    return found
+
+
+def _of_unit_size(shapes: np.ndarray) -> np.ndarray:
+    """Columns of root mean square 1."""
+    return shapes / np.sqrt(np.mean(shapes**2, axis=0))
 
 
 def all_over(

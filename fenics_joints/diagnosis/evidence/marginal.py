@@ -127,15 +127,15 @@ class Marginal:
         watched = self.watched(forward)
         found = seen_modes_at(watched, values)
         # As many modes as hold the test's anywhere, and some more; but less of those.
-        near = [index for i, (_, index) in enumerate(found) if weights[i // each] == 1.0]
+        near = [at.index for i, at in enumerate(found) if weights[i // each] == 1.0]
         count = max(int(index.max(initial=-1)) for index in near) + 1 + SPARE
         if watched is forward and count > SPARE:
             forward = self._by_own_shapes(forward, min(count, forward.n_modes))
         sizes = []
-        for i, (shapes, index) in enumerate(found):
-            weight = np.where(np.isin(np.arange(shapes.shape[1]), index), 1.0, _OTHERS)
+        for i, at in enumerate(found):
+            weight = np.where(np.isin(np.arange(at.shapes.shape[1]), at.index), 1.0, _OTHERS)
             sizes.append(weights[i // each] * weight[:count])
-        found = [shapes[:, :count] for shapes, _ in found]
+        found = [at.shapes[:, :count] for at in found]
         # Half-way to the most probable point, where no sample is.
         centre = self.fit.z[self.own]
         checks = self.spread(centre + 0.5 * (points[weights == 1.0][1 : CHECKS + 1] - centre))
