@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
-from benchmarks.blind.calculix.cases import SCATTER, TOLERANCE
+from benchmarks.blind.calculix.cases import SCATTER
 from benchmarks.blind.calculix.rigs import RIGS
 from benchmarks.blind.calculix.sheets import Sheet, sheets_of
 from benchmarks.blind.calculix.states import States
@@ -38,27 +38,10 @@ class _Geometry:
     def sheets(self) -> list[Sheet]:
         return list(sheets_of(self.states))
 
-    @cached_property
+    @property
     def nuisances(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Change of ln f and shapes per standard deviation of each tolerance."""
-        found = []
-        base = np.log(self.states.base[0]), self.states.base[1]
-        plates = any(body.normal is not None for body in self.rig.bodies)
-        keys = ("E", "rho", "thickness") if plates else ("E", "rho")
-        for key in keys:
-            for i in range(len(self.rig.bodies)):
-                factor = float(np.exp(TOLERANCE[key]))
-
-                def change(build, key=key, i=i, factor=factor):
-                    getattr(build, key)[i] = factor
-
-                found.append(self.states.of([], change))
-
-        def heads(build):
-            build.heads = float(np.exp(TOLERANCE["heads"]))
-
-        found.append(self.states.of([], heads))
-        return [(f - base[0], u - base[1]) for f, u in found]
+        return list(self.states.nuisances.values())
 
 
 class _Test:

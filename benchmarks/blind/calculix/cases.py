@@ -13,7 +13,8 @@ import numpy as np
 from .effects import EFFECTS, LIBRARY, UNKNOWN, UNKNOWN_OF, draw
 from .meshing import mesh_of
 from .rigs import RIGS
-from .specimen import Answer, Spec, clean, pool_of
+from .specimen import TOLERANCE, Answer, Spec, clean, pool_of, seen
+from .states import States
 
 __all__ = [
     "GEOMETRIES", "SCATTER", "TOLERANCE", "copy_drawing", "generate", "noise_word", "nominal_case",
@@ -21,8 +22,6 @@ __all__ = [
 ]  # fmt: skip
 
 GEOMETRIES = tuple(RIGS)
-#: Standard deviations of ln, of each body.
-TOLERANCE = {"E": 0.015, "rho": 0.01, "thickness": 0.007, "heads": 0.05}
 SCATTER = 0.15
 #: Relative standard deviations of frequencies, and of shapes over their root mean square.
 _NOISE, _SHAPE_NOISE = (2e-4, 5e-3), (0.005, 0.10)
@@ -151,11 +150,16 @@ def _named(spec: Spec, effect: dict, shown: Answer) -> dict[str, Any]:
 
 
 def _gap(spec: Spec, shown: Answer) -> float:
-    """Root mean square relative change by the effects alone, at the highest torque."""
-    row = replace(spec, torques=spec.torques[-1:], scatter=spec.scatter[-1:])
-    without = clean(replace(row, effects=[])).frequencies[-1]
+    """Root mean square relative change by the effects alone, at the highest torque; without them
+    the specimen is the drawing and its tolerances to first order."""
+    states, own = States(spec.geometry), spec.nuisance
+    log_f = np.log(states.base[0])
+    for (key, i), (by_f, _) in states.nuisances.items():
+        factor = own["heads"] if key == "heads" else own[key][i]
+        log_f = log_f + by_f * np.log(factor) / TOLERANCE[key]
+    without = log_f[seen(spec, states.base[1])]
     n = min(len(without), shown.frequencies.shape[1])
-    change = np.log(shown.frequencies[-1, :n] / without[:n])
+    change = np.log(shown.frequencies[-1, :n]) - without[:n]
     return float(np.sqrt(np.mean(change**2)))
 
 

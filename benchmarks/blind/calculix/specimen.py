@@ -16,8 +16,13 @@ from .meshing import Mesh, mesh_of
 from .program import run_modes
 from .rigs import RIGS, Rig
 
-__all__ = ["Answer", "Spec", "build_of", "clean", "drawn_hz", "follow", "pool_of", "solve"]
+__all__ = [
+    "TOLERANCE", "Answer", "Spec", "build_of", "clean", "drawn_hz", "follow", "pool_of", "seen",
+    "solve",
+]  # fmt: skip
 
+#: Standard deviations of ln, of each body.
+TOLERANCE = {"E": 0.015, "rho": 0.01, "thickness": 0.007, "heads": 0.05}
 _POOL, _SPREAD = 90, 70
 RIGID = 6
 #: Modes beyond those that are measured, among which they are looked for.
@@ -184,7 +189,7 @@ def clean(spec: Spec | dict[str, Any]) -> Answer:
         _drift(spec, build, i)
         hz, u = solve(rig, build, spec.n_modes + _MORE, scatter[i] * spec.torques[i] / top)
         if before is None:
-            order = _seen(spec, u)
+            order = seen(spec, u)
             first = u[order]
         else:
             order = follow(before, u)
@@ -202,7 +207,7 @@ def _drift(spec: Spec, build: Build, row: int) -> None:
                 build.E[i] *= 1 + effect["params"]["drift"] * place
 
 
-def _seen(spec: Spec, u: np.ndarray) -> np.ndarray:
+def seen(spec: Spec, u: np.ndarray) -> np.ndarray:
     """The lowest modes that the sensors see: a sixth of what moves all over, at least."""
     if not spec.shapes:
         return np.arange(spec.n_modes)

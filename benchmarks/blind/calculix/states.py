@@ -16,7 +16,7 @@ from .meshing import CACHE, mesh_of
 from .program import run_modes
 from .rigs import RIGS
 from .ritz import with_attached
-from .specimen import RIGID, drawn_hz, follow, pool_of
+from .specimen import RIGID, TOLERANCE, drawn_hz, follow, pool_of
 
 __all__ = ["States"]
 
@@ -46,6 +46,27 @@ class States:
     @cached_property
     def _all(self) -> tuple[np.ndarray, np.ndarray]:
         return self._kept(Build(), n_modes=_SPAN)
+
+    @cached_property
+    def nuisances(self) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
+        """Change of ln f and shapes per standard deviation of each tolerance, by what and of which
+        body."""
+        plates = any(body.normal is not None for body in self.rig.bodies)
+        keys = ("E", "rho", "thickness") if plates else ("E", "rho")
+        found = {}
+        of_bodies = [(key, i) for key in keys for i in range(len(self.rig.bodies))]
+        for key, i in (*of_bodies, ("heads", 0)):
+            factor = float(np.exp(TOLERANCE[key]))
+
+            def change(build, key=key, i=i, factor=factor):
+                if key == "heads":
+                    build.heads = factor
+                else:
+                    getattr(build, key)[i] = factor
+
+            log_f, u = self.of([], change)
+            found[key, i] = log_f - np.log(self.base[0]), u - self.base[1]
+        return found
 
     def of(self, effects: Sequence[Mapping], change: Callable[[Build], None] | None = None,
            tightening: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
