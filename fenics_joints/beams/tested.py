@@ -33,9 +33,10 @@ class ExactModes(SeenModes):
             were measured. In one plane they do not cross but veer, and by the nominal shapes one
             along the beams, which shows little, would be taken for any other. The test may then
             have missed one: see `Forward.further`.
-        samples: Of a basis that beams do not need; so are the next two.
+        samples: Of a basis that beams do not need; so are the next three.
         travel: See `samples`.
         keep: See `samples`.
+        lacking: See `samples`.
         progress: Of what takes no time here.
         given: See `SeenModes`.
     """
@@ -52,6 +53,7 @@ class ExactModes(SeenModes):
         samples=None,
         travel=None,
         keep=None,
+        lacking=None,
         progress: Progress | None = None,
         shapes: np.ndarray | None = None,
         n_modes: int,

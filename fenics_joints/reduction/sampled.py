@@ -18,7 +18,7 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.snapshots import dense_columns, project
 from fenics_joints.structure.sparse import vectors_like
 
-__all__ = ["SampledBasis"]
+__all__ = ["SampledBasis", "lacking"]
 
 #: Share of the largest energy below which a combination of the vectors is round-off.
 _NOISE = 1e-12
@@ -64,12 +64,12 @@ class SampledBasis:
             gram = project(K, Z, blocks[0]) - shift * project(M, Z, blocks[1])
             K.destroy(), M.destroy()
         size = np.sqrt(np.diag(gram))
-        combine = _lacking(gram / np.outer(size, size), n, self.share) / size[:, None]
+        combine = lacking(gram / np.outer(size, size), n, self.share) / size[:, None]
         self.vectors += vectors_like(new[0], (Z.getDenseArray() @ combine).T)
         Z.destroy()
 
 
-def _lacking(gram: np.ndarray, n: int, share: float) -> np.ndarray:
+def lacking(gram: np.ndarray, n: int, share: float) -> np.ndarray:
     """Combinations of unit energy, as columns, of what the first n vectors lack of the others.
 
     Args:

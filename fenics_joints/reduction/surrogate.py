@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.files import write_arrays
 from fenics_joints.measurements.gap import largest_difference
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.files import read_array_model, write_array_model
+from fenics_joints.reduction.condensed import condensed
+from fenics_joints.reduction.kept import KeptModel
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.seen import SeenModes, places_all_over
@@ -24,11 +22,11 @@ from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.sparse import vectors_like
 
-__all__ = ["Surrogate"]
+__all__ = ["LACKING", "Surrogate"]
 
 #: Share of a mode's energy at a sample that the basis may lack: 1e-4 of its frequency, well below
 #: what tests can see.
-_LACKING = 2e-4
+LACKING = 2e-4
 #: Share of the largest energy below which a combination of the basis's vectors is round-off.
 _DEPENDENT = 1e-13
 
@@ -42,8 +40,9 @@ class Surrogate(SeenModes):
         samples: Gives the parameter values at which its modes make the basis.
         travel: Gives the ranges of moving masses, see `ReducedStructure`.
         by_order: Of beams, see `fenics_joints.beams.tested.ExactModes`.
-        keep: Gives the file of the reduced model for these samples: read if it is there, else
-            written; None for neither.
+        keep: Gives the file of the reduced model, which is then one of all modes and serves every
+            test of the structure: read if it is there, else written, on one rank; None for neither.
+        lacking: Share of a mode's energy at a sample that the basis may lack.
         progress: Told what is being done, and after each sample.
         given: See `SeenModes`.
     """
@@ -57,26 +56,49 @@ class Surrogate(SeenModes):
         *,
         samples: Callable[[], Points],
         travel: Callable[[], Mapping[str, tuple[float, float]]] | None = None,
-        keep: Callable[[Points], Path] | None = None,
+        keep: Callable[[], Path] | None = None,
+        lacking: float = LACKING,
         progress: Progress | None = None,
         by_order: bool = False,
         **given,
     ):
         self.samples, self.travel = samples(), travel and travel()
         self.progress = progress or Progress(silent=True)
-        self.n_samples, self.keep = len(self.samples), keep and keep(self.samples)
+        self.progress, self.lacking = progress or Progress(silent=True), lacking
+        self.n_samples = len(self.samples)
         self.progress.step("reduced model: sampling the parameters", self.n_samples)
         super().__init__(full, start, **given)
-        self._basis: list[PETSc.Vec] | None = None
-        keep = self.keep
-        kept = keep is not None and full.comm.bcast(keep.is_file() if full.comm.rank == 0 else None)
-        model = read_array_model(keep) if kept else self._reduce()
-        if keep is not None and not kept:
-            self._write(model)
-        self.forward = self._forward(model)
+        shared = keep is not None and full.comm.size == 1
+        self.kept = KeptModel(full, keep()) if shared else None
+        self._basis: list[PETSc.Vec] = []
+        self.forward = self._forward(self._kept() if self.kept else self._reduce())
+        if self.kept:
+            self._condense()
+
+    def _kept(self) -> ArrayModel:
+        """The model in its files, or made and kept there."""
+        found = self.kept.read(self.nominal.vector(0))
+        if found is None:
+            model = self._reduce()
+            self.kept.write(model, self._basis)
+            return model
+        model, self._basis = found
+        return self.kept.for_test(model, self._basis, self.sensors)
+
+    def _condense(self) -> None:
+        """Take what the test's modes need of a model that serves others too."""
+        turn = condensed(self.forward, self.samples, self._of_test, self.lacking)
+        if turn.shape[1] < self.model.n_dofs:
+            rows = np.array([vector.array_r for vector in self._basis])
+            self._basis = vectors_like(self._basis[0], turn.T @ rows)
+            self.forward = self._forward(self.model.on(turn))
+
+    def _of_test(self, modes: Modes) -> np.ndarray:
+        return np.concatenate([np.arange(modes.n_rigid), self._seen(modes)])
 
     def _in_basis(self, modes: Modes) -> np.ndarray:
-        return np.concatenate([np.arange(modes.n_rigid), self._seen(modes)])
+        """Modes that are held: of a model that is kept all, since other tests see others."""
+        return self._of_test(modes) if self.kept is None else np.arange(len(modes))
 
     def errors(self, points: Points) -> np.ndarray:
         """Largest relative frequency error against the full model at each point, (n,).
@@ -99,14 +121,10 @@ class Surrogate(SeenModes):
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis."""
         solved = [self.solve(values) for values in points]
-        if self._basis is None:
-            self._basis = self._kept_basis()
-        if self._basis is None:
-            self.forward.model = self._reduce()
         known = self.forward.model
-        sampled = SampledBasis(_LACKING, self._basis, known)
+        sampled = SampledBasis(min(self.lacking, LACKING), self._basis, known)
         for modes in solved:
-            sampled.add(modes, self._in_basis(modes))
+            sampled.add(modes, self._of_test(modes))
         self.forward.model = self._on(sampled, known)
         self.forward.forget()
 
@@ -135,7 +153,7 @@ class Surrogate(SeenModes):
 
     def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""
-        sampled, solver = SampledBasis(_LACKING), None
+        sampled, solver = SampledBasis(self.lacking), None
         for values in self.samples:
             modes = solve_modes(
                 self.full, values, n_modes=self.n_modes, solver=solver, tolerance=SNAPSHOT
@@ -158,25 +176,3 @@ class Surrogate(SeenModes):
             return known
         reduced = ReducedStructure(self.full, self._basis, self.travel, known)
         return reduced.arrays(sensors=self.sensors)
-
-    def _write(self, model: ArrayModel) -> None:
-        """Keep the model, and on one rank, whose part of the mesh is the same again, its basis."""
-        comm = self.full.comm
-        on_root(comm, lambda: write_array_model(model, self.keep))
-        if comm.size == 1:
-            basis = np.array([vector.array_r for vector in self._basis])
-            write_arrays(self.keep.with_suffix(".npz"), basis=basis)
-
-    def _kept_basis(self) -> list[PETSc.Vec] | None:
-        """The basis from its file, if it can be had."""
-        file = None if self.keep is None else self.keep.with_suffix(".npz")
-        if file is None or self.full.comm.size > 1 or not file.is_file():
-            return None
-        try:
-            with np.load(file) as kept:
-                basis = kept["basis"]
-        except (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile):
-            return None
-        if basis.ndim != 2 or basis.shape[1] != self.nominal.vector(0).getLocalSize():
-            return None
-        return vectors_like(self.nominal.vector(0), basis)

@@ -32,9 +32,14 @@ from fenics_joints.measurements.gap import skipped
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.seen import SeenModes
+from fenics_joints.reduction.surrogate import LACKING
 from fenics_joints.reduction.tested import tested_models
 
 __all__ = ["Prepared", "prepare"]
+
+#: Share of a mode's energy that the reduced model may lack where it was sampled, over the
+#: discrepancy, and at most: half of it is an error in frequency, a twentieth of what any model errs.
+_LACKING, _MOST_LACKING = 0.1, 2e-3
 
 
 @dataclass(repr=False, kw_only=True)
@@ -104,27 +109,27 @@ class Prepared(Subject):
             progress: Told after each sample.
             keep: Folder of the reduced models, named by a hash of all that makes them.
         """
-        n_test = len(self.data.mode_names)
-
-        def file(samples) -> Path:
-            name = fingerprint(self.case, self.full, self.data.sensors, samples, n_test)
-            return Path(keep) / f"model-{name}.h5"
-
         self.surrogate = tested_models(self.full).seen(
-            self.full, self.baseline, sensors=self.data.sensors, n_test=n_test,
+            self.full, self.baseline, sensors=self.data.sensors, n_test=len(self.data.mode_names),
             n_modes=self.case.diagnose.n_modes, shapes=self.data.shapes, by_order=True,
             samples=lambda: self._samples(self.case.diagnose.samples), travel=self._travel,
-            keep=None if keep is None else file, progress=progress,
+            keep=None if keep is None else lambda: self._file(keep, "model", ".h5"), progress=progress,
+            lacking=float(np.clip(_LACKING * self.evidence.discrepancy, LACKING, _MOST_LACKING)),
         )  # fmt: skip
         if self.evidence.shapes is not None:
             self.evidence = replace(self.evidence, neighbours=self._neighbours())
         if self.case.diagnose.mesh_error:
             errors = mesh_errors(
                 self.surrogate, self.baseline, progress,
-                None if keep is None else lambda: file("mesh error").with_suffix(".json"),
+                None if keep is None else lambda: self._file(keep, "finer", ".npz"),
             )  # fmt: skip
             if errors is not None:
                 self.on_mesh(errors)
+
+    def _file(self, keep: Path, what: str, suffix: str) -> Path:
+        """A file that serves every test of the structure. Collective."""
+        name = fingerprint(self.case, self.full, None, sorted(self.full.parameters))
+        return Path(keep) / f"{what}-{name}{suffix}"
 
     def on_mesh(self, errors: MeshErrors) -> None:
         """Take the mesh's errors off, and leave out modes that it does not resolve."""

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import json
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from petsc4py import PETSc
 
+from fenics_joints.files import write_arrays
 from fenics_joints.measurements.gap import VISIBLE, mac, same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.seen import SeenModes, places_all_over
+from fenics_joints.structure import Structure
+from fenics_joints.structure.sparse import vectors_like
 
 __all__ = ["MOST", "MeshErrors", "mesh_errors"]
 
@@ -58,31 +61,25 @@ def mesh_errors(
         small: Knows the full model, its modes at ``values``, and which of them the test saw.
         values: Parameter values of the nominal model.
         progress: Told before the solution.
-        keep: Gives the file in which the errors of all modes are kept; None to keep nothing.
+        keep: Gives the file of the finer model's modes, for every test of the structure: read if
+            it is there, else written, on one rank; None to keep nothing.
 
     Returns:
         The errors; None for a model without a finer one, or one that would be too large.
     """
     if not small.full.is_meshed:
         return None
-    comm = small.full.comm
-    keep = keep and keep()
-    kept = comm.bcast(on_root(comm, lambda: _read(keep)))
-    errors = _measured(small, values, progress) if kept is None else np.array(kept)
-    if errors is None:
-        return None
-    if kept is None and keep is not None:
-        on_root(comm, lambda: keep.write_text(json.dumps(errors.tolist())))
-    return MeshErrors(*errors[:, small.pairing.index])
+    errors = _measured(small, values, progress, keep)
+    return None if errors is None else MeshErrors(*errors[:, small.pairing.index])
 
 
-def _measured(small: SeenModes, values, progress: Progress) -> np.ndarray | None:
+def _measured(small: SeenModes, values, progress: Progress, keep) -> np.ndarray | None:
     """Errors of frequencies and shapes of all modes of the full model, (2, n)."""
     finer = small.full.finer()
     if finer is None or finer.n_dofs > MOST:
         return None
     progress.step("measuring the mesh's own error, one degree higher")
-    modes, better = small.nominal, solve_modes(finer, values, n_modes=small.n_modes)
+    modes, better = small.nominal, _solved(finer, values, small.n_modes, keep)
     # The same body has as many rigid motions, whatever round-off makes of their frequencies.
     better = replace(better, n_rigid=modes.n_rigid)
     own = np.arange(modes.n_rigid, len(modes))
@@ -105,6 +102,25 @@ def _measured(small: SeenModes, values, progress: Progress) -> np.ndarray | None
     return small.full.comm.bcast(found)
 
 
+def _solved(finer: Structure, values, n_modes: int, keep) -> Modes:
+    """Modes of the finer model, from the file or into it; on one rank, which has all of a shape."""
+    if finer.comm.size > 1 or keep is None:
+        return solve_modes(finer, values, n_modes=n_modes)
+    file = keep()
+    try:
+        with np.load(file) as kept:
+            squares, shapes = kept["eigenvalues"], kept["shapes"]
+        if shapes.shape == (n_modes, finer.n_local) and squares.shape == (n_modes,):
+            one = PETSc.Vec().createMPI((finer.n_local, None), comm=finer.comm)
+            return Modes(finer, dict(values), squares, vectors_like(one, shapes), 0)
+    except (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile):
+        pass
+    found = solve_modes(finer, values, n_modes=n_modes)
+    shapes = np.array([vector.array_r for vector in found.shapes])
+    write_arrays(file, eigenvalues=found.eigenvalues, shapes=shapes)
+    return found
+
+
 def _share_within(shapes: np.ndarray, better: Modes, places, index: np.ndarray) -> np.ndarray:
     """MAC of shapes, (p, m), with what their partners and modes as near as makes them turn span."""
     hz, there = better.frequencies_hz, better.at(places)
@@ -114,13 +130,3 @@ def _share_within(shapes: np.ndarray, better: Modes, places, index: np.ndarray) 
         span = np.linalg.qr(there[:, better.n_rigid :][:, near])[0]
         found[i] = np.sum((span.T @ shapes[:, i]) ** 2) / np.sum(shapes[:, i] ** 2)
     return found
-
-
-def _read(file: Path | None) -> list[list[float]] | None:
-    if file is None or not file.is_file():
-        return None
-    try:
-        frequencies, shapes = json.loads(file.read_text())
-        return [[float(x) for x in row] for row in (frequencies, shapes)]
-    except (OSError, ValueError, TypeError):
-        return None
