@@ -160,7 +160,10 @@ class BeamStructure(ArrayModel):
         Raises:
             InputError: If a point is beside the beams.
         """
-        rows = (None, None) if sensors is None else self.read(sensors)
+        rows = None, None
+        if sensors is not None:
+            at, along = self.read(sensors)
+            rows = at, along[None]
         there = [s for s in (sensors, *places) if s is not None]
         points = np.unique(np.vstack([np.zeros((0, 3)), *(s.points for s in there)]), axis=0)
         places = PlaceRows(points, self.displacement_rows(points))

@@ -91,11 +91,11 @@ class Search:
         new = [h for h in singles if not self._kept(h)]
         starts = dict(zip((h.label_of_keys for h in new), self._starts(new, fits[0]), strict=True))
         fits += self.fit_all(singles, [starts.get(h.label_of_keys, ()) for h in singles])
-        fits = self.checked(survey(self, fits), _LEADING_SINGLES)
+        fits = self.checked(survey(self, fits), _LEADING_SINGLES, quickly=True)
         several = fit_several(self, fits[2:])
         fits = fits + several
         if any(f is g for f in several for g in self._leading(fits, _LEADING_SINGLES)):
-            fits = self.checked(fits, _LEADING_SINGLES)
+            fits = self.checked(fits, _LEADING_SINGLES, quickly=True)
         level = fits[2:]
         fitted = {f.hypothesis.effects[0].key for f in level}
         model.effects = tuple(e for e in model.effects if e.key in fitted)
@@ -161,7 +161,7 @@ class Search:
 
     # -- the reduced model's error ---------------------------------------------------------------
 
-    def checked(self, fits: list[Fit], count: int) -> list[Fit]:
+    def checked(self, fits: list[Fit], count: int, quickly: bool = False) -> list[Fit]:
         """Check leading fits on the full model; enrich the basis and fit again where needed.
 
         Anew, since a better model may put what leads elsewhere, until it holds or `_ROUNDS` are
@@ -175,7 +175,8 @@ class Search:
             return self._leading_values(fits, count)
 
         errors = improve(
-            surrogate, leading, limit, _ROUNDS, after=lambda: self._fit_again(fits)
+            surrogate.quick if quickly else surrogate, leading, limit, _ROUNDS,
+            after=lambda: self._fit_again(fits),
         )
         self.model_error = float(errors.max(initial=0.0))
         return fits

@@ -53,7 +53,7 @@ def survey(search: Fits, fits: list[Fit]) -> list[Fit]:
 
 def _errors(search: Fits, points: Sequence[dict[str, float]]) -> list[float]:
     """Of the reduced model at each point; 0 where a mode that the test saw is gone."""
-    errors = search.model.surrogate.errors
+    errors = search.model.surrogate.quick.errors
     try:
         return errors(points).tolist()
     except InputError:

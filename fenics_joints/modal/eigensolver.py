@@ -25,7 +25,7 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from fenics_joints.errors import ConvergenceError, InputError, real, whole
-from fenics_joints.modal.lanczos import Operator, lanczos
+from fenics_joints.modal.lanczos import Operator, lanczos, refined
 from fenics_joints.modal.options import give_room, petsc_defaults, reason_of
 from fenics_joints.structure.sparse import dense_block, product, vectors_like
 
@@ -167,6 +167,42 @@ class EigenSolver:
         stats["seconds"] = time.perf_counter() - begin
         shapes = vectors_like(K.createVecRight(), X.T)
         return EigenResult(values, shapes, residuals, stats, _round_off(K, X))
+
+    def refine(self, K: PETSc.Mat, M: PETSc.Mat, start: np.ndarray) -> EigenResult:
+        """Eigenpairs near a subspace, by one step of inverse iteration and Rayleigh-Ritz on both.
+
+        One block of solves instead of the six or seven of `solve`. Where the subspace is off by a
+        small angle an eigenvalue is by its fourth power; a mode that is not near it is not found.
+
+        Args:
+            K: See `solve`.
+            M: See `solve`.
+            start: This rank's rows of the subspace, linearly independent, (n_local, k).
+
+        Returns:
+            k eigenpairs; their residuals are not known.
+
+        Raises:
+            InputError: See `solve`.
+            ConvergenceError: The factorisation or the solve failed.
+        """
+        _check_pencil(K, M, start.shape[1], None)
+        with petsc_defaults(self.prefix, _OPTIONS, self.petsc_options):
+            if self._eps is None:
+                self._create(K.comm)
+            A, ksp = self._shift_matrix(K, M), self._eps.getST().getKSP()
+            ksp.setOperators(A)
+            ksp.setFromOptions()
+            _set_up(ksp)
+            operator = Operator(ksp, M)
+            try:
+                theta, X = refined(operator, product(A, start), start)
+            finally:
+                operator.destroy()
+        shapes = vectors_like(K.createVecRight(), X.T)
+        unknown = np.full(len(theta), np.nan)
+        statistics = {"method": "inverse iteration", "solves": start.shape[1]}
+        return EigenResult(self.shift + 1.0 / theta, shapes, unknown, statistics, _round_off(K, X))
 
     def inverse(self, block: np.ndarray) -> np.ndarray:
         """``(K - shift M)^-1 block`` with the last solution's factorisation. Collective.

@@ -12,7 +12,10 @@ from fenics_joints.errors import ConvergenceError
 from fenics_joints.modal.options import reason_of
 from fenics_joints.structure.sparse import dense_block, without_zeros
 
-__all__ = ["Operator", "lanczos"]
+__all__ = ["Operator", "lanczos", "refined"]
+
+#: Share of the largest energy below which a combination of a block and its image is round-off.
+_DEPENDENT = 1e-12
 
 
 class Operator:
@@ -107,6 +110,30 @@ def lanczos(op: Operator, start, n: int, tol: float, largest: int, max_restarts:
             T[:] = 0.0
             T[range(keep), range(keep)] = theta[:keep]
             k = keep
+
+
+def refined(op: Operator, image: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rayleigh-Ritz for ``A^-1 M`` on a block X and A^-1 M X; (theta, vectors), largest first.
+
+    Args:
+        op: The operator.
+        image: A X, (local rows, k).
+        start: X, likewise.
+    """
+    MX = op.mass(start)
+    W = op.solve(MX)
+    both, by_A, by_M = np.hstack([start, W]), np.hstack([image, MX]), np.hstack([MX, op.mass(W)])
+    stiff, heavy = op.dot(both, by_A), op.dot(both, by_M)
+    size = np.sqrt(np.diag(stiff))
+    stiff, heavy = (0.5 * (a + a.T) / np.outer(size, size) for a in (stiff, heavy))
+    energy, Q = np.linalg.eigh(stiff)
+    kept = energy > _DEPENDENT * energy[-1]
+    Q = Q[:, kept] / np.sqrt(energy[kept])
+    theta, Y = np.linalg.eigh(Q.T @ heavy @ Q)
+    count = min(start.shape[1], len(theta))
+    theta, Y = theta[::-1][:count], Y[:, ::-1][:, :count]
+    _check_spread(theta)
+    return theta, both @ (Q @ Y / np.sqrt(theta) / size[:, None])
 
 
 def _project(op: Operator, V, MV, W) -> np.ndarray:

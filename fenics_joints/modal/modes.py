@@ -19,7 +19,7 @@ from fenics_joints.structure.grids import cell_grid, pyvista
 
 __all__ = [
     "SHIFT_SHARE", "Modes", "check_model", "count_rigid", "dense_modes", "inverted_modes",
-    "rigid_below", "solve_modes",
+    "refine_modes", "rigid_below", "solve_modes",
 ]  # fmt: skip
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
@@ -202,6 +202,26 @@ def solve_modes(
     result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
     K.destroy(), M.destroy()
     return _modes(model, given, solver, result)
+
+
+def refine_modes(
+    model: Model, given: Mapping[str, float], solver: EigenSolver, start: np.ndarray
+) -> Modes:
+    """Modes of a structure near a subspace, see `EigenSolver.refine`. Collective.
+
+    Args:
+        model: A structure.
+        given: Values of parameters that differ from their nominal value.
+        solver: One from a solution of the structure, whose ordering is kept.
+        start: This rank's rows of the subspace, (n_local, k), such as modes of a reduced model.
+
+    Raises:
+        ConvergenceError: If the matrices cannot be factorised.
+    """
+    K, M = model.stiffness(given), model.mass(given)
+    result = solver.refine(K, M, start)
+    K.destroy(), M.destroy()
+    return _modes(model, dict(given), solver, result)
 
 
 def check_model(model: object) -> None:

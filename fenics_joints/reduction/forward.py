@@ -11,10 +11,13 @@ from fenics_joints.measurements.gap import VISIBLE, Pairing, check_sight, pair_m
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["SPARE", "Forward", "line_of"]
+__all__ = ["SPARE", "Forward", "line_of", "ways_of"]
 
 #: Modes looked through for the test's, at most, as a multiple of the usual number.
 _SEARCHED = 4
+#: Sensors that are so much nearer to a line than it is long stand in one; and a line that is so
+#: nearly normal to a face shows no way along it.
+_STRAIGHT, _STEEP = 1e-3, 0.1
 #: Parameter sets whose frequencies are remembered.
 _MOST = 20000
 #: Solutions that are kept whole, for whoever asks for shapes next.
@@ -156,8 +159,8 @@ class Forward:
                 is less work where they are few; by every parameter for None.
 
         Returns:
-            Shapes, (n_s, m); the same per metre that the sensors sit further along their line;
-            and the derivatives of both, (n_s, m, n_parameters) or (n_s, m, p).
+            Shapes, (n_s, m); the same per metre that the sensors sit further along each of their
+            ways, (n_ways, n_s, m); and the derivatives of both, (..., n_parameters) or (..., p).
         """
         key = tuple(values[name] for name in self.model.parameters)
         last = self._last
@@ -193,3 +196,24 @@ def line_of(points: np.ndarray) -> np.ndarray:
         return np.eye(points.shape[1])[0]
     line = np.linalg.svd(spread)[2][0]
     return line * np.sign(line[np.argmax(np.abs(line))])
+
+
+def ways_of(sensors: Sensors, gdim: int) -> np.ndarray:
+    """Directions in which each sensor may sit elsewhere, (n_ways, n_sensors, gdim).
+
+    Along the line of sensors where they stand in one, or in the plane; else along the face that
+    each measures normal to: as near to the longest extent of all as that goes, and across.
+    """
+    points = np.asarray(sensors.points)[:, :gdim]
+    line = line_of(points)
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if gdim < 3 or len(spread) < 2 or spread[1] < _STRAIGHT * spread[0]:
+        return np.tile(line, (1, len(points), 1))
+    normals, along = np.asarray(sensors.directions), np.empty((len(points), 3))
+    for i, n in enumerate(normals):
+        rest = np.eye(3) - np.outer(n, n)
+        own = rest @ line
+        if np.linalg.norm(own) < _STEEP:
+            own = rest[int(np.argmin(np.abs(n)))]
+        along[i] = own / np.linalg.norm(own)
+    return np.stack([along, np.cross(normals, along)])

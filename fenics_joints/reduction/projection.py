@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.affine import MassTerm, RegionTerm, SpringTerm
-from fenics_joints.reduction.forward import line_of
+from fenics_joints.reduction.forward import ways_of
 from fenics_joints.reduction.snapshots import bordered, cross, dense_columns, project
 from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, forms_of
@@ -53,13 +53,14 @@ class Projection:
         return self.full.observe(self.basis, sensors).reshape(len(points), gdim, len(self.basis))
 
     def sensors(self, sensors: Sensors | None) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """What sensors read of the basis, and the same per metre along their line, (n_s, n)."""
+        """What sensors read of the basis, (n_s, n), and the same per metre that they sit further
+        along each of their ways, (n_ways, n_s, n)."""
         if sensors is None:
             return None, None
-        line = line_of(sensors.points)
+        ways = ways_of(sensors, self.full.gdim)
         return (
             self.full.observe(self.basis, sensors),
-            self.full.observe_slopes(self.basis, sensors, line),
+            np.array([self.full.observe_slopes(self.basis, sensors, way) for way in ways]),
         )
 
     def region(

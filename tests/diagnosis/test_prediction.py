@@ -46,7 +46,9 @@ def forward():
         [SpringTerm("ground", "ground.E", 1.0, np.eye(N)[3])],
     )  # fmt: skip
     rows = np.eye(N)[list(SENSORS)]
-    shifts = (np.roll(np.eye(N), 1, axis=1) - np.eye(N))[list(SENSORS)]
+    shifts = np.stack([
+        (np.roll(np.eye(N), way, axis=1) - np.eye(N))[list(SENSORS)] for way in (1, -3)
+    ])  # fmt: skip
     points = np.column_stack([SENSORS, np.zeros(5), np.zeros(5)]).astype(float)
     model = ArrayModel(pencil, 100.0, rows, shifts)
     return Forward(model, Sensors(points, [0.0, 0.0, 1.0]), 3, 6)
@@ -98,7 +100,7 @@ EFFECTS = {
     "drift": (temperature(["ground"], TORQUES, drifts=True),),
     "gain": (misscaled_sensor(2, 1.0),),
     "shift": (misplaced_sensor(1, 10.0, 1.0),),
-    "both": (misscaled_sensor(1, 1.0), misplaced_sensor(1, 10.0, 1.0)),
+    "both": (misscaled_sensor(1, 1.0), misplaced_sensor(1, 10.0, 1.0, ways=2)),
     "swapped": (swapped_modes(1, MODES),),
     "swapped and gain": (swapped_modes(0, MODES), misscaled_sensor(0, 1.0)),
 }

@@ -82,7 +82,7 @@ class Rods:
         )
         return ArrayModel(
             pencil, 2500.0, np.array([self.row(*p) for p in places]),
-            np.array([self.slope(*p) for p in places]),
+            np.array([[self.slope(*p) for p in places]]),
         )  # fmt: skip
 
 

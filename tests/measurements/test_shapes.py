@@ -96,7 +96,7 @@ def test_a_mode_that_a_small_model_lacks_is_an_error():
     def modes(kept):
         Z = vectors[:, kept]
         pencil = AffinePencil({}, [], [], fixed=(Z.T @ K @ Z, np.eye(len(kept))), fixed_mass=n)
-        found = solve_modes(ArrayModel(pencil, 1e-3, Z, 0 * Z), {}, n_modes=len(kept))
+        found = solve_modes(ArrayModel(pencil, 1e-3, Z, 0 * Z[None]), {}, n_modes=len(kept))
         return found, pair_modes(found, 2, sensors, reference=vectors[:, [0, 2]])
 
     full, lacking = modes([0, 1, 2, 3, 4]), modes([0, 1, 3, 4])

@@ -58,7 +58,7 @@ def make(comm):
     small = reduce(full, [NOMINAL, ELSEWHERE], 8, travel={"tip": (0.0, 0.1)})
     rows = full.observe(small.basis, SENSORS)
     shifts = full.observe_slopes(small.basis, SENSORS, AXIS)
-    return small, ArrayModel(small.pencil, small.scale_hz, rows, shifts)
+    return small, ArrayModel(small.pencil, small.scale_hz, rows, shifts[None])
 
 
 @pytest.fixture(scope="module")

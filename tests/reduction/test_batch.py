@@ -143,7 +143,7 @@ def chain(N: int = N) -> tuple[ArrayModel, Sensors]:
     )  # fmt: skip
     points = np.zeros((N, 3))
     points[:, 0] = np.arange(N)
-    return ArrayModel(pencil, 1e4, np.eye(N), np.zeros((N, N))), Sensors(points, [1.0, 0.0, 0.0])
+    return ArrayModel(pencil, 1e4, np.eye(N), np.zeros((1, N, N))), Sensors(points, [1.0, 0.0, 0.0])
 
 
 def forward_of(model, sensors) -> Forward:

@@ -31,7 +31,7 @@ def chain(rows: dict[str, np.ndarray], fixed=FIXED) -> ArrayModel:
     parameters = {name: Parameter(name, 1.0, lower=1e-4, upper=1e8) for name in rows}
     terms = [SpringTerm(name, name, 1.0, row) for name, row in rows.items()]
     pencil = AffinePencil(parameters, [], terms, fixed=(fixed, np.eye(N)), fixed_mass=N)
-    return ArrayModel(pencil, 1e-6, np.eye(N), np.zeros((N, N)))
+    return ArrayModel(pencil, 1e-6, np.eye(N), np.zeros((1, N, N)))
 
 
 def modes(rows, values, fixed=FIXED):

@@ -59,6 +59,7 @@ from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import spaced
 from fenics_joints.measurements.data import TestData
+from fenics_joints.reduction.forward import ways_of
 
 __all__ = ["by_preload", "case_effects", "case_nuisances"]
 
@@ -388,7 +389,8 @@ def _test_effects(data: TestData):
     length = float(np.max(np.linalg.norm(points[:, None] - points[None, :], axis=2)))
     effects += [misscaled_sensor(int(i), 1 / len(read)) for i in read]
     if length > 0:
-        effects += [misplaced_sensor(int(i), length, 1 / len(read)) for i in read]
+        ways = len(ways_of(data.sensors, data.sensors.points.shape[1]))
+        effects += [misplaced_sensor(int(i), length, 1 / len(read), ways) for i in read]
     return effects, ()
 
 

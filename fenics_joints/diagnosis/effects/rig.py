@@ -115,23 +115,28 @@ def misscaled_sensor(i: int, weight: float) -> Effect:
     )  # fmt: skip
 
 
-def misplaced_sensor(i: int, length: float, weight: float) -> Effect:
-    """Sensor i (from 0) sits elsewhere along the line of sensors than the case says.
+def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Effect:
+    """Sensor i (from 0) sits elsewhere than the case says, to first order.
 
     Args:
         i: Which sensor.
-        length: Length of the line, m.
+        length: How far apart sensors are at most, m.
         weight: Prior odds: one over the number of sensors.
+        ways: Directions in which it may: 1 along the line of sensors, 2 on its face
+            (`fenics_joints.reduction.forward.ways_of`).
     """
+    names = ("shift", "shift across")[:ways]
 
     def read(sensing, theta):
-        sensing.shifts[i] += theta["shift"]
+        for way, name in enumerate(names):
+            sensing.shifts[way, i] += theta[name]
 
     sd = _SHIFT * length
-    prior = Prior("shift", 0.0, sd, "m", False, (-5 * sd, 5 * sd))
-    words = f"Sensor {i + 1} sits elsewhere along the line of sensors than the case says."
+    priors = tuple(Prior(name, 0.0, sd, "m", False, (-5 * sd, 5 * sd)) for name in names)
+    where = "along the line of sensors" if ways == 1 else "on its face"
+    words = f"Sensor {i + 1} sits elsewhere {where} than the case says."
     return Effect(
-        MISPLACED, f"sensor {i + 1}", (prior,), None, words,
+        MISPLACED, f"sensor {i + 1}", priors, None, words,
         family=MISPLACED, weight=weight, sensing=read,
     )  # fmt: skip
 

@@ -18,8 +18,8 @@ class Sensing:
         order: The model's mode whose frequency and damping stand in each of the test's columns,
             shape (m,); m itself is the one after those that the test is taken for.
         gains: Reading over true motion of each sensor, shape (n_s,).
-        shifts: How far each sensor sits from where the case has it, m, along the line of sensors,
-            shape (n_s,).
+        shifts: How far each sensor sits from where the case has it, m, along each of its ways
+            (`fenics_joints.reduction.forward.ways_of`), shape (n_ways, n_s).
     """
 
     order: np.ndarray
@@ -27,9 +27,9 @@ class Sensing:
     shifts: np.ndarray
 
     @classmethod
-    def true(cls, n_modes: int, n_sensors: int) -> Sensing:
+    def true(cls, n_modes: int, n_sensors: int, n_ways: int = 2) -> Sensing:
         """A test without errors."""
-        return cls(np.arange(n_modes), np.ones(n_sensors), np.zeros(n_sensors))
+        return cls(np.arange(n_modes), np.ones(n_sensors), np.zeros((n_ways, n_sensors)))
 
 
 def in_order(forward, order: np.ndarray | None, values: Mapping[str, float]):

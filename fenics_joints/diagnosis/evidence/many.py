@@ -305,7 +305,8 @@ class ManyPredictions:
         def read(shapes):
             at = model.sensor_rows @ shapes
             if shifts is not None:
-                at = at + shifts[:, :, None] * (model.shift_rows @ shapes)
+                along = model.shift_rows @ shapes[:, None]
+                at = at + np.einsum("bws,bwsm->bsm", shifts[:, : along.shape[1]], along)
             return at if gains is None else gains[:, :, None] * at
 
         found = read(modes.x)
@@ -326,7 +327,8 @@ class ManyPredictions:
         return found.reshape(flat), slope.reshape(*flat, len(by))
 
     def _read(self, z) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Gains and shifts of the sensors, each (b, n_s); None where they are as they should."""
+        """Gains, (b, n_s), and shifts, (b, n_ways, n_s), of the sensors; None where they are as
+        they should."""
         h = self.hypothesis
         if not h.senses:
             return None, None

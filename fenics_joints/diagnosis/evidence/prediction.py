@@ -283,7 +283,8 @@ class RowPrediction:
         read = self._read(self._z, at, along)
         sensing = self._sensing(self._z)
         if sensing is not None:
-            slope = slope + sensing.shifts[:, None, None] * by_along
+            shifts = sensing.shifts[: len(along)]
+            slope = slope + np.einsum("ws,wsmp->smp", shifts, by_along)
             slope = sensing.gains[:, None, None] * slope + self._sensing_slopes(at, along)
         return _scaled_to(measured, read, slope)
 
@@ -297,11 +298,12 @@ class RowPrediction:
         columns = []
         for i in range(self._m):
             look = self._seen(i)
-            at, along = (part[:, i] for part in self._forward.seen_shapes(look.values))
+            at, along = (part[..., i] for part in self._forward.seen_shapes(look.values))
             # Slopes by the model's values hardly differ from one mode's sight to the next's.
             sign, chain = 1.0 if at @ first[0][:, i] > 0 else -1.0, self._chain(look.mode)
-            columns.append((at, along, *(sign * by[:, i] @ chain for by in first[2:])))
-        return tuple(np.stack(part, axis=1) for part in zip(*columns, strict=True))
+            columns.append((at, along, *(sign * by[..., i, :] @ chain for by in first[2:])))
+        modes_last = zip(*columns, strict=True)
+        return tuple(np.stack(part, axis=axis) for part, axis in zip(modes_last, (1, 2, 1, 2), strict=True))
 
     def read_shapes(self, measured: np.ndarray) -> np.ndarray:
         """`shapes` without their derivatives, which are most of the work, (n_s, m)."""
@@ -310,7 +312,7 @@ class RowPrediction:
             looks = [self._seen(i) for i in range(self._m)]
         seen = [self._forward.seen_shapes(look.values) for look in looks]
         at, along = (
-            part[0] if len(looks) == 1 else np.stack([x[:, i] for i, x in enumerate(part)], axis=1)
+            part[0] if len(looks) == 1 else np.stack([x[..., i] for i, x in enumerate(part)], axis=-1)
             for part in zip(*seen, strict=True)
         )
         read = self._read(self._z, at, along)
@@ -329,7 +331,8 @@ class RowPrediction:
         sensing = self._sensing(z)
         if sensing is None:
             return at
-        return sensing.gains[:, None] * (at + sensing.shifts[:, None] * along)
+        moved = np.einsum("ws,wsm->sm", sensing.shifts[: len(along)], along)
+        return sensing.gains[:, None] * (at + moved)
 
     def _sensing_slopes(self, at, along) -> np.ndarray:
         """Derivative of what the sensors say by z, the structure unmoved, (n_s, m, d)."""
