@@ -33,10 +33,11 @@ class ExactModes(SeenModes):
             were measured. In one plane they do not cross but veer, and by the nominal shapes one
             along the beams, which shows little, would be taken for any other. The test may then
             have missed one: see `Forward.further`.
-        samples: Of a basis that beams do not need; so are the next three.
+        samples: Of a basis that beams do not need; so are the next four.
         travel: See `samples`.
         keep: See `samples`.
         lacking: See `samples`.
+        still: See `samples`.
         progress: Of what takes no time here.
         given: See `SeenModes`.
     """
@@ -54,6 +55,7 @@ class ExactModes(SeenModes):
         travel=None,
         keep=None,
         lacking=None,
+        still=(),
         progress: Progress | None = None,
         shapes: np.ndarray | None = None,
         n_modes: int,

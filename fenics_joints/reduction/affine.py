@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.linalg.blas import daxpy
 
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import Law
@@ -25,6 +26,9 @@ __all__ = ["AffinePencil", "MassTerm", "RegionTerm", "SpringTerm"]
 _MOST = 20000
 #: Matrices whose products with vectors are held at a time.
 _READ = 32
+#: Sums that are formed one after the other from a near one; how many times larger a factor may have
+#: been there; and rows between two that are wanted which are read along with them.
+_FEW, _MAGNITUDES, _GAP = 12, 1e6, 4
 #: A parameter's values: a number, or one for each of many sets of values, (b,).
 Values = Mapping[str, float | np.ndarray]
 
@@ -119,6 +123,7 @@ class _Stack:
 
     def __init__(self, matrices: Sequence[np.ndarray], n: int):
         self.n, self.whole = n, np.array(matrices, dtype=float).reshape(len(matrices), n, n)
+        self._first: tuple[np.ndarray, np.ndarray] | None = None
 
     @cached_property
     def _indices(self) -> tuple[np.ndarray, np.ndarray]:
@@ -144,9 +149,45 @@ class _Stack:
             rows: Which of the matrices.
         """
         if factors.ndim == 1:
-            return self._unpacked(factors @ self._upper[rows])
+            whole = len(factors) == len(self.whole)
+            return self._unpacked(self._near(factors) if whole else factors @ self._upper[rows])
+        if len(factors) == len(self.whole) and factors.shape[1] <= _FEW:
+            return np.array([self._unpacked(self._near(column)) for column in factors.T])
         flat = self.whole[rows].reshape(len(factors), self.n**2)
         return (factors.T @ flat).reshape(-1, self.n, self.n)
+
+    def _near(self, factors: np.ndarray) -> np.ndarray:
+        """The upper triangle of the sum of all, from that of the first one that was asked for:
+        mostly few factors differ, and to read the matrices is the work."""
+        if self._first is None:
+            self._first = factors.copy(), factors @ self._upper
+        first, total = self._first
+        change = factors - first
+        moved = np.flatnonzero(change)
+        # Round-off of the first must not show in what is left of it.
+        lost = np.abs(first[moved]) > _MAGNITUDES * np.abs(factors[moved])
+        if len(moved) > len(factors) // 2 or np.any(lost & (factors[moved] != 0.0)):
+            return factors @ self._upper
+        total = total.copy()
+        for i in moved:
+            daxpy(self._upper[i], total, a=change[i])
+        return total
+
+    def quadratic(self, packed: np.ndarray, factors: np.ndarray) -> np.ndarray:
+        """x^T A x of every packed vector, A being each of some sums, (k, p): of the matrices that
+        are in any of them alone.
+
+        Args:
+            packed: From `pack`.
+            factors: Of each matrix in each sum, (n_terms, p).
+        """
+        used = np.flatnonzero(factors.any(axis=1))
+        found = np.zeros((len(packed), factors.shape[1]))
+        for run in np.split(used, np.flatnonzero(np.diff(used) > _GAP) + 1):
+            if len(run):
+                rows = slice(run[0], run[-1] + 1)  # a view: rows that are picked would be copied
+                found += (packed @ self._upper[rows].T) @ factors[rows]
+        return found
 
     def sums(self, factors: np.ndarray, rows) -> Iterator[np.ndarray]:
         """`sum` of every column of the factors, one after the other."""
@@ -449,6 +490,22 @@ class AffinePencil:
         packed, lam = self._stiffness.pack(shapes), np.asarray(eigenvalues, dtype=float)
         stiff = self._stiffness.squares(packed) @ self.scalar_slopes(values)[0]
         return stiff - lam[:, None] * self._mass_gradients(packed, shapes, values)
+
+    def gradients_along(self, shapes: np.ndarray, eigenvalues, values, along) -> np.ndarray:
+        """`gradients` along directions in the parameters, (k, p): less work where they are few.
+
+        Args:
+            shapes: See `gradients`.
+            eigenvalues: Likewise.
+            values: Likewise.
+            along: The directions, (n_parameters, p).
+        """
+        packed, lam = self._stiffness.pack(shapes), np.asarray(eigenvalues, dtype=float)
+        by_theta, by_rho = (by @ along for by in self.scalar_slopes(values))
+        heavy = self._inertia.quadratic(packed, by_rho)
+        for p, A, B in self._moved(values):
+            heavy += 2 * np.sum((A @ shapes) * (B @ shapes), axis=0)[:, None] * along[p]
+        return self._stiffness.quadratic(packed, by_theta) - lam[:, None] * heavy
 
     def squares(self, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x^T A x of every column, (n, k), and every matrix in K and in M, each (k, n_terms)."""

@@ -99,6 +99,12 @@ class ArrayModel:
         """
         return self.pencil.gradients(shapes, eigenvalues, self.values_of_slopes(given))
 
+    def gradients_along(self, shapes: np.ndarray, eigenvalues, given, along) -> np.ndarray:
+        """`pencil_gradients` along directions in the parameters, (n_parameters, p): (k, p)."""
+        return self.pencil.gradients_along(
+            shapes, eigenvalues, self.values_of_slopes(given), along
+        )
+
     def pencil_products(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
         """(dK/dp - lambda dM/dp) x for every parameter, shape (k, n_parameters, n_dofs)."""
         stiff, heavy = self.pencil.products(shapes, self.values_of_slopes(given))

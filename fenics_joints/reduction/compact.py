@@ -15,10 +15,11 @@ import numpy as np
 
 from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.values import number
 
-__all__ = ["merged"]
+__all__ = ["merged", "trimmed"]
 
 #: Values at which scalars are compared: what is in proportion at all of them, to round-off, is so
 #: everywhere, for they are rational functions and the values are any. How far they are apart.
@@ -65,6 +66,34 @@ def merged(
     }
     return replace(
         model, pencil=AffinePencil(parameters, regions, springs, [*together, *moving], (K, M), mass)
+    )
+
+
+def trimmed(
+    model: ArrayModel, still: Collection[str], given: Mapping[str, float]
+) -> ArrayModel:
+    """The same model, with the same parameters, in which some stand still: what of a part or joint
+    they alone set apart is one term.
+
+    Args:
+        model: A model of plain arrays.
+        still: Names of the parameters that keep their values.
+        given: These values, and any of the others.
+    """
+    values, pencil = model.values(given), model.pencil
+    free, changes = frozenset(pencil.parameters) - set(still), {law.name for law in CHANGES}
+    n = model.n_dofs
+    K, M = (np.array(A) for A in pencil.fixed or (np.zeros((n, n)), np.zeros((n, n))))
+    mass, regions = pencil.fixed_mass, []
+    for region in pencil.regions:
+        if region.law.name in changes or not set(region.properties.values()) & set(still):
+            regions.append(region)
+            continue
+        kept, stiff, heavy, weight = _split(region, free, values)
+        K, M, mass = K + stiff, M + heavy, mass + weight
+        regions += [] if kept is None else [kept]
+    return replace(
+        model, pencil=replace(pencil, regions=regions, fixed=(K, M), fixed_mass=mass)
     )
 
 

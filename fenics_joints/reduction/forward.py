@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from fenics_joints.measurements.gap import VISIBLE, Pairing, check_sight, pair_m
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["SPARE", "Forward", "line_of", "ways_of"]
+__all__ = ["SPARE", "Forward", "Slopes", "line_of", "ways_of"]
 
 #: Modes looked through for the test's, at most, as a multiple of the usual number.
 _SEARCHED = 4
@@ -19,11 +20,47 @@ _SEARCHED = 4
 #: nearly normal to a face shows no way along it.
 _STRAIGHT, _STEEP = 1e-3, 0.1
 #: Parameter sets whose frequencies are remembered.
-_MOST = 20000
+_MOST = 4000
 #: Solutions that are kept whole, for whoever asks for shapes next.
 _WHOLE = 16
 #: Modes beyond those that the test saw, so that none is missed when modes change places.
 SPARE = 3
+
+
+class Slopes:
+    """Derivatives of ln f by all parameters, (m, n_parameters), which are formed when they are
+    asked for; along directions, by ``slopes @ directions``, with what these change alone.
+
+    Args:
+        modes: Modes of a model of plain arrays.
+        index: Which of them.
+    """
+
+    def __init__(self, modes: Modes, index: np.ndarray):
+        self._model, self._given = modes.model, dict(modes.given)
+        self._x, self._lam = modes.shapes[:, index], modes.eigenvalues[index]
+
+    def __matmul__(self, along: np.ndarray) -> np.ndarray:
+        if "_whole" in self.__dict__ or np.ndim(along) != 2:
+            return self._whole @ along
+        found = self._model.gradients_along(self._x, self._lam, self._given, along)
+        return found / (2 * self._lam)[:, None]
+
+    @cached_property
+    def _whole(self) -> np.ndarray:
+        found = self._model.pencil_gradients(self._x, self._lam, self._given)
+        return found / (2 * self._lam)[:, None]
+
+    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+        return np.array(self._whole, dtype=dtype) if copy else np.asarray(self._whole, dtype=dtype)
+
+    def __getitem__(self, key) -> np.ndarray:
+        return self._whole[key]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(m, n_parameters)."""
+        return len(self._lam), len(self._model.parameters)
 
 
 class Forward:
@@ -87,9 +124,14 @@ class Forward:
             if len(self._whole) > _WHOLE:
                 del self._whole[next(iter(self._whole))]
             log_f = np.log(modes.frequencies_hz[pairing.index])
-            self._cache[key] = (log_f, frequency_sensitivity(modes, pairing.index))
+            self._cache[key] = log_f, self._slopes(modes, pairing.index)
             self.calls += 1
         return self._cache[key]
+
+    def _slopes(self, modes: Modes, index: np.ndarray) -> np.ndarray | Slopes:
+        if hasattr(self.model, "gradients_along"):
+            return Slopes(modes, index)
+        return frequency_sensitivity(modes, index)
 
     def prepare(self, wanted: Sequence[Mapping[str, float]], slopes: bool) -> np.ndarray:
         """ln f at all these values, shape (len(wanted), m); calls find them ready until `release`.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from fenics_joints.modal.modes import Modes, refine_modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points, SmallModel
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.compact import trimmed
 from fenics_joints.reduction.condensed import condensed
 from fenics_joints.reduction.forward import SPARE
 from fenics_joints.reduction.kept import KeptModel
@@ -44,6 +45,7 @@ class Surrogate(SeenModes):
         keep: Gives the file of the reduced model, which is then one of all modes and serves every
             test of the structure: read if it is there, else written, on one rank; None for neither.
         lacking: Share of a mode's energy at a sample that the basis may lack.
+        still: Parameters that stay as they are at ``start``.
         progress: Told what is being done, and after each sample.
         given: See `SeenModes`.
     """
@@ -59,6 +61,7 @@ class Surrogate(SeenModes):
         travel: Callable[[], Mapping[str, tuple[float, float]]] | None = None,
         keep: Callable[[], Path] | None = None,
         lacking: float = LACKING,
+        still: Collection[str] = (),
         progress: Progress | None = None,
         by_order: bool = False,
         **given,
@@ -73,9 +76,14 @@ class Surrogate(SeenModes):
         self.kept = KeptModel(full, keep()) if shared else None
         self._basis: list[PETSc.Vec] = []
         self._refined: dict[tuple, Modes] = {}
-        self.forward = self._forward(self._kept() if self.kept else self._reduce())
+        self._start, self._still = dict(start), still
+        self._whole = self._kept() if self.kept else self._reduce()
         if self.kept:
             self._condense()
+        self.forward = self._forward(self._trimmed())
+
+    def _trimmed(self) -> ArrayModel:
+        return trimmed(self._whole, self._still, self._start) if self._still else self._whole
 
     def _kept(self) -> ArrayModel:
         """The model in its files, or made and kept there."""
@@ -89,11 +97,12 @@ class Surrogate(SeenModes):
 
     def _condense(self) -> None:
         """Take what the test's modes need of a model that serves others too."""
-        turn = condensed(self.forward, self.samples, self._of_test, self.lacking)
-        if turn.shape[1] < self.model.n_dofs:
+        forward = self._forward(self._trimmed())
+        turn = condensed(forward, self.samples, self._of_test, self.lacking)
+        if turn.shape[1] < self._whole.n_dofs:
             rows = np.array([vector.array_r for vector in self._basis])
             self._basis = vectors_like(self._basis[0], turn.T @ rows)
-            self.forward = self._forward(self.model.on(turn))
+            self._whole = self._whole.on(turn)
 
     def _of_test(self, modes: Modes) -> np.ndarray:
         return np.concatenate([np.arange(modes.n_rigid), self._seen(modes)])
@@ -155,12 +164,13 @@ class Surrogate(SeenModes):
         known."""
         known = self._refined | self._solved
         found = [known.get(tuple(values.items())) or self.solve(values) for values in points]
-        known = self.forward.model
-        sampled = SampledBasis(min(self.lacking, LACKING), self._basis, known)
+        whole = self._whole
+        sampled = SampledBasis(min(self.lacking, LACKING), self._basis, whole)
         for modes in found:
             sampled.add(modes, self._of_test(modes))
         self._refined.clear()
-        self.forward.model = self._on(sampled, known)
+        self._whole = self._on(sampled, whole)
+        self.forward.model = self._trimmed()
         self.forward.forget()
 
     def facts(self) -> dict[str, object]:
