@@ -43,7 +43,7 @@ class Surrogate(SeenModes):
         travel: Gives the ranges of moving masses, see `ReducedStructure`.
         by_order: Of beams, see `fenics_joints.beams.tested.ExactModes`.
         keep: Gives the file of the reduced model, which is then one of all modes and serves every
-            test of the structure: read if it is there, else written, on one rank; None for neither.
+            test of the structure: read if it is there, else written; None for neither.
         lacking: Share of a mode's energy at a sample that the basis may lack.
         still: Parameters that stay as they are at ``start``.
         progress: Told what is being done, and after each sample.
@@ -72,8 +72,7 @@ class Surrogate(SeenModes):
         self.n_samples = len(self.samples)
         self.progress.step("reduced model: sampling the parameters", self.n_samples)
         super().__init__(full, start, **given)
-        shared = keep is not None and full.comm.size == 1
-        self.kept = KeptModel(full, keep()) if shared else None
+        self.kept = None if keep is None else KeptModel(full, keep())
         self._basis: list[PETSc.Vec] = []
         self._refined: dict[tuple, Modes] = {}
         self._start, self._still = dict(start), still
@@ -87,7 +86,7 @@ class Surrogate(SeenModes):
 
     def _kept(self) -> ArrayModel:
         """The model in its files, or made and kept there."""
-        found = self.kept.read(self.nominal.vector(0))
+        found = self.kept.read()
         if found is None:
             model = self._reduce()
             self.kept.write(model, self._basis)

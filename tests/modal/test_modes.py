@@ -10,6 +10,7 @@ from mpi4py import MPI
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import box, half_lap_beam, lap_plates
 from fenics_joints.modal import solve_modes
+from fenics_joints.modal.modes import refine_modes
 from fenics_joints.structure import (
     Parameter,
     PointMass,
@@ -189,3 +190,19 @@ def test_a_body_without_mass_is_refused():
     )
     with pytest.raises(InputError, match="no mass: expected a density > 0"):
         solve_modes(model, n_modes=7)
+
+
+@pytest.mark.parallel
+def test_refined_modes_are_off_by_the_fourth_power_of_where_they_start():
+    """From modes that are off by a small angle; the matrices are others than the solver's last."""
+    model = build(MPI.COMM_WORLD, element_size=0.04)
+    near = solve_modes(model, n_modes=14)
+    given = {"layer.E": 4e7, "plates.E": 60e9}
+    true = solve_modes(model, given, n_modes=36)
+    x, off = np.array([vector.array_r for vector in true.shapes]).T, []
+    lacking = x[:, 12:] @ np.random.default_rng(3).standard_normal((24, 12)) / 5
+    for angle in (0.2, 0.1):
+        found = refine_modes(model, given, near.solver, x[:, :12] + angle * lacking)
+        assert found.n_rigid == true.n_rigid == 6
+        off.append(np.max(np.abs(found.eigenvalues[6:] / true.eigenvalues[6:12] - 1)))
+    assert off[0] < 4e-3 and off[1] < off[0] / 8

@@ -9,10 +9,14 @@ from scipy.stats import qmc
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import lap_plates
-from fenics_joints.modal import solve_modes
-from fenics_joints.reduction import ReducedStructure, reduce
+from fenics_joints.modal import frequency_sensitivity, solve_modes
+from fenics_joints.reduction import ReducedStructure, read_array_model, reduce
+from fenics_joints.reduction.compact import trimmed
+from fenics_joints.reduction.forward import Slopes, ways_of
+from fenics_joints.reduction.kept import KeptModel
 from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.snapshots import orthonormal
+from fenics_joints.reduction.surrogate import Surrogate
 from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Structure, joint, part
 
 N_MODES = 12
@@ -233,6 +237,88 @@ def test_what_is_new_in_a_basis_is_projected_alone():
     energy = K + np.trace(K) / np.trace(M) * M
     apart = energy[:n, n:] / np.sqrt(np.outer(np.diag(energy)[:n], np.diag(energy)[n:]))
     assert np.abs(apart).max() < 0.02
+
+
+@pytest.mark.parallel
+def test_a_kept_model_serves_another_test_of_the_structure(shared_tmp_path):
+    """Other sensors, another number of modes: as good as what is made for it alone."""
+    world, file = build(MPI.COMM_WORLD), shared_tmp_path / "model.h5"
+    start = {name: p.value for name, p in world.parameters.items()}
+    points = [start, *samples(10, seed=3)]
+
+    def surrogate(sensors, n_test, made=points, **more):
+        return Surrogate(
+            world, start, samples=lambda: made, travel=lambda: TRAVEL, lacking=1e-3,
+            sensors=sensors, n_test=n_test, n_modes=N_MODES, **more,
+        )  # fmt: skip
+
+    surrogate(None, 5, keep=lambda: file)
+    few = Sensors([[0.02, 0.01, 0.008], [0.15, 0.07, 0.008], [0.3, 0.04, 0.016]], [0.0, 0.0, 1.0])
+    alone = surrogate(few, 3)
+    kept = surrogate(few, 3, keep=lambda: file)
+    assert kept.model.n_dofs < read_array_model(file).n_dofs
+    elsewhere = samples(4, seed=11)
+    own, best = (s.errors(elsewhere) for s in (kept, alone))
+    assert np.all(own < 2 * best + 1e-4)
+    # Against modes that are refined from its own, the same errors; what is off is mended by them.
+    quick = kept.quick
+    assert quick.errors(elsewhere) == pytest.approx(own, rel=0.1, abs=1e-6)
+    quick.extend(elsewhere)
+    assert np.all(kept.errors(elsewhere) < 1e-5 + 0.05 * own)
+
+
+def test_a_basis_of_another_model_is_not_taken(tmp_path):
+    """As where two runs kept theirs at a time."""
+    model, file = build(), tmp_path / "model.h5"
+    start = {name: p.value for name, p in model.parameters.items()}
+    given = {"samples": lambda: [start], "travel": lambda: TRAVEL, "keep": lambda: file}
+    given |= {"sensors": None, "n_test": 3, "n_modes": N_MODES}
+    first = Surrogate(model, start, **given)
+    assert KeptModel(model, file).read() is not None
+    basis = file.with_suffix(".npz").read_bytes()
+    file.unlink()
+    other = Surrogate(model, {**start, "layer.E": 1e7}, **given | {
+        "samples": lambda: [{**start, "layer.E": 1e7}]
+    })  # fmt: skip
+    assert other.model.n_dofs == first.model.n_dofs
+    file.with_suffix(".npz").write_bytes(basis)
+    assert KeptModel(model, file).read() is None
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_sensor_may_be_off_along_its_face(full, axis):
+    """Two ways across each direction, or the line in which all stand; both as differences."""
+    normal = np.eye(3)[axis]
+    points = np.array([[0.05, 0.03, 0.006], [0.15, 0.05, 0.012], [0.28, 0.02, 0.014]])
+    ways = ways_of(Sensors(points, normal), 3)
+    assert ways.shape == (2, 3, 3) and np.abs(ways @ normal).max() < 1e-12
+    assert np.einsum("wsk,vsk->swv", ways, ways) == pytest.approx(np.tile(np.eye(2), (3, 1, 1)))
+    line = points[0] + np.outer([0.0, 1.0, 2.0], [0.1, 0.0, 0.0])
+    assert ways_of(Sensors(line, normal), 3) == pytest.approx(np.tile([1.0, 0, 0], (1, 3, 1)))
+
+
+def test_derivatives_along_directions_are_those_by_all(full):
+    """And sums from a near one those of all terms, in a model some of whose parameters stay."""
+    model = reduce(full, samples(4, seed=2), N_MODES, travel=TRAVEL).arrays()
+    start = {name: p.value for name, p in full.parameters.items()}
+    still = ["plates.thickness", "cord.stiffness"]
+    few = trimmed(model, still, start)
+    assert len(few.pencil.terms[0]) < len(model.pencil.terms[0])
+    rng = np.random.default_rng(1)
+    directions = rng.standard_normal((len(RANGES), 3))
+    for name in still:
+        directions[list(RANGES).index(name)] = 0.0
+    for values in samples(5, seed=9):
+        values = values | {name: start[name] for name in still}
+        K, M = model.pencil.matrices(values)
+        for got, expected in zip(few.pencil.matrices(values), (K, M), strict=True):
+            assert np.abs(got - expected).max() < 1e-9 * np.abs(expected).max()
+        modes = solve_modes(few, values, n_modes=N_MODES)
+        slopes = Slopes(modes, np.arange(6, N_MODES))
+        by_all = frequency_sensitivity(solve_modes(model, values, n_modes=N_MODES), range(6, 12))
+        scale = np.abs(by_all @ directions).max()
+        assert slopes @ directions == pytest.approx(by_all @ directions, abs=1e-6 * scale)
+        assert np.asarray(slopes) @ directions == pytest.approx(slopes @ directions, rel=1e-9)
 
 
 def test_bad_input_is_named(full):

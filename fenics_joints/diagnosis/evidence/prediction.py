@@ -302,8 +302,11 @@ class RowPrediction:
             # Slopes by the model's values hardly differ from one mode's sight to the next's.
             sign, chain = 1.0 if at @ first[0][:, i] > 0 else -1.0, self._chain(look.mode)
             columns.append((at, along, *(sign * by[..., i, :] @ chain for by in first[2:])))
-        modes_last = zip(*columns, strict=True)
-        return tuple(np.stack(part, axis=axis) for part, axis in zip(modes_last, (1, 2, 1, 2), strict=True))
+        # The modes stand behind the sensors, which have each way before them in every other part.
+        at, along, *slopes = zip(*columns, strict=True)
+        return tuple(
+            np.stack(part, axis=1 + i % 2) for i, part in enumerate((at, along, *slopes))
+        )
 
     def read_shapes(self, measured: np.ndarray) -> np.ndarray:
         """`shapes` without their derivatives, which are most of the work, (n_s, m)."""
@@ -312,7 +315,8 @@ class RowPrediction:
             looks = [self._seen(i) for i in range(self._m)]
         seen = [self._forward.seen_shapes(look.values) for look in looks]
         at, along = (
-            part[0] if len(looks) == 1 else np.stack([x[..., i] for i, x in enumerate(part)], axis=-1)
+            part[0] if len(looks) == 1
+            else np.stack([x[..., i] for i, x in enumerate(part)], axis=-1)
             for part in zip(*seen, strict=True)
         )
         read = self._read(self._z, at, along)

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from petsc4py import PETSc
 
-from fenics_joints.files import write_arrays
 from fenics_joints.measurements.gap import VISIBLE, mac, same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.kept import read_vectors, write_vectors
 from fenics_joints.reduction.seen import SeenModes, places_all_over
 from fenics_joints.structure import Structure
-from fenics_joints.structure.sparse import vectors_like
 
 __all__ = ["MOST", "MeshErrors", "mesh_errors"]
 
@@ -62,7 +59,7 @@ def mesh_errors(
         values: Parameter values of the nominal model.
         progress: Told before the solution.
         keep: Gives the file of the finer model's modes, for every test of the structure: read if
-            it is there, else written, on one rank; None to keep nothing.
+            it is there, else written; None to keep nothing.
 
     Returns:
         The errors; None for a model without a finer one, or one that would be too large.
@@ -103,21 +100,16 @@ def _measured(small: SeenModes, values, progress: Progress, keep) -> np.ndarray 
 
 
 def _solved(finer: Structure, values, n_modes: int, keep) -> Modes:
-    """Modes of the finer model, from the file or into it; on one rank, which has all of a shape."""
-    if finer.comm.size > 1 or keep is None:
+    """Modes of the finer model, from the file or into it."""
+    if keep is None:
         return solve_modes(finer, values, n_modes=n_modes)
-    file = keep()
-    try:
-        with np.load(file) as kept:
-            squares, shapes = kept["eigenvalues"], kept["shapes"]
-        if shapes.shape == (n_modes, finer.n_local) and squares.shape == (n_modes,):
-            one = PETSc.Vec().createMPI((finer.n_local, None), comm=finer.comm)
-            return Modes(finer, dict(values), squares, vectors_like(one, shapes), 0)
-    except (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile):
-        pass
+    more: dict[str, np.ndarray] = {}
+    shapes = read_vectors(finer, keep(), "finer", more)
+    squares = more.get("eigenvalues")
+    if shapes is not None and squares is not None and len(squares) == len(shapes) == n_modes:
+        return Modes(finer, dict(values), squares, shapes, 0)
     found = solve_modes(finer, values, n_modes=n_modes)
-    shapes = np.array([vector.array_r for vector in found.shapes])
-    write_arrays(file, eigenvalues=found.eigenvalues, shapes=shapes)
+    write_vectors(finer, keep(), found.shapes, "finer", eigenvalues=found.eigenvalues)
     return found
 
 
