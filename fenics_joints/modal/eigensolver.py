@@ -171,8 +171,10 @@ class EigenSolver:
     def refine(self, K: PETSc.Mat, M: PETSc.Mat, start: np.ndarray) -> EigenResult:
         """Eigenpairs near a subspace, by one step of inverse iteration and Rayleigh-Ritz on both.
 
-        One block of solves instead of the six or seven of `solve`. Where the subspace is off by a
-        small angle an eigenvalue is by its fourth power; a mode that is not near it is not found.
+        One block of solves instead of the six or seven of `solve`. By Rayleigh's principle no
+        eigenvalue comes out too low, and what it is too high is a small part of what it is in the
+        subspace itself: there by the square of the angle, and one step shrinks the angle. A mode
+        that is not near the subspace is not found.
 
         Args:
             K: See `solve`.
