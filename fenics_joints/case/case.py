@@ -23,6 +23,7 @@ from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.preload import Bolt, ContactSection
 from fenics_joints.case.sections import (
     Attached,
+    AttachedMass,
     Diagnose,
     Joint,
     MassSection,
@@ -111,6 +112,7 @@ class Case(Section):
     _coarse: Mesh | None = PrivateAttr(None)
     _measured: TestData | None = PrivateAttr(None)
     _planned: TestData | None = PrivateAttr(None)
+    _changed: dict[str, TestData] = PrivateAttr(default_factory=dict)
     _validation: TestData | None = PrivateAttr(None)
     _joint_notes: tuple[str, ...] = PrivateAttr(())
     _curves: MeasuredCurves | None = PrivateAttr(None)
@@ -147,11 +149,18 @@ class Case(Section):
         return [self._path, *(self.folder / name for name in _file_names(self))]
 
     def diagnosed(self) -> Case:
-        """The case with the mesh that a diagnosis takes; of such a case, itself."""
-        if self._coarse is None:
-            return self
-        case = self.model_copy(update={"mesh": self._coarse})
-        case._coarse = None
+        """The case with the mesh that a diagnosis takes, and with what was put on for tests after
+        a change; of such a case, itself."""
+        case = self
+        put_on = {} if self.test is None else {
+            name: AttachedMass(kind="mass", mass=section.mass, points=section.points)
+            for name, section in self.test.changed.items() if section.mass is not None
+        }  # fmt: skip
+        if not put_on.keys() <= self.attached.keys():
+            case = case.model_copy(update={"attached": self.attached | put_on})
+        if case._coarse is not None:
+            case = case.model_copy(update={"mesh": case._coarse})
+            case._coarse = None
         return case
 
     @property
@@ -194,6 +203,13 @@ class Case(Section):
             InputError: As `measurements`, or if the two do not go together.
         """
         data = self.measurements()
+        for name, section in self.test.changed.items():
+            known = {f"{each}.{key}": 0.0 for each in section.without
+                     for key in ("mass" if each in self.masses else "stiffness",)}  # fmt: skip
+            if section.mass is not None:
+                known[f"{name}.mass"] = section.mass
+            with located(f"{self._path}: test.changed.{name}"):
+                data = data.again(name, self._changed[name].frequencies_hz[0], known, section.at)
         if not self.test.amplitude or self.test.is_by_amplitude:
             return data
         if len(data) > 1:

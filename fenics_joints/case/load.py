@@ -22,7 +22,7 @@ from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.messages import case_error, describe, did_you_mean, said
 from fenics_joints.case.shapes import modes_of, read_universal, shapes_of
 from fenics_joints.case.starting import start_joints
-from fenics_joints.case.test import FRFSection, Test, ValidationTest
+from fenics_joints.case.test import ChangedTest, FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import is_file, read_toml, shown_path
 from fenics_joints.measurements import (
@@ -130,6 +130,8 @@ def _read_tests(case: Case) -> list[str]:
         case._measured = tried(_read_test, case, "test", test)
     if test.validation is not None and case._measured is not None:
         case._validation = tried(_read_test, case, "test.validation", test.validation)
+    for name, section in test.changed.items() if case._measured is not None else ():
+        case._changed[name] = tried(_read_changed, case, name, section)
     if errors:
         return errors
     measured, validation = case._measured, case._validation
@@ -227,6 +229,19 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
             file = _existing(case, f"{key}.shapes", test.shapes.files[0])
             found = _read_shapes(file, data.mode_names)
         return replace(data, shapes=found)
+
+
+def _read_changed(case: Case, name: str, section: ChangedTest) -> TestData:
+    """The row of frequencies after a change."""
+    key = f"test.changed.{name}"
+    file = _existing(case, f"{key}.frequencies", section.frequencies)
+    with located(key):
+        data = read_test_data(file, modes=case._measured.mode_names)
+        if len(data) != 1:
+            raise InputError(f"{shown_path(file)}: has {len(data)} rows, expected one")
+        if section.at is not None:
+            case._measured.row(section.at)
+    return data
 
 
 def _read_amplitude(case: Case, name: str) -> MeasuredBackbone:

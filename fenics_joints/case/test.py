@@ -33,7 +33,7 @@ from fenics_joints.measurements.data import same_conditions
 from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import column_head
 
-__all__ = ["FRFSection", "PlannedTest", "ShapesSection", "Test", "ValidationTest"]
+__all__ = ["ChangedTest", "FRFSection", "PlannedTest", "ShapesSection", "Test", "ValidationTest"]
 
 
 class LineOfSensors(Section):
@@ -168,6 +168,30 @@ class ShapesSection(Section):
         return self
 
 
+class ChangedTest(Section):
+    """``[test.changed.NAME]``: the same structure again, after a known change, for ``diagnose``.
+
+    A ``mass`` put on, in equal shares at ``points``; or masses and springs of the case that were
+    taken off, ``without = ["NAME", ...]``; or both. ``frequencies`` is a table of one row with the
+    columns of the test's; cells may be empty. ``at`` is the condition, the last one by default.
+    The bolts were not tightened anew.
+    """
+
+    frequencies: File
+    mass: Mass | None = None
+    points: list[Point] = []
+    without: Annotated[list[str], BeforeValidator(listed)] = []
+    at: Number | None = None
+
+    @model_validator(mode="after")
+    def _says_what(self) -> ChangedTest:
+        if (self.mass is None) != (not self.points):
+            raise ValueError("expected mass and points, of a mass that was put on, or neither")
+        if self.mass is None and not self.without:
+            raise ValueError("expected mass and points, or without: what is otherwise than before")
+        return self
+
+
 class PlannedTest(Section):
     """``[test.planned]``: a test that has not been made, for ``diagnose --plan``.
 
@@ -222,7 +246,8 @@ class Test(Section):
     hold against the model, and ``mass_noise`` how good that is, and the masses of ``[parts]``,
     with what the mesh leaves out of the volume: 0.5 % unless given. ``amplitude`` are modes over
     their amplitude, for ``harmonic``, and the test by level that a diagnosis takes, together with
-    ``frequencies`` or shapes of one row.
+    ``frequencies`` or shapes of one row. ``changed`` are tests of the same structure after known
+    changes, for ``diagnose``.
     """
 
     __test__ = False
@@ -244,6 +269,7 @@ class Test(Section):
     mass: Mass | None = None
     mass_noise: quantity("", 0, above=True) = 0.005
     amplitude: Modes = {}
+    changed: dict[str, ChangedTest] = {}
 
     @property
     def has_universal_shapes(self) -> bool:
@@ -282,6 +308,8 @@ class Test(Section):
             raise ValueError(f"{key}: expected it only with frequencies; of amplitude the level is "
                              "the condition, and the names of the modes are those of its sections"
                              )  # fmt: skip
+        if self.changed and self.frequencies is None and not self.has_universal_shapes:
+            raise ValueError("changed: expected frequencies too")
         if self.planned is not None and self.planned.shapes and self.sees is None:
             raise ValueError("planned.shapes: expected a section [test.sees] too")
         return self

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,14 +133,15 @@ class _Run:
         verdict, summary = confirm(verdict, summary, shrink)
         self.progress.step("localising the gap")
         shown = self.model.zones.shown
-        where = zone_shares(leader, self.forward, self.evidence, self.baseline, shown)
+        plain = self.evidence.as_it_is
+        where = zone_shares(leader, self.forward, plain, self.baseline, shown)
         cells = self._cells()
         return Diagnosis(
             title=self.case.title,
             verdict=verdict,
             summary=summary,
             condition=self.model.condition,
-            before=self._gap(self.data, [self.forward(self.baseline)[0]] * len(self.data)),
+            before=self._gap(self.data, self.model.nominal_log_f()),
             after=self._gap(self.data, leader.log_f),
             noise=float(np.sqrt(np.nanmean(self.data.log_sd()[self.evidence.used] ** 2))),
             heldout_before=shrink.before,
@@ -158,7 +160,10 @@ class _Run:
             joints=self.given.diagnose.joints if len(self.model.zones) else "",
             damping=self._damping(leader),
             between=leader.between,
-            location=locate_gap(self.model, n_patches=self.given.diagnose.patches),
+            location=locate_gap(
+                replace(self.model, evidence=plain, data=self.data.as_it_is),
+                n_patches=self.given.diagnose.patches,
+            ),
             shrinkage=shrink,
             sampled=self.sampled,
             model={
@@ -286,7 +291,7 @@ class _Run:
     def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool], causes) -> Shrinkage:
         masks = folds(
             self.data.conditions, self.data.mode_names, self.model.condition,
-            measured=np.isfinite(self.data.frequencies_hz),
+            measured=np.isfinite(self.data.frequencies_hz), names=self.data.row_names,
         )
         without = [next((f for f in fits if _lists(f) and not holds(f)), None)
                    for holds in causes.values()]  # fmt: skip
@@ -343,7 +348,7 @@ class _Run:
         ]
         surrogate = self.model.surrogate
         return cell_map(
-            self.model.cells, surrogate.nominal, surrogate.pairing, self.evidence,
+            self.model.cells, surrogate.nominal, surrogate.pairing, self.evidence.as_it_is,
             np.array(columns).T, self.model.zones.shown,
         )  # fmt: skip
 

@@ -38,14 +38,15 @@ _BAND = 4
 
 def folds(
     conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str], blocks: int = 3,
-    measured: np.ndarray | None = None,
+    measured: np.ndarray | None = None, names: Sequence[str] = (),
 ) -> list[tuple[str, np.ndarray]]:
     """Masks (n, m) of what to hold out: each mode in turn, the highest third of the modes together
     if there are four or more, and the conditions in blocks.
 
     Blocks are neighbours in the condition, so that the outer ones ask for extrapolation, as the
     top band does. They are of modes at several conditions: of ``measured``, (n, m), those with one
-    are held out by mode alone.
+    are held out by mode alone. Rows that have a name of their own in ``names``, (n,), after a known
+    change, are held out one by one, each with the others of its condition in.
     """
     n, m = len(conditions), len(mode_names)
     found = []
@@ -60,7 +61,8 @@ def folds(
     several = there.sum(axis=0) > 1
     if not several.any():
         several[:] = True  # no mode has a trend
-    rows = np.flatnonzero(there[:, several].any(axis=1))
+    named = np.array([bool(name) for name in names] or [False] * n)
+    rows = np.flatnonzero(there[:, several].any(axis=1) & ~named)
     if len(rows) > 1:
         for block in np.array_split(rows, min(blocks, len(rows))):
             mask = np.zeros((n, m), dtype=bool)
@@ -68,6 +70,8 @@ def folds(
             low, high = conditions[block[0]], conditions[block[-1]]
             span = f"{low:g}" if low == high else f"{low:g} to {high:g}"
             found.append((f"{condition[0]} {span} {condition[1]}".strip(), mask))
+    for i in np.flatnonzero(named):
+        found.append((names[i], (np.arange(n) == i)[:, None] & there))
     return found
 
 
@@ -266,7 +270,8 @@ def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:
     predicted = np.full(len(evidence.data), np.nan)
     is_f = evidence.entries.kind == FREQUENCY
     plain = replace(evidence, log_damping=None, shapes=None, weighed=())
-    predicted[is_f] = predict(Hypothesis(()), forward, plain, np.zeros(0), baseline)[0]
+    bare = Hypothesis((), known=evidence.known)
+    predicted[is_f] = predict(bare, forward, plain, np.zeros(0), baseline)[0]
     return predicted
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -51,6 +51,10 @@ class TestData:
         shape_noise: Standard deviation of a shape's component, relative to its root mean square.
         shapes_at: The condition that the shapes were measured at; the last by default.
         notes: What is doubtful in its files, in sentences.
+        known: Of a test with some of its rows after a known change of the structure, the values
+            that parameters of the model had then, by row, empty for one as it is; those rows are
+            the last, and their conditions are ones of the others. Empty: all are as it is.
+        row_names: Names of the rows, ``""`` for one as it is; as many as ``known``.
     """
 
     #: Not a test, whatever pytest thinks of the name.
@@ -70,6 +74,8 @@ class TestData:
     shape_noise: float = 0.05
     shapes_at: float | None = None
     notes: tuple[str, ...] = ()
+    known: tuple[Mapping[str, float], ...] = ()
+    row_names: tuple[str, ...] = ()
 
     def __post_init__(self):
         conditions = np.atleast_1d(reals("conditions", self.conditions))
@@ -80,6 +86,10 @@ class TestData:
                 "conditions, and each name once."
             )
         self._check_rest()
+        if len(self.known) not in (0, len(conditions)) or len(self.known) != len(self.row_names):
+            raise InputError(
+                f"known, row_names: expected as many as rows, {len(conditions)}, or none."
+            )
         shape = (len(conditions), len(names))
         arrays = {"conditions": conditions, "mode_names": names}
         for key in ("frequencies_hz", "damping"):
@@ -216,6 +226,43 @@ class TestData:
         }
         return replace(self, mode_names=tuple(self.mode_names[i] for i in kept), **cut)
 
+    @property
+    def as_it_is(self) -> TestData:
+        """The rows without a known change."""
+        if not any(self.known):
+            return self
+        plain = replace(self, known=(), row_names=())
+        return plain._rows([i for i, known in enumerate(self.known) if not known])
+
+    def again(
+        self, name: str, frequencies_hz: np.ndarray, known: Mapping[str, float],
+        condition: float | None = None,
+    ) -> TestData:
+        """The same with one more row, measured after a known change of the structure.
+
+        Args:
+            name: Of the row.
+            frequencies_hz: Hz, (m,); nan where not measured.
+            known: Values that parameters of the model had then.
+            condition: One of those that were measured; the last by default.
+
+        Raises:
+            InputError: If that was not measured, or this is a test by level.
+        """
+        if self.by_level or self.damping is not None:
+            raise InputError(
+                f"{name}: a test after a change goes with frequencies by torque or preload, "
+                "without damping; expected no levels and no damping."
+            )
+        at = self.as_it_is.row(condition)
+        before = self.known or ({},) * len(self)
+        return replace(
+            self, conditions=np.append(self.conditions, self.conditions[at]),
+            frequencies_hz=np.vstack([self.frequencies_hz, frequencies_hz]),
+            shapes_at=float(self.conditions[self.shape_row]) if self.shapes is not None else None,
+            known=(*before, dict(known)), row_names=(*(self.row_names or ("",) * len(self)), name),
+        )  # fmt: skip
+
     def _rows(self, rows: Sequence[int]) -> TestData:
         rows = np.asarray(rows, dtype=int)
         damping = None if self.damping is None else self.damping[rows]
@@ -225,6 +272,8 @@ class TestData:
             shapes=self.shapes if kept else None,
             shapes_at=float(self.conditions[self.shape_row]) if kept else None,
             conditions=self.conditions[rows],
+            known=tuple(self.known[i] for i in rows) if self.known else (),
+            row_names=tuple(self.row_names[i] for i in rows) if self.known else (),
             frequencies_hz=self.frequencies_hz[rows].reshape(len(rows), len(self.mode_names)),
             damping=damping,
         )

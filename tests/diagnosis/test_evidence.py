@@ -170,6 +170,9 @@ def test_close_modes_may_turn_into_one_another_as_far_as_the_models_error_turns_
     much = shapes @ [[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]
     assert squares((100.0, 103.0), much) < 8.0
     assert squares((100.0, 160.0), much) > 30.0
+    # They turn together: the one by as much as the other, the other way.
+    apart = shapes @ [[np.cos(a), -np.sin(a)], [-np.sin(a), np.cos(a)]]
+    assert squares((100.0, 103.0), apart) > 2 * squares((100.0, 103.0), much)
 
 
 def test_a_shape_may_turn_into_a_mode_that_the_test_lacks():
@@ -197,9 +200,9 @@ def test_a_shape_may_turn_into_a_mode_that_the_test_lacks():
     assert squares(alone, 1) > 20.0 and squares(beside, 1) < 8.0  # of 12 data
     # The share of the third in the second: of its own root mean square, by 1 % over ln (163 / 160).
     off = turned(np.log(hz[:2]), alone.shapes, np.full(2, 0.01), 0.1, beside.neighbours)
-    near = next(shape for mode, shape in off if mode == 1)
+    near = next(shape for parts in off for mode, shape in parts if mode == 1)
     size = np.sqrt((0.01 / np.log(163 / 160)) ** 2 - 0.1**2)
     assert near == pytest.approx(size * np.sqrt(12) * modes[:, 2], rel=1e-9)
     hidden = np.array([np.log(100.0), np.nan])
     off = turned(hidden, alone.shapes, np.full(2, 0.6), 0.1, beside.neighbours)
-    assert [mode for mode, _ in off].count(0) == 3  # of both others, and what is then missing
+    assert [mode for parts in off for mode, _ in parts].count(0) == 3  # of both others, and what is then missing

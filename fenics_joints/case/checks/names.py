@@ -32,6 +32,7 @@ def check_names(case: Case) -> list[str]:
                 errors.append(f"{table}.{name}: the name is used by {seen[name]}; expected another")
             seen[name] = f"{table}.{name}"
     errors += _check_bolts(case)
+    errors += _check_changed(case, seen)
     tables = case.masses, case.springs, case.attached
     points = sum(len(section.points) for table in tables for section in table.values())
     if points > MOST_POINTS:
@@ -42,6 +43,20 @@ def check_names(case: Case) -> list[str]:
     for table in ("parts", "joints"):
         for name, section in getattr(case, table).items():
             errors += _check_bounds(f"{table}.{name}", section)
+    return errors
+
+
+def _check_changed(case: Case, taken: dict[str, str]) -> list[str]:
+    """What was put on or taken off for a test after a change."""
+    errors, there = [], [*case.masses, *case.springs]
+    for name, section in ({} if case.test is None else case.test.changed).items():
+        key = f"test.changed.{name}"
+        if name in taken:
+            errors.append(f"{key}: the name is used by {taken[name]}; expected another")
+        for each in section.without:
+            if each not in there:
+                expected = f"expected one of masses and springs: {', '.join(there) or 'none'}"
+                errors.append(said(f"{key}.without", each, expected))
     return errors
 
 

@@ -100,7 +100,7 @@ def _of_mesh(d: Diagnosis) -> list[str]:
         return []
     return [
         f"The mesh alone makes an error of {percent(off)} (root mean square over the modes). It is "
-        f"taken off, but the half of it that stays uncertain is "
+        f"taken off, but what stays uncertain of it is "
         f"{share_words(UNSURE * off / d.before.rms)} of the gap: a finer one would tell more."
     ]
 

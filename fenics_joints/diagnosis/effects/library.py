@@ -331,7 +331,8 @@ def _with_laps(effect: Effect, case: Case, zones: Zones) -> Effect:
 
 
 def _attached_effects(case: Case) -> list[Effect]:
-    effects = [_attachment(case, name) for name in case.attached]
+    put_on = () if case.test is None else case.test.changed  # on purpose
+    effects = [_attachment(case, name) for name in case.attached if name not in put_on]
     effects += [misjudged(name, "mass", 1 / len(case.masses)) for name in case.masses]
     effects += [misjudged(name, "stiffness", 1 / len(case.springs)) for name in case.springs]
     # Those that are elastic in this model: they have a stiffness.

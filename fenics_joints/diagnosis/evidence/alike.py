@@ -108,7 +108,7 @@ class _Look:
         m = evidence.log_f.shape[1]
         hypothesis = Hypothesis(
             (effect,), modes=tuple(f"mode {j + 1}" for j in range(m)),
-            damped=evidence.log_damping is not None,
+            damped=evidence.log_damping is not None, known=evidence.known,
         )  # fmt: skip
         d = len(effect.priors)
         limits = np.array([prior.limits() for prior in effect.priors]).reshape(d, 2)

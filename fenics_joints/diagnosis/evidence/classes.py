@@ -81,7 +81,7 @@ def detectable(
     modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
     damped = evidence.log_damping is not None
     bare = Hypothesis((), tuple(nuisances), modes=modes, damped=damped,
-                      driven=evidence.driven)  # fmt: skip
+                      driven=evidence.driven, known=evidence.known)  # fmt: skip
     with_it = replace(bare, effects=(effect,))
     lower = np.linalg.cholesky(evidence.covariance())
     without, _ = predict(bare, forward, evidence, bare.at(0.0), baseline)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -21,14 +22,24 @@ __all__ = [
 FREQUENCY, DAMPING, SHAPE, MASS = 0, 1, 2, 3
 #: Standard deviation of ln f of a test that states neither noise nor resolution.
 _UNSTATED = 1e-3
-#: Share of a mesh's error at the nominal model that is uncertain at another.
-UNSURE = 0.5
+#: Of a mesh's error as one degree more finds it: what is left beyond that degree, expected, and its
+#: standard deviations, common to all modes and of each one's own. At an edge with the exponent
+#: lambda the error in energy falls with the degree p as p^(-4 lambda) (Babuska and Suri, SIAM J.
+#: Numer. Anal. 24, 1987): from degree 2 to 3, a share of 0.25 of what was found is left for
+#: lambda = 1, 0.8 for 1/2, and next to nothing without edges. And where joints give way there is
+#: between 0.4 and 1.1 times the error of the nominal model (docs/diagnosis.md).
+_BEYOND, _COMMON, _OWN = 0.3, 0.3, 0.2
+#: The share that stays uncertain in all.
+UNSURE = float(np.hypot(_COMMON, _OWN))
 #: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
 #: of the condition (5 % per factor e), and a bend of it (2 %); how much more to its damping; and
 #: what it does to a shape, relative to its root mean square.
 _UNKNOWN = (0.10, 0.05, 0.02)
 _UNKNOWN_DAMPING = 10.0
 _UNKNOWN_SHAPE = 0.2
+#: Share of the variance of a model's error that is a row's own after a known change: all else is
+#: the same before and after, and cancels in what the change shifts.
+_OF_CHANGE = 0.0025
 #: What it may do to a mass.
 _UNKNOWN_MASS = 0.1
 #: Change of the logarithm of the condition over which a model's error forgets itself.
@@ -100,11 +111,14 @@ class Evidence:
         mesh_error: Standard deviation of ln f, (m,), of what is left of the error of the model's
             mesh, which is taken for the discrepancy where it is larger; None where it was not
             measured.
+        mesh_common: What is common to all modes of it, at one standard deviation, (m,); None
+            likewise.
         mesh_shift: How much higher, in ln f, the mesh makes each mode, (m,); None likewise.
         mesh_shape: What the mesh does to each shape, (m,), which is taken for the `shape_error`
             where it is larger; None likewise.
         neighbours: The nominal model's modes, those that the test lacks among them; None where they
             are not known.
+        known: See `TestData`: rows after a known change, the last ones.
     """
 
     conditions: np.ndarray
@@ -125,9 +139,11 @@ class Evidence:
     along: np.ndarray | None = None
     weighed: tuple[Weighed, ...] = ()
     mesh_error: np.ndarray | None = None
+    mesh_common: np.ndarray | None = None
     mesh_shift: np.ndarray | None = None
     mesh_shape: np.ndarray | None = None
     neighbours: Neighbours | None = None
+    known: tuple[Mapping[str, float], ...] = ()
 
     def __repr__(self) -> str:
         return f"Evidence({self.fitted.sum()} data at {len(self.conditions)} conditions)"
@@ -140,6 +156,25 @@ class Evidence:
     def shape(self) -> tuple[int, int]:
         """Numbers of conditions and modes, (n, m)."""
         return self.log_f.shape
+
+    @cached_property
+    def as_row(self) -> tuple[int, ...]:
+        """The row without a known change that each one has the tightening of, (n,)."""
+        own = [i for i in range(len(self.conditions)) if not (self.known and self.known[i])]
+        near = [int(np.argmin(np.abs(self.conditions[own] - c))) for c in self.conditions]
+        return tuple(i if i in own else own[near[i]] for i in range(len(self.conditions)))
+
+    @cached_property
+    def as_it_is(self) -> Evidence:
+        """The test without the rows after a known change."""
+        if not any(self.known):
+            return self
+        own = np.array([not known for known in self.known])
+        cut = {"conditions": self.conditions[own], "known": ()}
+        for key in ("log_f", "log_sd", "used", "log_damping"):
+            value = getattr(self, key)
+            cut[key] = None if value is None else value[own]
+        return replace(self, **cut)
 
     @cached_property
     def driven(self) -> tuple[int, ...] | None:
@@ -188,20 +223,23 @@ class Evidence:
 
         The error of a mesh hardly depends on the parameters: of three bolted structures it stayed
         between 0.4 and 1.1 times that of the nominal model while joints went to 1e-5 of their
-        stiffness (docs/diagnosis.md). So it is taken off, and half of it stays as uncertain.
+        stiffness (docs/diagnosis.md). So it is taken off, with what is expected to be left beyond
+        one degree more; what is not known of that is mostly common to the modes.
 
         Args:
-            error: Relative error of each mode's frequency at the nominal model, (m,); nan where it
-                is not known, which leaves the largest of the others as uncertain.
+            error: Relative error of each mode's frequency at the nominal model against the same
+                mesh one degree higher, (m,); nan where it is not known, which leaves the largest of
+                the others as uncertain.
             shape: What the mesh does to each shape, relative to it, (m,); of it all stays as
                 uncertain, since a shape that turns goes on turning with finer meshes.
         """
         known = np.isfinite(error)
         error = np.where(known, error, 0.0)
-        shift, most = np.log1p(error), float(np.abs(error).max(initial=0.0))
+        found, most = np.log1p(error), float(np.abs(error).max(initial=0.0))
+        shift = (1 + _BEYOND) * found
         return replace(
-            self, log_f=self.log_f + shift, mesh_shift=shift,
-            mesh_error=np.where(known, UNSURE * np.abs(error), most),
+            self, log_f=self.log_f + shift, mesh_shift=shift, mesh_common=_COMMON * found,
+            mesh_error=np.where(known, _OWN * np.abs(error), most),
             mesh_shape=None if shape is None else np.where(known, shape, 1.0),
         )  # fmt: skip
 
@@ -251,7 +289,14 @@ class Evidence:
         by_mode = np.broadcast_to(self.discrepancy, self.shape[1])
         if self.mesh_error is not None:
             by_mode = np.maximum(by_mode, self._of_all_modes(self.mesh_error))
+        if any(self.known):
+            changed = np.array([bool(known) for known in self.known])[e.row]
+            slow = slow + np.diag(np.where(changed, _OF_CHANGE, 0.0))
         total = slow * _blocks(e.kind, by_mode[e.mode], self.damping_scatter)
+        if self.mesh_common is not None:
+            common = np.pad(self.mesh_common, (0, self.shape[1] - len(self.mesh_common)))
+            of_mesh = np.where(e.kind == FREQUENCY, common[e.mode], 0.0)
+            total = total + np.outer(of_mesh, of_mesh)
         if unknown:
             wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * same_mode
             total = total + wide * _blocks(e.kind, 1.0, _UNKNOWN_DAMPING)
@@ -283,9 +328,12 @@ class Evidence:
         found = turned(
             self.log_f[self.shape_row], self.shapes, by_mode, self.shape_error, self.neighbours
         )
-        for mode, shape in found:
-            own = (e.kind == SHAPE) & (e.mode == mode)
-            columns.append(np.where(own, shape[e.sensor], 0.0))
+        for parts in found:
+            column = np.zeros(len(e.kind))
+            for mode, shape in parts:
+                own = (e.kind == SHAPE) & (e.mode == mode)
+                column[own] = shape[e.sensor[own]]
+            columns.append(column)
         return np.array(columns).reshape(-1, len(e.kind)).T
 
     def noise_sd(self) -> np.ndarray:
@@ -361,6 +409,7 @@ def evidence_of(
             "near": _near(data.sensors.points),
             "along": data.sensors.directions @ data.sensors.directions.T,
         }  # fmt: skip
+    kwargs["known"] = data.known
     sd = data.log_sd()
     return Evidence(data.conditions, log_f, np.where(sd > 0, sd, _UNSTATED), discrepancy, **kwargs)
 

@@ -46,6 +46,9 @@ class Hypothesis:
             level itself, and others than these are measured near rest, where it does not matter.
         hz: About the frequency of each mode, Hz, at which effects that depend on it are looked at;
             none for as if the structure moved slowly.
+        known: Values that parameters of the model are known to have, by row of ``conditions``; see
+            `fenics_joints.measurements.TestData`.
+        as_row: The row whose tightening each one has, where rows share one; none for their own.
     """
 
     effects: tuple[Effect, ...]
@@ -58,6 +61,8 @@ class Hypothesis:
     damped: bool = False
     driven: tuple[int, ...] | None = None
     hz: tuple[float, ...] = ()
+    known: tuple[Mapping[str, float], ...] = ()
+    as_row: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         return f"Hypothesis({self.label}: {len(self.priors)} parameters)"
@@ -78,8 +83,12 @@ class Hypothesis:
             return ()
         return tuple(
             Prior(f"preload at {c:g}", 1.0, self.scatter, "", True, (0.2, 5.0))
-            for c in self.conditions
+            for row, c in enumerate(self.conditions) if self.tightening(row) == row
         )
+
+    def tightening(self, row: int | np.ndarray) -> int | np.ndarray:
+        """Which of the tightenings a row has; of many rows (b,) each one's."""
+        return np.array(self.as_row)[row] if self.as_row else row
 
     @cached_property
     def moved(self) -> tuple[int, ...]:
@@ -200,7 +209,18 @@ class Hypothesis:
             if effect.apply is not None:
                 at = hz if effect.by_frequency else condition if effect.drifts else felt
                 effect.apply(values, theta, at)
+        if self.known and row is not None:
+            self._put_in(values, row)
         return values
+
+    def _put_in(self, values: dict, row: int | np.ndarray) -> None:
+        """What is known at a row, or at each of many."""
+        if not np.ndim(row):
+            values.update(self.known[int(row)])
+            return
+        for key in {key: None for known in self.known for key in known}:
+            at = np.array([known.get(key, np.nan) for known in self.known])[row]
+            values[key] = np.where(np.isnan(at), values[key], at)
 
     @cached_property
     def senses(self) -> bool:
@@ -219,7 +239,7 @@ class Hypothesis:
         """Whether parameter ``j`` of z acts on the model at a row and as a mode sees it."""
         tightened, moved, damped = (self.places[name] for name in self.shared)
         if tightened.start <= j < tightened.stop:
-            return row is not None and j == tightened.start + row
+            return row is not None and j == tightened.start + self.tightening(row)
         if moved.start <= j < moved.stop:
             return mode in self.moved and j == moved.start + self.moved.index(mode)
         return not damped.start <= j < damped.stop
@@ -229,7 +249,7 @@ class Hypothesis:
         """Whether each parameter's effect is the same at all conditions."""
 
         def changes(e: Effect) -> bool:
-            return e.depends_on_condition or e.by_level or e.drifts
+            return any(self.known) or e.depends_on_condition or e.by_level or e.drifts
 
         # Beside one that changes with the condition, which may have a hand in the same values at
         # some conditions only, no other effect is steady.
@@ -278,7 +298,7 @@ class Hypothesis:
     def _condition(self, z, condition, row, mode) -> float:
         """The condition that the joint feels."""
         if self.tightenings and row is not None:
-            at = self.places["tightenings"].start + row
+            at = self.places["tightenings"].start + self.tightening(row)
             own = z[at, np.arange(len(at))] if np.ndim(at) else z[at]
             condition = condition * self.tightenings[0].value(own)  # the priors of all are the same
         if mode in self.moved:

@@ -55,7 +55,8 @@ class ManyPredictions:
         self._filled: dict[tuple[float, int], np.ndarray] = {}
         effects = (*hypothesis.nuisances, *hypothesis.effects)
         #: Whether the conditions matter.
-        self.changes = bool(hypothesis.tightenings or hypothesis.amplitudes) or any(
+        varies = hypothesis.tightenings or hypothesis.amplitudes or any(hypothesis.known)
+        self.changes = bool(varies) or any(
             e.depends_on_condition or e.by_level or e.drifts or e.loss for e in effects
         )
 
@@ -136,7 +137,7 @@ class ManyPredictions:
         tightened = list(range(place.start, place.stop))
         for j in by:
             if j in tightened:
-                own = rows == j - place.start
+                own = h.tightening(rows) == j - place.start
                 if not own.any():
                     continue
                 # Each row feels its own alone: all are moved together.

@@ -9,6 +9,10 @@ import numpy as np
 
 __all__ = ["Neighbours", "turned"]
 
+#: Share of the variance of a turn of two modes that is not tied: a third has a hand in what one has
+#: of the other.
+_FREE = 0.1
+
 
 @dataclass(frozen=True)
 class Neighbours:
@@ -25,16 +29,20 @@ class Neighbours:
     own: np.ndarray
 
 
+#: Modes that an error changes together, each with its change, (n_s,).
+Parts = tuple[tuple[int, np.ndarray], ...]
+
+
 def turned(
     log_f: np.ndarray, shapes: np.ndarray, by_mode: np.ndarray, least: float,
     near: Neighbours | None = None,
-) -> Iterator[tuple[int, np.ndarray]]:
-    """Errors of shapes by modes nearby: of which mode, and what it may have of another, (n_s,).
+) -> Iterator[Parts]:
+    """Errors of shapes by modes nearby, each at one standard deviation.
 
     An error of the model that is d in ln f of two modes turns them by d / |ln (f_i / f_j)|
     (first-order perturbation; Fox and Kapoor, AIAA J. 6, 1968): half a per cent apart, what one
-    has of the other says nothing. What one has of the other is not tied to what that has of it,
-    though the turn of two modes would do so: a third has a hand in it.
+    has of the other says nothing. Two modes turn by the same angle, since they stay orthogonal:
+    what the one gets of the other, that loses of it.
 
     Args:
         log_f: ln of the measured frequencies, (m,); nan where missing.
@@ -43,29 +51,43 @@ def turned(
         least: Turn, radians, that other errors of a shape hold already.
         near: The model's modes; None takes those of the test alone, as of one size.
     """
-    for i in range(len(log_f)):
-        missing = 0.0
-        for apart, shape in _others(i, log_f, shapes, near):
-            angle = min(by_mode[i] / max(apart, 1e-12), 1.0)
-            if angle > least:
-                size = np.sqrt(angle**2 - least**2)
-                missing += size**2 / 2
-                yield i, size * shape
-        if missing:
-            yield i, min(missing, 1.0) * np.nan_to_num(shapes[:, i])
-
-
-def _others(i: int, log_f, shapes, near: Neighbours | None) -> Iterator[tuple[float, np.ndarray]]:
-    """How far other modes are from one of the test's, in ln f, and their shapes to its scale."""
+    m = len(log_f)
     there = np.isfinite(log_f) & np.isfinite(shapes).any(axis=0)
-    sizes = np.ones(len(log_f))
-    if near is not None:
-        sizes = np.sqrt(np.mean(near.shapes[:, near.own] ** 2, axis=0))
-        at = near.log_f[near.own[i]]
-        measured = set(near.own[there].tolist()) | {int(near.own[i])}
-        for k in range(len(near.log_f)):
-            if k not in measured:
-                yield abs(near.log_f[k] - at), near.shapes[:, k] / sizes[i]
-    for j in np.flatnonzero(there):
-        if j != i and np.isfinite(log_f[i]):
-            yield abs(log_f[i] - log_f[j]), np.nan_to_num(shapes[:, j]) * sizes[j] / sizes[i]
+    known, sizes, missing = np.nan_to_num(shapes), _sizes(m, near), np.zeros(m)
+
+    def angle(i: int, apart: float) -> float:
+        whole = min(by_mode[i] / max(apart, 1e-12), 1.0)
+        found = np.sqrt(max(whole**2 - least**2, 0.0))
+        missing[i] += found**2 / 2
+        return found
+
+    for i in range(m):
+        for apart, shape in _lacking(i, there, near):
+            if size := angle(i, apart):
+                yield ((i, size * shape / sizes[i]),)
+        for j in range(i) if there[i] else ():
+            apart = abs(log_f[i] - log_f[j])
+            if there[j] and (both := (angle(i, apart), angle(j, apart))) != (0.0, 0.0):
+                at_i = both[0] * sizes[j] / sizes[i] * known[:, j]
+                at_j = both[1] * sizes[i] / sizes[j] * known[:, i]
+                tied, free = np.sqrt(1 - _FREE), np.sqrt(_FREE)
+                yield (i, tied * at_i), (j, -tied * at_j)
+                yield ((i, free * at_i),)
+                yield ((j, free * at_j),)
+    for i in np.flatnonzero(missing):
+        yield ((int(i), min(missing[i], 1.0) * known[:, i]),)
+
+
+def _sizes(m: int, near: Neighbours | None) -> np.ndarray:
+    """Root mean squares of the test's modes at the sensors, mass-normalised, (m,)."""
+    return np.ones(m) if near is None else np.sqrt(np.mean(near.shapes[:, near.own] ** 2, axis=0))
+
+
+def _lacking(i: int, there: np.ndarray, near: Neighbours | None):
+    """How far modes that the test lacks are from one of the test's, in ln f, and their shapes."""
+    if near is None:
+        return
+    measured = set(near.own[there].tolist()) | {int(near.own[i])}
+    for k in range(len(near.log_f)):
+        if k not in measured:
+            yield abs(near.log_f[k] - near.log_f[near.own[i]]), near.shapes[:, k]

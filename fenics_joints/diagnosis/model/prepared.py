@@ -91,8 +91,16 @@ class Prepared(Subject):
             tuple(effects), self.nuisances, scatter=self.scatter,
             conditions=tuple(float(c) for c in self.evidence.conditions),
             modes=tuple(self.data.mode_names), damped=self.evidence.log_damping is not None,
-            driven=self.evidence.driven, hz=self.hz, **kwargs,
+            driven=self.evidence.driven, hz=self.hz, known=self.evidence.known,
+            as_row=self.evidence.as_row if any(self.evidence.known) else (), **kwargs,
         )  # fmt: skip
+
+    def nominal_log_f(self) -> np.ndarray:
+        """ln f of the nominal model at each of the test's rows, (n, m)."""
+        bare = Hypothesis((), known=self.evidence.known)
+        rows = range(len(self.evidence.conditions))
+        return np.array([self.forward(bare.values(np.zeros(0), 1.0, self.baseline, row))[0]
+                         for row in rows])  # fmt: skip
 
     @cached_property
     def hz(self) -> tuple[float, ...]:
@@ -304,13 +312,14 @@ def prepare(
     subject = with_places(subject_of(case.diagnosed(), comm, progress), data.sensors)
     case, zones = subject.case, subject.zones
     mass = subject.full.total_mass(subject.baseline)
-    effects, silent = case_effects(case, data, zones, subject.dimensions, subject.sites, mass)
+    own = data.as_it_is
+    effects, silent = case_effects(case, own, zones, subject.dimensions, subject.sites, mass)
     extra = [for_zones(effect, zones.by("joint")) for effect in extra]
-    effects = distinct((*effects, *extra), subject.baseline, data.conditions)
+    effects = distinct((*effects, *extra), subject.baseline, own.conditions)
     return Prepared(
         **vars(subject), comm=comm, data=data, effects=effects, silent=silent,
         nuisances=case_nuisances(case, zones, subject.dimensions),
-        scatter=case.diagnose.preload_scatter if by_preload(data) else 0.0,
+        scatter=case.diagnose.preload_scatter if by_preload(own) else 0.0,
         evidence=evidence_of(
             data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy,
             case_weighed(case, subject.full, subject.baseline),

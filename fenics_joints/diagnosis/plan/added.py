@@ -74,8 +74,12 @@ class Joined:
     ) -> tuple[np.ndarray, ...]:
         """See `Forward.shapes`; zero for the further modes."""
         more = len(self._second(values)[0])
-        found = self._first.shapes(values, along)
-        return tuple(np.pad(a, [(0, 0), (0, more)] + [(0, 0)] * (a.ndim - 2)) for a in found)
+        found = []
+        for i, part in enumerate(self._first.shapes(values, along)):
+            widths = [(0, 0)] * part.ndim
+            widths[1 + i % 2] = 0, more  # behind the sensors, and their ways in every other part
+            found.append(np.pad(part, widths))
+        return tuple(found)
 
 
 class Altered:
