@@ -134,7 +134,11 @@ class _Run:
         self.progress.step("localising the gap")
         shown = self.model.zones.shown
         plain = self.evidence.as_it_is
-        where = zone_shares(leader, self.forward, plain, self.baseline, shown)
+        changed = () if self.case.test is None else self.case.test.changed
+        where = [
+            share for share in zone_shares(leader, self.forward, plain, self.baseline, shown)
+            if share.region not in changed
+        ]  # fmt: skip
         cells = self._cells()
         return Diagnosis(
             title=self.case.title,
@@ -166,6 +170,7 @@ class _Run:
             ),
             shrinkage=shrink,
             sampled=self.sampled,
+            row_names=self.data.row_names,
             model={
                 **self.model.surrogate.facts(),
                 "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),

@@ -129,6 +129,8 @@ class Diagnosis:
             leading hypothesis does not explain, of ln f and, if it was used, of ln damping.
         damping: Measured and, by the leading hypothesis, predicted damping ratios, each of shape
             (n, m); None if damping was not used.
+        row_names: Names of the conditions that are after a known change, ``""`` for the others;
+            empty without such.
     """
 
     title: str
@@ -158,6 +160,7 @@ class Diagnosis:
     location: Location | None = None
     shrinkage: Shrinkage | None = None
     sampled: dict[str, Sampled] = field(default_factory=dict)
+    row_names: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
         rows = [(e.name, e.region, probability(e.probability)) for e in self.effects[:8]]
@@ -192,6 +195,7 @@ class Diagnosis:
                 "name": self.condition[0],
                 "unit": self.condition[1],
                 "values": self.before.conditions,
+                **({"after_change": self.row_names} if any(self.row_names) else {}),
             },
             "modes": self.before.mode_names,
             "frequencies_hz": _frequencies(self.before, self.after),
