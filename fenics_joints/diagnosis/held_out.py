@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit, fit, refreshed
+from fenics_joints.diagnosis.evidence.inference import Fit, fit, moved, refreshed
 from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.predictive import gain, held, predictive
@@ -258,10 +258,12 @@ def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]
 
 
 def _refit(candidate: Fit, blind, baseline, leans: Leans) -> Fit:
+    if (near := moved(candidate, blind)) is not None:
+        return near
     forward, guide = leans.for_fit(candidate.hypothesis, several=True)
     return fit(
         candidate.hypothesis, forward, blind, baseline, starts=[candidate.z], tolerance=_TOLERANCE,
-        known=candidate, guide=guide,
+        known=candidate, guide=guide, scanned=leans.scanned,
     )  # fmt: skip
 
 

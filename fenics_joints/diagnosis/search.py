@@ -251,7 +251,7 @@ class Search:
         forward, guide = self.leans.for_fit(hypothesis)
         return fit(
             hypothesis, forward, model.evidence, model.baseline, starts=starts,
-            tolerance=_TOLERANCE, guide=guide,
+            tolerance=_TOLERANCE, guide=guide, scanned=self.leans.scanned,
             progress=self.progress.advance if alone else None,
         )  # fmt: skip
 

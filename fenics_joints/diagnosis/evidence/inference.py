@@ -26,7 +26,7 @@ from fenics_joints.diagnosis.evidence.prediction import frequencies_and_damping,
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["Fit", "fit", "refreshed"]
+__all__ = ["Fit", "Scanned", "fit", "moved", "refreshed"]
 
 #: Standard deviations of the prior beyond which a scanned parameter is not looked for.
 _FARTHEST = 4.0
@@ -38,6 +38,9 @@ _STEP = 1e-4
 _CLOSE, _ELSEWHERE = 6.0, 0.3
 #: Nats by which a guide may differ from the model where a fit ended, or where it was integrated.
 _SAME = 0.02
+#: Gain, in nats, and step, in prior standard deviations, up to which a fit to a part of the data is
+#: linear about that to all of them: what is bent in between is a small part of that gain.
+_NEAR, _STRIDE = 0.3, 0.5
 #: Fits of one hypothesis with standard deviations between levels that the one before called for.
 _ROUNDS = 3
 
@@ -117,6 +120,7 @@ def fit(
     tolerance: float = 1e-5,
     known: Fit | None = None,
     guide: Forward | None = None,
+    scanned: Scanned | None = None,
     progress: Callable[[], None] | None = None,
 ) -> Fit:
     """Most probable parameters of a hypothesis and its Laplace evidence.
@@ -137,9 +141,12 @@ def fit(
             not solved for there again.
         guide: Predicts nearly the same with less work (`Leans`): it shows the way, and ``forward``
             says whether its end is one, and goes on from there if it is not. None for none.
+        scanned: Remembers predictions on grids, of these very models; None to remember nothing.
         progress: Called when done.
     """
-    found = _fit_at(hypothesis, forward, evidence, baseline, starts, tolerance, known, guide)
+    found = _fit_at(
+        hypothesis, forward, evidence, baseline, starts, tolerance, known, guide, scanned
+    )
     if evidence.between is not None:
         tried, ends = grid(damped=len(evidence.between) > 1), found.ends
         for again in range(_ROUNDS):
@@ -148,7 +155,7 @@ def fit(
                 break
             test = evidence.at(best)
             found = _fit_at(
-                hypothesis, forward, test, baseline, [found.z], tolerance, found, guide
+                hypothesis, forward, test, baseline, [found.z], tolerance, found, guide, scanned
             )
         widening = over(found.between)
         found = replace(
@@ -181,14 +188,46 @@ def refreshed(found: Fit, forward: Forward, evidence: Evidence, baseline) -> Fit
     return replace(found, predicted=predicted, jacobian=jacobian)
 
 
+def moved(found: Fit, evidence: Evidence) -> Fit | None:
+    """A fit to other data of the same test, linear about what it is; None where that is too far.
+
+    Args:
+        found: The fit, to all data.
+        evidence: A part of them.
+    """
+    h, z = found.hypothesis, found.z
+    if evidence.between is not None or any(p.scan for _, p in h.priors) or not len(z):
+        return None
+    used = evidence.fitted
+    lower = np.linalg.cholesky(evidence.covariance(h.unknown))
+    both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
+    white = whiten(lower, both)
+    residual, slope = white[:, 0], white[:, 1:]
+    hessian = slope.T @ slope + np.eye(len(z))
+    pull = slope.T @ residual + z
+    step = -np.linalg.solve(hessian, pull)
+    low, high = h.limits.T
+    inside = np.all((z + step > low + 1e-3) & (z + step < high - 1e-3))
+    if not inside or -0.5 * pull @ step > _NEAR or np.max(np.abs(step)) > _STRIDE:
+        return None
+    left, z = residual + slope @ step, z + step
+    return replace(
+        found, z=z, covariance=np.linalg.inv(hessian),
+        predicted=found.predicted + found.jacobian @ step,
+        log_evidence=log_evidence(left @ left + z @ z, hessian, lower),
+        misfit=float(left @ left), n_data=len(left), at_bound=(), ends=(),
+    )  # fmt: skip
+
+
 def _fit_at(
-    hypothesis, forward, evidence, baseline, starts, tolerance, known=None, guide=None
+    hypothesis, forward, evidence, baseline, starts, tolerance, known=None, guide=None,
+    scanned=None,
 ) -> Fit:
     """`fit` with the test's standard deviations between levels as they are."""
     lower = np.linalg.cholesky(evidence.covariance(hypothesis.unknown))
-    whole = _Problem(hypothesis, forward, evidence, baseline, lower, known)
+    whole = _Problem(hypothesis, forward, evidence, baseline, lower, known, scanned)
     if guide is not None:
-        quick = _Problem(hypothesis, guide, evidence, baseline, lower, known)
+        quick = _Problem(hypothesis, guide, evidence, baseline, lower, known, scanned, "guide")
         try:
             scan, ends = _searched(quick, starts, tolerance, known is None)
             z = min(ends, key=lambda end: end[0])[1]
@@ -244,6 +283,36 @@ def _others(ends, cost, z, own: slice) -> tuple[np.ndarray, ...]:
     return tuple(found[1:])
 
 
+class Scanned:
+    """Predictions at points of grids over parameters that act in steps, where all others are at
+    their medians: no data move them, so that what is fitted to parts of a test asks for them again.
+
+    Args:
+        evidence: The whole test.
+        baseline: Parameter values of the nominal model.
+    """
+
+    def __init__(self, evidence: Evidence, baseline: dict[str, float]):
+        self._evidence, self._baseline = evidence, baseline
+        self._known: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+
+    def __call__(
+        self, hypothesis: Hypothesis, forward: Forward, z: np.ndarray, role: str
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See `predict`.
+
+        Args:
+            hypothesis: The hypothesis.
+            forward: Predicts.
+            z: The point.
+            role: Which of the hypothesis' models this forward is of.
+        """
+        key = hypothesis.label_of_keys, role, z.tobytes()
+        if key not in self._known:
+            self._known[key] = predict(hypothesis, forward, self._evidence, z, self._baseline)
+        return self._known[key]
+
+
 @dataclass(frozen=True)
 class _Scan:
     """The posterior over one parameter, on a grid.
@@ -274,7 +343,9 @@ class _Scan:
 class _Problem:
     """Residuals and slopes of one fit; remembers the last point, since both are asked for."""
 
-    def __init__(self, hypothesis, forward, evidence, baseline, lower, known: Fit | None = None):
+    def __init__(self, hypothesis, forward, evidence, baseline, lower, known: Fit | None = None,
+                 scanned: Scanned | None = None, role: str = "whole"):  # fmt: skip
+        self._scanned, self._role = scanned, role
         self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
         self.baseline, self.lower = baseline, lower
         self._last = None if known is None else (known.z, known.predicted, known.jacobian)
@@ -359,6 +430,8 @@ class _Problem:
         and the most probable z there."""
         z = np.zeros(len(self.hypothesis.priors))
         z[list(fixed)] = list(fixed.values())
+        if self._scanned is not None and not self._slips:
+            self._last = z.copy(), *self._scanned(self.hypothesis, self.forward, z, self._role)
         others = np.delete(np.arange(len(z)), list(fixed))
         residual, slope = self.residual(z)[: -len(z)], self.slope(z)[: -len(z), others]
         hessian = slope.T @ slope + np.eye(slope.shape[1])

@@ -19,6 +19,7 @@ from scipy.stats import qmc
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, SHAPE, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import Scanned
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod
@@ -78,6 +79,7 @@ class Leans:
         self._known: dict[tuple, LeanForward | None] = {}
         self._earlier = dict(earlier._known) if earlier else {}
         self._tried: dict[tuple, list[Snapshot]] = {}
+        self.scanned = Scanned(evidence, baseline)
 
     def are_of(self, forward: Forward) -> bool:
         """Whether a forward's model is still the one that these are made from."""
