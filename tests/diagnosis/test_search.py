@@ -80,10 +80,12 @@ def problem(bend, truth, seed=3, most=2, families=None):
         checked.extend(points)
         return np.zeros(len(points))
 
+    surrogate = SimpleNamespace(errors=errors, checking="checking", n_samples=0)
+    surrogate.quick = surrogate
     return SimpleNamespace(
         comm=MPI.COMM_SELF, effects=tuple(effects), evidence=evidence, baseline=forward.baseline,
         forward=forward, checked=checked,
-        surrogate=SimpleNamespace(errors=errors, checking="checking", n_samples=0),
+        surrogate=surrogate,
         case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=most)),
         hypothesis=lambda chosen, **kwargs: Hypothesis(tuple(chosen), known, **kwargs),
     )  # fmt: skip
