@@ -358,8 +358,8 @@ class Diagnose(Section):
     patches of each region in which the gap is looked for; 0 for neither these nor the error in the
     constitutive relation, which cost solutions of the full model.
     ``mesh_error`` says whether the mesh's own error of each frequency is measured, by one solution
-    with elements of one degree more; it is taken off, and half of it stays as uncertain where that
-    is larger than ``discrepancy``.
+    with elements of one degree more; it is taken off, and a part of it stays as uncertain: what is
+    common to all modes beside ``discrepancy``, what is each one's own where that is larger.
     ``rare`` says whether causes that few structures have are looked for too, such as a local loss
     of stiffness or a resonator somewhere; those that ``effects`` names are in any case.
     ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that

@@ -205,4 +205,5 @@ def test_a_shape_may_turn_into_a_mode_that_the_test_lacks():
     assert near == pytest.approx(size * np.sqrt(12) * modes[:, 2], rel=1e-9)
     hidden = np.array([np.log(100.0), np.nan])
     off = turned(hidden, alone.shapes, np.full(2, 0.6), 0.1, beside.neighbours)
-    assert [mode for parts in off for mode, _ in parts].count(0) == 3  # of both others, and what is then missing
+    # Of both others, and what is then missing.
+    assert [mode for parts in off for mode, _ in parts].count(0) == 3

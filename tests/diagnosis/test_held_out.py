@@ -145,11 +145,11 @@ def test_what_is_held_out_is_not_in_what_states_the_forecast():
     blind = blinded(evidence, mask)
     assert np.isnan(blind.log_f[mask]).all() and np.isfinite(blind.log_f[~mask]).all()
     stated = []
-    for moved in (0.0, 0.3):
-        other = Evidence(TORQUES, evidence.log_f + moved * mask, evidence.log_sd, DISCREPANCY)
+    for apart in (0.0, 0.3):
+        other = Evidence(TORQUES, evidence.log_f + apart * mask, evidence.log_sd, DISCREPANCY)
         f = validate(other, lambda f: False, [("band", mask)]).folds[0]
         stated.append([*f.predicted_after, *f.predicted_shrink, *f.weights.values()])
-        assert f.covered == (moved == 0.0)
+        assert f.covered == (apart == 0.0)
     # The search for the same maximum, which ends within a tolerance, starts where all data have
     # theirs; near that it is taken as linear, as it is here.
     assert stated[0] == pytest.approx(stated[1], rel=1e-3, abs=1e-12)

@@ -217,8 +217,8 @@ class Prepared(Subject):
         return [
             *notes,
             f"{OF_MODEL}the mesh alone is {percent(errors[worst])} off in {worst}, by the same "
-            "mesh one degree higher; that is taken off every frequency of the model, and half of "
-            f"it stays as its uncertainty{more}"
+            "mesh one degree higher and what that is expected to leave; it is taken off every "
+            f"frequency of the model, and a part of it stays as its uncertainty{more}"
         ]
 
     def _travel(self) -> dict:
