@@ -123,7 +123,7 @@ class _Stack:
 
     def __init__(self, matrices: Sequence[np.ndarray], n: int):
         self.n, self.whole = n, np.array(matrices, dtype=float).reshape(len(matrices), n, n)
-        self._first: tuple[np.ndarray, np.ndarray] | None = None
+        self.about: tuple[np.ndarray, np.ndarray] | None = None
 
     @cached_property
     def _indices(self) -> tuple[np.ndarray, np.ndarray]:
@@ -151,20 +151,20 @@ class _Stack:
         if factors.ndim == 1:
             whole = len(factors) == len(self.whole)
             return self._unpacked(self._near(factors) if whole else factors @ self._upper[rows])
-        if len(factors) == len(self.whole) and factors.shape[1] <= _FEW:
+        if self.about and len(factors) == len(self.whole) and factors.shape[1] <= _FEW:
             return np.array([self._unpacked(self._near(column)) for column in factors.T])
         flat = self.whole[rows].reshape(len(factors), self.n**2)
         return (factors.T @ flat).reshape(-1, self.n, self.n)
 
     def _near(self, factors: np.ndarray) -> np.ndarray:
-        """The upper triangle of the sum of all, from that of the first one that was asked for:
-        mostly few factors differ, and to read the matrices is the work."""
-        if self._first is None:
-            self._first = factors.copy(), factors @ self._upper
-        first, total = self._first
+        """The upper triangle of the sum of all, from the one that is known, if any: mostly few
+        factors differ, and to read the matrices is the work."""
+        if self.about is None:
+            return factors @ self._upper
+        first, total = self.about
         change = factors - first
         moved = np.flatnonzero(change)
-        # Round-off of the first must not show in what is left of it.
+        # Round-off of what is known must not show in what is left of it.
         lost = np.abs(first[moved]) > _MAGNITUDES * np.abs(factors[moved])
         if len(moved) > len(factors) // 2 or np.any(lost & (factors[moved] != 0.0)):
             return factors @ self._upper
@@ -172,6 +172,11 @@ class _Stack:
         for i in moved:
             daxpy(self._upper[i], total, a=change[i])
         return total
+
+    def settle(self, factors: np.ndarray) -> None:
+        """Know a sum, from which others are formed: it must not be what happened to be asked for
+        first, or round-off would hang on that."""
+        self.about = factors.copy(), factors @ self._upper
 
     def quadratic(self, packed: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """x^T A x of every packed vector, A being each of some sums, (k, p): of the matrices that
@@ -454,6 +459,22 @@ class AffinePencil:
             yield position[mass.travel], mass.share * number(mass.mass, values) * slope, at
 
     # -- sums ------------------------------------------------------------------------------------
+
+    def settle(self, values: Values) -> None:
+        """Form sums at other values from those at these, of which most scalars are mostly the same.
+
+        Args:
+            values: All parameters' values.
+        """
+        theta, rho = self.scalars(values)
+        self._stiffness.settle(theta)
+        self._inertia.settle(rho)
+        self.__dict__["_settled"] = dict(values)
+
+    @property
+    def settled(self) -> Mapping[str, float] | None:
+        """The values of `settle`, or None."""
+        return self.__dict__.get("_settled")
 
     def matrices(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
         """(K, M) at all parameters' values, each (n, n); (b, n, n) of values of shape (b,) each."""

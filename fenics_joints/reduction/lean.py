@@ -238,7 +238,10 @@ def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
     rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * model.scale_hz) ** 2
     if _MARGIN * np.finfo(float).eps * highest > rigid:
         return None
-    return model.on(inverse_root.T)
+    found = model.on(inverse_root.T)
+    if pencil.settled is not None:
+        found.pencil.settle(pencil.settled)
+    return found
 
 
 def batched(forward: Forward) -> Forward:

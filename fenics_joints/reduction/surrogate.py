@@ -82,7 +82,9 @@ class Surrogate(SeenModes):
         self.forward = self._forward(self._trimmed())
 
     def _trimmed(self) -> ArrayModel:
-        return trimmed(self._whole, self._still, self._start) if self._still else self._whole
+        model = trimmed(self._whole, self._still, self._start) if self._still else self._whole
+        model.pencil.settle(model.values(self._start))
+        return model
 
     def _kept(self) -> ArrayModel:
         """The model in its files, or made and kept there."""

@@ -265,12 +265,13 @@ def test_a_class_of_many_is_a_doubt():
 
 
 def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():
-    """Errors of 0.06 and 0.08 are 0.071 (root mean square); half of that is a share of 0.2."""
+    """Errors of 0.06 and 0.08 are 0.071 (root mean square), of which 0.36 stays uncertain."""
     plain = diagnosis()
     doubted = replace(plain, model={**plain.model, "mesh_error": {"a": 0.06, "b": 0.08}})
     off = np.sqrt(0.005)
     said = f"The mesh alone makes an error of {100 * off:.2f} % (root mean square over the modes). "
-    share = f"uncertain is {50 * off / plain.before.rms:.0f} % of the gap"
+    left = 100 * np.hypot(0.3, 0.2) * off / plain.before.rms
+    share = f"uncertain of it is {left:.0f} % of the gap"
     assert [w for w in explain(doubted).doubts if w.startswith(said) and share in w]
     own = f"after the mesh's own {100 * off:.2f} % is taken off"
     assert f"(root mean square, {own}); that is the gap." in explain(doubted).start

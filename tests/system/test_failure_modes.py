@@ -106,12 +106,14 @@ def prepared(data: TestData | Evidence, library=LIBRARY, shapes=False):
         reference = data.shapes if shapes else None
         evidence = evidence_of(data if shapes else replace(data, shapes=None), DISCREPANCY)
     conditions = tuple(float(c) for c in evidence.conditions)
+    surrogate = SimpleNamespace(
+        errors=lambda points: np.zeros(len(points)), checking="checking", n_samples=0
+    )
+    surrogate.quick = surrogate
     return SimpleNamespace(
         comm=MPI.COMM_SELF, effects=tuple(library), evidence=evidence, baseline=BASELINE,
         forward=forward_of(MODEL, reference),
-        surrogate=SimpleNamespace(
-            errors=lambda points: np.zeros(len(points)), checking="checking", n_samples=0
-        ),
+        surrogate=surrogate,
         case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=1)),
         hypothesis=lambda effects, **kwargs: Hypothesis(
             tuple(effects), NUISANCES, conditions=conditions, modes=MODES, **kwargs

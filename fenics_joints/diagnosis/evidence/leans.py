@@ -143,7 +143,10 @@ class Leans:
         if not self.wanted or self.forward.further is not None:
             return self.forward
         model = of_few_terms(hypothesis, self.forward.model, self.evidence, self.baseline)
-        return self.forward if model is self.forward.model else LeanForward(self.forward, model)
+        if model is self.forward.model:
+            return self.forward
+        model.pencil.settle(model.values())
+        return LeanForward(self.forward, model)
 
     def _still_good(self, hypothesis: Hypothesis, key: tuple) -> LeanForward | None:
         """The lean forward of the model before, if this one says the same; else what this one says
