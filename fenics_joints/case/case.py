@@ -204,8 +204,10 @@ class Case(Section):
         """
         data = self.measurements()
         for name, section in self.test.changed.items():
-            known = {f"{each}.{key}": 0.0 for each in section.without
-                     for key in ("mass" if each in self.masses else "stiffness",)}  # fmt: skip
+            known = {
+                f"{each}.{'mass' if each in self.masses else 'stiffness'}": 0.0
+                for each in section.without
+            }
             if section.mass is not None:
                 known[f"{name}.mass"] = section.mass
             with located(f"{self._path}: test.changed.{name}"):

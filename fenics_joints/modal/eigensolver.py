@@ -192,10 +192,7 @@ class EigenSolver:
         with petsc_defaults(self.prefix, _OPTIONS, self.petsc_options):
             if self._eps is None:
                 self._create(K.comm)
-            A, ksp = self._shift_matrix(K, M), self._eps.getST().getKSP()
-            ksp.setOperators(A)
-            ksp.setFromOptions()
-            _set_up(ksp)
+            A, ksp, _ = self._factorised(K, M)
             operator = Operator(ksp, M)
             try:
                 theta, X = refined(operator, product(A, start), start)
@@ -261,12 +258,15 @@ class EigenSolver:
         self._pattern = pattern
         return self._shifted
 
-    def _solve_block(self, K, M, initial):
-        A = self._shift_matrix(K, M)
-        ksp = self._eps.getST().getKSP()
+    def _factorised(self, K, M) -> tuple[PETSc.Mat, PETSc.KSP, float]:
+        """``K - shift M``, what solves with it, and the seconds that its factorisation took."""
+        A, ksp = self._shift_matrix(K, M), self._eps.getST().getKSP()
         ksp.setOperators(A)
         ksp.setFromOptions()
-        factor_seconds = _set_up(ksp)
+        return A, ksp, _set_up(ksp)
+
+    def _solve_block(self, K, M, initial):
+        _, ksp, factor_seconds = self._factorised(K, M)
         operator = Operator(ksp, M)
         size = K.getSize()[0]
         block = min(self.block or _default_block(self.n, initial), size)

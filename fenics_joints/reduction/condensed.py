@@ -9,14 +9,12 @@ import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import Modes
+from fenics_joints.modal.modes import SHIFT_SHARE
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.sampled import lacking
 
 __all__ = ["condensed"]
-
-#: As in `fenics_joints.modal.modes`.
-_SHIFT_SHARE = 0.002
 
 
 def condensed(
@@ -34,7 +32,7 @@ def condensed(
         share: Share of a mode's energy, in its own sample, that may be lacking.
     """
     model = forward.model
-    shift = (2 * np.pi * _SHIFT_SHARE * model.scale_hz) ** 2
+    shift = (2 * np.pi * SHIFT_SHARE * model.scale_hz) ** 2
     basis = np.zeros((model.n_dofs, 0))
     for values in samples:
         try:

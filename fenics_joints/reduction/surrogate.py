@@ -67,7 +67,6 @@ class Surrogate(SeenModes):
         **given,
     ):
         self.samples, self.travel = samples(), travel and travel()
-        self.progress = progress or Progress(silent=True)
         self.progress, self.lacking = progress or Progress(silent=True), lacking
         self.n_samples = len(self.samples)
         self.progress.step("reduced model: sampling the parameters", self.n_samples)
@@ -120,7 +119,7 @@ class Surrogate(SeenModes):
         Raises:
             InputError: If either lacks a mode that the test saw.
         """
-        return self._errors(points, self.solve)
+        return self.errors_by(points, self.solve)
 
     @property
     def quick(self) -> SmallModel:
@@ -128,11 +127,8 @@ class Surrogate(SeenModes):
         of the time, but a mode that the small model lacks altogether goes unseen."""
         return _Quick(self)
 
-    def errors_by_refining(self, points: Points) -> np.ndarray:
-        """See `quick`."""
-        return self._errors(points, self.refined)
-
-    def _errors(self, points: Points, solve: Callable[..., Modes]) -> np.ndarray:
+    def errors_by(self, points: Points, solve: Callable[..., Modes]) -> np.ndarray:
+        """See `errors`; ``solve`` gives modes of the full model at values."""
         # Others are let go: they hold vectors of the full model's size.
         wanted = {tuple(values.items()) for values in points}
         for known in (self._solved, self._refined):
@@ -231,7 +227,7 @@ class _Quick:
         self._whole = whole
 
     def errors(self, points: Points) -> np.ndarray:
-        return self._whole.errors_by_refining(points)
+        return self._whole.errors_by(points, self._whole.refined)
 
     def extend(self, points: Points) -> None:
         self._whole.extend(points)

@@ -103,13 +103,13 @@ def _solved(finer: Structure, values, n_modes: int, keep) -> Modes:
     """Modes of the finer model, from the file or into it."""
     if keep is None:
         return solve_modes(finer, values, n_modes=n_modes)
-    more: dict[str, np.ndarray] = {}
-    shapes = read_vectors(finer, keep(), "finer", more)
+    file, more = keep(), {}
+    shapes = read_vectors(finer, file, "finer", more)
     squares = more.get("eigenvalues")
     if shapes is not None and squares is not None and len(squares) == len(shapes) == n_modes:
         return Modes(finer, dict(values), squares, shapes, 0)
     found = solve_modes(finer, values, n_modes=n_modes)
-    write_vectors(finer, keep(), found.shapes, "finer", eigenvalues=found.eigenvalues)
+    write_vectors(finer, file, found.shapes, "finer", eigenvalues=found.eigenvalues)
     return found
 
 
