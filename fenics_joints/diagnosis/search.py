@@ -8,7 +8,6 @@ from itertools import combinations
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import qmc
 
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.equal import Known
@@ -27,6 +26,7 @@ from fenics_joints.diagnosis.exchange import fit_exchanged
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.several import fit_several
+from fenics_joints.diagnosis.starts import starts_of
 from fenics_joints.diagnosis.survey import survey
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.parallel import spread
@@ -43,9 +43,6 @@ _ANY, _UNKNOWN = 1.5, 0.2
 _MARGIN, _MOST = 8.0, 24
 #: Relative change of the sum of squares at which a fit ends.
 _TOLERANCE = 1e-4
-#: How far, in standard deviations of its prior, an effect of one parameter is tried either way
-#: before it is fitted; how far one of several, and at how many points.
-_ASIDE, _FAR, _TRIES = 1.0, 2.5, 8
 #: How far from the middle of their priors a second look at effects by level is taken from.
 _NEARER = 2.0
 #: Pairs that get a quick look with the model.
@@ -89,8 +86,9 @@ class Search:
         self.progress.step("fitting one effect at a time", len(singles) + 2)
         fits = self.fit_all(plain)
         new = [h for h in singles if not self._kept(h)]
-        starts = dict(zip((h.label_of_keys for h in new), self._starts(new, fits[0]), strict=True))
-        fits += self.fit_all(singles, [starts.get(h.label_of_keys, ()) for h in singles])
+        ways = starts_of(self, new, fits[0], self._lowers())
+        known = dict(zip((h.label_of_keys for h in new), ways, strict=True))
+        fits += self.fit_all(singles, [known.get(h.label_of_keys, ()) for h in singles])
         fits = self.checked(survey(self, fits), _LEADING_SINGLES, quickly=True)
         several = fit_several(self, fits[2:])
         fits = fits + several
@@ -103,32 +101,6 @@ class Search:
             level = self._together(level, fits, size)
             fits = fits + level
         return self.checked(fits, _LEADING)
-
-    def _starts(self, singles: Sequence[Hypothesis], none: Fit) -> list[list[np.ndarray]]:
-        """Where each effect is likely to be: one step from what fits best without it; the middle of
-        its prior if it may act strongly; and where the best of some tries leads, if elsewhere,
-        since what fits best without it may have been stretched into another valley.
-        """
-        if not singles:
-            return []
-        lowers = self._lowers()
-        from_none = [self._start(h.effects, none) for h in singles]
-        steps = [z for _, z in self.looked(singles, from_none, lowers)]
-        tries = [(i, z) for i, h in enumerate(singles) for z in _tries(h)]
-        tried = [singles[i] for i, _ in tries]
-        looks = self.looked(tried, [z for _, z in tries], lowers)
-        looks = self.looked(tried, [z for _, z in looks], lowers)
-        starts = []
-        for i, h in enumerate(singles):
-            own = h.own
-            ends = [look for (j, _), look in zip(tries, looks, strict=True) if j == i]
-            end = max(ends, key=lambda look: look[0], default=(0.0, steps[i]))[1]
-            starts.append([steps[i]])
-            if np.max(np.abs((end - steps[i])[own]), initial=0.0) > 0.5 * _ASIDE:
-                starts[i].append(end)
-            if any(p.log and p.spread > 1 for p in h.effects[0].priors):
-                starts[i].append(from_none[i])
-        return starts
 
     @property
     def leans(self) -> Leans:
@@ -266,7 +238,7 @@ class Search:
         self.progress.step(f"a quick look at {size} effects at a time", len(pairs))
         lowers = self._lowers(known)
         hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
-        starts = [self._start(effects, parent) for effects, parent in pairs]
+        starts = [self.start(effects, parent) for effects, parent in pairs]
         # What an unknown cause does far better than is looked at all the same, for what is a part.
         listed = [f for f in known if not f.hypothesis.unknown]
         best = np.max(self.scores(listed))
@@ -343,7 +315,7 @@ class Search:
             found.append(evidence.at(known[int(np.argmax(self.scores(known)))].between))
         return [np.linalg.cholesky(each.covariance()) for each in found]
 
-    def _start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
+    def start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
         """The parent's parameters, with a zero for each of the effect that is added."""
         own = parent.hypothesis.places
         first = min(place.start for place in own.values())
@@ -403,27 +375,6 @@ class Search:
         found = self.probabilities(fits)
         order = np.lexsort((-self.scores(fits), -found))
         return order, found[order]
-
-
-def _tries(hypothesis: Hypothesis) -> list[np.ndarray]:
-    """Points z spread over the effects' parameters, all others at their medians.
-
-    One parameter to both sides; several by a Sobol sequence all over their range.
-    """
-    limits = [prior.limits(_FAR) for _, prior in hypothesis.priors[hypothesis.own]]
-    low, high = np.array(limits).reshape(-1, 2).T
-    if len(low) == 1:
-        points = np.clip([[-_ASIDE], [_ASIDE]], low, high)
-    else:
-        points = low + (high - low) * _spread(len(low), _TRIES) if limits else []
-    return [hypothesis.at(point) for point in points]
-
-
-def _spread(dimensions: int, count: int) -> np.ndarray:
-    """Points inside the unit cube, (count, dimensions), always the same."""
-    sequence = qmc.Sobol(dimensions, scramble=False)
-    sequence.fast_forward(1)  # the first is the corner
-    return sequence.random(count)
 
 
 def _compatible(effects: Sequence[Effect]) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.screen import near_best
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.progress import Progress
@@ -26,6 +27,7 @@ class Fits(Protocol):
 
     model: Prepared
     progress: Progress
+    leans: Leans
 
     def looked(
         self,
@@ -45,6 +47,9 @@ class Fits(Protocol):
 
     def log_prior(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
         """ln of each hypothesis' prior odds against none."""
+
+    def start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
+        """A fit's parameters, with a zero for each of the effect that is added."""
 
     def lowest(self, f: Fit) -> dict[str, float]:
         """The model's parameter values of a fit at the lowest condition."""

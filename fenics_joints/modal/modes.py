@@ -19,7 +19,7 @@ from fenics_joints.structure.grids import cell_grid, pyvista
 
 __all__ = [
     "SHIFT_SHARE", "Modes", "check_model", "count_rigid", "dense_modes", "inverted_modes",
-    "refine_modes", "rigid_below", "solve_modes",
+    "refine_modes", "rigid_below", "solve_modes", "upright",
 ]  # fmt: skip
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
@@ -282,8 +282,20 @@ def dense_modes(
         ConvergenceError: If they are not found.
     """
     shift = (2 * np.pi * shift_hz) ** 2
-    inverse, vectors = inverted_modes(K, M, shift, n_modes)
-    return 1 / inverse - shift, vectors / np.sqrt(inverse)
+    return upright(*inverted_modes(K, M, shift, n_modes), shift)
+
+
+def upright(
+    inverse: np.ndarray, vectors: np.ndarray, shift: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues and M-normalised vectors of `inverted_modes`, or of stacks of them.
+
+    What is so stiff that round-off decides on its mass has an infinite eigenvalue and no vector.
+    """
+    none = inverse <= np.finfo(float).eps * np.max(inverse, axis=-1, keepdims=True)
+    inverse = np.where(none, np.inf, inverse)
+    vectors = np.where(none[..., None, :], 0.0, vectors / np.sqrt(inverse)[..., None, :])
+    return np.where(none, np.inf, 1 / inverse - shift), vectors
 
 
 def inverted_modes(

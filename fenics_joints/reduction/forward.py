@@ -43,8 +43,14 @@ class Slopes:
     def __matmul__(self, along: np.ndarray) -> np.ndarray:
         if "_whole" in self.__dict__ or np.ndim(along) != 2:
             return self._whole @ along
-        found = self._model.gradients_along(self._x, self._lam, self._given, along)
-        return found / (2 * self._lam)[:, None]
+        return self.along(slice(None), along)
+
+    def along(self, rows, along: np.ndarray) -> np.ndarray:
+        """Those of some of the modes along directions, (n_parameters, p)."""
+        if "_whole" in self.__dict__:
+            return self._whole[rows] @ along
+        x, lam = self._x[:, rows], self._lam[rows]
+        return self._model.gradients_along(x, lam, self._given, along) / (2 * lam)[:, None]
 
     @cached_property
     def _whole(self) -> np.ndarray:

@@ -15,7 +15,7 @@ import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac
-from fenics_joints.modal.modes import inverted_modes, solve_modes
+from fenics_joints.modal.modes import inverted_modes, solve_modes, upright
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.forward import SPARE, Forward
@@ -170,7 +170,7 @@ class LeanForward(Forward):
         root_t = np.swapaxes(inverse_root, 1, 2)
         inverse, vectors = np.linalg.eigh(inverse_root @ M @ root_t)
         inverse, vectors = inverse[:, ::-1][:, :count], vectors[:, :, ::-1][:, :, :count]
-        return 1 / inverse - shift, root_t @ (vectors / np.sqrt(inverse)[:, None, :])
+        return upright(inverse, root_t @ vectors, shift)
 
     def _lowest(self, K, M, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
         """`_modes` where few of many are wanted, one after the other."""
@@ -186,7 +186,7 @@ class LeanForward(Forward):
                 inverse, found = inverted_modes(K[i], M[i], shift, count)
             except ConvergenceError as error:
                 raise np.linalg.LinAlgError(str(error)) from error
-            eigenvalues[i], vectors[i] = 1 / inverse - shift, found / np.sqrt(inverse)
+            eigenvalues[i], vectors[i] = upright(inverse, found, shift)
         return eigenvalues, vectors
 
     def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:

@@ -72,10 +72,9 @@ class ReducedStructure(ArrayModel):
 
     def _region_term(self, number: int, volume: float, known: Mapping) -> RegionTerm:
         region, on = self.full.regions[number], self.projection
-        samples = region.law.samples
-        sampled = [on.new(self.full.region_matrix(number, 0, q)) for q in samples]
-        inertia = on.new(self.full.region_matrix(number, 1, samples[0]))
-        inertia /= region.law.inertia_term(samples[0])
+        samples, full = region.law.samples, self.full
+        sampled = [on.new(full.law_matrix(number, 0, i)) for i in range(len(samples))]
+        inertia = on.new(full.law_matrix(number, 1, 0)) / region.law.inertia_term(samples[0])
         return on.region(
             region, region.properties, sampled, inertia, volume, known.get(region.name)
         )

@@ -132,6 +132,7 @@ class Assembly:
         self._direction: fem.Function | None = None
         self._rows: dict[bytes, PointRows] = {}
         self._region_matrices: dict[tuple[int, int], PETSc.Mat] = {}
+        self._law_matrices: dict[tuple[int, int, int], PETSc.Mat] = {}
         self._support_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
 
     # -- set-up ------------------------------------------------------------------------------
@@ -333,6 +334,21 @@ class Assembly:
         before = self._region_matrices.get(key)
         self._region_matrices[key] = self.assembled(self.compiled_region(*key), before)
         return self._region_matrices[key]
+
+    def law_matrix(self, number: int, which: int, sample: int) -> PETSc.Mat:
+        """A region's stiffness (0) or mass (1) at one of its law's samples; kept, since a basis that
+        grows asks for them each time.
+
+        Args:
+            number: Index of the region in `regions`.
+            which: 0 or 1.
+            sample: Index in the law's ``samples``.
+        """
+        key = number, which, sample
+        if key not in self._law_matrices:
+            self.field.fill(number, self.regions[number].law.samples[sample])
+            self._law_matrices[key] = self.assembled(self.compiled_region(number, which))
+        return self._law_matrices[key]
 
     def support_matrices(self, number: int) -> tuple[PETSc.Mat, PETSc.Mat]:
         """Stiffness of an elastic support at k_n = 1 Pa/m and at k_t = 1 Pa/m, m2; kept.

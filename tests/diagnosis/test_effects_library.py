@@ -73,6 +73,7 @@ def test_each_effect_changes_what_it_should_and_no_more(case, zones):
         "compliance away from the bolts only (away)": away,
         "joint compliance graded from zone to zone (joint)": E | G,
         "joint compliance that falls with the pressure (joint)": E | G,
+        "joint tangential compliance that falls with the pressure (joint)": G,
         "compliance at one bolt (bolt 2)": bolt,
         "loose bolt (bolt 2)": bolt,
         "two loose bolts (bolt 2, bolt 3)": bolt | third,

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import box, half_lap_beam, lap_plates
 from fenics_joints.modal import solve_modes
-from fenics_joints.modal.modes import refine_modes
+from fenics_joints.modal.modes import dense_modes, refine_modes
 from fenics_joints.structure import (
     Parameter,
     PointMass,
@@ -92,6 +92,16 @@ def test_round_off_of_a_layer_of_a_micrometre_makes_no_mode_elastic(hung):
     assert modes.n_rigid == (4 if hung else 6)
     bounce = np.sqrt(600 / beam.total_mass()) / (2 * np.pi)
     assert not hung or modes.frequencies_hz[4] == pytest.approx(bounce, rel=0.05)
+
+
+def test_what_is_too_stiff_to_have_a_mass_by_round_off_is_no_mode():
+    # Of the 3 masses one moves at 1e14 Hz: 1 / lambda is below the round-off of the rigid one.
+    K = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0 + 1e30, -1e30], [0.0, -1e30, 1e30]])
+    values, shapes = dense_modes(K, np.diag([1.0, 1.0, 1e-3]), 1e-2, 3)
+    assert np.isinf(values[2]) and not shapes[:, 2].any()
+    exact = scipy.linalg.eigh([[1.0, -1.0], [-1.0, 1.0]], np.diag([1.0, 1.001]))
+    assert values[:2] == pytest.approx(exact[0], abs=1e-9)
+    assert np.abs(shapes[:2, :2]) == pytest.approx(np.abs(exact[1]), rel=1e-6)
 
 
 def test_shapes_are_orthonormal_in_mass_and_carry_their_eigenvalue():

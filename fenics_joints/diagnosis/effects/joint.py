@@ -7,7 +7,7 @@ what is known of k beforehand, and how one speaks of it, for each kind of zones.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -234,29 +234,29 @@ def pressed_compliance(zones: Sequence[Zone]) -> Effect:
     relative = pressure / float(np.max(pressure))
 
     def apply(values, theta, condition):
-        _press(values, theta, zones, relative, 1.0)
+        _press(values, theta, zones, relative, 1.0, tuple(LAYER.keys))
 
     words = "The interface gives way, the more the less it is pressed."
     return Effect(
         "joint compliance that falls with the pressure", "joint",
-        _pressed_priors(), apply, words, False, _LAYER.family,
+        _pressed_priors(LAYER.keys), apply, words, False, _LAYER.family,
     )  # fmt: skip
 
 
-def _pressed_priors() -> tuple[Prior, ...]:
-    springs = (Prior(f"k_{kind}", *_LAYER.known) for kind in LAYER.keys)
+def _pressed_priors(kinds: Iterable[str]) -> tuple[Prior, ...]:
+    springs = (Prior(f"k_{kind}", *_LAYER.known) for kind in kinds)
     return (*springs, Prior("beta", *EXPONENT))
 
 
-def _press(values, theta, zones, relative, factor) -> None:
+def _press(values, theta, zones, relative, factor, kinds) -> None:
     """Put stiffnesses k_ref (factor p)^beta of zones at relative pressures p in series."""
     many = np.ndim(factor) or np.ndim(theta["beta"])
     p = relative[:, None] if many and relative.ndim == 1 else relative
     # Of no pressure the power could be endless.
     power = np.where(p > 0, np.where(p > 0, factor * p, 1.0) ** theta["beta"], 0.0)
-    stiffness = [theta[f"k_{kind}"] * power for kind in LAYER.keys]
+    stiffness = [theta[f"k_{kind}"] * power for kind in kinds]
     for i, zone in enumerate(zones):
-        for k, key in zip(stiffness, zone.parameters(), strict=True):
+        for k, key in zip(stiffness, zone.parameters(kinds), strict=True):
             floor = LOST * values[key]
             amount = zone.amount(k[i], values[key]) + floor
             values[key] = np.maximum(1 / (1 / values[key] + 1 / amount), floor)
@@ -312,7 +312,9 @@ def reach(low: np.ndarray, high: np.ndarray, scan: int = 0) -> Prior:
     return Prior("radius", median * inner, spread, "m", True, span, scan)
 
 
-def pressed_by_bolts(zones: Sequence[Zone], reference: float | None) -> Effect:
+def pressed_by_bolts(
+    zones: Sequence[Zone], reference: float | None, kinds: Sequence[str] | None = None
+) -> Effect:
     """Interface stiffness graded by a bell-shaped pressure about each bolt.
 
     k = k_ref (p T / T_ref)^beta with p of `bell_pressure`, whose radius is a parameter: k_ref is
@@ -321,17 +323,22 @@ def pressed_by_bolts(zones: Sequence[Zone], reference: float | None) -> Effect:
     Args:
         zones: Zones around bolts.
         reference: See `gives_way`.
+        kinds: ``("t",)`` where the interface gives way along its plane alone; both for None.
     """
     low, high = distances(zones)
+    kinds = tuple(kinds or LAYER.keys)
 
     def apply(values, theta, condition):
         factor = 1.0 if reference is None else condition / reference
         pressure = bell_pressure(low, high, theta["radius"])
-        _press(values, theta, zones, pressure, factor)
+        _press(values, theta, zones, pressure, factor, kinds)
 
-    words = "The interface gives way, the more the further from the bolts that press it."
+    name, words = "joint compliance", "The interface gives way"
+    if tuple(LAYER.keys) != kinds:
+        name, words = _LAYER.alone[kinds]
+    words = f"{words.rstrip('.')}, the more the further from the bolts that press it."
     return Effect(
-        "joint compliance that falls with the pressure", "joint",
-        (*_pressed_priors(), reach(low, high)), apply, words, reference is not None,
+        f"{name} that falls with the pressure", "joint",
+        (*_pressed_priors(kinds), reach(low, high)), apply, words, reference is not None,
         _LAYER.family,
     )  # fmt: skip

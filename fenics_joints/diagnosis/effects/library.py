@@ -220,8 +220,8 @@ def _by_distance(zones: Zones, reference: float | None) -> list[Effect]:
     if len({zone.distance for zone in around}) < 2:
         return []
     return [
-        pressed_by_bolts(around, reference), lost_beyond(around, reference),
-        smaller_contact(around),
+        pressed_by_bolts(around, reference), pressed_by_bolts(around, reference, ("t",)),
+        lost_beyond(around, reference), smaller_contact(around),
     ]  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.weighed import weights
-from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.forward import Forward, Slopes
 from fenics_joints.reduction.lean import batched
 
 __all__ = ["RowPrediction", "frequencies_and_damping", "joined", "predict"]
@@ -108,13 +108,13 @@ class _Look:
     Attributes:
         values: The model's parameter values.
         log_f: ln of all frequencies, (m,).
-        by_values: Their derivatives by the values, (m, n_parameters).
+        by_values: Their derivatives by the values, (m, n_parameters), or what has them.
     """
 
     mode: int | None
     values: dict[str, float]
     log_f: np.ndarray
-    by_values: np.ndarray
+    by_values: np.ndarray | Slopes
 
 
 class RowPrediction:
@@ -181,8 +181,8 @@ class RowPrediction:
         look, step = self._seen(i), _DIFFERENCE
         low, high = (self._values(self._z, look.mode, way * step) for way in (-1, 1))
         names = self._forward.model.parameters
-        change = [(high[name] - low[name]) / (2 * step) for name in names]
-        return float(look.by_values[i] @ change)
+        change = np.array([[(high[name] - low[name]) / (2 * step)] for name in names])
+        return float(_along(look.by_values, [i], change)[0, 0])
 
     def _ordered(self, by_mode: np.ndarray) -> np.ndarray:
         """Rows for the model's modes as rows for the test's columns."""
@@ -218,7 +218,10 @@ class RowPrediction:
             by_z = self._looks[0].by_values @ chains[0]
         else:
             by_z = np.array(
-                [self._looks[at].by_values[i] @ chains[at] for i, at in enumerate(self._at)]
+                [
+                    _along(self._looks[at].by_values, [i], chains[at])[0]
+                    for i, at in enumerate(self._at)
+                ]
             )
         by_z = self._ordered(by_z / self._damped_by[:, None])
         if not self._hypothesis.damped:
@@ -294,13 +297,17 @@ class RowPrediction:
         if not self._hypothesis.tuned:
             look = self._looks[0]
             return self._forward.shapes(look.values, self._chain(look.mode))
-        first = self._forward.shapes(self._looks[0].values)
+        # Of the model's values those that any of the modes sees change.
+        chains = [self._chain(self._seen(i).mode) for i in range(self._m)]
+        touched = np.flatnonzero(np.any(chains, axis=(0, 2)))
+        along_values = np.eye(len(chains[0]))[:, touched]
+        first = self._forward.shapes(self._looks[0].values, along_values)
         columns = []
         for i in range(self._m):
             look = self._seen(i)
             at, along = (part[..., i] for part in self._forward.seen_shapes(look.values))
             # Slopes by the model's values hardly differ from one mode's sight to the next's.
-            sign, chain = 1.0 if at @ first[0][:, i] > 0 else -1.0, self._chain(look.mode)
+            sign, chain = 1.0 if at @ first[0][:, i] > 0 else -1.0, chains[i][touched]
             columns.append((at, along, *(sign * by[..., i, :] @ chain for by in first[2:])))
         # The modes stand behind the sensors, which have each way before them in every other part.
         at, along, *slopes = zip(*columns, strict=True)
@@ -408,6 +415,13 @@ class RowPrediction:
             if self._hypothesis.acts(j, self._row, look.mode) and self._hypothesis.loses(j):
                 slope[j] = self._difference(j, lambda z: self._lost_in(z, i))
         return slope
+
+
+def _along(by_values: np.ndarray | Slopes, rows: Sequence[int], along: np.ndarray) -> np.ndarray:
+    """Derivatives of some modes along directions, (len(rows), p)."""
+    if isinstance(by_values, Slopes):
+        return by_values.along(rows, along)
+    return by_values[rows] @ along
 
 
 def _scales(measured, read) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,122 @@
+"""Where the fits of single effects start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import qmc
+
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.linear import whiten
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.several import Fits
+from fenics_joints.parallel import spread
+from fenics_joints.reduction.lean import batched
+
+__all__ = ["starts_of"]
+
+#: How far, in standard deviations of its prior, an effect of one parameter is tried either way
+#: before it is fitted; how far one of several, and at how many points.
+_ASIDE, _FAR, _TRIES = 1.0, 2.5, 8
+#: Points at which an effect that may act strongly is solved for, and how many of them are starts.
+_LOOKS, _BEST = 32, 2
+
+
+def starts_of(
+    search: Fits, singles: Sequence[Hypothesis], none: Fit, lowers: Sequence[np.ndarray]
+) -> list[list[np.ndarray]]:
+    """Where each effect is likely to be: one step from what fits best without it; and where the
+    best of some tries leads, if elsewhere, since what fits best without it may have been stretched
+    into another valley. Of an effect that may act strongly, where the test's misfit is least:
+    modes that change places make of its range many valleys, of which no slope tells. Collective.
+
+    Args:
+        search: Fits hypotheses.
+        singles: The hypotheses.
+        none: The fit without any effect.
+        lowers: Cholesky factors of covariances that the evidence may have; the best counts.
+    """
+    if not singles:
+        return []
+    from_none = [search.start(h.effects, none) for h in singles]
+    steps = [z for _, z in search.looked(singles, from_none, lowers)]
+    strong = [any(p.log and p.spread > 1 for p in h.effects[0].priors) for h in singles]
+    weak = [(i, z) for i, h in enumerate(singles) if not strong[i] for z in _tries(h)]
+    tried = [singles[i] for i, _ in weak]
+    looks = search.looked(tried, [z for _, z in weak], lowers)
+    looks = search.looked(tried, [z for _, z in looks], lowers)
+    found = [[z] for z in steps]
+    for i, h in enumerate(singles):
+        ends = [look for (j, _), look in zip(weak, looks, strict=True) if j == i]
+        end = max(ends, key=lambda look: look[0], default=(0.0, steps[i]))[1]
+        if np.max(np.abs((end - steps[i])[h.own]), initial=0.0) > 0.5 * _ASIDE:
+            found[i].append(end)
+    tasks = [
+        (h, np.array([*_all_over(h, z), z]))
+        for h, z, own in zip(singles, from_none, strong, strict=True) if own
+    ]  # fmt: skip
+    best = iter(spread(search.model.comm, tasks, lambda task: _least(search, *task, lowers[0])))
+    return [[*own, *next(best)] if wide else own for own, wide in zip(found, strong, strict=True)]
+
+
+def _least(search: Fits, hypothesis: Hypothesis, points: np.ndarray, lower) -> list[np.ndarray]:
+    """The points, (b, d), of the least squared residuals, apart from one another."""
+    model = search.model
+    forward = batched(search.leans.of(hypothesis) or model.forward)
+    if not forward.batches:
+        return [points[-1]]
+    evidence = model.evidence
+    many = ManyPredictions(hypothesis, forward, evidence, model.baseline, held_out=True)
+    used = evidence.fitted
+    residual = many(points)[0][:, used] - evidence.data[used]
+    there = np.all(np.isfinite(residual), axis=1)
+    squares = np.full(len(points), np.inf)
+    squares[there] = np.sum(whiten(lower, residual[there].T) ** 2, axis=0)
+    squares[there] += np.sum(points[there] ** 2, axis=1)
+    found: list[np.ndarray] = []
+    for i in np.argsort(squares, kind="stable"):
+        apart = [np.max(np.abs((points[i] - z)[hypothesis.own])) > 0.5 * _ASIDE for z in found]
+        if there[i] and all(apart) and len(found) < _BEST:
+            found.append(points[i])
+    return found or [points[-1]]
+
+
+def _all_over(hypothesis: Hypothesis, z: np.ndarray) -> list[np.ndarray]:
+    """Points spread over the effect's parameters, and along the diagonal of those that may be of
+    any size, from where it hardly acts to where it acts most; all others as they are."""
+    own = hypothesis.own
+    low, high = _limits(hypothesis)
+    wide = np.array([p.log and p.spread > 1 for _, p in hypothesis.priors[own]])
+    points = [low + (high - low) * unit for unit in _spread(len(low), _LOOKS)]
+    points += [np.where(wide, low + (high - low) * t, 0.0) for t in np.linspace(0.0, 1.0, _TRIES)]
+    found = np.tile(z, (len(points), 1))
+    found[:, own] = points
+    return list(found)
+
+
+def _limits(hypothesis: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
+    limits = [prior.limits(_FAR) for _, prior in hypothesis.priors[hypothesis.own]]
+    low, high = np.array(limits).reshape(-1, 2).T
+    return low, high
+
+
+def _tries(hypothesis: Hypothesis) -> list[np.ndarray]:
+    """Points z spread over the effects' parameters, all others at their medians.
+
+    One parameter to both sides; several by a Sobol sequence all over their range.
+    """
+    low, high = _limits(hypothesis)
+    if len(low) == 1:
+        points = np.clip([[-_ASIDE], [_ASIDE]], low, high)
+    else:
+        points = low + (high - low) * _spread(len(low), _TRIES) if len(low) else []
+    return [hypothesis.at(point) for point in points]
+
+
+def _spread(dimensions: int, count: int) -> np.ndarray:
+    """Points inside the unit cube, (count, dimensions), always the same."""
+    sequence = qmc.Sobol(dimensions, scramble=False)
+    sequence.fast_forward(1)  # the first is the corner
+    return sequence.random(count)
