@@ -176,8 +176,18 @@ def same_modes(
     if sensors is None:
         return elastic[: len(frequencies)]
     match = mac(shapes, modes.at(sensors)[:, elastic])
-    alike = likeness(match, modes.frequencies_hz[elastic], frequencies)
-    return elastic[linear_sum_assignment(-alike)[1]]
+    return elastic[nearest(match, modes.frequencies_hz[elastic], frequencies)]
+
+
+def nearest(match: np.ndarray, candidates: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """Column of each row of MAC values, (m,), of modes that are hardly others.
+
+    Args:
+        match: MAC of modes with candidates, shape (m, n).
+        candidates: Frequencies of the candidates, in any unit, (n,).
+        frequencies: Those of the modes, (m,).
+    """
+    return linear_sum_assignment(-likeness(match, candidates, frequencies))[1]
 
 
 def largest_difference(

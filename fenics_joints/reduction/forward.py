@@ -8,7 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.errors import InputError, capable, measured, whole
-from fenics_joints.measurements.gap import VISIBLE, Pairing, check_sight, pair_modes
+from fenics_joints.measurements.gap import (
+    VISIBLE,
+    Pairing,
+    check_sight,
+    nearest,
+    pair_modes,
+)
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
 from fenics_joints.structure.points import Sensors
 
@@ -134,6 +140,40 @@ class Forward:
             self.calls += 1
         return self._cache[key]
 
+    def follow(
+        self, values: Mapping[str, float], shapes: np.ndarray, log_f: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same of the modes that others have become, and their own shapes.
+
+        Needs an `ArrayModel`.
+
+        Args:
+            values: Parameter values.
+            shapes: The others' on its basis, (n_dofs, m).
+            log_f: ln of their frequencies, (m,).
+
+        Raises:
+            InputError: If the model has too few modes.
+        """
+        count = min(self.n_modes, self.model.n_dofs)
+        modes = solve_modes(self.model, values, n_modes=count)
+        if count - modes.n_rigid < self.n_test:
+            raise InputError(f"the model has {count - modes.n_rigid} modes: expected {self.n_test}")
+        f = modes.frequencies_hz[modes.n_rigid :]
+        alike = (shapes.T @ self.mass @ modes.shapes[:, modes.n_rigid :]) ** 2
+        index = modes.n_rigid + nearest(alike, f, np.exp(log_f))
+        self.calls += 1
+        found = np.log(modes.frequencies_hz[index])
+        return found, self._slopes(modes, index), modes.shapes[:, index]
+
+    @property
+    def mass(self) -> np.ndarray:
+        """The model's nominal mass, (n_dofs, n_dofs), in which modes are compared."""
+        last = self.__dict__.get("_mass")
+        if last is None or last[0] is not self.model:
+            last = self.__dict__["_mass"] = self.model, self.model.mass()
+        return last[1]
+
     def _slopes(self, modes: Modes, index: np.ndarray) -> np.ndarray | Slopes:
         if hasattr(self.model, "gradients_along"):
             return Slopes(modes, index)
@@ -217,11 +257,15 @@ class Forward:
         rows = self.model.sensor_rows, self.model.shift_rows
         return *(r @ x for r in rows), *(np.tensordot(r, dx, axes=1) for r in rows)
 
-    def seen_shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """The first two of `shapes`, but for their scale, without the work of derivatives."""
+    def vectors(self, values: Mapping[str, float]) -> np.ndarray:
+        """Shapes of the test's modes on the basis of an `ArrayModel`, (n_dofs, m)."""
         key = tuple(values[name] for name in self.model.parameters)
         modes, pairing = self._whole.get(key) or self.solve(values)
-        x = modes.shapes[:, pairing.index]
+        return modes.shapes[:, pairing.index]
+
+    def seen_shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """The first two of `shapes`, but for their scale, without the work of derivatives."""
+        x = self.vectors(values)
         return self.model.sensor_rows @ x, self.model.shift_rows @ x
 
     def track(self, values: Mapping[str, float]) -> None:

@@ -7,6 +7,7 @@ for many values at a time, from a basis of twenty to forty vectors.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac
+from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac, nearest
 from fenics_joints.modal.modes import inverted_modes, solve_modes, upright
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod
@@ -22,7 +23,7 @@ from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.many import ManyModes
 
 __all__ = [
-    "LeanForward", "SeenAt", "batched", "frequency_error", "lean_forward", "modes_at",
+    "Followed", "LeanForward", "SeenAt", "batched", "frequency_error", "lean_forward", "modes_at",
     "seen_modes_at",
 ]  # fmt: skip
 
@@ -36,6 +37,23 @@ _SEARCHED = 4
 #: Size of a model, and this over the number of modes wanted, from which these are solved for alone:
 #: all modes of smaller ones are found sooner.
 _LARGE, _FEW = 100, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Of which modes those at each of many points are what these have become.
+
+    Attributes:
+        after: Those of which other of the points, (b,); -1 for those given.
+        shapes: Given shapes on the model's basis, (b, n_dofs, m).
+        log_f: ln of the frequencies of these, (b, m).
+        order: The points, those that others are after before these.
+    """
+
+    after: np.ndarray
+    shapes: np.ndarray
+    log_f: np.ndarray
+    order: np.ndarray
 
 
 class LeanForward(Forward):
@@ -68,12 +86,14 @@ class LeanForward(Forward):
         ready = self._ready.get(self._key(values))
         return super().__call__(self._own(values)) if ready is None else ready
 
-    def seen_shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    def follow(self, values: Mapping[str, float], shapes: np.ndarray, log_f: np.ndarray):
+        """See `Forward`."""
+        return super().follow(self._own(values), shapes, log_f)
+
+    def vectors(self, values: Mapping[str, float]) -> np.ndarray:
         """See `Forward`; from `prepare` where that knows the values."""
         x = self._ready_shapes.get(self._key(values))
-        if x is None:
-            return super().seen_shapes(self._own(values))
-        return self.model.sensor_rows @ x, self.model.shift_rows @ x
+        return super().vectors(self._own(values)) if x is None else x
 
     def shapes(
         self, values: Mapping[str, float], along: np.ndarray | None = None
@@ -131,31 +151,72 @@ class LeanForward(Forward):
         except InputError:
             return nothing
 
-    def many(self, values: Mapping[str, np.ndarray], every: bool = True) -> ManyModes:
+    def many(
+        self,
+        values: Mapping[str, np.ndarray],
+        every: bool = True,
+        followed: Followed | None = None,
+    ) -> ManyModes:
         """The test's modes at many parameter values together, and what their changes need.
 
         Args:
             values: Of every parameter of the model, (b,).
             every: Whether all modes are wanted, which derivatives of shapes are made of; else the
                 lowest alone are there, as many as the test's ask for.
+            followed: Whose shapes modes are matched to; one's own reference for None.
 
         Raises:
             InputError: If any of the values is beyond a law's limit.
         """
         values = self._own(values)
         eigenvalues, vectors = self._modes(values, None if every else self.n_modes)
-        count, most = self.n_modes, min(_SEARCHED * self.n_modes, self.model.n_dofs)
-        index, good = self._paired(values, eigenvalues[:, :count], vectors[:, :, :count])
-        if not good.all() and count < most and eigenvalues.shape[1] < most:
-            return self.many(values)
+        if followed is None:
+            index, good = self._among(values, eigenvalues, vectors)
+        else:
+            index, good = self._followed(eigenvalues, vectors, followed)
+        most = min(_SEARCHED * self.n_modes, self.model.n_dofs)
+        if not good.all() and eigenvalues.shape[1] < most:
+            return self.many(values, followed=followed)
         self.calls += len(good)
+        return ManyModes(self.model, values, eigenvalues, vectors, index, good)
+
+    def _among(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
+        """`_paired` among as few modes as there must be, or more where the test's are not there."""
+        most = min(_SEARCHED * self.n_modes, eigenvalues.shape[1])
+        count = min(self.n_modes, most)
+        index, good = self._paired(values, eigenvalues[:, :count], vectors[:, :, :count])
         while not good.all() and count < most:
             count, few = min(count + self.n_test + SPARE, most), ~good
             own = {name: value[few] for name, value in values.items()}
             index[few], good[few] = self._paired(
                 own, eigenvalues[few, :count], vectors[few, :, :count]
             )
-        return ManyModes(self.model, values, eigenvalues, vectors, index, good)
+        return index, good
+
+    def _followed(self, eigenvalues, vectors, followed: Followed) -> tuple[np.ndarray, np.ndarray]:
+        """Index of what modes of other points have become, (b, m), and whether there are enough."""
+        count, m = min(self.n_modes, eigenvalues.shape[1]), self.n_test
+        heavy = self.mass @ vectors[:, :, :count]
+        f = np.sqrt(np.maximum(eigenvalues[:, :count], 0.0)) / (2 * np.pi)
+        index = np.zeros((len(f), m), dtype=int)
+        n_rigid = self._count_rigid(eigenvalues)
+        good = count - n_rigid >= m
+        for i in followed.order:
+            after = followed.after[i]
+            x, hz = followed.shapes[i], np.exp(followed.log_f[i])
+            if after >= 0:
+                x, hz = vectors[after][:, index[after]], f[after, index[after]]
+                good[i] &= good[after]
+            good[i] &= np.all(np.isfinite(hz))
+            if good[i]:
+                own = slice(n_rigid[i], None)
+                alike = (x.T @ heavy[i][:, own]) ** 2
+                index[i] = n_rigid[i] + nearest(alike, f[i, own], hz)
+        return index, good
+
+    def _count_rigid(self, eigenvalues) -> np.ndarray:
+        rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        return np.sum(np.abs(eigenvalues) < rigid, axis=1)
 
     def _modes(self, values, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Lowest eigenvalues, (b, count), and M-normalised vectors, (b, n_dofs, count); of all
@@ -196,8 +257,7 @@ class LeanForward(Forward):
         like it at all, these are the assignment; only the rest needs an assignment problem.
         """
         b, m = len(eigenvalues), self.n_test
-        rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * self.model.scale_hz) ** 2
-        n_rigid = np.sum(np.abs(eigenvalues) < rigid, axis=1)
+        n_rigid = self._count_rigid(eigenvalues)
         seen = np.arange(eigenvalues.shape[1])[None, :] >= n_rigid[:, None]
         if self.sensors is not None:
             shapes = self.model.sensor_rows @ vectors

@@ -336,8 +336,7 @@ class Assembly:
         return self._region_matrices[key]
 
     def law_matrix(self, number: int, which: int, sample: int) -> PETSc.Mat:
-        """A region's stiffness (0) or mass (1) at one of its law's samples; kept, since a basis that
-        grows asks for them each time.
+        """A region's stiffness (0) or mass (1) at a sample of its law, kept for bases that grow.
 
         Args:
             number: Index of the region in `regions`.

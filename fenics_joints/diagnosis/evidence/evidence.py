@@ -165,6 +165,21 @@ class Evidence:
         return tuple(i if i in own else own[near[i]] for i in range(len(self.conditions)))
 
     @cached_property
+    def turns(self) -> tuple[tuple[int, int | None], ...]:
+        """Rows in the order in which modes are told, and whose shapes each is matched to: that of
+        the measured shapes first, to these (None), then from one condition to the next."""
+        if self.shapes is None:
+            return tuple((row, None) for row in range(len(self.conditions)))
+        own = [i for i in np.argsort(self.conditions, kind="stable").tolist()
+               if not (self.known and self.known[i])]  # fmt: skip
+        first = own.index(self.shape_row)
+        pairs = [(self.shape_row, None)]
+        pairs += [(own[i], own[i + 1]) for i in range(first - 1, -1, -1)]
+        pairs += [(own[i], own[i - 1]) for i in range(first + 1, len(own))]
+        pairs += [(i, self.as_row[i]) for i in range(len(self.conditions)) if i not in own]
+        return tuple(pairs)
+
+    @cached_property
     def as_it_is(self) -> Evidence:
         """The test without the rows after a known change."""
         if not any(self.known):

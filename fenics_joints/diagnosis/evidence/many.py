@@ -18,6 +18,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.look import Look
 from fenics_joints.errors import InputError
 from fenics_joints.reduction import LeanForward
+from fenics_joints.reduction.lean import Followed
 from fenics_joints.reduction.many import Change, change
 
 __all__ = ["ManyPredictions"]
@@ -92,12 +93,20 @@ class ManyPredictions:
         return tuple(map(np.concatenate, zip(*parts, strict=True)))
 
     def _together(self, z, by) -> tuple[np.ndarray, np.ndarray]:
-        evidence, found, shapes = self.evidence, {}, []
+        evidence, found, shapes, seen = self.evidence, {}, [], {}
         for rows in self._groups(len(z)):
             with_shapes = evidence.shapes is not None and rows[0] == self._shape_row
             # One row after the other, each at all points.
             points, row = np.tile(z, (len(rows), 1)), np.repeat(rows, len(z))
-            looks = [self._look(points, row, i, by, with_shapes) for i in self.hypothesis.looks]
+            followed = self._followed(rows, len(z), seen)
+            looks = [
+                self._look(points, row, i, by, with_shapes, followed) for i in self.hypothesis.looks
+            ]
+            if evidence.shapes is not None:
+                modes = looks[0].modes
+                at = modes.x, modes.log_f
+                seen |= dict(zip(rows, zip(*(np.split(part, len(rows)) for part in at),
+                                           strict=True), strict=True))  # fmt: skip
             parts = [np.split(part, len(rows)) for part in self._rows(points, row, looks, by)]
             found |= dict(zip(rows, zip(*parts, strict=True), strict=True))
             if with_shapes:
@@ -115,10 +124,27 @@ class ManyPredictions:
         derivatives take all modes, by itself."""
         rows = list(range(len(self.evidence.conditions) if self.changes else 1))
         alone = [] if self.evidence.shapes is None else [self._shape_row]
+        if self.changes:
+            rows = [row for row, _ in self.evidence.turns]
         rows = [row for row in rows if row not in alone]
         size = 1 if self._apart else max(_ROOM // (count * self.forward.model.n_dofs**2), 1)
         groups = [rows[i : i + size] for i in range(0, len(rows), size)]
         return [alone, *groups] if alone else groups
+
+    def _followed(self, rows: Sequence[int], count: int, seen) -> Followed | None:
+        """What modes at some rows are matched to; None to the test's own shapes."""
+        after = dict(self.evidence.turns)
+        if not self.changes or after[rows[0]] is None:
+            return None
+        place = np.array([rows.index(after[r]) if after[r] in rows else -1 for r in rows])
+        points = np.where(place[:, None] < 0, -1, place[:, None] * count + np.arange(count))
+        n, m = self.forward.model.n_dofs, self.evidence.shape[1]
+        none = np.zeros((count, n, m)), np.zeros((count, m))
+        given = (
+            np.concatenate(part)
+            for part in zip(*(seen.get(after[r], none) for r in rows), strict=True)
+        )
+        return Followed(points.ravel(), *given, np.arange(points.size))
 
     def _by_kind(self, rows) -> list[tuple[np.ndarray, np.ndarray]]:
         """Frequencies of all conditions, then damping of all."""
@@ -128,11 +154,11 @@ class ManyPredictions:
 
     # -- the model -----------------------------------------------------------------------------
 
-    def _look(self, z, rows, mode, by, every: bool) -> Look:
+    def _look(self, z, rows, mode, by, every: bool, followed=None) -> Look:
         """The model at points, (b, d), each at its own row, (b,)."""
         h, directions, columns, felt = self.hypothesis, [], {}, {}
         values = self._values(z, rows, mode, checked=True)
-        modes = self.forward.many(values, every)
+        modes = self.forward.many(values, every, followed)
         place = h.places["tightenings"]
         tightened = list(range(place.start, place.stop))
         for j in by:

@@ -21,7 +21,7 @@ from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.leans import of_few_terms
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import RowPrediction, joined, predict
+from fenics_joints.diagnosis.evidence.prediction import in_turn, joined, predict
 from fenics_joints.diagnosis.evidence.weighed import weights
 from fenics_joints.reduction import Forward, LeanForward
 from fenics_joints.reduction.forward import SPARE
@@ -242,20 +242,20 @@ class Marginal:
 
     def _predicted(self, z: np.ndarray) -> np.ndarray:
         """As `predict`, without derivatives; nan where the model lacks a mode."""
-        rows, shapes, evidence = [], [], self.evidence
-        for row, condition in enumerate(evidence.conditions):
-            arguments = self.hypothesis, self.forward, z, condition, self.baseline, row
-            prediction = RowPrediction(*arguments)
+        rows, shapes, evidence = {}, [], self.evidence
+        for row, prediction in in_turn(
+            self.hypothesis, self.forward, evidence, z, self.baseline
+        ):
             if not np.all(np.isfinite(prediction.log_f)):
                 return np.full(len(evidence.data), np.nan)
-            rows.append(prediction.data)
+            rows[row] = prediction.data
             if evidence.shapes is not None and row == evidence.shape_row:
                 shapes = [prediction.read_shapes(evidence.shapes).ravel()]
         first = evidence.conditions[0]
         masses, _ = weights(
             evidence.weighed, self.hypothesis, z, first, self.baseline, slopes=False
         )
-        return joined(rows, [*shapes, masses], evidence.shape[1])
+        return joined([rows[row] for row in sorted(rows)], [*shapes, masses], evidence.shape[1])
 
     def log_likelihood(self, points: np.ndarray) -> np.ndarray:
         """ln N(r - J_n z_n*; 0, Sigma + J_n J_n^T) at points, (b, d_e) -> (b,)."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from operator import itemgetter
 
 import numpy as np
@@ -13,10 +14,11 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.weighed import weights
+from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import Forward, Slopes
 from fenics_joints.reduction.lean import batched
 
-__all__ = ["RowPrediction", "frequencies_and_damping", "joined", "predict"]
+__all__ = ["RowPrediction", "frequencies_and_damping", "in_turn", "joined", "predict"]
 
 _DIFFERENCE = 1e-5
 
@@ -43,14 +45,13 @@ def predict(
     found = _together(hypothesis, forward, evidence, z, baseline)
     if found is not None:
         return found
-    rows, slopes, shapes, steady = [], [], ([], []), {}
-    for row, condition in enumerate(evidence.conditions):
-        prediction = RowPrediction(hypothesis, forward, z, condition, baseline, row, steady)
-        rows.append(prediction.data)
-        slopes.append(prediction.slopes())
+    rows, slopes, shapes, steady = {}, {}, ([], []), {}
+    for row, prediction in in_turn(hypothesis, forward, evidence, z, baseline, steady):
+        rows[row], slopes[row] = prediction.data, prediction.slopes()
         if evidence.shapes is not None and row == evidence.shape_row:
             at, by_z = prediction.shapes(evidence.shapes)
             shapes = [at.ravel()], [by_z.reshape(at.size, len(z))]
+    rows, slopes = ([found[row] for row in sorted(found)] for found in (rows, slopes))
     m = evidence.shape[1]
     masses, by_mass = weights(evidence.weighed, hypothesis, z, evidence.conditions[0], baseline)
     return joined(rows, [*shapes[0], masses], m), joined(slopes, [*shapes[1], by_mass], m)
@@ -76,15 +77,27 @@ def _together(hypothesis, forward, evidence, z, baseline):
     return predicted[0], slopes[0]
 
 
+def in_turn(
+    hypothesis: Hypothesis, forward: Forward, evidence: Evidence, z: np.ndarray, baseline,
+    steady: dict | None = None,
+) -> Iterator[tuple[int, RowPrediction]]:
+    """Predictions at all conditions, in the order of `Evidence.turns`, by row."""
+    found: dict[int, RowPrediction] = {}
+    for row, after in evidence.turns:
+        # What stands in for a forward follows none.
+        follows = isinstance(forward, Forward) and isinstance(forward.model, ArrayModel)
+        near = found[after] if after is not None and follows else None
+        condition = evidence.conditions[row]
+        found[row] = RowPrediction(hypothesis, forward, z, condition, baseline, row, steady, near)
+        yield row, found[row]
+
+
 def frequencies_and_damping(
     hypothesis: Hypothesis, forward: Forward, evidence: Evidence, z: np.ndarray, baseline
 ) -> np.ndarray:
     """The same without shapes and derivatives, shape (2 n m,) or, without damping, (n m,)."""
-    rows = [
-        RowPrediction(hypothesis, forward, z, condition, baseline, row).data
-        for row, condition in enumerate(evidence.conditions)
-    ]
-    return joined(rows, [], evidence.shape[1])
+    rows = {row: p.data for row, p in in_turn(hypothesis, forward, evidence, z, baseline)}
+    return joined([rows[row] for row in sorted(rows)], [], evidence.shape[1])
 
 
 def joined(rows: Sequence[np.ndarray], shapes: Sequence[np.ndarray], m: int) -> np.ndarray:
@@ -134,6 +147,7 @@ class RowPrediction:
         row: Which of the hypothesis' conditions it is; None for one that was not measured.
         steady: Derivatives of the model's values that are the same at all conditions: filled by the
             first of them, used by the others.
+        near: Of a condition near by, whose modes are followed; None to match them to the test's.
 
     Attributes:
         log_f: ln of the frequencies in the order of the test's columns, shape (m,).
@@ -148,7 +162,9 @@ class RowPrediction:
         baseline: dict[str, float],
         row: int | None = None,
         steady: dict | None = None,
+        near: RowPrediction | None = None,
     ):
+        self._near = near
         self._steady, self._chains = steady, {}
         self._hypothesis, self._forward, self._z = hypothesis, forward, z
         self._condition, self._baseline, self._row = condition, baseline, row
@@ -191,7 +207,25 @@ class RowPrediction:
     def _look(self, mode: int | None) -> _Look:
         values = self._values(self._z, mode)
         forward = self._forward.further if self._beyond else self._forward
-        return _Look(mode, values, *forward(values))
+        if self._near is None or self._beyond or self._near.same(values):
+            return _Look(mode, values, *forward(values))
+        *found, shapes = forward.follow(values, *self._near.followed)
+        if mode is None:
+            self.__dict__["followed"] = shapes, found[0]
+        return _Look(mode, values, *found)
+
+    def same(self, values: Mapping[str, float]) -> bool:
+        """Whether the model's values are these, as all modes see them."""
+        return self._looks[0].values == values
+
+    @cached_property
+    def followed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes of its modes on the model's basis, (n_dofs, m), and ln of their frequencies, (m,),
+        from which those of conditions near by are followed."""
+        if self._near is not None and not self._beyond:
+            return self._near.followed
+        look = self._looks[0]
+        return self._forward.vectors(look.values), look.log_f
 
     def _values(self, z, mode, faster: float = 0.0) -> dict[str, float]:
         return self._hypothesis.values(
