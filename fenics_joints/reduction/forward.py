@@ -16,6 +16,7 @@ from fenics_joints.measurements.gap import (
     pair_modes,
 )
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
+from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["SPARE", "Forward", "Slopes", "line_of", "ways_of"]
@@ -139,6 +140,11 @@ class Forward:
             self._cache[key] = log_f, self._slopes(modes, pairing.index)
             self.calls += 1
         return self._cache[key]
+
+    @property
+    def follows(self) -> bool:
+        """Whether its model is one by which modes can be followed."""
+        return isinstance(self.model, ArrayModel)
 
     def follow(
         self, values: Mapping[str, float], shapes: np.ndarray, log_f: np.ndarray

@@ -61,6 +61,9 @@ class OneByOne(Forward):
         of = SimpleNamespace(parameters=forward.model.parameters, n_dofs=N)
         super().__init__(of, forward.sensors, forward.n_test, forward.n_modes, forward.reference)
         self.shapes, self.answer = forward.shapes, forward
+        self.vectors, self.follow = forward.vectors, forward.follow
+
+    follows = True
 
     def __call__(self, values):
         return self.answer(values)

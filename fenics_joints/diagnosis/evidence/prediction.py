@@ -14,7 +14,6 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.weighed import weights
-from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import Forward, Slopes
 from fenics_joints.reduction.lean import batched
 
@@ -85,8 +84,7 @@ def in_turn(
     found: dict[int, RowPrediction] = {}
     for row, after in evidence.turns:
         # What stands in for a forward follows none.
-        follows = isinstance(forward, Forward) and isinstance(forward.model, ArrayModel)
-        near = found[after] if after is not None and follows else None
+        near = found[after] if after is not None and getattr(forward, "follows", False) else None
         condition = evidence.conditions[row]
         found[row] = RowPrediction(hypothesis, forward, z, condition, baseline, row, steady, near)
         yield row, found[row]
