@@ -228,6 +228,37 @@ def test_many_at_once_are_as_one_by_one(forward, kind, damped):
         assert by_all == pytest.approx(slope, rel=1e-4, abs=1e-6)
 
 
+@pytest.mark.parametrize("at_once", [False, True], ids=["one by one", "at once"])
+def test_modes_that_change_places_along_the_torque_are_followed(at_once):
+    """Two masses on springs of their own, which the one sensor cannot tell apart."""
+    law, unit = LAYER_LAWS["uncoupled"], np.eye(2)
+    stiffness = np.zeros((4, 2, 2))
+    stiffness[1] = np.outer(unit[1], unit[1])
+    properties = {"E": "a.E", "G": "a.G", "rho": "a.rho", "stretch": 1.0}
+    pencil = AffinePencil(
+        {name: Parameter(name, BASELINE[name]) for name in NAMES},
+        [RegionTerm("a", law, properties, stiffness, unit, 1.0)],
+        [SpringTerm("ground", "ground.E", 1.0, unit[0])],
+    )
+    model = ArrayModel(pencil, 100.0, np.array([[1.0, 0.9]]), np.zeros((1, 1, 2)))
+    one = Forward(model, Sensors([[0.0, 0.0, 0.0]], [0.0, 0.0, 1.0]), 2, 2)
+    hypothesis = Hypothesis((stiffer(depends=True),), (), conditions=TORQUES, modes=MODES[:2])
+    z = np.array([3.0, 1.0])  # at 20 Nm the second is the stiffer one, at 5 Nm by half
+    G = 3e6 * np.exp(0.9)
+    exact = 0.5 * np.log(np.array([[4e6, G * 0.25**0.5], [4e6, G]]) / 1.2) - np.log(2 * np.pi)
+    evidence = Evidence(
+        np.array(TORQUES), exact, np.full((2, 2), 0.01), 0.01,
+        shapes=np.ones((1, 2)), shape_row=1, near=np.eye(1),
+    )  # fmt: skip
+    if at_once:
+        lean = LeanForward(one, model)
+        found = ManyPredictions(hypothesis, lean, evidence, BASELINE)(z[None])[0][0]
+    else:
+        found, _ = predict(hypothesis, OneByOne(one), evidence, z, BASELINE)
+    assert exact[0, 1] < exact[0, 0] < exact[1, 1]
+    assert found[:4] == pytest.approx(exact.ravel(), rel=1e-9)
+
+
 def test_an_effect_that_takes_one_condition_at_a_time(forward):
     """Such as one of a user's that asks whether the torque is above some value."""
 
