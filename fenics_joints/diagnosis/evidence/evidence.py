@@ -166,18 +166,32 @@ class Evidence:
 
     @cached_property
     def turns(self) -> tuple[tuple[int, int | None], ...]:
-        """Rows in the order in which modes are told, and whose shapes each is matched to: that of
-        the measured shapes first, to these (None), then from one condition to the next."""
-        if self.shapes is None:
-            return tuple((row, None) for row in range(len(self.conditions)))
-        own = [i for i in np.argsort(self.conditions, kind="stable").tolist()
-               if not (self.known and self.known[i])]  # fmt: skip
-        first = own.index(self.shape_row)
-        pairs = [(self.shape_row, None)]
-        pairs += [(own[i], own[i + 1]) for i in range(first - 1, -1, -1)]
-        pairs += [(own[i], own[i - 1]) for i in range(first + 1, len(own))]
-        pairs += [(i, self.as_row[i]) for i in range(len(self.conditions)) if i not in own]
+        """Rows in the order in which modes are told, and from which other row they are followed to
+        each: None for the first, and for all where each is told by itself."""
+        n, first = len(self.conditions), self._first
+        if first is None:
+            return tuple((row, None) for row in range(n))
+        own = [i for i in np.argsort(self.conditions, kind="stable").tolist() if self._as_is(i)]
+        at = own.index(first)
+        pairs: list[tuple[int, int | None]] = [(first, None)]
+        pairs += [(own[i], own[i + 1]) for i in range(at - 1, -1, -1)]
+        pairs += [(own[i], own[i - 1]) for i in range(at + 1, len(own))]
+        pairs += [(i, self.as_row[i]) for i in range(n) if i not in own]
         return tuple(pairs)
+
+    @property
+    def _first(self) -> int | None:
+        """That of the measured shapes. Without any, the last in whose order the columns are, if
+        those of others are not: who made the table has followed the modes too."""
+        if self.shapes is not None:
+            return self.shape_row
+        f = [row[np.isfinite(row)] for row in self.log_f]
+        rows = [i for i in np.argsort(self.conditions, kind="stable").tolist() if self._as_is(i)]
+        sorted_ = [i for i in rows if np.all(np.diff(f[i]) > 0)]
+        return sorted_[-1] if 0 < len(sorted_) < len(rows) else None
+
+    def _as_is(self, row: int) -> bool:
+        return not (self.known and self.known[row])
 
     @cached_property
     def as_it_is(self) -> Evidence:

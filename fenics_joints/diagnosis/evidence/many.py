@@ -102,7 +102,7 @@ class ManyPredictions:
             looks = [
                 self._look(points, row, i, by, with_shapes, followed) for i in self.hypothesis.looks
             ]
-            if evidence.shapes is not None:
+            if evidence.turns[-1][1] is not None:
                 modes = looks[0].modes
                 at = modes.x, modes.log_f
                 seen |= dict(zip(rows, zip(*(np.split(part, len(rows)) for part in at),
@@ -122,10 +122,11 @@ class ManyPredictions:
     def _groups(self, count: int) -> list[list[int]]:
         """Rows that are solved for together at so many points; that of the shapes, whose
         derivatives take all modes, by itself."""
-        rows = list(range(len(self.evidence.conditions) if self.changes else 1))
+        turns = self.evidence.turns if self.changes else ((0, None),)
+        rows = [row for row, _ in turns]
         alone = [] if self.evidence.shapes is None else [self._shape_row]
-        if self.changes:
-            rows = [row for row, _ in self.evidence.turns]
+        if turns[-1][1] is not None:
+            alone = rows[:1]  # the others are followed from it
         rows = [row for row in rows if row not in alone]
         size = 1 if self._apart else max(_ROOM // (count * self.forward.model.n_dofs**2), 1)
         groups = [rows[i : i + size] for i in range(0, len(rows), size)]
