@@ -41,6 +41,8 @@ __all__ = ["Search"]
 _ANY, _UNKNOWN = 1.5, 0.2
 #: A pair this far (in ln) behind the best is not fitted in full; and at most so many are.
 _MARGIN, _MOST = 8.0, 24
+#: What an effect that is not there may cost a hypothesis, in ln, at most.
+_OCCAM = 10.0
 #: Relative change of the sum of squares at which a fit ends.
 _TOLERANCE = 1e-4
 #: How far from the middle of their priors a second look at effects by level is taken from.
@@ -88,7 +90,9 @@ class Search:
         new = [h for h in singles if not self._kept(h)]
         ways = starts_of(self, new, fits[0], self._lowers())
         known = dict(zip((h.label_of_keys for h in new), ways, strict=True))
-        fits += self.fit_all(singles, [known.get(h.label_of_keys, ()) for h in singles])
+        fits += self._above(
+            singles, [known.get(h.label_of_keys, ()) for h in singles], [fits[0]] * len(singles)
+        )
         fits = self.checked(survey(self, fits), _LEADING_SINGLES, quickly=True)
         several = fit_several(self, fits[2:])
         fits = fits + several
@@ -164,6 +168,20 @@ class Search:
         anew = self.fit_all([fits[i].hypothesis for i in near], starts, again=True)
         for i, f in zip(near, anew, strict=True):
             fits[i] = f
+        self._raise_above(fits)
+
+    def _raise_above(self, fits: list[Fit]) -> None:
+        """Fit those of one effect anew, in place, that are worse than nothing, which they hold: the
+        model before had no such mode, or the search has ended in another valley."""
+        none = next(f for f in fits if f.hypothesis.name == NO_GAP)
+        below = [
+            i for i, f in enumerate(fits)
+            if len(f.hypothesis.effects) == 1 and f.log_evidence < none.log_evidence - _OCCAM
+        ]  # fmt: skip
+        ways = [[self.start(fits[i].hypothesis.effects, none)] for i in below]
+        anew = self.fit_all([fits[i].hypothesis for i in below], ways, again=True)
+        for i, f in zip(below, anew, strict=True):
+            fits[i] = max(f, fits[i], key=lambda fit: fit.log_evidence)
 
     def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
         """Parameters of the leading fits at the lowest condition, where joints are softest."""
@@ -214,6 +232,28 @@ class Search:
                 self.progress.advance(len(found))
         return done
 
+    def _above(
+        self, hypotheses: Sequence[Hypothesis], starts: Sequence, parents: Sequence[Fit]
+    ) -> list[Fit]:
+        """Fits of hypotheses that hold others: no worse than these but for an effect more, or the
+        search has ended in another valley, and starts anew from where the other's ended.
+
+        Args:
+            hypotheses: The hypotheses.
+            starts: Points z for each.
+            parents: Fits of each without its last effect.
+        """
+        fits = self.fit_all(hypotheses, starts)
+        below = [
+            i for i, (f, parent) in enumerate(zip(fits, parents, strict=True))
+            if f.log_evidence < parent.log_evidence - _OCCAM
+        ]  # fmt: skip
+        ways = [[self.start(hypotheses[i].effects, parents[i])] for i in below]
+        anew = self.fit_all([hypotheses[i] for i in below], ways, again=True)
+        for i, f in zip(below, anew, strict=True):
+            fits[i] = max(f, fits[i], key=lambda fit: fit.log_evidence)
+        return fits
+
     def _kept(self, hypothesis: Hypothesis) -> list[np.ndarray]:
         return self.kept.start(hypothesis.label_of_keys, len(hypothesis.priors))
 
@@ -253,7 +293,10 @@ class Search:
         # fitted, and never against another promise.
         chosen = [i for i in near_best(scores, np.inf, _MOST) if scores[i] > best - _MARGIN]
         self.progress.step(f"fitting {size} effects at a time", len(chosen))
-        found = self.fit_all([hypotheses[i] for i in chosen], [[looks[i][1]] for i in chosen])
+        found = self._above(
+            [hypotheses[i] for i in chosen], [[looks[i][1]] for i in chosen],
+            [pairs[i][1] for i in chosen],
+        )  # fmt: skip
         singles = [f for f in known if len(f.hypothesis.effects) == 1]
         lowers = self._lowers([*known, *found])
         return found + fit_exchanged(self, found, singles, allowed, lowers)

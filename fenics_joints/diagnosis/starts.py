@@ -27,10 +27,10 @@ _LOOKS, _BEST = 32, 2
 def starts_of(
     search: Fits, singles: Sequence[Hypothesis], none: Fit, lowers: Sequence[np.ndarray]
 ) -> list[list[np.ndarray]]:
-    """Where each effect is likely to be: one step from what fits best without it; and where the
-    best of some tries leads, if elsewhere, since what fits best without it may have been stretched
-    into another valley. Of an effect that may act strongly, where the test's misfit is least:
-    modes that change places make of its range many valleys, of which no slope tells. Collective.
+    """Where the test's misfit is least, for each effect: what fits best without it, one step from
+    there, or where some tries lead, since what fits best without it may have been stretched into
+    another valley. Of an effect that may act strongly, of many points of its prior: modes that
+    change places make of its range many valleys, of which no slope tells. Collective.
 
     Args:
         search: Fits hypotheses.
@@ -47,26 +47,22 @@ def starts_of(
     tried = [singles[i] for i, _ in weak]
     looks = search.looked(tried, [z for _, z in weak], lowers)
     looks = search.looked(tried, [z for _, z in looks], lowers)
-    found = [[z] for z in steps]
-    for i, h in enumerate(singles):
-        ends = [look for (j, _), look in zip(weak, looks, strict=True) if j == i]
-        end = max(ends, key=lambda look: look[0], default=(0.0, steps[i]))[1]
-        if np.max(np.abs((end - steps[i])[h.own]), initial=0.0) > 0.5 * _ASIDE:
-            found[i].append(end)
+    ends = {i: [] for i in range(len(singles))}
+    for (i, _), (_, z) in zip(weak, looks, strict=True):
+        ends[i].append(z)
     tasks = [
-        (h, np.array([*_all_over(h, z), z]))
-        for h, z, own in zip(singles, from_none, strong, strict=True) if own
-    ]  # fmt: skip
-    best = iter(spread(search.model.comm, tasks, lambda task: _least(search, *task, lowers[0])))
-    return [[*own, *next(best)] if wide else own for own, wide in zip(found, strong, strict=True)]
+        (h, np.array([z, step, *(_all_over(h, z) if strong[i] else ends[i])]))
+        for i, (h, z, step) in enumerate(zip(singles, from_none, steps, strict=True))
+    ]
+    return spread(search.model.comm, tasks, lambda task: _least(search, *task, lowers[0]))
 
 
 def _least(search: Fits, hypothesis: Hypothesis, points: np.ndarray, lower) -> list[np.ndarray]:
     """The points, (b, d), of the least squared residuals, apart from one another."""
     model = search.model
     forward = batched(search.leans.of(hypothesis) or model.forward)
-    if not forward.batches:
-        return [points[-1]]
+    if hypothesis.tuned or not forward.batches:
+        return list(points[:_BEST])  # each mode sees another model: not solved for together
     evidence = model.evidence
     many = ManyPredictions(hypothesis, forward, evidence, model.baseline, held_out=True)
     used = evidence.fitted
@@ -77,10 +73,11 @@ def _least(search: Fits, hypothesis: Hypothesis, points: np.ndarray, lower) -> l
     squares[there] += np.sum(points[there] ** 2, axis=1)
     found: list[np.ndarray] = []
     for i in np.argsort(squares, kind="stable"):
-        apart = [np.max(np.abs((points[i] - z)[hypothesis.own])) > 0.5 * _ASIDE for z in found]
+        away = (np.max(np.abs((points[i] - z)[hypothesis.own]), initial=0.0) for z in found)
+        apart = [distance > 0.5 * _ASIDE for distance in away]
         if there[i] and all(apart) and len(found) < _BEST:
             found.append(points[i])
-    return found or [points[-1]]
+    return found or [points[0]]
 
 
 def _all_over(hypothesis: Hypothesis, z: np.ndarray) -> list[np.ndarray]:

@@ -235,11 +235,13 @@ def _fit_at(
         try:
             scan, ends = _searched(quick, starts, tolerance, known is None)
             z = min(ends, key=lambda end: end[0])[1]
-            if whole.ends_with(quick, z, tolerance) and (
+            # A guide may follow another mode than the model does: no end is worse than a start.
+            better = [start for start in starts or () if whole.cost(start) < whole.cost(z)]
+            if not better and whole.ends_with(quick, z, tolerance) and (
                 scan is None or whole.agrees(quick, scan.start)
             ):
                 return _finished(whole, scan, ends)
-            starts = [z]
+            starts = [z, *better]
         except (InputError, np.linalg.LinAlgError):
             pass  # beyond what the guide was made for
     return _finished(whole, *_searched(whole, starts, tolerance, known is None))
@@ -411,6 +413,11 @@ class _Problem:
         predicted, _ = self.predict(z)
         used = self.evidence.fitted
         return np.concatenate([whiten(self.lower, (predicted - self.evidence.data)[used]), z])
+
+    def cost(self, z) -> float:
+        """Half the sum of squares that a search makes small, inside the limits."""
+        inside = np.clip(z, *(self.hypothesis.limits.T + _INSIDE))
+        return 0.5 * float(np.sum(self.residual(inside) ** 2))
 
     def slope(self, z):
         _, jacobian = self.predict(z)
