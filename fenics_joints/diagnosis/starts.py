@@ -11,8 +11,11 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.several import Fits
+from fenics_joints.errors import InputError
 from fenics_joints.parallel import spread
+from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import batched
 
 __all__ = ["starts_of"]
@@ -22,6 +25,8 @@ __all__ = ["starts_of"]
 _ASIDE, _FAR, _TRIES = 1.0, 2.5, 8
 #: Points at which an effect that may act strongly is solved for, and how many of them are starts.
 _LOOKS, _BEST = 32, 2
+#: Points that are solved for one by one, at most.
+_SINGLY = 4
 
 
 def starts_of(
@@ -59,14 +64,8 @@ def starts_of(
 
 def _least(search: Fits, hypothesis: Hypothesis, points: np.ndarray, lower) -> list[np.ndarray]:
     """The points, (b, d), of the least squared residuals, apart from one another."""
-    model = search.model
-    forward = batched(search.leans.of(hypothesis) or model.forward)
-    if hypothesis.tuned or not forward.batches:
-        return list(points[:_BEST])  # each mode sees another model: not solved for together
-    evidence = model.evidence
-    many = ManyPredictions(hypothesis, forward, evidence, model.baseline, held_out=True)
-    used = evidence.fitted
-    residual = many(points)[0][:, used] - evidence.data[used]
+    residual = _residuals(search, hypothesis, points)
+    points = points[: len(residual)]
     there = np.all(np.isfinite(residual), axis=1)
     squares = np.full(len(points), np.inf)
     squares[there] = np.sum(whiten(lower, residual[there].T) ** 2, axis=0)
@@ -78,6 +77,25 @@ def _least(search: Fits, hypothesis: Hypothesis, points: np.ndarray, lower) -> l
         if there[i] and all(apart) and len(found) < _BEST:
             found.append(points[i])
     return found or [points[0]]
+
+
+def _residuals(search: Fits, hypothesis: Hypothesis, points: np.ndarray) -> np.ndarray:
+    """Prediction less data at points, (b, k); at the first few where they are solved for one by
+    one, as where each mode sees another model; nan where the model has no such modes."""
+    evidence, baseline = search.model.evidence, search.model.baseline
+    used = evidence.fitted
+    forward = search.leans.of(hypothesis) or search.model.forward
+    if isinstance(forward, Forward) and not hypothesis.tuned and batched(forward).batches:
+        many = ManyPredictions(hypothesis, batched(forward), evidence, baseline, held_out=True)
+        return many(points)[0][:, used] - evidence.data[used]
+    found = np.full((min(len(points), _SINGLY), int(used.sum())), np.nan)
+    for i, z in enumerate(points[: len(found)]):
+        try:
+            predicted, _ = predict(hypothesis, forward, evidence, z, baseline)
+        except InputError:
+            continue
+        found[i] = (predicted - evidence.data)[used]
+    return found
 
 
 def _all_over(hypothesis: Hypothesis, z: np.ndarray) -> list[np.ndarray]:

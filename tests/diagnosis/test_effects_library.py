@@ -133,6 +133,9 @@ def test_weights_of_places_sum_to_one(case, zones):
         total[effect.name] = total.get(effect.name, 0.0) + effect.weight
     # A description of a joint is less of a cause than a physical law.
     assert total.pop("joint compliance graded from zone to zone") == pytest.approx(0.25)
+    # What no data tell apart from the same stiffness everywhere has the plainer name.
+    sliding = "joint tangential compliance that falls with the pressure"
+    assert total.pop(sliding) == pytest.approx(0.5)
     # And of several bolts fewer come loose together than alone.
     assert total.pop("two loose bolts") == pytest.approx(0.5)
     assert total.pop("three loose bolts") == pytest.approx(0.25)

@@ -333,12 +333,13 @@ def pressed_by_bolts(
         pressure = bell_pressure(low, high, theta["radius"])
         _press(values, theta, zones, pressure, factor, kinds)
 
-    name, words = "joint compliance", "The interface gives way"
+    name, words, weight = "joint compliance", "The interface gives way", 1.0
     if tuple(LAYER.keys) != kinds:
-        name, words = _LAYER.alone[kinds]
+        # Beside the law that is the same everywhere: what no data tell apart has the plainer name.
+        (name, words), weight = _LAYER.alone[kinds], 0.5
     words = f"{words.rstrip('.')}, the more the further from the bolts that press it."
     return Effect(
         f"{name} that falls with the pressure", "joint",
         (*_pressed_priors(kinds), reach(low, high)), apply, words, reference is not None,
-        _LAYER.family,
+        _LAYER.family, weight=weight,
     )  # fmt: skip
