@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from itertools import combinations
 
@@ -168,20 +168,10 @@ class Search:
         anew = self.fit_all([fits[i].hypothesis for i in near], starts, again=True)
         for i, f in zip(near, anew, strict=True):
             fits[i] = f
-        self._raise_above(fits)
-
-    def _raise_above(self, fits: list[Fit]) -> None:
-        """Fit those of one effect anew, in place, that are worse than nothing, which they hold: the
-        model before had no such mode, or the search has ended in another valley."""
+        # The model before may have had no such modes: nothing is what each effect alone holds.
         none = next(f for f in fits if f.hypothesis.name == NO_GAP)
-        below = [
-            i for i, f in enumerate(fits)
-            if len(f.hypothesis.effects) == 1 and f.log_evidence < none.log_evidence - _OCCAM
-        ]  # fmt: skip
-        ways = [[self.start(fits[i].hypothesis.effects, none)] for i in below]
-        anew = self.fit_all([fits[i].hypothesis for i in below], ways, again=True)
-        for i, f in zip(below, anew, strict=True):
-            fits[i] = max(f, fits[i], key=lambda fit: fit.log_evidence)
+        alone = [i for i, f in enumerate(fits) if len(f.hypothesis.effects) == 1]
+        self._lift(fits, dict.fromkeys(alone, none))
 
     def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
         """Parameters of the leading fits at the lowest condition, where joints are softest."""
@@ -244,15 +234,25 @@ class Search:
             parents: Fits of each without its last effect.
         """
         fits = self.fit_all(hypotheses, starts)
+        self._lift(fits, dict(enumerate(parents)))
+        return fits
+
+    def _lift(self, fits: list[Fit], parents: Mapping[int, Fit]) -> None:
+        """Fit those anew, in place, that are worse than what they hold: the search has ended in
+        another valley.
+
+        Args:
+            fits: Fits.
+            parents: Of some of them, by index, those of each without its last effect.
+        """
         below = [
-            i for i, (f, parent) in enumerate(zip(fits, parents, strict=True))
-            if f.log_evidence < parent.log_evidence - _OCCAM
+            i for i, parent in parents.items()
+            if fits[i].log_evidence < parent.log_evidence - _OCCAM
         ]  # fmt: skip
-        ways = [[self.start(hypotheses[i].effects, parents[i])] for i in below]
-        anew = self.fit_all([hypotheses[i] for i in below], ways, again=True)
+        ways = [[self.start(fits[i].hypothesis.effects, parents[i])] for i in below]
+        anew = self.fit_all([fits[i].hypothesis for i in below], ways, again=True)
         for i, f in zip(below, anew, strict=True):
             fits[i] = max(f, fits[i], key=lambda fit: fit.log_evidence)
-        return fits
 
     def _kept(self, hypothesis: Hypothesis) -> list[np.ndarray]:
         return self.kept.start(hypothesis.label_of_keys, len(hypothesis.priors))

@@ -14,7 +14,7 @@ from fenics_joints.structure.points import Sensors
 
 __all__ = [
     "ALIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight", "likeness",
-    "largest_difference", "mac", "pair_modes", "rms", "same_modes", "skipped",
+    "largest_difference", "mac", "nearest", "pair_modes", "rms", "same_modes", "skipped",
 ]  # fmt: skip
 
 

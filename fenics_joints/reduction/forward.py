@@ -48,7 +48,7 @@ class Slopes:
         self._x, self._lam = modes.shapes[:, index], modes.eigenvalues[index]
 
     def __matmul__(self, along: np.ndarray) -> np.ndarray:
-        if "_whole" in self.__dict__ or np.ndim(along) != 2:
+        if np.ndim(along) != 2:
             return self._whole @ along
         return self.along(slice(None), along)
 

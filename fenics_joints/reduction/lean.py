@@ -44,16 +44,14 @@ class Followed:
     """Of which modes those at each of many points are what these have become.
 
     Attributes:
-        after: Those of which other of the points, (b,); -1 for those given.
+        after: Those of which other of the points, one before it, (b,); -1 for those given.
         shapes: Given shapes on the model's basis, (b, n_dofs, m).
         log_f: ln of the frequencies of these, (b, m).
-        order: The points, those that others are after before these.
     """
 
     after: np.ndarray
     shapes: np.ndarray
     log_f: np.ndarray
-    order: np.ndarray
 
 
 class LeanForward(Forward):
@@ -201,8 +199,7 @@ class LeanForward(Forward):
         index = np.zeros((len(f), m), dtype=int)
         n_rigid = self._count_rigid(eigenvalues)
         good = count - n_rigid >= m
-        for i in followed.order:
-            after = followed.after[i]
+        for i, after in enumerate(followed.after):
             x, hz = followed.shapes[i], np.exp(followed.log_f[i])
             if after >= 0:
                 x, hz = vectors[after][:, index[after]], f[after, index[after]]

@@ -236,7 +236,9 @@ def _fit_at(
             scan, ends = _searched(quick, starts, tolerance, known is None)
             z = min(ends, key=lambda end: end[0])[1]
             # A guide may follow another mode than the model does: no end is worse than a start.
-            better = [start for start in starts or () if whole.cost(start) < whole.cost(z)]
+            costs = [whole.cost(start) for start in starts or ()]
+            end = whole.cost(z)
+            better = [start for start, cost in zip(starts or (), costs, strict=True) if cost < end]
             if not better and whole.ends_with(quick, z, tolerance) and (
                 scan is None or whole.agrees(quick, scan.start)
             ):
@@ -264,8 +266,7 @@ def _searched(problem: _Problem, starts, tolerance: float, anew: bool):
     for start in starts or (np.zeros(len(bounds)),):
         if len(bounds) == 0:
             return scan, [(0.0, start)]
-        inside = np.clip(start, *(bounds.T + _INSIDE))
-        ends.append(_descended(problem, inside, bounds, tolerance))
+        ends.append(_descended(problem, problem.inside(start), bounds, tolerance))
     return scan, ends
 
 
@@ -284,19 +285,19 @@ def _descended(problem: _Problem, start, bounds, tolerance: float) -> tuple[floa
         z, cost = result.x, float(result.cost)
         if cost <= _BAD * (len(result.fun) - len(z)):
             break
-        beyond = _beyond(problem, z, cost, bounds)
+        beyond = _beyond(problem, z, cost)
         if beyond is None:
             break
         z = beyond
     return cost, z
 
 
-def _beyond(problem: _Problem, z, cost: float, bounds) -> np.ndarray | None:
+def _beyond(problem: _Problem, z, cost: float) -> np.ndarray | None:
     """The best of some points along the step that a linear model would take, if one is better."""
     residual, slope = problem.residual(z), problem.slope(z)
     step = -np.linalg.solve(slope.T @ slope, slope.T @ residual)
-    points = [np.clip(z + way * step, *(bounds.T + _INSIDE)) for way in _WAYS]
-    costs = [0.5 * float(np.sum(problem.residual(point) ** 2)) for point in points]
+    points = [problem.inside(z + way * step) for way in _WAYS]
+    costs = [problem.cost(point) for point in points]
     best = int(np.argmin(costs))
     return points[best] if costs[best] < (1 - _WORTH) * cost else None
 
@@ -414,10 +415,13 @@ class _Problem:
         used = self.evidence.fitted
         return np.concatenate([whiten(self.lower, (predicted - self.evidence.data)[used]), z])
 
+    def inside(self, z) -> np.ndarray:
+        """The point within the limits that is nearest."""
+        return np.clip(z, *(self.hypothesis.limits.T + _INSIDE))
+
     def cost(self, z) -> float:
         """Half the sum of squares that a search makes small, inside the limits."""
-        inside = np.clip(z, *(self.hypothesis.limits.T + _INSIDE))
-        return 0.5 * float(np.sum(self.residual(inside) ** 2))
+        return 0.5 * float(np.sum(self.residual(self.inside(z)) ** 2))
 
     def slope(self, z):
         _, jacobian = self.predict(z)

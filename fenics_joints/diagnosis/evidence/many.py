@@ -145,7 +145,7 @@ class ManyPredictions:
             np.concatenate(part)
             for part in zip(*(seen.get(after[r], none) for r in rows), strict=True)
         )
-        return Followed(points.ravel(), *given, np.arange(points.size))
+        return Followed(points.ravel(), *given)
 
     def _by_kind(self, rows) -> list[tuple[np.ndarray, np.ndarray]]:
         """Frequencies of all conditions, then damping of all."""
