@@ -168,10 +168,9 @@ class Evidence:
     def turns(self) -> tuple[tuple[int, int | None], ...]:
         """Rows in the order in which modes are told, and from which other row they are followed to
         each: None for the first, and for all where each is told by itself."""
-        n, first = len(self.conditions), self._first
+        n, first, own = len(self.conditions), self._first, self._ascending
         if first is None:
             return tuple((row, None) for row in range(n))
-        own = [i for i in np.argsort(self.conditions, kind="stable").tolist() if self._as_is(i)]
         at = own.index(first)
         pairs: list[tuple[int, int | None]] = [(first, None)]
         pairs += [(own[i], own[i + 1]) for i in range(at - 1, -1, -1)]
@@ -186,12 +185,14 @@ class Evidence:
         if self.shapes is not None:
             return self.shape_row
         f = [row[np.isfinite(row)] for row in self.log_f]
-        rows = [i for i in np.argsort(self.conditions, kind="stable").tolist() if self._as_is(i)]
-        sorted_ = [i for i in rows if np.all(np.diff(f[i]) > 0)]
-        return sorted_[-1] if 0 < len(sorted_) < len(rows) else None
+        sorted_ = [i for i in self._ascending if np.all(np.diff(f[i]) > 0)]
+        return sorted_[-1] if 0 < len(sorted_) < len(self._ascending) else None
 
-    def _as_is(self, row: int) -> bool:
-        return not (self.known and self.known[row])
+    @cached_property
+    def _ascending(self) -> list[int]:
+        """Rows without a known change, by their condition."""
+        rows = np.argsort(self.conditions, kind="stable").tolist()
+        return [i for i in rows if not (self.known and self.known[i])]
 
     @cached_property
     def as_it_is(self) -> Evidence:

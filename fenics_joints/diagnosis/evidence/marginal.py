@@ -255,7 +255,7 @@ class Marginal:
         masses, _ = weights(
             evidence.weighed, self.hypothesis, z, first, self.baseline, slopes=False
         )
-        return joined([rows[row] for row in sorted(rows)], [*shapes, masses], evidence.shape[1])
+        return joined(rows, [*shapes, masses], evidence.shape[1])
 
     def log_likelihood(self, points: np.ndarray) -> np.ndarray:
         """ln N(r - J_n z_n*; 0, Sigma + J_n J_n^T) at points, (b, d_e) -> (b,)."""

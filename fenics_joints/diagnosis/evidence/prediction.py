@@ -50,7 +50,6 @@ def predict(
         if evidence.shapes is not None and row == evidence.shape_row:
             at, by_z = prediction.shapes(evidence.shapes)
             shapes = [at.ravel()], [by_z.reshape(at.size, len(z))]
-    rows, slopes = ([found[row] for row in sorted(found)] for found in (rows, slopes))
     m = evidence.shape[1]
     masses, by_mass = weights(evidence.weighed, hypothesis, z, evidence.conditions[0], baseline)
     return joined(rows, [*shapes[0], masses], m), joined(slopes, [*shapes[1], by_mass], m)
@@ -95,18 +94,20 @@ def frequencies_and_damping(
 ) -> np.ndarray:
     """The same without shapes and derivatives, shape (2 n m,) or, without damping, (n m,)."""
     rows = {row: p.data for row, p in in_turn(hypothesis, forward, evidence, z, baseline)}
-    return joined([rows[row] for row in sorted(rows)], [], evidence.shape[1])
+    return joined(rows, [], evidence.shape[1])
 
 
-def joined(rows: Sequence[np.ndarray], shapes: Sequence[np.ndarray], m: int) -> np.ndarray:
+def joined(
+    rows: Mapping[int, np.ndarray], shapes: Sequence[np.ndarray], m: int
+) -> np.ndarray:
     """In the order of `Evidence.data`: frequencies of all conditions, damping of all, the rest.
 
     Args:
-        rows: `RowPrediction.data` of each condition, or its derivatives.
+        rows: `RowPrediction.data` of each condition by its row, or its derivatives.
         shapes: What comes behind them: shapes, masses.
         m: Number of modes.
     """
-    by_row = np.array(rows)
+    by_row = np.array([rows[row] for row in sorted(rows)])
     n, size, *more = by_row.shape
     by_kind = by_row.reshape(n, size // m, m, *more).swapaxes(0, 1)
     return np.concatenate([by_kind.reshape(n * size, *more), *shapes])
