@@ -15,6 +15,7 @@ from fenics_joints.structure.points import Sensors
 __all__ = [
     "ALIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight", "likeness",
     "largest_difference", "mac", "nearest", "pair_modes", "rms", "same_modes", "skipped",
+    "with_untold",
 ]  # fmt: skip
 
 
@@ -130,7 +131,8 @@ def pair_modes(
         modes: The model's modes.
         n_test: Number of test modes, the lowest that the test could see.
         sensors: Where and in which direction the test measured.
-        reference: Shapes at the sensors to match, shape (n_sensors, n_test).
+        reference: Shapes at the sensors to match, shape (n_sensors, n_test); a column of nan for a
+            mode that is not to be told, which then gets one that is left.
         threshold: Least visibility, see `Modes.visibility`.
 
     Raises:
@@ -152,9 +154,11 @@ def pair_modes(
         return Pairing(visible[:n_test], visible, shapes[:, :n_test])
     match = mac(reference, shapes)
     columns = assigned(match, modes.frequencies_hz[visible])
+    told = match.any(axis=1)
     crossing = tuple(
-        (i, i + 1) for i in range(n_test - 1) if columns[i] > columns[i + 1]
-    )
+        (i, i + 1) for i in range(n_test - 1)
+        if columns[i] > columns[i + 1] and told[i] and told[i + 1]
+    )  # fmt: skip
     agreement = match[np.arange(n_test), columns]
     return Pairing(visible[columns], visible, shapes[:, columns], agreement, crossing)
 
@@ -248,11 +252,29 @@ def assigned(match: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     """Column of each row of MAC values, (m,): the most alike, by order where none is like.
 
     Args:
-        match: MAC of test modes with candidates, shape (m, n).
+        match: MAC of test modes with candidates, shape (m, n); a row of 0 for one that is not to be
+            told: it gets what the others leave.
         frequencies: Of the candidates, ascending, (n,).
     """
+    told = match.any(axis=1)
+    if not told.all():
+        return with_untold(assigned(match[told], frequencies), told, np.arange(match.shape[1]))
     alike = likeness(match, frequencies, frequencies[: len(match)])
     return _by_order_where_unlike(match, linear_sum_assignment(-alike)[1])
+
+
+def with_untold(columns: np.ndarray, told: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Columns of all rows, (m,), those that are not told the first of what the others leave.
+
+    Args:
+        columns: Of the rows that are told, (k,).
+        told: Which these are, mask (m,).
+        seen: All columns, ascending, (n,), n >= m.
+    """
+    found = np.empty(len(told), dtype=int)
+    found[told] = columns
+    found[~told] = np.setdiff1d(seen, columns)[: np.sum(~told)]
+    return found
 
 
 def _by_order_where_unlike(match: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac, nearest
+from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac, nearest, with_untold
 from fenics_joints.modal.modes import inverted_modes, solve_modes, upright
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod
@@ -250,8 +250,7 @@ class LeanForward(Forward):
     def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
         """Index of the model's mode of each of the test's, (b, m), and whether there are enough.
 
-        As `measurements.gap.pair_modes`. If each test mode is most like another model mode, and
-        like it at all, these are the assignment; only the rest needs an assignment problem.
+        As `measurements.gap.pair_modes`.
         """
         b, m = len(eigenvalues), self.n_test
         n_rigid = self._count_rigid(eigenvalues)
@@ -266,19 +265,40 @@ class LeanForward(Forward):
             for i in np.flatnonzero(good):
                 index[i] = np.flatnonzero(seen[i])[:m]
             return index, good
-        flat = mac(self.reference, np.concatenate(shapes, axis=1))
-        match = flat.reshape(m, b, -1).transpose(1, 0, 2)
-        first = np.argsort(~seen, axis=1, kind="stable")[:, :m]
+        told = np.isfinite(self.reference).any(axis=0)
+        flat = mac(self.reference[:, told], np.concatenate(shapes, axis=1))
+        match = flat.reshape(len(flat), b, -1).transpose(1, 0, 2)
         f = np.sqrt(np.maximum(eigenvalues, 0.0))
-        alike = likeness(match, f, np.take_along_axis(f, first, axis=1))
-        index = np.argmax(np.where(seen[:, None, :], alike, -np.inf), axis=2)
-        ordered = np.sort(index, axis=1)
-        best = np.take_along_axis(match, index[:, :, None], axis=2)
-        hard = np.any(ordered[:, 1:] == ordered[:, :-1], axis=1) | np.any(best < ALIKE, axis=(1, 2))
-        for i in np.flatnonzero(good & hard):
-            own = np.flatnonzero(seen[i])
-            index[i] = own[assigned(match[i][:, own], f[i][own])]
+        own = _matched(match, f, seen, good)
+        if told.all():
+            return own, good
+        for i in np.flatnonzero(good):
+            index[i] = with_untold(own[i], told, np.flatnonzero(seen[i]))
         return index, good
+
+
+def _matched(match: np.ndarray, f: np.ndarray, seen: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Index of the mode that each of the test's is like, (b, m), at many parameter values.
+
+    If each test mode is most like another model mode, and like it at all, these are the
+    assignment; only the rest needs an assignment problem.
+
+    Args:
+        match: MAC, (b, m, n).
+        f: Frequencies of the model's modes, in any unit, (b, n).
+        seen: Which of them the test could see, (b, n).
+        good: At which values these are enough, (b,).
+    """
+    first = np.argsort(~seen, axis=1, kind="stable")[:, : match.shape[1]]
+    alike = likeness(match, f, np.take_along_axis(f, first, axis=1))
+    index = np.argmax(np.where(seen[:, None, :], alike, -np.inf), axis=2)
+    ordered = np.sort(index, axis=1)
+    best = np.take_along_axis(match, index[:, :, None], axis=2)
+    hard = np.any(ordered[:, 1:] == ordered[:, :-1], axis=1) | np.any(best < ALIKE, axis=(1, 2))
+    for i in np.flatnonzero(good & hard):
+        own = np.flatnonzero(seen[i])
+        index[i] = own[assigned(match[i][:, own], f[i][own])]
+    return index
 
 
 def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:

@@ -116,6 +116,13 @@ class SeenModes:
         """Pairs of test modes that were seen to change places, in words; MAC followed them."""
         return [f"{mode_names[i]} and {mode_names[j]}" for i, j in sorted(self.crossings)]
 
+    def untell(self, lost: np.ndarray) -> None:
+        """Leave some of the test's modes, mask (n_test,), unmatched from now on: no shape of theirs
+        then takes a mode from the others."""
+        self.reference = np.where(lost, np.nan, self.reference)
+        self.forward.reference = self.reference
+        self.forward.forget()
+
     def _seen(self, modes: Modes) -> np.ndarray:
         """Elastic modes that enter the basis, by index."""
         index = np.arange(modes.n_rigid, len(modes))

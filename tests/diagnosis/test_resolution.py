@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -145,3 +147,47 @@ def test_what_a_mesh_does_to_shapes_is_that_against_a_finer_one():
     true = np.sqrt(1 - np.diag(mac(own, best.shapes)))
     assert found == pytest.approx(true, rel=0.6, abs=0.02)
     assert true.max() > 0.2
+
+
+def test_what_a_mesh_does_to_shapes_is_taken_off_the_measured_ones():
+    """Shapes of a fine mesh, to the coarse model: nearer to its own than they were measured. One
+    that is hardly the model's keeps what it is, and so does the sign."""
+    at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 7) for y in (0.0, 0.06)])
+    sensors = Sensors(at, [0.0, 0.0, 1.0])
+    fine = solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
+    own = pair_modes(fine, 4, sensors)
+    measured = own.shapes * np.array([1.0, -2.0, 1.0, 3.0])
+    measured[0, 0] = np.nan
+    small = SeenModes(
+        strip(3, 1, 1, degree=2), {}, sensors=sensors, n_test=4, n_modes=24, shapes=measured
+    )
+    hz = fine.frequencies_hz[own.index][None]
+    data = TestData([1.0], hz, tuple("abcd"), sensors=sensors, shapes=measured, shape_noise=0.0)
+    raw = evidence_of(data, 0.01, 0.05)
+    errors = mesh_errors(small, {}, Progress(silent=True))
+    found = raw.on_mesh(*errors)
+
+    def off(shapes):
+        return 1 - np.diag(mac(shapes, small.pairing.shapes))
+
+    changed = np.flatnonzero((errors.shapes > 0.05) & (errors.shapes < 0.3))
+    assert len(changed) > 0 and np.all(off(found.shapes)[changed] < 0.2 * off(raw.shapes)[changed])
+    assert np.nanmax(np.abs(found.shapes - raw.shapes)) < 0.5 and np.isnan(found.shapes[0, 0])
+
+
+def test_modes_that_the_finer_model_takes_for_others_are_left_out():
+    """Measured shapes of a fine mesh, and some of them exchanged with those of other modes of a
+    coarse one, as it would have them to the test's sensors."""
+    at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 7) for y in (0.0, 0.06)])
+    sensors = Sensors(at, [0.0, 0.0, 1.0])
+    fine = solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
+    own = pair_modes(fine, 4, sensors)
+    given = {"sensors": sensors, "n_test": 4, "n_modes": 24}
+    small = SeenModes(strip(10, 2, 1, degree=2), {}, **given, shapes=own.shapes)
+    told = mesh_errors(small, {}, Progress(silent=True)).frequencies
+    assert np.all(np.abs(told) < 0.05)
+    two = small.pairing.index.copy()
+    two[[1, 3]] = two[[3, 1]]
+    small.pairing = replace(small.pairing, index=two)
+    otherwise = mesh_errors(small, {}, Progress(silent=True)).frequencies
+    assert np.isnan(otherwise).tolist() == [False, True, False, True]

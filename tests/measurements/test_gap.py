@@ -169,3 +169,22 @@ def test_modes_that_are_like_none_go_by_their_order(strip):
     assert match.argmax() == len(plain.visible) - 1 and match.max() < 0.3
     again = pair_modes(modes, 4, across, reference=odd)
     assert again.index.tolist() == plain.index.tolist()
+
+
+def test_a_mode_that_is_not_to_be_told_takes_none_from_the_others(strip):
+    """The shape of another mode, better matched by what is no mode of the model: left untold it
+    gets what is left, and all others stay."""
+    line = np.array([[x, WIDTH / 2, 0.006] for x in np.linspace(0.01, 0.29, 25)])
+    across = Sensors(line, [0.0, 0.0, 1.0])
+    modes = solve_modes(strip, n_modes=24)
+    plain = pair_modes(modes, 4, across)
+    thief = plain.shapes.copy()
+    # The fourth is measured poorly; the third is not the third, but the fourth to a hair.
+    thief[:, 2] = plain.shapes[:, 3]
+    thief[:, 3] += 0.3 * plain.shapes[:, 2]
+    taken = pair_modes(modes, 4, across, reference=thief)
+    assert taken.index[2] == plain.index[3] != taken.index[3]
+    untold = np.where(np.arange(4) == 2, np.nan, thief)
+    left = pair_modes(modes, 4, across, reference=untold)
+    assert left.index[[0, 1, 3]].tolist() == plain.index[[0, 1, 3]].tolist()
+    assert left.index[2] == plain.index[2] and left.mac[2] == 0 and left.crossing == ()

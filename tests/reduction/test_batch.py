@@ -266,6 +266,18 @@ def test_a_lean_model_outlives_an_extension_only_where_it_is_as_good():
     assert frequency_error(extended, values, exact) <= now.limit
 
 
+def test_many_values_at_a_time_leave_untold_what_one_does():
+    """One of the test's modes is not to be told, and two stand in the other order."""
+    model, sensors = chain(120)
+    forward = forward_of(model, sensors)
+    forward.reference = forward.reference[:, [0, 1, 3, 2]] * [1.0, np.nan, 1.0, 1.0]
+    values = [{**BASELINE, "k": k} for k in np.geomspace(1e5, 1e10, 9)]
+    table = {name: np.array([v[name] for v in values]) for name in BASELINE}
+    together = LeanForward(forward, model).many(table)
+    alone = [forward.solve(v)[1].index.tolist() for v in values]
+    assert together.index.tolist() == alone == 9 * [[1, 2, 4, 3]] and together.good.all()
+
+
 def test_a_lean_model_guides_fits_of_shapes_and_of_sensors_errors():
     """As the whole one, also where what is wrong is a sensor and the model is as it was."""
     model, sensors = chain(120)

@@ -31,6 +31,8 @@ _UNSTATED = 1e-3
 _BEYOND, _COMMON, _OWN = 0.3, 0.3, 0.2
 #: The share that stays uncertain in all.
 UNSURE = float(np.hypot(_COMMON, _OWN))
+#: Change of a shape by the mesh, relative to it, up to which it is taken off: beyond, modes turn.
+_LITTLE = 0.3
 #: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
 #: of the condition (5 % per factor e), and a bend of it (2 %); how much more to its damping; and
 #: what it does to a shape, relative to its root mean square.
@@ -248,7 +250,9 @@ class Evidence:
         """The same test with some entries held out, mask of shape (n, m)."""
         return replace(self, used=self.used & ~held_out)
 
-    def on_mesh(self, error: np.ndarray, shape: np.ndarray | None = None) -> Evidence:
+    def on_mesh(
+        self, error: np.ndarray, shape: np.ndarray | None = None, change: np.ndarray | None = None
+    ) -> Evidence:
         """The same test as a model whose mesh makes frequencies too high should give it.
 
         The error of a mesh hardly depends on the parameters: of three bolted structures it stayed
@@ -262,14 +266,18 @@ class Evidence:
                 the others as uncertain.
             shape: What the mesh does to each shape, relative to it, (m,); of it all stays as
                 uncertain, since a shape that turns goes on turning with finer meshes.
+            change: What the measured shapes have of it, (n_s, m), which is taken off of those that
+                the mesh changes little.
         """
         known = np.isfinite(error)
         error = np.where(known, error, 0.0)
         found, most = np.log1p(error), float(np.abs(error).max(initial=0.0))
-        shift = (1 + _BEYOND) * found
+        shift, shapes = (1 + _BEYOND) * found, self.shapes
+        if shapes is not None and change is not None:
+            shapes = shapes - np.where(known & (shape < _LITTLE), change, 0.0)
         return replace(
-            self, log_f=self.log_f + shift, mesh_shift=shift, mesh_common=_COMMON * found,
-            mesh_error=np.where(known, _OWN * np.abs(error), most),
+            self, log_f=self.log_f + shift, shapes=shapes, mesh_shift=shift,
+            mesh_common=_COMMON * found, mesh_error=np.where(known, _OWN * np.abs(error), most),
             mesh_shape=None if shape is None else np.where(known, shape, 1.0),
         )  # fmt: skip
 

@@ -162,6 +162,8 @@ class Prepared(Subject):
             self.left_out = lost
             self.data = self.without_lost(self.data)
             self.evidence = self.evidence.without(np.broadcast_to(lost, self.evidence.shape))
+            if self.surrogate is not None and self.data.shapes is not None:
+                self.surrogate.untell(lost)
 
     def without_lost(self, data: TestData) -> TestData:
         """A test without the frequencies of modes that are left out."""

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fenics_joints.measurements.gap import VISIBLE, mac, same_modes
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.gap import ALIKE, VISIBLE, mac, pair_modes, same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.kept import read_vectors, write_vectors
@@ -23,6 +24,7 @@ __all__ = ["MOST", "MeshErrors", "mesh_errors"]
 MOST = 200_000
 #: MAC below which two modes are not the same one, and at how many places it is taken.
 _SAME, _PLACES = 0.7, 60
+_TINY = np.finfo(float).tiny
 #: Difference of ln f within which modes may turn into one another by any small error.
 _TURNED = 0.01
 
@@ -34,12 +36,16 @@ class MeshErrors(NamedTuple):
         frequencies: How much too high it makes each frequency, relative, (m,).
         shapes: Length of what each shape has at the test's sensors that the finer model's has not,
             relative to its own, (m,); 0 without sensors.
+        change: That part itself, of the finer model's, as much as the measured shape, of root mean
+            square 1, has of it, (n_sensors, m); None without measured shapes.
 
-    Both are nan of a mode that has no like in the finer model.
+    All are nan of a mode that the mesh does not resolve: it has no like in the finer model, or is
+    not the one that this takes for the test's.
     """
 
     frequencies: np.ndarray
     shapes: np.ndarray
+    change: np.ndarray | None = None
 
 
 def mesh_errors(
@@ -66,37 +72,78 @@ def mesh_errors(
     """
     if not small.full.is_meshed:
         return None
-    errors = _measured(small, values, progress, keep)
-    return None if errors is None else MeshErrors(*errors[:, small.pairing.index])
-
-
-def _measured(small: SeenModes, values, progress: Progress, keep) -> np.ndarray | None:
-    """Errors of frequencies and shapes of all modes of the full model, (2, n)."""
     finer = small.full.finer()
     if finer is None or finer.n_dofs > MOST:
         return None
     progress.step("measuring the mesh's own error, one degree higher")
-    modes, better = small.nominal, _solved(finer, values, small.n_modes, keep)
+    better = _solved(finer, values, small.n_modes, keep)
     # The same body has as many rigid motions, whatever round-off makes of their frequencies.
-    better = replace(better, n_rigid=modes.n_rigid)
+    better = replace(better, n_rigid=small.nominal.n_rigid)
+    return MeshErrors(*small.full.comm.bcast(_measured(small, better)))
+
+
+def _measured(small: SeenModes, better: Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """What `MeshErrors` are made of."""
+    modes, sensors = small.nominal, small.sensors
     own = np.arange(modes.n_rigid, len(modes))
-    if small.sensors is not None:
-        own = own[modes.visibility(small.sensors)[own] > VISIBLE]
+    if sensors is not None:
+        own = own[modes.visibility(sensors)[own] > VISIBLE]
     # The highest of one may have no like among those of the other.
     own = own[: len(better) - better.n_rigid]
     # All over the body: to the test's sensors two modes may look alike.
     places = places_all_over(small.full, _PLACES, corners=True)
     shapes, hz = modes.at(places)[:, own], modes.frequencies_hz[own]
     index = same_modes(better, places, shapes, hz)
+    errors = hz / better.frequencies_hz[index] - 1.0
     same = _share_within(shapes, better, places, index) > _SAME
-    found, shape = np.full((2, len(modes)), np.nan), 0.0
-    if small.sensors is not None:
-        at = small.sensors
-        agree = np.diag(mac(modes.at(at)[:, own], better.at(at)[:, index]))
-        shape = np.sqrt(np.maximum(1.0 - agree, 0.0))
-    errors = np.stack([hz / better.frequencies_hz[index] - 1.0, shape + np.zeros(len(own))])
-    found[:, own[same]] = errors[:, same]
-    return small.full.comm.bcast(found)
+    likes = dict(zip(own.tolist(), index.tolist(), strict=True))
+    known = dict(zip(own[same].tolist(), errors[same].tolist(), strict=True))
+    found = np.array([known.get(i, np.nan) for i in small.pairing.index.tolist()])
+    found[_told_otherwise(small, better, likes)] = np.nan
+    if sensors is None:
+        return found, 0.0 * found, None
+    theirs = [likes.get(i, i) for i in small.pairing.index.tolist()]
+    seen = modes.at(sensors)[:, small.pairing.index], better.at(sensors)[:, theirs]
+    shape = np.sqrt(np.maximum(1.0 - np.diag(mac(*seen)), 0.0))
+    change = None if small.pairing.mac is None else _changed(*seen, small.reference)
+    return found, np.where(np.isfinite(found), shape, np.nan), change
+
+
+def _changed(ours: np.ndarray, theirs: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """What measured shapes have of others that they have not of ours, all (n_s, m); see
+    `MeshErrors.change`."""
+    there = np.isfinite(measured)
+    measured = np.where(there, measured, 0.0)
+    measured = measured / np.sqrt(np.sum(measured**2, axis=0) / there.sum(axis=0))
+    theirs, ours = (x / np.maximum(np.linalg.norm(x, axis=0), _TINY) for x in (theirs, ours))
+    new = theirs - np.sum(theirs * ours, axis=0) * ours
+    return new * np.sum(measured * theirs, axis=0) / np.maximum(
+        np.sum(there * theirs**2, axis=0), _TINY
+    )
+
+
+def _told_otherwise(small: SeenModes, better: Modes, likes: Mapping[int, int]) -> np.ndarray:
+    """Mask of the test's modes, (m,), that are like one of the finer model, if that is not the like
+    of the mode that they are paired with, or this is not like them.
+
+    Args:
+        small: Knows the test's shapes and their pairing.
+        better: Modes of the finer model.
+        likes: Those that are the model's own, by index.
+    """
+    own, sensors = small.pairing, small.sensors
+    other = np.zeros(small.n_test, dtype=bool)
+    if own.mac is None:
+        return other
+    try:
+        finer = pair_modes(better, small.n_test, sensors, reference=small.reference)
+    except InputError:
+        return other  # too few modes that the test could see
+    log_f = np.log(np.maximum(better.frequencies_hz, _TINY))
+    for i, (mine, theirs) in enumerate(zip(own.index.tolist(), finer.index.tolist(), strict=True)):
+        apart = abs(log_f[likes[mine]] - log_f[theirs]) if mine in likes else np.inf
+        other[i] = finer.mac[i] >= ALIKE and (apart > _TURNED or own.mac[i] < ALIKE)
+    return other
 
 
 def _solved(finer: Structure, values, n_modes: int, keep) -> Modes:
