@@ -17,7 +17,7 @@ from fenics_joints.beams.element import (
 from fenics_joints.beams.laws import AXIAL, BEAM, BEAM_MASSES, LAPPED, SECTION, SLAP, SLIP
 from fenics_joints.beams.layout import Layout, Stretch
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.affine import MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure.components import Spring
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 

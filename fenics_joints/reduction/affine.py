@@ -9,254 +9,20 @@ parameter values, or at many together (`AffinePencil.matrices`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.linalg.blas import daxpy
 
+from fenics_joints.reduction.stack import Stack
+from fenics_joints.reduction.terms import AtLaw, MassTerm, RegionTerm, SpringTerm, Values
 from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.laws import Law
-from fenics_joints.structure.values import number, parameter_values, slopes
+from fenics_joints.structure.values import number, parameter_values
 
-__all__ = ["AffinePencil", "MassTerm", "RegionTerm", "SpringTerm"]
+__all__ = ["AffinePencil"]
 
 #: Sets of a law's values that are remembered.
 _MOST = 20000
-#: Matrices whose products with vectors are held at a time.
-_READ = 32
-#: Sums that are formed one after the other from a near one; how many times larger a factor may have
-#: been there; and rows between two that are wanted which are read along with them.
-_FEW, _MAGNITUDES, _GAP = 12, 1e6, 4
-#: A parameter's values: a number, or one for each of many sets of values, (b,).
-Values = Mapping[str, float | np.ndarray]
-
-
-@dataclass(frozen=True)
-class RegionTerm:
-    """A part or joint on the basis.
-
-    Attributes:
-        name: Its name.
-        law: Its law.
-        properties: Numbers or names of parameters; all uniform.
-        stiffness: Projections of the law's stiffness terms, (n_terms, n, n).
-        inertia: Projection of the mass at a unit of the law's inertia term, (n, n).
-        volume: Volume as meshed, m3.
-    """
-
-    name: str
-    law: Law
-    properties: Mapping[str, float | str]
-    stiffness: np.ndarray
-    inertia: np.ndarray
-    volume: float
-
-    def values(self, values: Values) -> dict[str, float | np.ndarray]:
-        """Property values, checked; arrays where the parameters' are.
-
-        Raises:
-            InputError: If the law refuses them.
-        """
-        shape = np.shape(next(iter(values.values()), 0.0))
-        q = {key: number(self.properties[key], values) for key in self.law.properties}
-        if shape:
-            q = {k: v if np.shape(v) == shape else np.full(shape, v) for k, v in q.items()}
-        self.law.check(self.name, q)
-        return q
-
-    def differs(self, a: Values, b: Values) -> bool:
-        """Whether any of its properties is another at other values."""
-        names = [name for name in self.properties.values() if isinstance(name, str)]
-        return any(_differ(a[name], b[name]) for name in names)
-
-
-@dataclass(frozen=True)
-class SpringTerm:
-    """A grounding spring on the basis: ``row``, (n,), gives its elongation."""
-
-    name: str
-    stiffness: float | str
-    share: float
-    row: np.ndarray
-
-
-@dataclass(frozen=True)
-class MassTerm:
-    """A point mass on the basis.
-
-    Attributes:
-        name: Its name.
-        mass: Mass, kg, or a parameter's name.
-        travel: Distance travelled, m, or a parameter's name.
-        share: Share of the mass at this point.
-        stations: Travels at which the rows are known, m, (k,); one for a mass that stays.
-        rows: Displacement of the basis there, (k, gdim, n); a spline in between.
-    """
-
-    name: str
-    mass: float | str
-    travel: float | str
-    share: float
-    stations: np.ndarray
-    rows: np.ndarray
-
-    def __post_init__(self):
-        spline = CubicSpline(self.stations, self.rows) if len(self.stations) > 1 else None
-        object.__setattr__(self, "_spline", spline)
-
-    def __call__(self, travel: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The basis at the mass and its slope by the travel, each (gdim, n); (b, gdim, n) of
-        travels (b,)."""
-        if self._spline is None:
-            return self.rows[0], np.zeros_like(self.rows[0])
-        return self._spline(travel), self._spline(travel, 1)
-
-
-class _Stack:
-    """Matrices of which a sum is made.
-
-    Attributes:
-        whole: The matrices, (n_terms, n, n).
-    """
-
-    def __init__(self, matrices: Sequence[np.ndarray], n: int):
-        self.n, self.whole = n, np.array(matrices, dtype=float).reshape(len(matrices), n, n)
-        self.about: tuple[np.ndarray, np.ndarray] | None = None
-
-    @cached_property
-    def _indices(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.triu_indices(self.n)
-
-    @cached_property
-    def _upper(self) -> np.ndarray:
-        """The upper triangles as rows, (n_terms, n (n + 1) / 2): half the work for one sum."""
-        i, j = self._indices
-        return np.ascontiguousarray(self.whole[:, i, j])
-
-    @cached_property
-    def _twice(self) -> np.ndarray:
-        """How often each entry of an upper triangle is in the matrix."""
-        i, j = self._indices
-        return np.where(i == j, 1.0, 2.0)
-
-    def sum(self, factors: np.ndarray, rows=slice(None)) -> np.ndarray:
-        """The sum of factors times matrices, (n, n); of factors (n_terms, b) all b, (b, n, n).
-
-        Args:
-            factors: Of each matrix.
-            rows: Which of the matrices.
-        """
-        if factors.ndim == 1:
-            whole = len(factors) == len(self.whole)
-            return self._unpacked(self._near(factors) if whole else factors @ self._upper[rows])
-        if self.about and len(factors) == len(self.whole) and factors.shape[1] <= _FEW:
-            return np.array([self._unpacked(self._near(column)) for column in factors.T])
-        flat = self.whole[rows].reshape(len(factors), self.n**2)
-        return (factors.T @ flat).reshape(-1, self.n, self.n)
-
-    def _near(self, factors: np.ndarray) -> np.ndarray:
-        """The upper triangle of the sum of all, from the one that is known, if any: mostly few
-        factors differ, and to read the matrices is the work."""
-        if self.about is None:
-            return factors @ self._upper
-        first, total = self.about
-        change = factors - first
-        moved = np.flatnonzero(change)
-        # Round-off of what is known must not show in what is left of it.
-        lost = np.abs(first[moved]) > _MAGNITUDES * np.abs(factors[moved])
-        if len(moved) > len(factors) // 2 or np.any(lost & (factors[moved] != 0.0)):
-            return factors @ self._upper
-        total = total.copy()
-        for i in moved:
-            daxpy(self._upper[i], total, a=change[i])
-        return total
-
-    def settle(self, factors: np.ndarray) -> None:
-        """Know a sum, from which others are formed: it must not be what happened to be asked for
-        first, or round-off would hang on that."""
-        self.about = factors.copy(), factors @ self._upper
-
-    def quadratic(self, packed: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """x^T A x of every packed vector, A being each of some sums, (k, p): of the matrices that
-        are in any of them alone.
-
-        Args:
-            packed: From `pack`.
-            factors: Of each matrix in each sum, (n_terms, p).
-        """
-        used = np.flatnonzero(factors.any(axis=1))
-        found = np.zeros((len(packed), factors.shape[1]))
-        for run in np.split(used, np.flatnonzero(np.diff(used) > _GAP) + 1):
-            if len(run):
-                rows = slice(run[0], run[-1] + 1)  # a view: rows that are picked would be copied
-                found += (packed @ self._upper[rows].T) @ factors[rows]
-        return found
-
-    def sums(self, factors: np.ndarray, rows) -> Iterator[np.ndarray]:
-        """`sum` of every column of the factors, one after the other."""
-        yield from map(self._unpacked, factors.T @ self._upper[rows])
-
-    def _unpacked(self, row: np.ndarray) -> np.ndarray:
-        full = np.empty((self.n, self.n))
-        full[self._indices] = row
-        full.T[self._indices] = row
-        return full
-
-    def pack(self, shapes: np.ndarray) -> np.ndarray:
-        """x x^T of every column of the shapes, for `squares` of this stack or one of its size."""
-        i, j = self._indices
-        packed = shapes[i] * shapes[j]
-        packed *= self._twice[:, None]
-        return packed.T
-
-    def squares(self, packed: np.ndarray) -> np.ndarray:
-        """x^T A x of every packed vector and every matrix, (k, n_terms)."""
-        return packed @ self._upper.T
-
-    def times(self, shapes: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """A x of every column, A being each of some sums of factors times matrices, (n, k, p).
-
-        Args:
-            shapes: The columns, (n, k).
-            factors: Of each matrix in each sum, (n_terms, p).
-        """
-        found = np.zeros((*shapes.shape, factors.shape[1]))
-        # To read the matrices is most of the work: those in none of the sums are let be.
-        used = np.flatnonzero(factors.any(axis=1))
-        for first in range(0, len(used), _READ):
-            rows = used[first : first + _READ]
-            columns = np.array([self.whole[i] @ shapes for i in rows]).reshape(len(rows), -1)
-            found += (columns.T @ factors[rows]).reshape(found.shape)
-        return found
-
-
-@dataclass
-class _AtLaw:
-    """A law's scalars at values of its properties, and their derivatives, as they are asked for: of
-    a beam's dozen properties few are parameters."""
-
-    law: Law
-    q: Mapping[str, float | np.ndarray]
-    known: dict[str, tuple[np.ndarray, float]] = field(default_factory=dict)
-
-    @cached_property
-    def theta(self) -> np.ndarray:
-        """Of the stiffness, (n_terms,) or (n_terms, b)."""
-        return np.asarray(self.law.stiffness_terms(self.q), dtype=float)
-
-    @cached_property
-    def rho(self) -> float | np.ndarray:
-        """Of the mass."""
-        return self.law.inertia_term(self.q)
-
-    def slopes(self, key: str) -> tuple[np.ndarray, float]:
-        """Derivatives of the stiffness's and the mass's scalars by a property."""
-        if key not in self.known:
-            stiff = slopes(self.law.stiffness_terms, self.q, key) if len(self.theta) else self.theta
-            self.known[key] = stiff, float(slopes(self.law.inertia_term, self.q, key))
-        return self.known[key]
 
 
 def _same_arrays(kept, values) -> bool:
@@ -264,10 +30,6 @@ def _same_arrays(kept, values) -> bool:
     if not isinstance(kept, list) or len(kept) != len(values):
         return False
     return all(a is b for a, b in zip(kept, values, strict=True))
-
-
-def _differ(a, b) -> bool:
-    return a is not b and not np.array_equal(a, b)
 
 
 def _column(numbers: Sequence[float | str], values: Values) -> np.ndarray:
@@ -331,18 +93,18 @@ class AffinePencil:
         return tuple(dict.fromkeys(name for name in named if isinstance(name, str)))
 
     @cached_property
-    def _stiffness(self) -> _Stack:
+    def _stiffness(self) -> Stack:
         """Terms of regions, then of springs."""
         terms = [t for r in self.regions for t in r.stiffness]
         springs = [s.share * np.outer(s.row, s.row) for s in self.springs]
-        return _Stack([*terms, *springs], self.n)
+        return Stack([*terms, *springs], self.n)
 
     @cached_property
-    def _inertia(self) -> _Stack:
+    def _inertia(self) -> Stack:
         """Terms of regions, then of masses that stay."""
         at = [m(float(m.travel))[0] for m in self._still]
         still = [m.share * rows.T @ rows for m, rows in zip(self._still, at, strict=True)]
-        return _Stack([*(r.inertia for r in self.regions), *still], self.n)
+        return Stack([*(r.inertia for r in self.regions), *still], self.n)
 
     @property
     def terms(self) -> tuple[np.ndarray, np.ndarray]:
@@ -360,22 +122,22 @@ class AffinePencil:
     # -- scalars ---------------------------------------------------------------------------------
 
     @cached_property
-    def _known(self) -> dict[tuple, _AtLaw]:
+    def _known(self) -> dict[tuple, AtLaw]:
         return {}
 
-    def _at_law(self, region: RegionTerm, values: Values) -> _AtLaw:
+    def _at_law(self, region: RegionTerm, values: Values) -> AtLaw:
         """Remembered where values are numbers, since zones of a joint often share them."""
         if values and np.ndim(next(iter(values.values()))):
-            return _AtLaw(region.law, region.values(values))
+            return AtLaw(region.law, region.values(values))
         q = tuple(number(region.properties[key], values) for key in region.law.properties)
         key = region.law.name, q
         if key not in self._known:
             if len(self._known) > _MOST:
                 self._known.clear()
-            self._known[key] = _AtLaw(region.law, region.values(values))
+            self._known[key] = AtLaw(region.law, region.values(values))
         return self._known[key]
 
-    def _at_laws(self, values: Values) -> list[_AtLaw]:
+    def _at_laws(self, values: Values) -> list[AtLaw]:
         """Of every region; kept for the next call, since K, M and what changes them all ask."""
         last = self.__dict__.get("_last_laws")
         if np.ndim(next(iter(values.values()), 0.0)):
@@ -403,9 +165,7 @@ class AffinePencil:
         """`scalars` at the high less those at the low values, of arrays (b,) each; only of regions
         in which something differs."""
         shape = np.shape(next(iter(high.values())))
-        theta, rho = (
-            np.zeros((len(s.whole), *shape)) for s in (self._stiffness, self._inertia)
-        )
+        theta, rho = (np.zeros((len(s.whole), *shape)) for s in (self._stiffness, self._inertia))
         for i, region in enumerate(self.regions):
             if region.differs(low, high):
                 below, above = self._at_law(region, low), self._at_law(region, high)
@@ -417,7 +177,7 @@ class AffinePencil:
             rho[row] = number(mass.mass, high) - number(mass.mass, low)
         return theta, rho
 
-    def _rho(self, at: Sequence[_AtLaw], values: Values) -> np.ndarray:
+    def _rho(self, at: Sequence[AtLaw], values: Values) -> np.ndarray:
         still = _column([m.mass for m in self._still], values)
         return np.concatenate([np.array([each.rho for each in at]), still]) if at else still
 
@@ -588,9 +348,7 @@ class AffinePencil:
     def on(self, basis: np.ndarray) -> AffinePencil:
         """The same on fewer vectors, which are the columns of ``basis``, (n, k)."""
         regions = [
-            replace(
-                r, stiffness=basis.T @ r.stiffness @ basis, inertia=basis.T @ r.inertia @ basis
-            )
+            replace(r, stiffness=basis.T @ r.stiffness @ basis, inertia=basis.T @ r.inertia @ basis)
             for r in self.regions
         ]
         fixed = self.fixed and tuple(basis.T @ A @ basis for A in self.fixed)

@@ -10,7 +10,8 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import SHIFT_SHARE, dense_modes
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm
+from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.terms import RegionTerm
 from fenics_joints.structure import Damping, Parameter, Sensors
 from fenics_joints.structure.rows import PlaceRows
 

@@ -13,8 +13,9 @@ from functools import partial
 
 import numpy as np
 
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm
+from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.terms import MassTerm, RegionTerm
 from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.values import number

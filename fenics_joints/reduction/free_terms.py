@@ -15,9 +15,10 @@ from petsc4py import PETSc
 from scipy.linalg import block_diag
 
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.projection import Projection
+from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.sparse import product, without_zeros

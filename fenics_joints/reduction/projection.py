@@ -8,9 +8,9 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.affine import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.forward import ways_of
 from fenics_joints.reduction.snapshots import bordered, cross, dense_columns, project
+from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, forms_of
 from fenics_joints.structure.laws import ELASTIC_SUPPORT

@@ -16,10 +16,11 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm
+from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.projection import Projection
 from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
+from fenics_joints.reduction.terms import RegionTerm
 from fenics_joints.structure import Region, Sensors, Structure
 from fenics_joints.structure.rows import PlaceRows
 

@@ -3,7 +3,7 @@
 A region that has lost stiffness somewhere, something put on at one of several places, a plate that
 is not flat or not evenly thick: K and M change by sums of matrices that are fixed, times scalars of
 a few parameters (`Law.stiffness_terms`). So a reduced model has them exactly as a region
-(`fenics_joints.reduction.affine.RegionTerm`), and the full one assembles them only where they are
+(`fenics_joints.reduction.terms.RegionTerm`), and the full one assembles them only where they are
 not zero. Where one of several stations is meant, the parameter is a place along them, 0, 1, ...:
 between two of them each has its share, so that it may change continuously.
 """

@@ -10,7 +10,8 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.alike import one_of_alike
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.reduction import ArrayModel, Forward
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.terms import RegionTerm, SpringTerm
 from fenics_joints.structure import Parameter
 from fenics_joints.structure.laws import LAYER_LAWS
 

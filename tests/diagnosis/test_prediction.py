@@ -18,7 +18,8 @@ from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.terms import RegionTerm, SpringTerm
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from fenics_joints.measurements import TestData
 from fenics_joints.reduction import ArrayModel, Forward
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm
+from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.terms import MassTerm, RegionTerm
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
 
