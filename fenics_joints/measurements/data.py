@@ -6,16 +6,14 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError, Problems, items, measured, real, reals, wanted
-from fenics_joints.measurements.tables import LISTED, Table, read_table
+from fenics_joints.errors import InputError, items, measured, real, reals, wanted
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import factor_to_si
 
-__all__ = ["TestData", "read_test_data", "same_conditions"]
+__all__ = ["TestData", "same_conditions"]
 
 #: Units of a level of excitation or response, and words of a condition that is a preload whatever
 #: its unit. Pint's g is a gram.
@@ -24,10 +22,6 @@ _PRELOADS = re.compile(r"torque|preload|tension|clamp", re.IGNORECASE)
 _DAMPING_NOISE = 0.1
 #: Relative distance of two values of a condition below which they are one.
 _ONE_CONDITION = 1e-6
-#: More columns of frequencies and conditions than any test has: such a table is of something else.
-_MODES, _CONDITIONS = 1000, 10_000
-#: Wrong cells that a message names.
-_CELLS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,134 +281,6 @@ def _measures(unit: str, kind: str) -> bool:
     return True
 
 
-def read_test_data(
-    frequencies: str | Path,
-    *,
-    condition: str | None = None,
-    modes: Sequence[str] | None = None,
-    damping: str | Path | None = None,
-    resolution_hz: Sequence[float] | float = 0.0,
-    noise: Sequence[float] | float = 0.0,
-    sensors: Sensors | None = None,
-) -> TestData:
-    """Read a test from its tables; rows are put in the order of the condition.
-
-    Args:
-        frequencies: Table with a column for each mode, and one for the condition; beside it may
-            stand columns of damping ratios, ``MODE damping``, or ``damping`` of a single mode, so
-            that a backbone (level, frequency, damping) is one table.
-        condition: Name of the condition's column; None if there is none, then rows are numbered.
-        modes: Names of the modes' columns, in the order of the model's modes; all by default.
-        damping: Table of damping ratios with the same columns; rows and cells may be missing.
-        resolution_hz: Spacing of the analyser's lines, Hz, for all or each mode.
-        noise: Relative standard deviation of the frequencies, for all or each mode.
-        sensors: Where the test measured.
-
-    Raises:
-        InputError: For what is wrong in the files; names file, row and column.
-    """
-    table = read_table(frequencies)
-    conditions, unit = _conditions(table, condition)
-    beside = _beside(table, condition)
-    measured = [name for name in table.names if name not in (condition, *beside)]
-    modes = list(measured if modes is None else modes)
-    _check_size(table, modes, condition)
-    problems, files = Problems(table.path), Problems()
-    columns = [
-        problems.tried(lambda name=name: _frequencies(table, name, condition)) for name in modes
-    ]
-    left = [name for name in measured if name not in set(modes)]
-    if left:
-        problems.add(InputError(
-            f"{table.path}: has columns {', '.join(map(repr, left[:LISTED]))}, which are no "
-            f"modes; expected {len(modes)} columns of frequencies: {', '.join(modes[:LISTED])}"
-        ))  # fmt: skip
-    if not problems:
-        f = np.column_stack(columns)
-        problems.tried(lambda: _check_values(table, modes, f > 0, "a frequency above 0 Hz"))
-        problems.tried(
-            lambda: _check_measured(table, condition, conditions, modes, np.isfinite(f))
-        )
-    ratios = None
-    if beside:
-        ratios = problems.tried(lambda: _damping_beside(table, beside, modes, damping))
-    files.tried(problems.check)
-    if damping is not None and not beside:
-        ratios = files.tried(lambda: _damping(damping, condition, unit, conditions, modes))
-    files.check()
-    order = np.argsort(conditions)
-    return TestData(
-        conditions[order], f[order], tuple(modes), condition or "row", unit,
-        None if ratios is None else ratios[order], resolution_hz, noise, sensors,
-        notes=table.notes,
-    )  # fmt: skip
-
-
-def _beside(table: Table, condition: str | None) -> list[str]:
-    """Columns of damping ratios beside those of frequencies."""
-    names = [name for name in table.names if name != condition]
-    return [
-        name for name in names
-        if name.lower().endswith("damping") and table.unit(name) in ("", "%")
-        and (name.lower() == "damping" or name[: -len("damping")].strip() in names)
-    ]  # fmt: skip
-
-
-def _damping_beside(table: Table, columns: Sequence[str], modes, damping) -> np.ndarray:
-    """Damping ratios that stand in the table of frequencies, (n, m)."""
-    if damping is not None:
-        raise InputError(
-            f"{table.path}: has damping in column {columns[0]!r}, expected it there or in "
-            f"{damping}, not in both"
-        )
-    ratios = np.full((len(table.values), len(modes)), np.nan)
-    for name in columns:
-        mode = name[: -len("damping")].strip()
-        if not mode and len(modes) > 1:
-            raise InputError(
-                f"{table.path}: column {name!r} is of one mode, expected 'MODE damping' for each "
-                f"of: {', '.join(modes[:LISTED])}"
-            )
-        if mode and mode not in modes:
-            continue
-        ratios[:, modes.index(mode) if mode else 0] = table.column(name, "")
-    _check_values(table, columns, (read := _columns(table, columns)) >= 0, "a ratio from 0")
-    _check_values(table, columns, read < 1, "a damping ratio below 1 (or a unit [%] in its head)")
-    return ratios
-
-
-def _columns(table: Table, names: Sequence[str]) -> np.ndarray:
-    return np.column_stack([table.column(name, "") for name in names])
-
-
-def _check_size(table: Table, modes: Sequence[str], condition: str | None) -> None:
-    if not modes:
-        raise InputError(
-            f"{table.path}: has no column but that of the condition, {condition!r}; expected one "
-            "of frequencies for each mode, such as 'mode 1 [Hz]'"
-        )
-    for n, most, what in (
-        (len(modes), _MODES, "columns of frequencies"),
-        (len(table.values), _CONDITIONS, "rows"),
-    ):
-        if n > most:
-            raise InputError(f"{table.path}: has {n} {what}, expected at most {most} of a test")
-
-
-def _frequencies(table: Table, name: str, condition: str | None) -> np.ndarray:
-    try:
-        return table.column(name, "Hz")
-    except InputError as error:
-        if condition is not None or name not in table.names or not table.unit(name):
-            raise
-        shown, unit = name[:40], table.unit(name)[:40]
-        raise InputError(
-            f"{table.path}: column {shown!r} is in {unit!r}, which is no frequency; expected "
-            f"condition = {shown!r} in [test] if it is what the test was repeated at, else columns "
-            "of frequencies alone"
-        ) from error
-
-
 def same_conditions(conditions: Iterable[float]) -> str | None:
     """What is wrong with conditions of which two are one, in words; None if none are.
 
@@ -430,76 +296,3 @@ def same_conditions(conditions: Iterable[float]) -> str | None:
     if a == b:
         return f"{a:g} is there twice, expected each value once"
     return f"{a!r} and {b!r} are one within {_ONE_CONDITION:g} of it, expected each value once"
-
-
-def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
-    if name is None:
-        return np.arange(1.0, len(table.values) + 1), ""
-    conditions = table.column(name)
-    unit = table.unit(name)
-    if np.isnan(conditions).any():
-        row = int(np.argmax(np.isnan(conditions))) + 1
-        raise InputError(f"{table.path}: {name} of data row {row} is empty, expected a number")
-    if len(values := np.unique(conditions)) < len(conditions):
-        twice = ", ".join(f"{v:g}" for v in values if np.sum(conditions == v) > 1)
-        raise InputError(f"{table.path}: {name} = {twice} is repeated, expected each value once")
-    if (same := same_conditions(conditions)) is not None:
-        raise InputError(f"{table.path}: {name}: {same}")
-    return conditions, unit
-
-
-def _check_measured(table: Table, condition, conditions, modes, there: np.ndarray) -> None:
-    """A row or a column without any frequency says nothing, and is likely to be a slip."""
-    problems = Problems(table.path)
-    for i in np.flatnonzero(~there.any(axis=1)):
-        where = f" ({condition} = {conditions[i]:g})" if condition is not None else ""
-        problems.add(InputError(
-            f"{table.path}: data row {i + 1}{where} has no frequency, expected one or more, or no "
-            "such row"
-        ))  # fmt: skip
-    for j in np.flatnonzero(~there.any(axis=0)):
-        problems.add(InputError(
-            f"{table.path}: column {modes[j]!r} has no frequency, expected one or more, or no such "
-            "column"
-        ))  # fmt: skip
-    problems.check()
-
-
-def _check_values(table: Table, modes, good: np.ndarray, expected: str) -> None:
-    columns = np.column_stack([table.column(name) for name in modes])
-    bad = np.argwhere(~good & ~np.isnan(columns))
-    if len(bad):
-        items = [f"data row {i + 1}, column {modes[j]!r} = {columns[i, j]:g}"
-                 for i, j in bad[:_CELLS]]  # fmt: skip
-        more = f" and {len(bad) - _CELLS} more" if len(bad) > _CELLS else ""
-        raise InputError(f"{table.path}: {'; '.join(items)}{more}, expected {expected}")
-
-
-def _damping(path, condition, unit, conditions, modes) -> np.ndarray:
-    table = read_table(path)
-    own, own_unit = _conditions(table, condition)
-    if own_unit != unit:
-        raise InputError(
-            f"{table.path}: {condition} is in {own_unit!r}, expected {unit!r} as in the frequencies"
-        )
-    present = [name for name in table.names if name != condition]
-    _check_size(table, present, condition)
-    columns = {name: i for i, name in enumerate(modes)}
-    for name in present:
-        if name not in columns:
-            raise InputError(
-                f"{table.path}: column {name!r} is no mode, expected {', '.join(modes)}"
-            )
-    ratios = np.full((len(conditions), len(modes)), np.nan)
-    rows = [int(np.argmin(np.abs(conditions - c))) for c in own]
-    for c, row in zip(own, rows, strict=True):
-        if not np.isclose(c, conditions[row], rtol=1e-9, atol=0):
-            raise InputError(
-                f"{table.path}: {condition} = {c:g} has damping but no frequencies, expected one "
-                f"of {', '.join(f'{v:g}' for v in conditions)}"
-            )
-    for name in present:
-        ratios[rows, columns[name]] = table.column(name, "")
-    read = np.column_stack([table.column(name, "") for name in present])
-    _check_values(table, present, (read >= 0) & (read < 1), "a damping ratio from 0 to below 1")
-    return ratios
