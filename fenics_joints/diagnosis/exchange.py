@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.screen import near_best
 from fenics_joints.diagnosis.several import Fits
 

@@ -13,8 +13,9 @@ from mpi4py import MPI
 from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit, fit, moved, refreshed
+from fenics_joints.diagnosis.evidence.inference import fit, moved, refreshed
 from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.predictive import gain, held, predictive

@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from fenics_joints.diagnosis.evidence.evidence import DAMPING, FREQUENCY, Evidence
-from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.fitted import Fit
 
 __all__ = ["gain", "held", "predictive"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.sampled import (
     Sampled,
     importance_evidence,

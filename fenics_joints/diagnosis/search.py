@@ -11,8 +11,9 @@ from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.equal import Known
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit, fit
+from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.screen import (
     near_best,

@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.screen import near_best
 from fenics_joints.diagnosis.model.prepared import Prepared

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.several import Fits
 from fenics_joints.errors import InputError
 

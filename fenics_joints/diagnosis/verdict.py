@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.formatting import p_value, percent

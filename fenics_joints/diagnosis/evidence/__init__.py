@@ -1,7 +1,8 @@
 """The test as evidence: hypotheses, what they predict of it, their fits and their weights."""
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit, fit
+from fenics_joints.diagnosis.evidence.inference import fit
 
 __all__ = ["Evidence", "Fit", "Hypothesis", "evidence_of", "fit"]

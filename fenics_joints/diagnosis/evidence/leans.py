@@ -19,7 +19,7 @@ from scipy.stats import qmc
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, SHAPE, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Scanned
+from fenics_joints.diagnosis.evidence.problem import Scanned
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod

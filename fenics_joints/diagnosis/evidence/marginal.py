@@ -17,7 +17,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
-from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.leans import of_few_terms
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions

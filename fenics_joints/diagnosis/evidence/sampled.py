@@ -17,8 +17,8 @@ from scipy.stats import norm
 
 from fenics_joints.diagnosis.evidence import importance, nested
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.importance import Draws
-from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.marginal import Marginal
 from fenics_joints.reduction import Forward
 from fenics_joints.reduction.lean import batched

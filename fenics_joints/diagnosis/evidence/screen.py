@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit
 from fenics_joints.diagnosis.evidence.linear import evidence_about, log_evidence, whiten
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.forward import Forward

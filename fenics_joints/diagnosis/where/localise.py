@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.sensing import in_order
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.evidence.inference import Fit
+from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.where.cells import Cells
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes

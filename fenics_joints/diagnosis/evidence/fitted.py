@@ -1,0 +1,78 @@
+"""A hypothesis at its most probable parameters, and what it says of the test there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from fenics_joints.diagnosis.evidence.between import Scales, squares
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+
+__all__ = ["Fit"]
+
+
+@dataclass(frozen=True, repr=False)
+class Fit:
+    """A hypothesis at its most probable parameters.
+
+    Attributes:
+        hypothesis: The hypothesis.
+        z: Parameters in prior standard deviations, shape (d,).
+        covariance: Posterior covariance of z (Laplace), shape (d, d).
+        predicted: Everything predicted, held out or not, as `Evidence.data`, shape (N,).
+        shape: Numbers of conditions and modes, (n, m).
+        jacobian: Derivative of `predicted` by z, shape (N, d).
+        log_evidence: ln of the marginal likelihood of the fitted entries.
+        misfit: Squared whitened residual of the fitted entries.
+        n_data: Number of fitted entries.
+        at_bound: Names of parameters at a limit of their prior.
+        between: Of a test by level, the most probable standard deviations between levels.
+        widening: ln of the evidence over that at those standard deviations.
+        ends: Other points at which the search ended, from other starts, nearly as probable, each
+            (d,).
+    """
+
+    hypothesis: Hypothesis
+    z: np.ndarray
+    covariance: np.ndarray
+    predicted: np.ndarray
+    shape: tuple[int, int]
+    jacobian: np.ndarray
+    log_evidence: float
+    misfit: float
+    n_data: int
+    at_bound: tuple[str, ...] = ()
+    between: Scales | None = None
+    widening: float = 0.0
+    ends: tuple[np.ndarray, ...] = ()
+
+    def __repr__(self) -> str:
+        label = self.hypothesis.label
+        return f"Fit({label}: ln Z {self.log_evidence:.2f}, misfit {self.misfit:.1f})"
+
+    @property
+    def log_f(self) -> np.ndarray:
+        """Predicted ln f, shape (n, m)."""
+        n, m = self.shape
+        return self.predicted[: n * m].reshape(n, m)
+
+    @property
+    def log_damping(self) -> np.ndarray | None:
+        """Predicted ln of the damping ratios, shape (n, m); None if they are not predicted."""
+        n, m = self.shape
+        if not self.hypothesis.damped:
+            return None
+        return self.predicted[n * m : 2 * n * m].reshape(n, m)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a misfit as large as this, if the hypothesis were right.
+
+        In the linear-Gaussian case misfit + |z|^2 is the data's distance from the prediction in
+        the metric of noise and prior together, and distributed as chi-square with n_data degrees.
+        Standard deviations between levels that had to be far from what is expected count as well.
+        """
+        scales = 0.0 if self.between is None else squares(self.between)
+        return float(chi2.sf(self.misfit + self.z @ self.z + scales, self.n_data))

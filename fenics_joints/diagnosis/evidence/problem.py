@@ -1,0 +1,218 @@
+"""The least-squares problem of one fit: residuals, slopes, looks at what acts in steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy.integrate import trapezoid
+from scipy.special import ndtri
+
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.fitted import Fit
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.linear import log_evidence, whiten
+from fenics_joints.diagnosis.evidence.prediction import frequencies_and_damping, predict
+from fenics_joints.errors import InputError
+from fenics_joints.reduction.forward import Forward
+
+__all__ = ["Problem", "Scan", "Scanned"]
+
+#: Standard deviations of the prior beyond which a scanned parameter is not looked for.
+_FARTHEST = 4.0
+#: Of the places that are looked at so many are started from.
+_STARTS = 3
+#: Distance of starts from limits.
+_INSIDE = np.array([[1e-6], [-1e-6]])
+#: Step of differences, in standard deviations of the prior.
+_STEP = 1e-4
+#: Nats by which a guide may differ from the model where a fit ended, or where it was integrated.
+_SAME = 0.02
+
+
+class Scanned:
+    """Predictions at points of grids over parameters that act in steps, where all others are at
+    their medians: no data move them, so that what is fitted to parts of a test asks for them again.
+
+    Args:
+        evidence: The whole test.
+        baseline: Parameter values of the nominal model.
+    """
+
+    def __init__(self, evidence: Evidence, baseline: dict[str, float]):
+        self._evidence, self._baseline = evidence, baseline
+        self._known: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+
+    def __call__(
+        self, hypothesis: Hypothesis, forward: Forward, z: np.ndarray, role: str
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See `predict`.
+
+        Args:
+            hypothesis: The hypothesis.
+            forward: Predicts.
+            z: The point.
+            role: Which of the hypothesis' models this forward is of.
+        """
+        key = hypothesis.label_of_keys, role, z.tobytes()
+        if key not in self._known:
+            self._known[key] = predict(hypothesis, forward, self._evidence, z, self._baseline)
+        return self._known[key]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """The posterior over one parameter, on a grid.
+
+    Attributes:
+        index: Which parameter.
+        start: The most probable point met, shape (d,).
+        log_evidence: ln of the integral over the grid.
+        variance: Posterior variance of the parameter.
+    """
+
+    index: int
+    start: np.ndarray
+    log_evidence: float
+    variance: float
+
+    def improved(self, found: Fit) -> Fit:
+        """A fit with the evidence and the variance from the grid."""
+        scale = np.ones(len(found.z))
+        scale[self.index] = np.sqrt(self.variance / found.covariance[self.index, self.index])
+        return replace(
+            found,
+            log_evidence=self.log_evidence,
+            covariance=found.covariance * np.outer(scale, scale),
+        )
+
+
+class Problem:
+    """Residuals and slopes of one fit; remembers the last point, since both are asked for."""
+
+    def __init__(self, hypothesis, forward, evidence, baseline, lower, known: Fit | None = None,
+                 scanned: Scanned | None = None, role: str = "whole"):  # fmt: skip
+        self._scanned, self._role = scanned, role
+        self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
+        self.baseline, self.lower = baseline, lower
+        self._last = None if known is None else (known.z, known.predicted, known.jacobian)
+        self._slips = hypothesis.damped and any(e.by_level and e.loss for e in hypothesis.effects)
+
+    def predict(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._last is None or not np.array_equal(self._last[0], z):
+            found = predict(self.hypothesis, self.forward, self.evidence, z, self.baseline)
+            if self._slips:
+                found = found[0], self._with_differences(z, *found)
+            self._last = (z.copy(), *found)
+        return self._last[1:]
+
+    def _with_differences(self, z, predicted, jacobian) -> np.ndarray:
+        """Slopes in which those of damping by the effects' own parameters are differences.
+
+        `RowPrediction` takes a joint's share of the energy for that of one spring in series: with
+        compliances across and along, what slips may have the other sign.
+        """
+        n = self.evidence.log_f.size
+        jacobian = jacobian.copy()
+        for j in range(*self.hypothesis.own.indices(len(z))):
+            step = np.where(np.arange(len(z)) == j, _STEP if z[j] < 0 else -_STEP, 0.0)
+            moved = frequencies_and_damping(
+                self.hypothesis, self.forward, self.evidence, z + step, self.baseline
+            )
+            jacobian[n : 2 * n, j] = (moved[n:] - predicted[n : 2 * n]) / step[j]
+        return jacobian
+
+    def residual(self, z):
+        predicted, _ = self.predict(z)
+        used = self.evidence.fitted
+        return np.concatenate([whiten(self.lower, (predicted - self.evidence.data)[used]), z])
+
+    def inside(self, z) -> np.ndarray:
+        """The point within the limits that is nearest."""
+        return np.clip(z, *(self.hypothesis.limits.T + _INSIDE))
+
+    def cost(self, z) -> float:
+        """Half the sum of squares that a search makes small, inside the limits."""
+        return 0.5 * float(np.sum(self.residual(self.inside(z)) ** 2))
+
+    def slope(self, z):
+        _, jacobian = self.predict(z)
+        return np.concatenate(
+            [whiten(self.lower, jacobian[self.evidence.fitted]), np.eye(len(z))]
+        )
+
+    def ends_with(self, other: Problem, z: np.ndarray, tolerance: float) -> bool:
+        """Whether a search that another model ends at a point would end there, but for a small part
+        of a nat, or of what the search itself leaves: its value there is one's own in any case."""
+        own, slope = self.residual(z), self.slope(z)
+        turn = slope.T @ own - other.slope(z).T @ other.residual(z)
+        gain = turn @ np.linalg.solve(slope.T @ slope, turn)
+        return bool(gain <= max(2 * _SAME, tolerance * (own @ own)))
+
+    def agrees(self, other: Problem, z: np.ndarray) -> bool:
+        """Whether another model has the same evidence at a point, but for a small part of a nat."""
+        own, residual = self.residual(z), other.residual(z)
+        return bool(abs(own @ own - residual @ residual) <= 2 * _SAME)
+
+    def scan(self, index: int, limits) -> Scan:
+        """The evidence's integrand over one parameter, the others optimal in a linear model."""
+        count = self.hypothesis.priors[index][1].scan
+        grid = np.linspace(max(limits[0], -_FARTHEST), min(limits[1], _FARTHEST), count)
+        looks = [self._at({index: value}) for value in grid]
+        log_density, points = np.array([look[0] for look in looks]), [z for _, z in looks]
+        top = log_density.max()
+        weight = np.exp(log_density - top)
+        total = trapezoid(weight, grid)
+        mean = trapezoid(weight * grid, grid) / total
+        return Scan(
+            index,
+            points[int(np.argmax(log_density))],
+            float(top + np.log(total) - 0.5 * np.log(2 * np.pi)),
+            float(trapezoid(weight * (grid - mean) ** 2, grid) / total),
+        )
+
+    def places(self, indices: Sequence[int]) -> list[np.ndarray]:
+        """The most probable points over parameters that say where, and others that act in steps, at
+        as many values of each as their priors say; the others optimal in a linear model."""
+        priors = [self.hypothesis.priors[j][1] for j in indices]
+        axes = [ndtri((np.arange(p.scan) + 0.5) / p.scan) for p in priors]
+        looks = [self._at(dict(zip(indices, point, strict=True))) for point in product(*axes)]
+        order = np.argsort([-value for value, _ in looks], kind="stable")
+        return [looks[i][1] for i in order[:_STARTS]]
+
+    def _at(self, fixed: dict[int, float]) -> tuple[float, np.ndarray]:
+        """ln of the evidence at values of some parameters, the others linear about their medians,
+        and the most probable z there."""
+        z = np.zeros(len(self.hypothesis.priors))
+        z[list(fixed)] = list(fixed.values())
+        if self._scanned is not None and not self._slips:
+            self._last = z.copy(), *self._scanned(self.hypothesis, self.forward, z, self._role)
+        others = np.delete(np.arange(len(z)), list(fixed))
+        residual, slope = self.residual(z)[: -len(z)], self.slope(z)[: -len(z), others]
+        hessian = slope.T @ slope + np.eye(slope.shape[1])
+        z[others] = -np.linalg.solve(hessian, slope.T @ residual)
+        residual = residual + slope @ z[others]
+        return log_evidence(residual @ residual + z @ z, hessian, self.lower), z
+
+    def finish(self, z) -> Fit:
+        predicted, jacobian = self.predict(z)
+        residual, slope = self.residual(z), self.slope(z)
+        n = len(self.lower)
+        hessian = slope.T @ slope
+        found = log_evidence(residual @ residual, hessian, self.lower)
+        low, high = self.hypothesis.limits.T
+        close = np.minimum(z - low, high - z) < 1e-3
+        at_bound = tuple(
+            f"{effect.name}: {prior.name}"
+            for (effect, prior), near in zip(self.hypothesis.priors, close, strict=True)
+            if near
+        )
+        if not np.isfinite(found):
+            label = self.hypothesis.label
+            raise InputError(f"{label}: the evidence is not finite; check the data.")
+        return Fit(
+            self.hypothesis, z, np.linalg.inv(hessian), predicted, self.evidence.shape, jacobian,
+            found, float(residual[:n] @ residual[:n]), n, at_bound, self.evidence.between,
+        )  # fmt: skip
