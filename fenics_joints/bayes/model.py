@@ -11,7 +11,9 @@ from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.reduction.batch import freeze
 from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.lean import LeanForward, lean_forward, modes_at
+from fenics_joints.reduction.lean import LeanForward
+from fenics_joints.reduction.leanest import lean_forward
+from fenics_joints.reduction.seen_at import modes_at
 
 __all__ = ["Frequencies", "ReducedCheck", "check_reduced", "narrow_frequencies"]
 

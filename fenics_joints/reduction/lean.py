@@ -9,23 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
-from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac, nearest, with_untold
-from fenics_joints.modal.modes import inverted_modes, solve_modes, upright
+from fenics_joints.modal.modes import inverted_modes, upright
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.many import ManyModes
 
-__all__ = [
-    "Followed", "LeanForward", "SeenAt", "batched", "frequency_error", "lean_forward", "modes_at",
-    "seen_modes_at",
-]  # fmt: skip
+__all__ = ["Followed", "LeanForward", "batched"]
 
 #: As in `fenics_joints.modal.modes`: the shift below zero, and what counts as rigid.
 _SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
@@ -335,119 +330,3 @@ def batched(forward: Forward) -> Forward:
     if last is None or any(a is not b for a, b in zip(last[0], key, strict=True)):
         last = forward.__dict__["_batched"] = key, LeanForward(forward, model)
     return last[1]
-
-
-def lean_forward(
-    forward: Forward,
-    model: ArrayModel,
-    given: Mapping[str, float],
-    snapshots: np.ndarray,
-    weights: np.ndarray,
-    checks: Sequence[Mapping[str, float]],
-    limit: float,
-    sizes: Sequence[int] = (16, 20, 24, 28, 32, 36, 40, 50, 60, 80, 100),
-    beyond: bool = False,
-) -> tuple[LeanForward, float]:
-    """The leanest forward whose frequencies are good enough.
-
-    Args:
-        forward: The reduced model's.
-        model: That model.
-        given: The most probable parameter values.
-        snapshots: Modes of the reduced model, (n_dofs, n).
-        weights: Of the snapshots, (n,).
-        checks: Parameter values at which frequencies are compared.
-        limit: Error of ln f that is good enough.
-        sizes: Sizes of the basis to try.
-        beyond: Whether the mode after the test's has to be good enough too (`Forward.further`).
-
-    Returns:
-        The forward, and its largest error of ln f at the checks: above ``limit`` if even the
-        largest basis is not good enough.
-    """
-    vectors, energies = pod(model, snapshots, weights, given)
-    most = int(np.sum(energies > 1e-7 * energies[0]))
-    watched = forward.further if beyond else forward
-    exact = _log_f(watched, checks)
-    tried = [s for s in sizes if 6 + forward.n_test <= s < most] + [most]
-    for size in tried:
-        lean = LeanForward(forward, model.on(vectors[:, :size]))
-        error = frequency_error(lean.further if beyond else lean, checks, exact)
-        if error <= limit:
-            break
-    return lean, error
-
-
-def frequency_error(lean: LeanForward, checks, exact: np.ndarray) -> float:
-    """Largest error of ln f at parameter values; infinite if the lean model lacks a mode."""
-    found = lean.prepare(checks, slopes=False)
-    lean.release()
-    return float(np.max(np.abs(found - exact))) if np.isfinite(found).all() else np.inf
-
-
-def _log_f(forward: Forward, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
-    """ln f at several values, (len(wanted), m).
-
-    Raises:
-        InputError: If the model lacks a mode there.
-    """
-    many = batched(forward)
-    if many.batches:
-        found = many.prepare(wanted, slopes=False)
-        many.release()
-        if np.isfinite(found).all():
-            return found
-    return np.array([forward(values)[0] for values in wanted])
-
-
-class SeenAt(NamedTuple):
-    """Modes of a model at parameter values, and which of them are the test's.
-
-    Attributes:
-        shapes: As columns, (n_dofs, n_modes).
-        index: The test's, (n_test,); (0,) where they are not all there.
-        log_f: ln f of these, (n_test,); nan where they are not all there.
-    """
-
-    shapes: np.ndarray
-    index: np.ndarray
-    log_f: np.ndarray
-
-
-def seen_modes_at(forward: Forward, wanted: Sequence[Mapping[str, float]]) -> list[SeenAt]:
-    """`modes_at` each of several values, and which of them are the test's.
-
-    Args:
-        forward: Of the reduced model.
-        wanted: Parameter values.
-    """
-    many = batched(forward)
-    if many.batches:
-        table = {name: np.array([values[name] for values in wanted]) for name in wanted[0]}
-        try:
-            modes = many.many(table, every=False)
-            if modes.good.all():
-                most = np.maximum(modes.index.max(axis=1) + 1, many.n_modes)
-                each = zip(modes.vectors, most, modes.index, modes.log_f, strict=True)
-                return [SeenAt(x[:, :n], index, log_f) for x, n, index, log_f in each]
-        except (InputError, np.linalg.LinAlgError):
-            pass  # one of them is beyond a law's limit
-    return [_seen_modes(forward, values) for values in wanted]
-
-
-def _seen_modes(forward: Forward, values) -> SeenAt:
-    try:
-        modes, pairing = forward.solve(values)
-    except InputError:
-        nothing = np.full(forward.n_test, np.nan)
-        return SeenAt(modes_at(forward, values), np.zeros(0, dtype=int), nothing)
-    log_f = np.log(modes.frequencies_hz[pairing.index])
-    return SeenAt(modes.shapes, pairing.index, log_f)
-
-
-def modes_at(forward: Forward, values: Mapping[str, float]) -> np.ndarray:
-    """Modes of the reduced model, as many as the test's ask for, shape (n_dofs, n_modes)."""
-    try:
-        return forward.solve(values)[0].shapes
-    except InputError:
-        return solve_modes(forward.model, values, n_modes=forward.n_modes).shapes

@@ -28,9 +28,9 @@ from fenics_joints.diagnosis.effects.amplitude import (
 )
 from fenics_joints.diagnosis.effects.effect import relative_error
 from fenics_joints.diagnosis.evidence.between import correlation, grid
-from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData
 

@@ -23,7 +23,7 @@ from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward, freeze, narrow
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.compact import merged
-from fenics_joints.reduction.lean import frequency_error
+from fenics_joints.reduction.leanest import frequency_error
 from fenics_joints.reduction.many import change
 from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure import Parameter, Sensors, Spring

@@ -25,7 +25,7 @@ from fenics_joints.reduction.forward import Forward
 
 __all__ = ["fit", "moved", "refreshed"]
 
-#: Times that a search goes on beyond an edge; half a squared misfit per datum that is bad enough to;
+#: Times that a search goes on beyond an edge; half a squared misfit per datum that is bad enough;
 #: where it looks, in linear steps; and the gain that is worth it.
 _LEAPS, _BAD, _WAYS, _WORTH = 6, 0.3, (1.0, 0.5, 0.25, 0.12, 0.06), 0.02
 #: How much less probable, in ln, another end may be, and how far away in prior standard deviations.

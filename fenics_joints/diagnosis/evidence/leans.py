@@ -25,12 +25,8 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.compact import merged
 from fenics_joints.reduction.forward import SPARE, Forward
-from fenics_joints.reduction.lean import (
-    LeanForward,
-    SeenAt,
-    batched,
-    seen_modes_at,
-)
+from fenics_joints.reduction.lean import LeanForward, batched
+from fenics_joints.reduction.seen_at import SeenAt, seen_modes_at
 
 __all__ = ["Leans", "all_over", "changed", "of_few_terms"]
 

@@ -25,7 +25,8 @@ from fenics_joints.diagnosis.evidence.prediction import in_turn, joined, predict
 from fenics_joints.diagnosis.evidence.weighed import weights
 from fenics_joints.reduction import Forward, LeanForward
 from fenics_joints.reduction.forward import SPARE
-from fenics_joints.reduction.lean import lean_forward, seen_modes_at
+from fenics_joints.reduction.leanest import lean_forward
+from fenics_joints.reduction.seen_at import seen_modes_at
 
 __all__ = ["CHECKS", "Marginal"]
 

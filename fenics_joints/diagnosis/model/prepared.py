@@ -20,8 +20,9 @@ from fenics_joints.diagnosis.effects.library import by_preload, case_effects, ca
 from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.user import for_zones
 from fenics_joints.diagnosis.evidence.equal import distinct
-from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors

@@ -11,7 +11,8 @@ import numpy as np
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.library import case_effects
 from fenics_joints.diagnosis.evidence.classes import APART
-from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.weighed import WHOLE, on_a_scale
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.plan.added import (

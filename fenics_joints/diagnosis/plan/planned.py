@@ -15,7 +15,7 @@ from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.rig import MISSED
 from fenics_joints.diagnosis.evidence.classes import APART
-from fenics_joints.diagnosis.evidence.evidence import evidence_of
+from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.plan.added import measurement, rank, table
 from fenics_joints.diagnosis.plan.candidates import Candidates
