@@ -6,9 +6,7 @@ the parameters, and one assembly gives the derivative with respect to all of the
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from itertools import product
 
@@ -19,15 +17,20 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
-from fenics_joints.errors import InputError, MeshError, items, real, wanted, whole
+from fenics_joints.errors import MeshError, items, real, wanted, whole
 from fenics_joints.forms import circumference
-from fenics_joints.meshes.tagged import TaggedMesh, limits
+from fenics_joints.meshes.tagged import TaggedMesh
 from fenics_joints.structure.changes import (
     Change,
     LocalLoss,
     PlacedPoint,
     ShapeChange,
     add_changes,
+)
+from fenics_joints.structure.checked import (
+    axisymmetric_regions,
+    check_components,
+    region_cells,
 )
 from fenics_joints.structure.components import (
     ElasticSupport,
@@ -38,15 +41,12 @@ from fenics_joints.structure.components import (
     Support,
 )
 from fenics_joints.structure.held import held_entities
-from fenics_joints.structure.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
+from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import PointRows, locate
 from fenics_joints.structure.properties import PropertyField
 from fenics_joints.structure.values import by_name, number, parameter_values
 
-__all__ = ["MOST_POINTS", "Assembly"]
-
-#: Most point masses, and most springs: each is a search for its cell and a block in K or M.
-MOST_POINTS = 10_000
+__all__ = ["Assembly"]
 
 _SERENDIPITY_CELLS = ("quadrilateral", "hexahedron")
 
@@ -116,17 +116,21 @@ class Assembly:
         }  # fmt: skip
         self.supports = tuple(s for s in supports if isinstance(s, Support))
         self.elastic_supports = tuple(s for s in supports if isinstance(s, ElasticSupport))
-        self._check_names()
+        check_components(
+            (*self.regions, *self.elastic_supports, *self.changes), self.masses, self.springs,
+            self.parameters,
+        )  # fmt: skip
         self.axisymmetric, self.weight = axisymmetric, 1.0
         if axisymmetric:
-            self._make_axisymmetric()
+            self.regions = axisymmetric_regions(tagged, self.regions)
+            self.weight = circumference(ufl.SpatialCoordinate(self.mesh)[0])
         self.degree = degree = whole("degree", degree, 1, 3)
         exact = 2 * degree + bool(axisymmetric)
         self.quadrature_degree = exact if quadrature_degree is None else whole(
             "quadrature_degree", quadrature_degree, 0, 30
         )
         self._make_spaces(degree)
-        self.field = PropertyField(self.mesh, self._region_cells(), self.parameters)
+        self.field = PropertyField(self.mesh, region_cells(tagged, self.regions), self.parameters)
         self.bcs = self._dirichlet()
         self._forms: dict[object, fem.Form] = {}
         self._direction: fem.Function | None = None
@@ -136,86 +140,6 @@ class Assembly:
         self._support_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
 
     # -- set-up ------------------------------------------------------------------------------
-
-    def _check_names(self) -> None:
-        for what, points in (("masses", self.masses), ("springs", self.springs)):
-            if len(points) > MOST_POINTS:
-                raise InputError(
-                    f"{what}: {len(points)} of them, expected at most {MOST_POINTS}; what is "
-                    "spread out is a part's density, or an elastic support."
-                )
-        for name, count in Counter(c.name for c in self._components()).items():
-            if count > 1:
-                raise InputError(f"component {name} is given twice; expected unique names.")
-        for owner, key, value in self._values():
-            if isinstance(value, str) and value not in self.parameters:
-                raise InputError(
-                    f"{owner}.{key} names the parameter {value!r}, which does not exist; "
-                    f"expected a number or one of: {', '.join(self.parameters) or 'none'}."
-                )
-
-    def _components(self) -> tuple:
-        return (
-            *self.regions, *self.masses, *self.springs, *self.elastic_supports, *self.changes,
-        )  # fmt: skip
-
-    def _make_axisymmetric(self) -> None:
-        """Give the parts their law in a body of revolution; refuse what has none."""
-        low, high = limits(self.tagged)
-        if self.gdim != 2 or low[0] < -1e-9 * np.max(high - low):
-            raise MeshError(
-                "axisymmetric: expected a mesh in the plane with r = x[0] >= 0 everywhere."
-            )
-        for region in self.regions:
-            if region.is_joint:
-                raise InputError(
-                    f"{region.name}: a thin layer is not available in an axisymmetric structure; "
-                    "expected parts only."
-                )
-            if region.law is WIDE_SOLID:
-                raise InputError(
-                    f"{region.name}: a width is not available in an axisymmetric structure."
-                )
-            if region.properties["stretch"] != 1.0 and abs(region.normal[1]) != 1.0:
-                raise InputError(
-                    f"{region.name}.normal = {list(region.normal)}: expected the axis, (0, 1), for "
-                    "the stretch of a part in an axisymmetric structure."
-                )
-        self.regions = tuple(replace(r, law=AXISYMMETRIC_SOLID) for r in self.regions)
-        self.weight = circumference(ufl.SpatialCoordinate(self.mesh)[0])
-
-    def _values(self):
-        for owner in (*self.regions, *self.elastic_supports, *self.changes):
-            for key, value in owner.properties.items():
-                yield owner.name, key, value
-        for mass in self.masses:
-            yield mass.name, "mass", mass.mass
-            yield mass.name, "travel", mass.travel
-        for spring in self.springs:
-            yield spring.name, "stiffness", spring.stiffness
-
-    def _region_cells(self) -> list[tuple[Region, np.ndarray]]:
-        """Local cells, ghosts included, of each region."""
-        imap = self.mesh.topology.index_map(self.mesh.topology.dim)
-        count = np.zeros(imap.size_local + imap.num_ghosts, dtype=np.int32)
-        found = []
-        for region in self.regions:
-            tags = [self.tagged.cell_tag(name) for name in region.cells]
-            cells = np.sort(np.concatenate([self.tagged.cell_tags.find(t) for t in tags]))
-            count[cells] += 1
-            found.append((region, cells))
-        owned = count[: imap.size_local]
-        bad = self.comm.allreduce(int(np.sum(owned != 1)))
-        if bad:
-            used = [name for region in self.regions for name in region.cells]
-            names = self.tagged.cell_names
-            wrong = [name for name in names if used.count(name) != 1]
-            raise MeshError(
-                f"{bad} cells are in no region or in more than one: "
-                f"{', '.join(wrong) or 'untagged'}; expected every cell group "
-                f"({', '.join(names)}) in exactly one part or joint."
-            )
-        return found
 
     def _make_spaces(self, degree: int) -> None:
         cell = self.mesh.topology.cell_name()

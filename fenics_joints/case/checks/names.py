@@ -11,7 +11,7 @@ from fenics_joints.case.messages import did_you_mean, said
 from fenics_joints.case.sections import Joint, Part
 from fenics_joints.errors import MeshError
 from fenics_joints.files import is_file, shown_path
-from fenics_joints.structure.assembly import MOST_POINTS
+from fenics_joints.structure.checked import MOST_POINTS
 
 __all__ = ["PATTERNED", "check_mesh", "check_names", "matching", "unknown_groups"]
 
