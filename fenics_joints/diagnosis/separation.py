@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.prediction import RowPrediction
+from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.plan.added import (
     ADDED_MASS,
     DAMPING_NOISE,

@@ -30,7 +30,7 @@ from fenics_joints.diagnosis.effects.amplitude import (
     relative_drop,
 )
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import RowPrediction
+from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.forms import lame_parameters
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates

@@ -15,7 +15,8 @@ from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sens
 from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, SHAPE, Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward
 from fenics_joints.reduction.affine import AffinePencil

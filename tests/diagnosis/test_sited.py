@@ -23,7 +23,8 @@ from virtual_strip import (
 
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis.effects.sited import dynamic
-from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.model.subject import subject_of, with_places

@@ -14,7 +14,8 @@ from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
-from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.held_out import folds
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.errors import InputError

@@ -12,7 +12,8 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import RowPrediction, predict
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.plan.groups import groups
 from fenics_joints.diagnosis.plan.study import Measurement, Signature, Study
 from fenics_joints.structure.model import Model
