@@ -84,7 +84,8 @@ class Separation:
         class_name: The class.
         members: Names of its effects.
         measurement: What to measure.
-        distance: Expected separation D in standard deviations; 2.33 is 1 % confusion.
+        distance: Expected separation D in standard deviations, at most: as if neither were fitted
+            anew to what would be measured; 2.33 is 1 % confusion.
     """
 
     class_name: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,13 +18,16 @@ from fenics_joints.diagnosis.plan.added import (
     next_modes,
 )
 from fenics_joints.diagnosis.result import Separation
+from fenics_joints.errors import InputError
 from fenics_joints.formatting import point_mm
-from fenics_joints.measurements.gap import VISIBLE
+from fenics_joints.measurements.gap import VISIBLE, mac, same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.surrogate import Surrogate
 
 __all__ = ["best_measurement"]
 
+#: MAC above which modes of two models are the same, and at how many places it is taken.
+_SAME, _PLACES = 0.7, 24
 
 #: Expected separation D of two hypotheses, and the measurement.
 Candidate = tuple[float, str]
@@ -45,7 +49,8 @@ def best_measurement(
     Offered are: the modes that the test did not see, the next ones it would see, an added known
     mass at the best sensor, conditions outside the tested range, and damping, where it would
     change with the level and was not measured. The first three come from the full model at the
-    middle condition.
+    middle condition. The other hypothesis is not fitted anew to what would be measured: that is
+    the most that it can tell.
 
     Args:
         class_name: Name of the class.
@@ -58,8 +63,11 @@ def best_measurement(
         noise: Relative standard deviation of a measured frequency.
         discrepancy: That of any such model; it cancels in shifts of the same mode.
     """
-    conditions = np.array(a.hypothesis.conditions)
-    at, row = float(conditions[len(conditions) // 2]), len(conditions) // 2
+    known = a.hypothesis.known or ({},) * len(a.hypothesis.conditions)
+    own = [i for i, change in enumerate(known) if not change]
+    conditions = np.array(a.hypothesis.conditions)[own]
+    row = own[len(own) // 2]
+    at = float(a.hypothesis.conditions[row])
     first, second = (
         solve_modes(
             surrogate.full,
@@ -70,9 +78,9 @@ def best_measurement(
         for f in (a, b)
     )
     absolute = float(np.hypot(noise, discrepancy))
-    sensors, n_test = surrogate.sensors, surrogate.n_test
-    candidates = _modes(first, second, sensors, n_test, absolute, surrogate.unseen)
-    candidates += _added_mass(first, second, sensors, n_test, noise * np.sqrt(2))
+    pairs = _pairs(first, second, surrogate)
+    candidates = _modes(first, second, pairs, absolute, surrogate.unseen)
+    candidates += _added_mass(first, second, pairs, surrogate.sensors, noise * np.sqrt(2))
     candidates += _conditions(a, b, surrogate.forward, baseline, condition, conditions, absolute)
     candidates += _damping(a, b, surrogate.forward, baseline, condition)
     if not candidates:
@@ -85,37 +93,60 @@ def _candidate(name: str, change: np.ndarray, sd: float) -> Candidate:
     return float(np.linalg.norm(change) / sd / 2), name
 
 
-def _split(modes: Modes, sensors) -> tuple[np.ndarray, np.ndarray]:
-    elastic = np.arange(modes.n_rigid, len(modes))
-    if sensors is None:
-        return elastic, elastic[:0]
-    seen = modes.visibility(sensors)[elastic] > VISIBLE
-    return elastic[seen], elastic[~seen]
+class _Pairs(NamedTuple):
+    """Modes of one model and the same ones of another, as indices, (k, 2).
+
+    Attributes:
+        tested: Those that the test has.
+        seen: Others that its sensors would see.
+        unseen: Those that they would not.
+    """
+
+    tested: np.ndarray
+    seen: np.ndarray
+    unseen: np.ndarray
 
 
-def _modes(a: Modes, b: Modes, sensors, n_test, sd, unseen: str) -> list[Candidate]:
-    (seen_a, unseen_a), (seen_b, unseen_b) = _split(a, sensors), _split(b, sensors)
+def _pairs(a: Modes, b: Modes, surrogate: Surrogate) -> _Pairs:
+    """Which modes are the same, by shapes all over: by order a mode that the sensors see in one of
+    the two alone would set all above it beside others."""
+    elastic = np.arange(a.n_rigid, len(a))[: len(b) - b.n_rigid]
+    everywhere = surrogate.everywhere(_PLACES)
+    shapes = a.at(everywhere)[:, elastic]
+    like = same_modes(b, everywhere, shapes, a.frequencies_hz[elastic])
+    same = np.diag(mac(shapes, b.at(everywhere)[:, like])) > _SAME
+    try:
+        tested = np.isin(elastic, surrogate.forward.paired(a).index)
+    except InputError:
+        tested = np.zeros(len(elastic), dtype=bool)  # too few that the test could see
+    seen = np.ones(len(elastic), dtype=bool)
+    if surrogate.sensors is not None:
+        seen = a.visibility(surrogate.sensors)[elastic] > VISIBLE
+    pairs = np.column_stack([elastic, like])
+    return _Pairs(*(pairs[same & one] for one in (tested, seen & ~tested, ~seen & ~tested)))
+
+
+def _modes(a: Modes, b: Modes, pairs: _Pairs, sd: float, unseen: str) -> list[Candidate]:
     found = []
-    for first, second, words in (
-        (seen_a[n_test:], seen_b[n_test:], next_modes),
-        (unseen_a, unseen_b, lambda n: missed_modes(n, unseen)),
-    ):
-        n = min(len(first), len(second), MORE_MODES)
-        if n:
-            change = np.log(a.frequencies_hz[first[:n]] / b.frequencies_hz[second[:n]])
-            found.append(_candidate(words(n), change, sd))
+    for which, words in (
+        (pairs.seen, next_modes), (pairs.unseen, lambda n: missed_modes(n, unseen)),
+    ):  # fmt: skip
+        mine, theirs = which[:MORE_MODES].T
+        if len(mine):
+            change = np.log(a.frequencies_hz[mine] / b.frequencies_hz[theirs])
+            found.append(_candidate(words(len(mine)), change, sd))
     return found
 
 
-def _added_mass(a: Modes, b: Modes, sensors, n_test, sd) -> list[Candidate]:
+def _added_mass(a: Modes, b: Modes, pairs: _Pairs, sensors, sd: float) -> list[Candidate]:
     """Frequency shifts by a small added mass: -m phi^2 / 2 of ln f for mass-normalised phi."""
-    if sensors is None:
+    if sensors is None or not len(pairs.tested):
         return []
     mass = ADDED_MASS * a.model.total_mass(a.given)
-    shifts = []
-    for modes in (a, b):
-        seen, _ = _split(modes, sensors)
-        shifts.append(-0.5 * mass * modes.at(sensors)[:, seen[:n_test]] ** 2)
+    shifts = [
+        -0.5 * mass * modes.at(sensors)[:, index] ** 2
+        for modes, index in zip((a, b), pairs.tested.T, strict=True)
+    ]
     change = shifts[0] - shifts[1]
     best = int(np.argmax(np.linalg.norm(change, axis=1)))
     at = point_mm(sensors.points[best])

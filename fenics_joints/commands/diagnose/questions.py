@@ -239,7 +239,7 @@ def _split(d: Diagnosis, group: EffectClass) -> str:
     enough = "" if found.distance >= APART else ", which is not enough alone"
     return (
         f" Of further measurements this would split them best: {found.measurement} "
-        f"({found.distance:.1f} standard deviations{enough})."
+        f"(up to {found.distance:.1f} standard deviations{enough})."
     )
 
 

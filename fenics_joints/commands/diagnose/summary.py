@@ -106,7 +106,7 @@ def _which(console: Console, d: Diagnosis) -> None:
     letters = {group.name: group.letter for group in classes if group.letter}
     for s in [s for s in d.separations if s.class_name in letters][:2]:
         apart = f"to tell class {letters[s.class_name]} apart: {s.measurement}"
-        tell(console, f"{apart} ({s.distance:.1f} standard deviations)")
+        tell(console, f"{apart} (up to {s.distance:.1f} standard deviations)")
     for reason, names in by_reason(d.silent):
         tell(console, f"this test says nothing of {', '.join(names)}: {reason}", "dim")
     console.print()
