@@ -26,6 +26,7 @@ def frequency_panels(
     log_sd: np.ndarray | None = None,
     validation: tuple[Gap | None, Gap] | None = None,
     held_out: np.ndarray | None = None,
+    changed: np.ndarray | None = None,
     name: str = "frequencies",
 ) -> str:
     """Measured and modelled frequencies against the condition, a panel for each mode.
@@ -38,10 +39,18 @@ def frequency_panels(
         log_sd: Standard deviations of the measured ln f, shape (n, m), for error bars of two.
         validation: Before and after on data that were never fitted.
         held_out: Conditions that were left out of the fit, shape (n,), bool: hollow points.
+        changed: Rows after a known change of the structure, shape (n,), bool: points of their own,
+            beside the lines.
         name: Unique in the page.
     """
     def draw(panel, i: int) -> None:
-        _frequency_panel(panel, i, before, after, labels, log_sd, validation, held_out)
+        _frequency_panel(panel, i, before, after, labels, log_sd, held_out, changed)
+        if validation is not None:
+            _validation_points(panel, i, validation, labels)
+        panel.grid(axis="y")
+        panel.margins(x=0.05, y=0.1)
+        if len(at := np.unique(after.conditions)) == 1 and validation is None:
+            panel.set_xticks(at)
         panel.set_title(f"{after.mode_names[i]}, Hz", loc="left")
 
     m = len(after.mode_names)
@@ -73,32 +82,36 @@ def _grid(n: int, height: float, draw, condition: tuple[str, str], name: str, al
         return to_svg(figure, name, alt)
 
 
-def _frequency_panel(axes, i, before, after, labels, log_sd, validation, held_out) -> None:
-    order = np.argsort(after.conditions)
-    x, single = after.conditions[order], len(after.conditions) == 1
-    measured = after.test_hz[order, i]
-    sd = None if log_sd is None else 2 * np.asarray(log_sd)[order, i] * measured
-    hollow = np.zeros(len(x), bool) if held_out is None else np.asarray(held_out)[order]
-    shown = [(~hollow, INK, "measured"), (hollow, "none", "measured, held out")]
-    for mask, face, label in shown:
-        if not mask.any():
-            continue
-        axes.errorbar(
-            x[mask], measured[mask], None if sd is None else sd[mask], fmt="o", ms=4.2,
-            color=INK, mfc=face, elinewidth=0.9, capsize=2, zorder=4,
-            label=label + ("" if sd is None else " (± 2 s.d.)"),
-        )  # fmt: skip
+def _frequency_panel(axes, i, before, after, labels, log_sd, held_out, changed) -> None:
+    n = len(after.conditions)
+    changed = np.zeros(n, bool) if changed is None else np.asarray(changed)
+    hollow = np.zeros(n, bool) if held_out is None else np.asarray(held_out)
+    order = np.argsort(after.conditions, kind="stable")
+    own, after_change = (order[mask[order]] for mask in (~changed, changed))
+    _measured_points(axes, i, after, log_sd, own[~hollow[own]], "o", INK, "measured")
+    _measured_points(axes, i, after, log_sd, own[hollow[own]], "o", "none", "measured, held out")
+    _measured_points(axes, i, after, log_sd, after_change, "^", INK, "measured after the change")
     marks = [(before, NOMINAL, labels[0], (0, (5, 2)), "s"), (after, CHOSEN, labels[1], "-", "D")]
     for gap, colour, label, dashes, mark in marks:
-        if gap is not None:
-            line = mark if single else ""
-            axes.plot(
-                x, gap.model_hz[order, i], color=colour, ls=dashes, lw=1.8, marker=line, label=label
-            )
-    if validation is not None:
-        _validation_points(axes, i, validation, labels)
-    axes.grid(axis="y")
-    axes.margins(x=0.05, y=0.1)
+        if gap is None:
+            continue
+        for rows, line, marker in (
+            (own, dashes, mark if len(own) == 1 else ""), (after_change, "", mark)
+        ):  # fmt: skip
+            x, model = after.conditions[rows], gap.model_hz[rows, i]
+            axes.plot(x, model, color=colour, ls=line, lw=1.8, marker=marker, label=label)
+
+
+def _measured_points(axes, i, gap, log_sd, rows, mark: str, face: str, label: str) -> None:
+    if not len(rows):
+        return
+    measured = gap.test_hz[rows, i]
+    sd = None if log_sd is None else 2 * np.asarray(log_sd)[rows, i] * measured
+    axes.errorbar(
+        gap.conditions[rows], measured, sd, fmt=mark, ms=4.2, color=INK, mfc=face,
+        elinewidth=0.9, capsize=2, zorder=4,
+        label=label + ("" if sd is None else " (± 2 s.d.)"),
+    )  # fmt: skip
 
 
 def _validation_points(axes, i, validation, labels) -> None:

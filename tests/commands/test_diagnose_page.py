@@ -115,6 +115,18 @@ def test_diagnosis_page_shows_the_numbers_of_the_result():
     assert [row[2] for row in heat] == [formatting.MISSING] * 2
 
 
+def test_rows_after_a_known_change_have_its_name_and_points_of_their_own():
+    text = diagnosis_html(diagnosis(row_names=("", "", "weight"), validation=None))
+    page = Page(text)
+    heads = [row[0] for row in page.tables["heat"] if row[0].endswith(("N·m", "weight"))]
+    last = page.tables["heat"][3][0]
+    assert last.endswith(" N·m, weight") and heads.count(last) == 2 and len(heads) == 6
+    rows = {row[0] for row in page.tables["frequencies"][1:]}
+    assert last in rows and len(rows) == 3
+    assert "measured after the change" in text
+    assert "measured after the change" not in diagnosis_html(diagnosis())
+
+
 def test_titles_and_names_are_escaped():
     text = diagnosis_html(diagnosis())
     assert "Plates &lt;b&gt;&amp; bolts&lt;/b&gt;" in text

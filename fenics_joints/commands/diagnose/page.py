@@ -97,6 +97,7 @@ def diagnosis_html(
                 d.before, d.after, d.condition,
                 labels=("nominal model", "leading hypothesis"), log_sd=log_sd,
                 validation=d.validation,
+                changed=np.array([bool(name) for name in d.row_names]) if d.row_names else None,
             )
         ),
         levels=None if levels is None else svg(levels),
