@@ -125,15 +125,15 @@ def _groups(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]
 
 
 def _constitutive(model: Prepared, n_patches: int) -> ConstitutiveError | None:
-    data, row = model.data, model.evidence.shape_row
-    if data.shapes is None or data.sensors is None or not n_patches:
+    data, row, shapes = model.data, model.evidence.shape_row, model.evidence.shapes
+    if shapes is None or data.sensors is None or not n_patches:
         return None
     there = np.isfinite(data.frequencies_hz[row])
     if not there.any():
         return None
     hz = np.exp(model.evidence.log_f[row][there])
     return constitutive_error(
-        model.cells, model.baseline, data.shapes[:, there], hz, data.sensors,
+        model.cells, model.baseline, shapes[:, there], hz, data.sensors,
         split=patches(model.cells, n_patches, model.zones.shown),
         noise=data.shape_noise,
     )  # fmt: skip
