@@ -39,8 +39,8 @@ class MeshErrors(NamedTuple):
         change: That part itself, of the finer model's, as much as the measured shape, of root mean
             square 1, has of it, (n_sensors, m); None without measured shapes.
 
-    All are nan of a mode that the mesh does not resolve: it has no like in the finer model, or is
-    not the one that this takes for the test's.
+    The first two are nan of a mode that the mesh does not resolve: it has no like in the finer
+    model, or is not the one that this takes for the test's.
     """
 
     frequencies: np.ndarray
