@@ -23,6 +23,8 @@ __all__ = ["AffinePencil"]
 
 #: Sets of a law's values that are remembered.
 _MOST = 20000
+#: Sets of values at which derivatives are remembered.
+_NEXT = 64
 
 
 def _same_arrays(kept, values) -> bool:
@@ -182,11 +184,14 @@ class AffinePencil:
         return np.concatenate([np.array([each.rho for each in at]), still]) if at else still
 
     def scalar_slopes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of `scalars`, each (n_terms, n_parameters); kept for the next call."""
-        key, last = tuple(values.values()), self.__dict__.get("_last")
-        if last is None or last[0] != key:
-            last = self.__dict__["_last"] = key, self._new_slopes(values)
-        return last[1]
+        """Derivatives of `scalars`, each (n_terms, n_parameters); kept for the next calls: where
+        each mode sees a model of its own, one after the other asks, and asks again."""
+        key, kept = tuple(values.values()), self.__dict__.setdefault("_kept_slopes", {})
+        if key not in kept:
+            if len(kept) >= _NEXT:
+                del kept[next(iter(kept))]
+            kept[key] = self._new_slopes(values)
+        return kept[key]
 
     def _new_slopes(self, values) -> tuple[np.ndarray, np.ndarray]:
         position = {name: i for i, name in enumerate(self.parameters)}

@@ -35,6 +35,8 @@ _LARGE = 80
 #: Points of each effect's prior and how far they reach, in standard deviations; points at which a
 #: lean model is tried, and how often it takes those in.
 _POINTS, _REACH, _TRIES, _ROUNDS = 16, 2.5, 6, 4
+#: Points of the prior of an effect whose place is a parameter.
+_PLACES = 48
 #: Energy of a vector, relative to the first, below which it is left out, half of it in each further
 #: round; weight of modes that are not the test's, which must be there for these to be told from
 #: them; share of the reduced model's size at which a lean one is none.
@@ -99,10 +101,9 @@ class Leans:
             several: Whether one of several effects is worth it, as where it is fitted many times:
                 a single fit takes no longer than the making.
         """
-        placed = any(prior.even for _, prior in hypothesis.priors)
         # A mode that the test missed is another model's.
         missed = hypothesis.senses and self.forward.further is not None
-        if not self.wanted or missed or placed or (len(hypothesis.effects) > 1 and not several):
+        if not self.wanted or missed or (len(hypothesis.effects) > 1 and not several):
             return None
         # What changes the sensors alone leaves the model as it is.
         own = tuple(e for e in hypothesis.effects if e.apply is not None or e.loss is not None)
@@ -159,7 +160,7 @@ class Leans:
 
     def _made(self, hypothesis: Hypothesis, key: tuple) -> LeanForward | None:
         model = of_few_terms(hypothesis, self.forward.model, self.evidence, self.baseline)
-        if model is self.forward.model:
+        if model is self.forward.model and not _is_placed(hypothesis):
             return None
         snapshots = [s for e in (None, *hypothesis.effects) for s in self._of(hypothesis, e)]
         snapshots, share = snapshots + self._tried.pop(key, []), _SHARE
@@ -211,12 +212,17 @@ class Leans:
         if key not in self._snapshots:
             alone = replace(hypothesis, effects=() if effect is None else (effect,), name="alone",
                             unknown=False)  # fmt: skip
-            points = self._values(alone, _POINTS, seed=3)
+            points = self._values(alone, _PLACES if _is_placed(alone) else _POINTS, seed=3)
             self._snapshots[key] = _snapshots(seen_modes_at(self.forward, points))
         return self._snapshots[key]
 
     def _values(self, hypothesis: Hypothesis, count: int, seed: int) -> list[dict[str, float]]:
         return all_over(hypothesis, self.evidence, self.baseline, count, seed)
+
+
+def _is_placed(hypothesis: Hypothesis) -> bool:
+    """Whether a place is a parameter, so that any part of the model may change."""
+    return any(prior.even for _, prior in hypothesis.priors)
 
 
 def _snapshots(seen: Sequence[SeenAt]) -> list[Snapshot]:
@@ -301,7 +307,7 @@ def of_few_terms(
         evidence: The test.
         baseline: Parameter values of the nominal model.
     """
-    if any(prior.even for _, prior in hypothesis.priors):
+    if _is_placed(hypothesis):
         return model
     free = changed(hypothesis, model.parameters, evidence, baseline)
     return merged(model, free, baseline) if free else model
