@@ -24,7 +24,7 @@ from fenics_joints.measurements.gap import VISIBLE, mac, same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.surrogate import Surrogate
 
-__all__ = ["best_measurement"]
+__all__ = ["Pairs", "added_mass", "best_measurement", "further_modes", "same_in_both"]
 
 #: MAC above which modes of two models are the same, and at how many places it is taken.
 _SAME, _PLACES = 0.7, 24
@@ -78,9 +78,9 @@ def best_measurement(
         for f in (a, b)
     )
     absolute = float(np.hypot(noise, discrepancy))
-    pairs = _pairs(first, second, surrogate)
-    candidates = _modes(first, second, pairs, absolute, surrogate.unseen)
-    candidates += _added_mass(first, second, pairs, surrogate.sensors, noise * np.sqrt(2))
+    pairs = same_in_both(first, second, surrogate)
+    candidates = further_modes(first, second, pairs, absolute, surrogate.unseen)
+    candidates += added_mass(first, second, pairs, surrogate.sensors, noise * np.sqrt(2))
     candidates += _conditions(a, b, surrogate.forward, baseline, condition, conditions, absolute)
     candidates += _damping(a, b, surrogate.forward, baseline, condition)
     if not candidates:
@@ -93,7 +93,7 @@ def _candidate(name: str, change: np.ndarray, sd: float) -> Candidate:
     return float(np.linalg.norm(change) / sd / 2), name
 
 
-class _Pairs(NamedTuple):
+class Pairs(NamedTuple):
     """Modes of one model and the same ones of another, as indices, (k, 2).
 
     Attributes:
@@ -107,9 +107,15 @@ class _Pairs(NamedTuple):
     unseen: np.ndarray
 
 
-def _pairs(a: Modes, b: Modes, surrogate: Surrogate) -> _Pairs:
+def same_in_both(a: Modes, b: Modes, surrogate: Surrogate) -> Pairs:
     """Which modes are the same, by shapes all over: by order a mode that the sensors see in one of
-    the two alone would set all above it beside others."""
+    the two alone would set all above it beside others. Collective.
+
+    Args:
+        a: Modes of the one model.
+        b: Those of the other.
+        surrogate: Says which of the first the test's are.
+    """
     elastic = np.arange(a.n_rigid, len(a))[: len(b) - b.n_rigid]
     everywhere = surrogate.everywhere(_PLACES)
     shapes = a.at(everywhere)[:, elastic]
@@ -123,10 +129,19 @@ def _pairs(a: Modes, b: Modes, surrogate: Surrogate) -> _Pairs:
     if surrogate.sensors is not None:
         seen = a.visibility(surrogate.sensors)[elastic] > VISIBLE
     pairs = np.column_stack([elastic, like])
-    return _Pairs(*(pairs[same & one] for one in (tested, seen & ~tested, ~seen & ~tested)))
+    return Pairs(*(pairs[same & one] for one in (tested, seen & ~tested, ~seen & ~tested)))
 
 
-def _modes(a: Modes, b: Modes, pairs: _Pairs, sd: float, unseen: str) -> list[Candidate]:
+def further_modes(a: Modes, b: Modes, pairs: Pairs, sd: float, unseen: str) -> list[Candidate]:
+    """What the next modes would tell, those that the sensors would see and those that they miss.
+
+    Args:
+        a: Modes of the one model.
+        b: Those of the other.
+        pairs: Which are the same.
+        sd: Standard deviation of ln f.
+        unseen: Motions that the sensors miss, in words.
+    """
     found = []
     for which, words in (
         (pairs.seen, next_modes), (pairs.unseen, lambda n: missed_modes(n, unseen)),
@@ -138,8 +153,16 @@ def _modes(a: Modes, b: Modes, pairs: _Pairs, sd: float, unseen: str) -> list[Ca
     return found
 
 
-def _added_mass(a: Modes, b: Modes, pairs: _Pairs, sensors, sd: float) -> list[Candidate]:
-    """Frequency shifts by a small added mass: -m phi^2 / 2 of ln f for mass-normalised phi."""
+def added_mass(a: Modes, b: Modes, pairs: Pairs, sensors, sd: float) -> list[Candidate]:
+    """Frequency shifts by a small added mass: -m phi^2 / 2 of ln f for mass-normalised phi.
+
+    Args:
+        a: Modes of the one model.
+        b: Those of the other.
+        pairs: Which are the same.
+        sensors: Where it may be put; None offers nothing.
+        sd: Standard deviation of a shift of ln f.
+    """
     if sensors is None or not len(pairs.tested):
         return []
     mass = ADDED_MASS * a.model.total_mass(a.given)

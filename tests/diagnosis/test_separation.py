@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.diagnosis.plan.added import ADDED_MASS
-from fenics_joints.diagnosis.separation import _added_mass, _modes, _pairs
+from fenics_joints.diagnosis.separation import added_mass, further_modes, same_in_both
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction.forward import Forward
@@ -39,9 +39,9 @@ def test_a_mode_that_one_model_alone_shows_to_the_sensors_puts_none_beside_anoth
         sensors=sensors, forward=Forward(a.model, sensors, n_test, 20),
         everywhere=lambda count: places_all_over(a.model, count),
     )  # fmt: skip
-    pairs = _pairs(a, b, surrogate)
+    pairs = same_in_both(a, b, surrogate)
     assert pairs.tested.tolist() == [[i, i] for i in (6, 7, 8, 9, 10, 12, 13)]
-    ((distance, words),) = _added_mass(a, b, pairs, sensors, 1e-3)
+    ((distance, words),) = added_mass(a, b, pairs, sensors, 1e-3)
     at = next(p for p in line if f"({1e3 * p[0]:g}, {1e3 * p[1]:g}, 6)" in words)
     shifts = []
     for m, before in zip(corners, (a, b), strict=True):
@@ -52,5 +52,5 @@ def test_a_mode_that_one_model_alone_shows_to_the_sensors_puts_none_beside_anoth
     true = np.linalg.norm(share * (shifts[0] - shifts[1])) / 1e-3 / 2
     assert distance == pytest.approx(true, rel=0.1)
     # The modes that follow, and those that the sensors miss, are each other's too.
-    found = _modes(a, b, pairs, 1e-3, "in-plane motion")
+    found = further_modes(a, b, pairs, 1e-3, "in-plane motion")
     assert len(found) == 2 and all(d < 20 for d, _ in found)
