@@ -186,12 +186,16 @@ class AffinePencil:
     def scalar_slopes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of `scalars`, each (n_terms, n_parameters); kept for the next calls: where
         each mode sees a model of its own, one after the other asks, and asks again."""
-        key, kept = tuple(values.values()), self.__dict__.setdefault("_kept_slopes", {})
-        if key not in kept:
-            if len(kept) >= _NEXT:
-                del kept[next(iter(kept))]
-            kept[key] = self._new_slopes(values)
-        return kept[key]
+        key = tuple(values.values())
+        if key not in self._slopes:
+            if len(self._slopes) >= _NEXT:
+                del self._slopes[next(iter(self._slopes))]
+            self._slopes[key] = self._new_slopes(values)
+        return self._slopes[key]
+
+    @cached_property
+    def _slopes(self) -> dict[tuple, tuple[np.ndarray, np.ndarray]]:
+        return {}
 
     def _new_slopes(self, values) -> tuple[np.ndarray, np.ndarray]:
         position = {name: i for i, name in enumerate(self.parameters)}

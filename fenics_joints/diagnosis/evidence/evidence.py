@@ -90,7 +90,8 @@ class Evidence:
         damping_sd: Their standard deviation from noise.
         damping_scatter: That of what no model explains.
         shapes: Measured shapes, shape (n_s, m), each of root mean square 1 over the sensors that
-            measured it; nan where not; None if there are none.
+            measured it, less what `on_mesh` takes off; nan where not measured; None if there are
+            none.
         shape_row: The condition that they were measured at.
         shape_sd: Standard deviation of their components from noise.
         shape_error: That of any model's shapes: half its variance local, as at a joint that bends

@@ -93,8 +93,8 @@ class Leans:
     def of(self, hypothesis: Hypothesis, several: bool = False) -> LeanForward | None:
         """The lean forward of a hypothesis; None where there is none that is good enough.
 
-        Nor is there one of an effect whose place is a parameter, which may change any part of the
-        model.
+        That of an effect whose place is a parameter has all of the model's terms, any of which may
+        change.
 
         Args:
             hypothesis: The hypothesis.
