@@ -38,7 +38,7 @@ from fenics_joints.diagnosis.verdict import (
     sure_classes,
 )
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, JointsError
 from fenics_joints.files import writable_folder
 from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
@@ -106,6 +106,7 @@ class _Run:
         self.search, self.started = search, started
         self.comm, self.case, self.data = model.comm, model.case, model.data
         self.evidence, self.baseline = model.evidence, model.baseline
+        self.notes: list[str] = []
 
     @property
     def forward(self):
@@ -140,6 +141,7 @@ class _Run:
             if share.region not in changed
         ]  # fmt: skip
         cells = self._cells()
+        separations = self._separations(fits, probability, grouped, leader)
         return Diagnosis(
             title=self.case.title,
             verdict=verdict,
@@ -156,7 +158,7 @@ class _Run:
             where=where,
             effects=effects,
             hypotheses=self._hypotheses(fits, probability),
-            separations=self._separations(fits, probability, grouped, leader),
+            separations=separations,
             cells=cells,
             model_error=self.search.model_error,
             silent=self.model.silent,
@@ -178,7 +180,7 @@ class _Run:
                 "order": self.model.order_note(),
                 "notes": list(dict.fromkeys([
                     *test_notes(self.case, self.model.full), *self.data.notes,
-                    *self.model.mesh_notes(),
+                    *self.model.mesh_notes(), *self.notes,
                 ])),
                 "seconds": time.perf_counter() - self.started,
             },
@@ -358,7 +360,10 @@ class _Run:
         )  # fmt: skip
 
     def _separations(self, fits, probability, grouped, leader) -> list:
-        """For each class with several likely members: what would split the leading two."""
+        """For each class with several likely members: what would split the leading two.
+
+        What stands by now is not lost where the models of these cannot be solved: a note says so.
+        """
         self.progress.step("looking for measurements that would split what this test cannot")
         found = []
         for name in dict.fromkeys(grouped[e.key] for e in leader.hypothesis.effects):
@@ -369,11 +374,18 @@ class _Run:
             rival = self._rival(fits, leader, mine, members)
             if rival is None:
                 continue
-            separation = best_measurement(
-                name, list(members.values()), leader, rival, self.model.surrogate,
-                self.baseline, self.model.condition,
-                float(np.max(self.data.noise)) or 1e-3, self.evidence.discrepancy,
-            )  # fmt: skip
+            try:
+                separation = best_measurement(
+                    name, list(members.values()), leader, rival, self.model.surrogate,
+                    self.baseline, self.model.condition,
+                    float(np.max(self.data.noise)) or 1e-3, self.evidence.discrepancy,
+                )  # fmt: skip
+            except JointsError as error:
+                self.notes.append(
+                    f"No measurement is offered that would split class {name} "
+                    f"({', '.join(members.values())}): {error}"
+                )
+                continue
             if separation is not None:
                 found.append(separation)
         return found

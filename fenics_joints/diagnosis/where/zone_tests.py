@@ -24,6 +24,7 @@ from scipy.stats import chi2
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.linear import whiten
+from fenics_joints.diagnosis.where.spans import outside, visible_part
 from fenics_joints.errors import InputError
 
 __all__ = ["Attribution", "ZoneTest", "attribution", "holm", "whitened", "zone_tests"]
@@ -31,8 +32,6 @@ __all__ = ["Attribution", "ZoneTest", "attribution", "holm", "whitened", "zone_t
 #: Whitened length, in standard deviations of the data, that a change of the expected size must have
 #: for it to be tested at all: less costs a degree of freedom and can gain nothing.
 _VISIBLE = 0.1
-#: Directions of several zones that differ by less than this (sine) are one.
-_RANK = 1e-3
 #: Cosine of the angle to the other zones' span from which on a zone is not told from them.
 _ALIKE = 0.98
 
@@ -174,7 +173,7 @@ def zone_tests(
         return []
     r, *columns = whitened(evidence, nuisance, residual, *sensitivities.values())
     zones = dict(zip(sensitivities, columns, strict=True))
-    parts = {zone: _visible(S, visible) for zone, S in zones.items()}
+    parts = {zone: visible_part(S, visible) for zone, S in zones.items()}
     bases = {zone: U for zone, (U, _, _) in parts.items() if U.shape[1]}
     alone = {zone: _score(r, Q) for zone, Q in bases.items()}
     apart = {zone: _others_out(r, zone, bases) for zone in bases}
@@ -203,24 +202,6 @@ def zone_tests(
     return found
 
 
-def _visible(S: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Directions of the data, lengths and combinations of parameters that the test sees.
-
-    Two parameters that do nearly the same are one: their difference is not seen.
-    """
-    if not S.size:
-        return np.zeros((len(S), 0)), np.zeros(0), np.zeros((0, S.shape[1]))
-    U, s, turn = np.linalg.svd(S, full_matrices=False)
-    seen = s > max(least, 1e-9 * s[0], 1e-300)
-    return U[:, seen], s[seen], turn[seen]
-
-
-def _span(bases: Sequence[np.ndarray]) -> np.ndarray:
-    """Orthonormal basis of the span of several."""
-    U, s, _ = np.linalg.svd(np.hstack(bases), full_matrices=False)
-    return U[:, s > _RANK * s[0]]
-
-
 def _score(r: np.ndarray, Q: np.ndarray) -> tuple[float, int, float]:
     """Statistic, degrees of freedom and p on an orthonormal basis."""
     t, dof = float(np.sum((Q.T @ r) ** 2)), Q.shape[1]
@@ -236,20 +217,11 @@ def _others_out(r, zone: str, bases: Mapping[str, np.ndarray]):
     Q, alike = bases[zone], []
     while True:
         others = [name for name in bases if name != zone and name not in alike]
-        left, sines = _outside(Q, [bases[name] for name in others])
+        left, sines = outside(Q, [bases[name] for name in others])
         kept = left[:, sines > np.sqrt(1 - _ALIKE**2)]
         if kept.shape[1] or not others:
             return *_score(r, kept), tuple(alike)
         alike += _mimics(Q, {name: bases[name] for name in others})
-
-
-def _outside(Q: np.ndarray, others: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of Q's span with the others' projected out, and the sines of their angles."""
-    if others:
-        P = _span(others)
-        Q = Q - P @ (P.T @ Q)
-    U, s, _ = np.linalg.svd(Q, full_matrices=False)
-    return U, s
 
 
 def _mimics(Q: np.ndarray, others: Mapping[str, np.ndarray]) -> list[str]:
@@ -258,7 +230,7 @@ def _mimics(Q: np.ndarray, others: Mapping[str, np.ndarray]) -> list[str]:
     while len(chosen) < len(others):
         rest = [name for name in others if name not in chosen]
         left = {
-            name: _outside(Q, [others[c] for c in (*chosen, name)])[1] for name in rest
+            name: outside(Q, [others[c] for c in (*chosen, name)])[1] for name in rest
         }
         # Rounded, so that the first of those that are alike by symmetry is chosen on any machine.
         best = min(rest, key=lambda name: round(float(np.sum(left[name] ** 2)), 5))
