@@ -20,14 +20,12 @@ from fenics_joints.diagnosis.plan.added import (
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import point_mm
-from fenics_joints.measurements.gap import VISIBLE, mac, same_modes
+from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.reduction.likes import PLACES, likes
 from fenics_joints.reduction.surrogate import Surrogate
 
 __all__ = ["Pairs", "added_mass", "best_measurement", "further_modes", "same_in_both"]
-
-#: MAC above which modes of two models are the same, and at how many places it is taken.
-_SAME, _PLACES = 0.7, 24
 
 #: Expected separation D of two hypotheses, and the measurement.
 Candidate = tuple[float, str]
@@ -117,10 +115,7 @@ def same_in_both(a: Modes, b: Modes, surrogate: Surrogate) -> Pairs:
         surrogate: Says which of the first the test's are.
     """
     elastic = np.arange(a.n_rigid, len(a))[: len(b) - b.n_rigid]
-    everywhere = surrogate.everywhere(_PLACES)
-    shapes = a.at(everywhere)[:, elastic]
-    like = same_modes(b, everywhere, shapes, a.frequencies_hz[elastic])
-    same = np.diag(mac(shapes, b.at(everywhere)[:, like])) > _SAME
+    like, same = likes(a, elastic, b, surrogate.everywhere(PLACES))
     try:
         tested = np.isin(elastic, surrogate.forward.paired(a).index)
     except InputError:

@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import ALIKE, VISIBLE, mac, pair_modes, same_modes
+from fenics_joints.measurements.gap import ALIKE, VISIBLE, mac, pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.kept import read_vectors, write_vectors
+from fenics_joints.reduction.likes import PLACES, TURNED, likes
 from fenics_joints.reduction.seen import SeenModes, places_all_over
 from fenics_joints.structure import Structure
 
@@ -22,11 +23,7 @@ __all__ = ["MOST", "MeshErrors", "mesh_errors"]
 #: Degrees of freedom of the finer model at most: it is solved once, in some three times the memory
 #: of the other (the box, 66,645 and 199,476: 0.9 and 2.9 GB, 4 and 16 s).
 MOST = 200_000
-#: MAC below which two modes are not the same one, and at how many places it is taken.
-_SAME, _PLACES = 0.7, 60
 _TINY = np.finfo(float).tiny
-#: Difference of ln f within which modes may turn into one another by any small error.
-_TURNED = 0.01
 
 
 class MeshErrors(NamedTuple):
@@ -90,19 +87,15 @@ def _measured(small: SeenModes, better: Modes) -> tuple[np.ndarray, np.ndarray, 
         own = own[modes.visibility(sensors)[own] > VISIBLE]
     # The highest of one may have no like among those of the other.
     own = own[: len(better) - better.n_rigid]
-    # All over the body: to the test's sensors two modes may look alike.
-    places = places_all_over(small.full, _PLACES, corners=True)
-    shapes, hz = modes.at(places)[:, own], modes.frequencies_hz[own]
-    index = same_modes(better, places, shapes, hz)
-    errors = hz / better.frequencies_hz[index] - 1.0
-    same = _share_within(shapes, better, places, index) > _SAME
-    likes = dict(zip(own.tolist(), index.tolist(), strict=True))
+    index, same = likes(modes, own, better, places_all_over(small.full, PLACES, corners=True))
+    errors = modes.frequencies_hz[own] / better.frequencies_hz[index] - 1.0
+    like = dict(zip(own.tolist(), index.tolist(), strict=True))
     known = dict(zip(own[same].tolist(), errors[same].tolist(), strict=True))
     found = np.array([known.get(i, np.nan) for i in small.pairing.index.tolist()])
-    found[_told_otherwise(small, better, likes)] = np.nan
+    found[_told_otherwise(small, better, like)] = np.nan
     if sensors is None:
         return found, 0.0 * found, None
-    theirs = [likes.get(i, i) for i in small.pairing.index.tolist()]
+    theirs = [like.get(i, i) for i in small.pairing.index.tolist()]
     seen = modes.at(sensors)[:, small.pairing.index], better.at(sensors)[:, theirs]
     shape = np.sqrt(np.maximum(1.0 - np.diag(mac(*seen)), 0.0))
     change = None if small.pairing.mac is None else _changed(*seen, small.reference)
@@ -122,14 +115,14 @@ def _changed(ours: np.ndarray, theirs: np.ndarray, measured: np.ndarray) -> np.n
     )
 
 
-def _told_otherwise(small: SeenModes, better: Modes, likes: Mapping[int, int]) -> np.ndarray:
+def _told_otherwise(small: SeenModes, better: Modes, like: Mapping[int, int]) -> np.ndarray:
     """Mask of the test's modes, (m,), that are like one of the finer model, if that is not the like
     of the mode that they are paired with, or this is not like them.
 
     Args:
         small: Knows the test's shapes and their pairing.
         better: Modes of the finer model.
-        likes: Those that are the model's own, by index.
+        like: Those that are the model's own, by index.
     """
     own, sensors = small.pairing, small.sensors
     other = np.zeros(small.n_test, dtype=bool)
@@ -141,8 +134,8 @@ def _told_otherwise(small: SeenModes, better: Modes, likes: Mapping[int, int]) -
         return other  # too few modes that the test could see
     log_f = np.log(np.maximum(better.frequencies_hz, _TINY))
     for i, (mine, theirs) in enumerate(zip(own.index.tolist(), finer.index.tolist(), strict=True)):
-        apart = abs(log_f[likes[mine]] - log_f[theirs]) if mine in likes else np.inf
-        other[i] = finer.mac[i] >= ALIKE and (apart > _TURNED or own.mac[i] < ALIKE)
+        apart = abs(log_f[like[mine]] - log_f[theirs]) if mine in like else np.inf
+        other[i] = finer.mac[i] >= ALIKE and (apart > TURNED or own.mac[i] < ALIKE)
     return other
 
 
@@ -157,15 +150,4 @@ def _solved(finer: Structure, values, n_modes: int, keep) -> Modes:
         return Modes(finer, dict(values), squares, shapes, 0)
     found = solve_modes(finer, values, n_modes=n_modes)
     write_vectors(finer, file, found.shapes, "finer", eigenvalues=found.eigenvalues)
-    return found
-
-
-def _share_within(shapes: np.ndarray, better: Modes, places, index: np.ndarray) -> np.ndarray:
-    """MAC of shapes, (p, m), with what their partners and modes as near as makes them turn span."""
-    hz, there = better.frequencies_hz, better.at(places)
-    found = np.empty(len(index))
-    for i, j in enumerate(index):
-        near = np.abs(np.log(hz[better.n_rigid :] / hz[j])) < _TURNED
-        span = np.linalg.qr(there[:, better.n_rigid :][:, near])[0]
-        found[i] = np.sum((span.T @ shapes[:, i]) ** 2) / np.sum(shapes[:, i] ** 2)
     return found
