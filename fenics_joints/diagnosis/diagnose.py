@@ -165,7 +165,7 @@ class _Run:
             by_level=self.data.by_level,
             joints=self.given.diagnose.joints if len(self.model.zones) else "",
             damping=self._damping(leader),
-            between=leader.between,
+            scales=leader.scales,
             location=locate_gap(
                 replace(self.model, evidence=plain, data=self.data.as_it_is),
                 n_patches=self.given.diagnose.patches,

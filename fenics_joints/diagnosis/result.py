@@ -9,6 +9,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.sampled import Sampled
+from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS, Kind, Scales
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
@@ -126,8 +127,7 @@ class Diagnosis:
         sampled: Evidence by sampling of the leading hypotheses, by label of their effects.
         joints: What the comparison starts from: joints ``bonded``, as one with the parts, or
             ``given``, as the case has them; empty if the model has none.
-        between: Of a test by level, standard deviations of what changes between levels and the
-            leading hypothesis does not explain, of ln f and, if it was used, of ln damping.
+        scales: What the leading hypothesis has of the standard deviations that the data infer.
         damping: Measured and, by the leading hypothesis, predicted damping ratios, each of shape
             (n, m); None if damping was not used.
         row_names: Names of the conditions that are after a known change, ``""`` for the others;
@@ -157,7 +157,7 @@ class Diagnosis:
     by_level: bool = False
     joints: str = ""
     damping: tuple[np.ndarray, np.ndarray] | None = None
-    between: tuple[float, ...] | None = None
+    scales: Scales | None = None
     location: Location | None = None
     shrinkage: Shrinkage | None = None
     sampled: dict[str, Sampled] = field(default_factory=dict)
@@ -174,6 +174,22 @@ class Diagnosis:
         gap = f"gap {self.before.rms:.2%} to {self.after.rms:.2%}"
         lead = next((h.label for h in self.hypotheses), "")
         return f"Diagnosis({self.verdict}: {shorten(lead, 40)}; {gap}; {len(self.effects)} effects)"
+
+    @property
+    def between(self) -> tuple[float, ...] | None:
+        """Of a test by level, standard deviations of what changes between levels and the leading
+        hypothesis does not explain, of ln f and, if it was used, of ln damping."""
+        return self._scales_of(BETWEEN)
+
+    @property
+    def of_stated(self) -> tuple[float, ...] | None:
+        """Of other tests, how much of the stated error of any such model the leading hypothesis
+        has, of ln f and, if there are some, of shapes."""
+        return self._scales_of(ERRORS)
+
+    def _scales_of(self, kind: Kind) -> tuple[float, ...] | None:
+        there = self.scales is not None and self.scales.kind == kind
+        return self.scales.values if there else None
 
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --json``."""
@@ -213,6 +229,8 @@ class Diagnosis:
             out["damping"] = dict(zip(("test", "after"), self.damping, strict=True))
         if self.between is not None:
             out["between_levels"] = dict(zip(("frequency", "damping"), self.between, strict=False))
+        if self.of_stated is not None:
+            out["of_stated_error"] = dict(zip(("frequency", "shape"), self.of_stated, strict=False))
         if self.validation is not None:
             before, after = self.validation
             out["validation"] = {

@@ -284,7 +284,7 @@ class Search:
         listed = [f for f in known if not f.hypothesis.unknown]
         best = np.max(self.scores(listed))
         looks = self.looked(hypotheses, starts, lowers)
-        if self.model.evidence.between is not None:
+        if self.model.evidence.drifts:
             # What grows with the level does so by exponentials: a first step may go far too far.
             nearer = [np.clip(z, -_NEARER, _NEARER) for _, z in looks]
             again = self.looked(hypotheses, nearer, lowers)
@@ -352,12 +352,12 @@ class Search:
         return [together[i] for i in near_best(scores, np.inf, _LOOKS)]
 
     def _lowers(self, known: Sequence[Fit] = ()) -> list[np.ndarray]:
-        """Factors of the test's covariance: between levels as expected, and as the best of some
-        fits has it, which may have taken for drift what another effect explains."""
+        """Factors of the test's covariance: with scales as expected, and as the best of some fits
+        has them, which may have taken for drift what another effect explains."""
         evidence, found = self.model.evidence, [self.model.evidence]
-        if len(known) and evidence.between is not None:
-            found.append(evidence.at(known[int(np.argmax(self.scores(known)))].between))
-        return [np.linalg.cholesky(each.covariance()) for each in found]
+        if len(known) and evidence.scales is not None:
+            found.append(evidence.at(known[int(np.argmax(self.scores(known)))].scales))
+        return [each.lower() for each in found]
 
     def start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
         """The parent's parameters, with a zero for each of the effect that is added."""

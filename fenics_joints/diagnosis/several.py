@@ -91,7 +91,7 @@ def _fitted(search: Fits, effects: Sequence[Effect], parents: dict[str, Fit]) ->
     # From where the best of its parts ended, whose parameters are its own.
     starts = [next(f.z for key, f in parents.items() if key in e.holds) for e in effects]
     search.progress.step("a quick look at several at once", len(effects))
-    lower = np.linalg.cholesky(model.evidence.covariance())
+    lower = model.evidence.lower()
     looks = search.looked(hypotheses, starts, [lower])
     near = near_best(np.array([value for value, _ in looks]), _MARGIN, _MOST)
     search.progress.step("fitting several at once", len(near))

@@ -27,10 +27,10 @@ from fenics_joints.diagnosis.effects.amplitude import (
     amplitude_effects,
 )
 from fenics_joints.diagnosis.effects.effect import relative_error
-from fenics_joints.diagnosis.evidence.between import correlation, grid
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
+from fenics_joints.diagnosis.evidence.scales import BETWEEN, correlation
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData
 
@@ -125,16 +125,17 @@ def test_neither_drift_nor_scatter_is_friction(drift):
         assert p[MICRO_SLIP] < 0.25 and p[GROWING] < 0.25 and p[NONE] + p[STIFFENING] > 0.6
         if drift:
             # The trend is put down to drift, which the data widen.
-            assert found[NONE].between[0] >= 5e-4
+            assert found[NONE].scales.values[0] >= 5e-4
 
 
 @pytest.mark.smoke
 def test_scales_between_levels_are_summed_over_their_prior():
     """Against a sum of its own of exact Gaussian evidences, for what is linear: no cause at all."""
     found = fitted(80.3 * scatter(4, 2e-3), 0.002 * scatter(5, 0.2))[NONE]
-    scales = grid(damped=True)
+    scales = BETWEEN.expected(2).tried()
     assert np.sum(np.exp([weight for _, weight in scales])) == pytest.approx(1.0)
-    assert found.between in dict(scales) and found.between[0] > 5e-4 and found.between[1] > 0.05
+    assert found.scales in dict(scales) and found.scales.values > BETWEEN.medians
+    assert found.scales.values[1] > BETWEEN.medians[1]
     n, same = len(LEVELS), np.ones((len(LEVELS), len(LEVELS)))
     residual = np.concatenate([np.log(80.3 * scatter(4, 2e-3)), np.log(0.002 * scatter(5, 0.2))])
     at_rest, by_level = np.log(4.0), correlation(LEVELS)
@@ -148,7 +149,7 @@ def test_scales_between_levels_are_summed_over_their_prior():
             for r, c in parts
         )
 
-    total = np.logaddexp.reduce([exact(*s) + weight for s, weight in scales])
+    total = np.logaddexp.reduce([exact(*s.values) + weight for s, weight in scales])
     assert found.log_evidence == pytest.approx(total, abs=0.05)
 
 

@@ -14,8 +14,8 @@ from fenics_joints.commands.diagnose.reading import (
 )
 from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words
 from fenics_joints.diagnosis.effects.amplitude import NAMES
-from fenics_joints.diagnosis.evidence.between import medians
 from fenics_joints.diagnosis.evidence.evidence import UNSURE
+from fenics_joints.diagnosis.evidence.scales import BETWEEN
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import LIKELY, NAMED, unconfirmed
 from fenics_joints.formatting import percent, probability, spaced
@@ -48,7 +48,10 @@ def doubts(d: Diagnosis) -> list[str]:
                 f"{p_value_words(lead.p_value)}."
             )
         elif lead.p_value > _TOO_GOOD:
-            words.append("It fits better than it should: noise or discrepancy is stated too large.")
+            words.append(
+                "It fits better than it should: noise or discrepancy is stated too large"
+                f"{_counted(d)}."
+            )
         if lead.at_bound:
             words.append(f"At a limit of their range: {joined(lead.at_bound)}.")
         far = [p for p in lead.parameters if p["nuisance"] and abs(p["prior_sigmas"]) > _FAR]
@@ -105,11 +108,17 @@ def _of_mesh(d: Diagnosis) -> list[str]:
     ]
 
 
+def _counted(d: Diagnosis) -> str:
+    """How much of the discrepancies that the case states was counted, where it is not all."""
+    kinds = zip(("frequencies", "shapes"), d.of_stated or (), strict=False)
+    less = [f"{x:.2g} of it for {kind}" for kind, x in kinds if x < 1.0]
+    return f", though no more than {joined(less)} was counted" if less else ""
+
+
 def _drifts(d: Diagnosis) -> list[str]:
     """What changes from level to level by more than a structure's drift does, and is put there."""
     between = d.between or ()
-    usual = medians(len(between) > 1)
-    kinds = zip(("frequencies", "damping ratios"), between, usual, strict=False)
+    kinds = zip(("frequencies", "damping ratios"), between, BETWEEN.medians, strict=False)
     much = [f"{kind} by {percent(x, 0 if x > 0.1 else 2)}"
             for kind, x, median in kinds if x > _DRIFTS * median]  # fmt: skip
     if not much:

@@ -86,7 +86,7 @@ def micro_slip(zones: Sequence[Zone], reference: float) -> Effect:
     rotations and a suspension stiffen while the joint slips. The loss factor is
     `iwan_loss_factor` of s times ``loss`` x^``faster``: in an Iwan joint Masing's rule ties
     dissipation to softening, in a measured one they go together only roughly. What a structure
-    drifts between levels is no law's (`fenics_joints.diagnosis.evidence.between`).
+    drifts between levels is no law's (`fenics_joints.diagnosis.evidence.scales`).
 
     Args:
         zones: Zones of the joint.

@@ -100,7 +100,7 @@ class _Look:
 
     def __init__(self, forward: Forward, evidence: Evidence, baseline: dict[str, float]):
         self._given = batched(forward), evidence, baseline
-        self._lower = np.linalg.cholesky(evidence.covariance())
+        self._lower = evidence.lower()
 
     def __call__(self, effect: Effect) -> np.ndarray:
         """Shape (n_points, k)."""

@@ -47,7 +47,7 @@ def distance(a: Fit, b: Fit, evidence: Evidence) -> float:
 
 def _one_way(a: Fit, b: Fit, evidence: Evidence) -> float:
     """Whitened distance from a's prediction to the nearest that b can make."""
-    lower, used = np.linalg.cholesky(evidence.at(a.between).covariance()), evidence.fitted
+    lower, used = evidence.at(a.scales).lower(), evidence.fitted
     residual = whiten(lower, (a.predicted - b.predicted)[used])
     slope = whiten(lower, b.jacobian[used])
     # |residual - slope d|^2 + |z + d|^2 - |z|^2: what b loses of its prior counts as well.
@@ -83,7 +83,7 @@ def detectable(
     bare = Hypothesis((), tuple(nuisances), modes=modes, damped=damped,
                       driven=evidence.driven, known=evidence.known)  # fmt: skip
     with_it = replace(bare, effects=(effect,))
-    lower = np.linalg.cholesky(evidence.covariance())
+    lower = evidence.lower()
     without, _ = predict(bare, forward, evidence, bare.at(0.0), baseline)
     changes = (
         (predict(with_it, forward, evidence, with_it.at(size), baseline)[0] - without)

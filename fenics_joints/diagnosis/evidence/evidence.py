@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.between import Scales, correlation
+from fenics_joints.diagnosis.evidence.scales import BETWEEN, Scales, correlation
 from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
 from fenics_joints.diagnosis.evidence.weighed import Weighed
 
@@ -81,10 +81,11 @@ class Evidence:
             the condition, so that more of them do not average it out.
         used: Which entries are fitted, shape (n, m); the others are held out.
         changing: The share of the discrepancy's variance that changes with the condition: half for
-            torques, nothing for levels, which have ``between``.
-        between: Of a test by level, standard deviations of what changes between levels and no law
-            explains, of ln f and, if it is used, of ln damping
-            (`fenics_joints.diagnosis.evidence.between`): those expected, unless `at` put in others.
+            torques, nothing for levels, which drift.
+        scales: Standard deviations that the data infer (`fenics_joints.diagnosis.evidence.scales`):
+            of a test by level those of what changes between levels and no law explains; of others
+            how much of the stated `discrepancy` and `shape_error` there is. Those expected, unless
+            `at` put in others; None takes what is stated.
         log_damping: ln of the measured damping ratios, shape (n, m), nan where missing; None if
             they are not used.
         damping_sd: Their standard deviation from noise.
@@ -120,7 +121,7 @@ class Evidence:
     discrepancy: float
     used: np.ndarray = field(default=None)
     changing: float = 0.5
-    between: Scales | None = None
+    scales: Scales | None = None
     log_damping: np.ndarray | None = None
     damping_sd: float = 0.1
     damping_scatter: float = 0.0
@@ -276,14 +277,30 @@ class Evidence:
         """ln f of the model, (..., m), without the error of its mesh."""
         return log_f if self.mesh_shift is None else log_f - self.mesh_shift
 
-    def at(self, between: Scales | None) -> Evidence:
-        """The same test with these standard deviations between levels; as it is for None."""
-        if between in (None, self.between):
+    @property
+    def drifts(self) -> bool:
+        """Whether what changes between levels is inferred."""
+        return self.scales is not None and self.scales.kind == BETWEEN
+
+    def at(self, scales: Scales | None) -> Evidence:
+        """The same test with these standard deviations; as it is for None."""
+        if scales in (None, self.scales):
             return self
-        found = replace(self, between=between)
-        for name in ("entries", "data", "fitted", "_steady", "_drifts"):  # the same at any
+        found = replace(self, scales=scales)
+        for name in ("entries", "data", "fitted", "_steady", "_parts", "_lowers"):  # same at any
             found.__dict__[name] = getattr(self, name)
         return found
+
+    def lower(self, unknown: bool = False) -> np.ndarray:
+        """Cholesky factor of `covariance`, (k, k), remembered."""
+        key = self.scales, unknown
+        if key not in self._lowers:
+            self._lowers[key] = np.linalg.cholesky(self.covariance(unknown))
+        return self._lowers[key]
+
+    @cached_property
+    def _lowers(self) -> dict[tuple, np.ndarray]:
+        return {}
 
     def covariance(self, unknown: bool = False) -> np.ndarray:
         """Covariance of the fitted entries, shape (k, k)."""
@@ -293,10 +310,11 @@ class Evidence:
     def full_covariance(self, unknown: bool = False) -> np.ndarray:
         """Covariance of all entries, measured or not, held out or not, shape (N, N)."""
         if unknown not in self._steady:
-            self._steady[unknown] = self._without_drift(unknown)
+            self._steady[unknown] = self._stated(unknown)
         total = self._steady[unknown].copy()
-        for i, scale in enumerate(self.between or ()):
-            total += scale**2 * self._drifts[i]
+        values = () if self.scales is None else self.scales.values
+        for scale, part in zip(values, self._parts, strict=False):
+            total += scale**2 * part
         return total
 
     @cached_property
@@ -304,45 +322,84 @@ class Evidence:
         return {}
 
     @cached_property
-    def _drifts(self) -> tuple[np.ndarray, ...]:
-        """What changes between levels, at a standard deviation of one: of ln f, of ln damping."""
+    def _same_mode(self) -> np.ndarray:
+        mode = self.entries.mode
+        return mode[:, None] == mode[None, :]
+
+    @cached_property
+    def _parts(self) -> tuple[np.ndarray, ...]:
+        """The covariances that `scales` are of, at one: between levels of ln f and ln damping, or
+        of what is stated of ln f and of shapes."""
+        if not self.drifts:
+            return self._of_frequencies, self._of_shapes
         e = self.entries
-        same_mode = e.mode[:, None] == e.mode[None, :]
-        drift = correlation(self.conditions)[np.ix_(e.row, e.row)] * same_mode
+        drift = correlation(self.conditions)[np.ix_(e.row, e.row)] * self._same_mode
         return tuple(drift * _blocks(e.kind, *scales) for scales in ((1.0, 0.0), (0.0, 1.0)))
 
-    def _without_drift(self, unknown: bool) -> np.ndarray:
-        e = self.entries
-        same_mode = e.mode[:, None] == e.mode[None, :]
-        slow = _slow(self.conditions, self.changing)[np.ix_(e.row, e.row)] * same_mode
+    @cached_property
+    def _by_mode(self) -> np.ndarray:
+        """Standard deviation of the model's error in ln f, as it is stated or found, (m,)."""
         by_mode = np.broadcast_to(self.discrepancy, self.shape[1])
-        if self.mesh_error is not None:
-            by_mode = np.maximum(by_mode, self._of_all_modes(self.mesh_error))
+        if self.mesh_error is None:
+            return by_mode
+        return np.maximum(by_mode, self._of_all_modes(self.mesh_error))
+
+    @cached_property
+    def _slowly(self) -> np.ndarray:
+        """Correlation of a model's error between entries of one mode."""
+        row = self.entries.row
+        slow = _slow(self.conditions, self.changing)[np.ix_(row, row)] * self._same_mode
         if any(self.known):
-            changed = np.array([bool(known) for known in self.known])[e.row]
+            changed = np.array([bool(known) for known in self.known])[row]
             slow = slow + np.diag(np.where(changed, _OF_CHANGE, 0.0))
-        total = slow * _blocks(e.kind, by_mode[e.mode], self.damping_scatter)
+        return slow
+
+    @cached_property
+    def _of_frequencies(self) -> np.ndarray:
+        e = self.entries
+        return self._slowly * _blocks(e.kind, self._by_mode[e.mode])
+
+    @cached_property
+    def _locally(self) -> np.ndarray:
+        """Correlation of a model's error between components of one shape."""
+        e = self.entries
+        near = self.near if self.near is not None else np.eye(len(self.shapes))
+        local = _LOCAL * near**_NARROW + (1 - _LOCAL) * near
+        if self.along is not None:
+            local = local * self.along
+        is_shape = e.kind == SHAPE
+        pairs = local[np.ix_(e.sensor, e.sensor)] * self._same_mode
+        return pairs * np.outer(is_shape, is_shape)
+
+    @cached_property
+    def _of_shapes(self) -> np.ndarray:
+        if self.shapes is None:
+            return np.zeros(2 * (len(self.entries.kind),))
+        least = np.broadcast_to(self.shape_error, self.shape[1])
+        if self.mesh_shape is not None:
+            least = np.maximum(least, self._of_all_modes(self.mesh_shape))
+        return self._locally * least[self.entries.mode] ** 2
+
+    def _stated(self, unknown: bool) -> np.ndarray:
+        """All but what `scales` are of."""
+        e = self.entries
+        total = self._slowly * _blocks(e.kind, 0.0, self.damping_scatter)
+        if self.scales is None or self.drifts:
+            total = total + self._of_frequencies + self._of_shapes
         if self.mesh_common is not None:
             common = np.pad(self.mesh_common, (0, self.shape[1] - len(self.mesh_common)))
             of_mesh = np.where(e.kind == FREQUENCY, common[e.mode], 0.0)
             total = total + np.outer(of_mesh, of_mesh)
         if unknown:
-            wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * same_mode
+            wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * self._same_mode
             total = total + wide * _blocks(e.kind, 1.0, _UNKNOWN_DAMPING)
         if self.shapes is not None:
-            is_shape = e.kind == SHAPE
-            near = self.near if self.near is not None else np.eye(len(self.shapes))
-            least = np.broadcast_to(self.shape_error, self.shape[1])
-            if self.mesh_shape is not None:
-                least = np.maximum(least, self._of_all_modes(self.mesh_shape))
-            error = least[e.mode] ** 2 + (_UNKNOWN_SHAPE**2 if unknown else 0.0)
-            local = _LOCAL * near**_NARROW + (1 - _LOCAL) * near
-            if self.along is not None:
-                local = local * self.along
-            pairs = local[np.ix_(e.sensor, e.sensor)] * same_mode * error
-            total = total + pairs * np.outer(is_shape, is_shape)
-            turned = self._turned(by_mode)
+            # By what is stated, whatever the scales: what shapes of close modes are off by says
+            # little of the frequencies' error.
+            turned = self._turned(self._by_mode)
             total = total + turned @ turned.T
+            if unknown:
+                total = total + self._locally * _UNKNOWN_SHAPE**2
         if unknown and self.weighed:
             total = total + np.diag(np.where(e.kind == MASS, _UNKNOWN_MASS**2, 0.0))
         return total + np.diag(self.noise_sd() ** 2)

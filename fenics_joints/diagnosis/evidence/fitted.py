@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from fenics_joints.diagnosis.evidence.between import Scales, squares
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.scales import Scales
 
 __all__ = ["Fit"]
 
@@ -28,8 +28,8 @@ class Fit:
         misfit: Squared whitened residual of the fitted entries.
         n_data: Number of fitted entries.
         at_bound: Names of parameters at a limit of their prior.
-        between: Of a test by level, the most probable standard deviations between levels.
-        widening: ln of the evidence over that at those standard deviations.
+        scales: The most probable standard deviations of those that the data infer.
+        widening: ln of the evidence over that at those.
         ends: Other points at which the search ended, from other starts, nearly as probable, each
             (d,).
     """
@@ -44,7 +44,7 @@ class Fit:
     misfit: float
     n_data: int
     at_bound: tuple[str, ...] = ()
-    between: Scales | None = None
+    scales: Scales | None = None
     widening: float = 0.0
     ends: tuple[np.ndarray, ...] = ()
 
@@ -72,7 +72,7 @@ class Fit:
 
         In the linear-Gaussian case misfit + |z|^2 is the data's distance from the prediction in
         the metric of noise and prior together, and distributed as chi-square with n_data degrees.
-        Standard deviations between levels that had to be far from what is expected count as well.
+        Scales that had to be far from what is expected count as well.
         """
-        scales = 0.0 if self.between is None else squares(self.between)
+        scales = 0.0 if self.scales is None else self.scales.squares
         return float(chi2.sf(self.misfit + self.z @ self.z + scales, self.n_data))

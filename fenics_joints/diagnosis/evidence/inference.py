@@ -14,12 +14,12 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares
 
-from fenics_joints.diagnosis.evidence.between import Scales, grid, weighed
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import evidence_about, log_evidence, whiten
 from fenics_joints.diagnosis.evidence.problem import Problem, Scan, Scanned
+from fenics_joints.diagnosis.evidence.scales import Scales, weighed
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 
@@ -33,7 +33,9 @@ _CLOSE, _ELSEWHERE = 6.0, 0.3
 #: Gain, in nats, and step, in prior standard deviations, up to which a fit to a part of the data is
 #: linear about that to all of them: what is bent in between is a small part of that gain.
 _NEAR, _STRIDE = 0.3, 0.5
-#: Fits of one hypothesis with standard deviations between levels that the one before called for.
+#: Distance from a limit, in prior standard deviations, within which a parameter is at it.
+_AT_LIMIT = 1e-3
+#: Fits of one hypothesis with the scales that the one before called for.
 _ROUNDS = 3
 
 
@@ -54,8 +56,8 @@ def fit(
 
     The evidence is ln Z = ln N(r; 0, Sigma) - |z|^2 / 2 - ln det(J^T Sigma^-1 J + I) / 2 at the
     maximum, with the Gauss-Newton Hessian. Over a parameter that acts in steps (`Prior.scan`) it is
-    integrated on a grid instead, the others linear about their medians. Over the standard
-    deviations between the levels of a test it is summed, linear about the fit to the most probable.
+    integrated on a grid instead, the others linear about their medians. Over the test's `scales`
+    it is summed, linear about the fit to the most probable.
 
     Args:
         hypothesis: What is fitted.
@@ -74,17 +76,17 @@ def fit(
     found = _fit_at(
         hypothesis, forward, evidence, baseline, starts, tolerance, known, guide, scanned
     )
-    if evidence.between is not None:
-        tried, ends = grid(damped=len(evidence.between) > 1), found.ends
+    if evidence.scales is not None:
+        tried, ends = evidence.scales.tried(), found.ends
         for again in range(_ROUNDS):
             best, over = weighed(tried, partial(_linear, found, evidence))
-            if best == found.between or again == _ROUNDS - 1:
+            if best == found.scales or again == _ROUNDS - 1:
                 break
             test = evidence.at(best)
             found = _fit_at(
                 hypothesis, forward, test, baseline, [found.z], tolerance, found, guide, scanned
             )
-        widening = over(found.between)
+        widening = over(found.scales)
         found = replace(
             found, log_evidence=found.log_evidence + widening, widening=widening, ends=ends
         )
@@ -93,12 +95,14 @@ def fit(
     return found
 
 
-def _linear(found: Fit, evidence: Evidence, between: Scales) -> float:
-    """ln of the evidence with some standard deviations between levels, linear about a fit."""
-    lower = np.linalg.cholesky(evidence.at(between).covariance(found.hypothesis.unknown))
+def _linear(found: Fit, evidence: Evidence, scales: Scales) -> float:
+    """ln of the evidence with some standard deviations, linear about a fit."""
+    lower = evidence.at(scales).lower(found.hypothesis.unknown)
     used = evidence.fitted
     residual = whiten(lower, (found.predicted - evidence.data)[used])
-    return evidence_about(residual, whiten(lower, found.jacobian[used]), found.z, lower)
+    low, high = found.hypothesis.limits.T
+    free = np.minimum(found.z - low, high - found.z) > _AT_LIMIT
+    return evidence_about(residual, whiten(lower, found.jacobian[used]), found.z, lower, free)
 
 
 def refreshed(found: Fit, forward: Forward, evidence: Evidence, baseline) -> Fit:
@@ -122,11 +126,25 @@ def moved(found: Fit, evidence: Evidence) -> Fit | None:
         found: The fit, to all data.
         evidence: A part of them.
     """
-    h, z = found.hypothesis, found.z
-    if evidence.between is not None or any(p.scan for _, p in h.priors) or not len(z):
+    h = found.hypothesis
+    if evidence.drifts or any(p.scan for _, p in h.priors) or not len(found.z):
         return None
-    used = evidence.fitted
-    lower = np.linalg.cholesky(evidence.covariance(h.unknown))
+    near = _moved_at(found, evidence.at(found.scales))
+    if near is None or evidence.scales is None:
+        return near
+    best, over = weighed(evidence.scales.tried(), partial(_linear, near, evidence))
+    if best != near.scales:
+        near = _moved_at(found, evidence.at(best))
+    if near is None:
+        return None
+    widening = over(near.scales)
+    return replace(near, log_evidence=near.log_evidence + widening, widening=widening)
+
+
+def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:
+    """`moved` with the test's scales as they are."""
+    h, z, used = found.hypothesis, found.z, evidence.fitted
+    lower = evidence.lower(h.unknown)
     both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
     white = whiten(lower, both)
     residual, slope = white[:, 0], white[:, 1:]
@@ -134,7 +152,7 @@ def moved(found: Fit, evidence: Evidence) -> Fit | None:
     pull = slope.T @ residual + z
     step = -np.linalg.solve(hessian, pull)
     low, high = h.limits.T
-    inside = np.all((z + step > low + 1e-3) & (z + step < high - 1e-3))
+    inside = np.all(np.minimum(z + step - low, high - z - step) > _AT_LIMIT)
     if not inside or -0.5 * pull @ step > _NEAR or np.max(np.abs(step)) > _STRIDE:
         return None
     left, z = residual + slope @ step, z + step
@@ -142,7 +160,7 @@ def moved(found: Fit, evidence: Evidence) -> Fit | None:
         found, z=z, covariance=np.linalg.inv(hessian),
         predicted=found.predicted + found.jacobian @ step,
         log_evidence=log_evidence(left @ left + z @ z, hessian, lower),
-        misfit=float(left @ left), n_data=len(left), at_bound=(), ends=(),
+        misfit=float(left @ left), n_data=len(left), at_bound=(), ends=(), scales=evidence.scales,
     )  # fmt: skip
 
 
@@ -150,8 +168,8 @@ def _fit_at(
     hypothesis, forward, evidence, baseline, starts, tolerance, known=None, guide=None,
     scanned=None,
 ) -> Fit:
-    """`fit` with the test's standard deviations between levels as they are."""
-    lower = np.linalg.cholesky(evidence.covariance(hypothesis.unknown))
+    """`fit` with the test's scales as they are."""
+    lower = evidence.lower(hypothesis.unknown)
     whole = Problem(hypothesis, forward, evidence, baseline, lower, known, scanned)
     if guide is not None:
         quick = Problem(hypothesis, guide, evidence, baseline, lower, known, scanned, "guide")

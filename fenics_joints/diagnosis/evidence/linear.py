@@ -26,7 +26,8 @@ def log_evidence(square: float, hessian: np.ndarray, lower: np.ndarray) -> float
 
 
 def evidence_about(
-    residual: np.ndarray, slope: np.ndarray, z: np.ndarray, lower: np.ndarray
+    residual: np.ndarray, slope: np.ndarray, z: np.ndarray, lower: np.ndarray,
+    free: np.ndarray | None = None,
 ) -> float:
     """ln of the marginal likelihood of what is linear about a point that need not be its best.
 
@@ -35,7 +36,9 @@ def evidence_about(
         slope: Its derivatives by z, (k, d).
         z: The point, (d,).
         lower: Cholesky factor of the covariance, (k, k).
+        free: Which of z may move, (d,), bool: those at a limit may not. None for all.
     """
     hessian, pull = slope.T @ slope + np.eye(len(z)), slope.T @ residual + z
-    square = residual @ residual + z @ z - pull @ np.linalg.solve(hessian, pull)
-    return log_evidence(square, hessian, lower)
+    free = np.ones(len(z), dtype=bool) if free is None else free
+    gain = pull[free] @ np.linalg.solve(hessian[np.ix_(free, free)], pull[free])
+    return log_evidence(residual @ residual + z @ z - gain, hessian, lower)

@@ -65,7 +65,7 @@ class Marginal:
         self.limits = self.hypothesis.limits[self.own]
         self.n_effects = len(self.limits)
         self.used = evidence.fitted
-        covariance = evidence.at(fit.between).covariance(self.hypothesis.unknown)
+        covariance = evidence.at(fit.scales).covariance(self.hypothesis.unknown)
         self.lower = np.linalg.cholesky(covariance)
         is_f = evidence.entries.kind[self.used] == FREQUENCY
         self.error_limit = _LIMIT * float(np.median(np.sqrt(np.diag(covariance)[is_f])))

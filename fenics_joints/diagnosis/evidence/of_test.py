@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fenics_joints.diagnosis.effects.damping import has_ratios
-from fenics_joints.diagnosis.evidence.between import medians
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS
 from fenics_joints.diagnosis.evidence.weighed import Weighed
 from fenics_joints.measurements.data import TestData
 
@@ -40,9 +40,11 @@ def evidence_of(
     """
     log_f = np.log(data.frequencies_hz)
     kwargs = {"weighed": weighed, "mesh_error": mesh_error}
+    kwargs["scales"] = ERRORS.expected(1 if data.shapes is None else 2)
     if data.by_level:
         kwargs["changing"] = 0.0
-        kwargs["between"] = medians(has_ratios(data)) if len(data) > 1 else None
+        if len(data) > 1:
+            kwargs["scales"] = BETWEEN.expected(2 if has_ratios(data) else 1)
     if has_ratios(data):
         ratios = data.damping
         kwargs["log_damping"] = np.log(

@@ -214,5 +214,5 @@ class Problem:
             raise InputError(f"{label}: the evidence is not finite; check the data.")
         return Fit(
             self.hypothesis, z, np.linalg.inv(hessian), predicted, self.evidence.shape, jacobian,
-            found, float(residual[:n] @ residual[:n]), n, at_bound, self.evidence.between,
+            found, float(residual[:n] @ residual[:n]), n, at_bound, self.evidence.scales,
         )  # fmt: skip

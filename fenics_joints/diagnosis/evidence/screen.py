@@ -74,8 +74,7 @@ def linear_evidence(found: Fit, evidence: Evidence) -> float:
         found: The fit, to whatever entries.
         evidence: The entries.
     """
-    covariance = evidence.at(found.between).covariance(found.hypothesis.unknown)
-    lower = np.linalg.cholesky(covariance)
+    lower = evidence.at(found.scales).lower(found.hypothesis.unknown)
     return evidence_about(*whitened(found, evidence, lower), found.z, lower)
 
 
