@@ -31,7 +31,10 @@ def predictive(
             G = 0, and a hypothesis that is off by much at all levels is off at those held out.
     """
     fitted = blind.fitted
-    total = blind.at(refit.scales).full_covariance(refit.hypothesis.unknown)
+    # What is stated of a model's error has to hold where it is not looked at, however little of it
+    # the fitted data call for.
+    test = blind.at(refit.scales) if blind.drifts else blind
+    total = test.full_covariance(refit.hypothesis.unknown)
     cross = total[np.ix_(scored, fitted)] * float(mended)
     gained = np.linalg.solve(total[np.ix_(fitted, fitted)], cross.T).T
     mean = refit.predicted[scored] + gained @ (blind.data[fitted] - refit.predicted[fitted])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from linear_forward import Linear
 from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
+from scipy.stats import chi2, multivariate_normal
 
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
@@ -67,7 +67,15 @@ def test_evidence_is_summed_over_how_much_of_the_stated_error_there_is():
     least = np.exp(min(ERRORS.grid) * ERRORS.spread)
     assert little.scales.values == pytest.approx((least,)) and least < 0.7
     assert much.scales.values == (1.0,) and much.scales.squares == 0.0 < little.scales.squares
-    assert much.p_value < 0.05 < little.p_value < 0.999
+    # A misfit is what all that is stated cannot explain.
+    for true, got in found.items():
+        _, evidence, _ = setting(true)
+        covariance = replace(evidence, scales=None).covariance()
+        slopes = np.tile(forward.matrix, (3, 1))
+        r = evidence.data - 5.0
+        square = r @ np.linalg.solve(covariance + slopes @ slopes.T, r)
+        assert got.p_value == pytest.approx(chi2.sf(square, 12), abs=1e-6)
+    assert much.p_value < 0.05 < little.p_value
 
 
 def test_less_data_are_weighed_as_if_fitted_anew():

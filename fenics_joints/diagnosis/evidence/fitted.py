@@ -30,6 +30,8 @@ class Fit:
         at_bound: Names of parameters at a limit of their prior.
         scales: The most probable standard deviations of those that the data infer.
         widening: ln of the evidence over that at those.
+        stated: Of errors that are stated at most: the least misfit + |z|^2 if all of them is there,
+            linear about the fit; None where none are.
         ends: Other points at which the search ended, from other starts, nearly as probable, each
             (d,).
     """
@@ -46,6 +48,7 @@ class Fit:
     at_bound: tuple[str, ...] = ()
     scales: Scales | None = None
     widening: float = 0.0
+    stated: float | None = None
     ends: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
@@ -72,7 +75,10 @@ class Fit:
 
         In the linear-Gaussian case misfit + |z|^2 is the data's distance from the prediction in
         the metric of noise and prior together, and distributed as chi-square with n_data degrees.
-        Scales that had to be far from what is expected count as well.
+        Standard deviations between levels that had to be far from what is expected count as well;
+        of errors that are stated at most all is there, for a misfit is what they cannot explain.
         """
+        if self.stated is not None:
+            return float(chi2.sf(self.stated, self.n_data))
         scales = 0.0 if self.scales is None else self.scales.squares
         return float(chi2.sf(self.misfit + self.z @ self.z + scales, self.n_data))

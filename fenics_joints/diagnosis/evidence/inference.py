@@ -17,7 +17,12 @@ from scipy.optimize import least_squares
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.linear import evidence_about, log_evidence, whiten
+from fenics_joints.diagnosis.evidence.linear import (
+    evidence_about,
+    least_square,
+    log_evidence,
+    whiten,
+)
 from fenics_joints.diagnosis.evidence.problem import Problem, Scan, Scanned
 from fenics_joints.diagnosis.evidence.scales import Scales, weighed
 from fenics_joints.errors import InputError
@@ -86,10 +91,7 @@ def fit(
             found = _fit_at(
                 hypothesis, forward, test, baseline, [found.z], tolerance, found, guide, scanned
             )
-        widening = over(found.scales)
-        found = replace(
-            found, log_evidence=found.log_evidence + widening, widening=widening, ends=ends
-        )
+        found = replace(_over_all(found, evidence, over), ends=ends)
     if progress:
         progress()
     return found
@@ -98,11 +100,29 @@ def fit(
 def _linear(found: Fit, evidence: Evidence, scales: Scales) -> float:
     """ln of the evidence with some standard deviations, linear about a fit."""
     lower = evidence.at(scales).lower(found.hypothesis.unknown)
-    used = evidence.fitted
-    residual = whiten(lower, (found.predicted - evidence.data)[used])
-    low, high = found.hypothesis.limits.T
+    residual, slope, free = _about(found, evidence, lower)
+    return evidence_about(residual, slope, found.z, lower, free)
+
+
+def _about(found: Fit, evidence: Evidence, lower: np.ndarray):
+    """Residual and slopes at a fit, whitened, and which of its parameters are at no limit."""
+    used, (low, high) = evidence.fitted, found.hypothesis.limits.T
+    both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
+    white = whiten(lower, both)
     free = np.minimum(found.z - low, high - found.z) > _AT_LIMIT
-    return evidence_about(residual, whiten(lower, found.jacobian[used]), found.z, lower, free)
+    return white[:, 0], white[:, 1:], free
+
+
+def _over_all(found: Fit, evidence: Evidence, over: Callable[[Scales], float]) -> Fit:
+    """A fit with the evidence of all scales, and with what it would leave by what is stated."""
+    widening, stated = over(found.scales), None
+    if not evidence.drifts:
+        lower = evidence.at(evidence.scales.expected).lower(found.hypothesis.unknown)
+        residual, slope, free = _about(found, evidence, lower)
+        stated = least_square(residual, slope, found.z, free)
+    return replace(
+        found, log_evidence=found.log_evidence + widening, widening=widening, stated=stated
+    )
 
 
 def refreshed(found: Fit, forward: Forward, evidence: Evidence, baseline) -> Fit:
@@ -137,17 +157,14 @@ def moved(found: Fit, evidence: Evidence) -> Fit | None:
         near = _moved_at(found, evidence.at(best))
     if near is None:
         return None
-    widening = over(near.scales)
-    return replace(near, log_evidence=near.log_evidence + widening, widening=widening)
+    return _over_all(near, evidence, over)
 
 
 def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:
     """`moved` with the test's scales as they are."""
-    h, z, used = found.hypothesis, found.z, evidence.fitted
+    h, z = found.hypothesis, found.z
     lower = evidence.lower(h.unknown)
-    both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
-    white = whiten(lower, both)
-    residual, slope = white[:, 0], white[:, 1:]
+    residual, slope, _ = _about(found, evidence, lower)
     hessian = slope.T @ slope + np.eye(len(z))
     pull = slope.T @ residual + z
     step = -np.linalg.solve(hessian, pull)

@@ -70,6 +70,11 @@ class Scales:
     values: tuple[float, ...]
 
     @property
+    def expected(self) -> Scales:
+        """Those that are expected, of the same kinds of data."""
+        return self.kind.expected(len(self.values))
+
+    @property
     def squares(self) -> float:
         """Squared distance from the expected ones, in standard deviations of their prior."""
         medians = np.array(self.kind.medians[: len(self.values)])
