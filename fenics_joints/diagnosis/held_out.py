@@ -12,7 +12,8 @@ import numpy as np
 from mpi4py import MPI
 from scipy.special import logsumexp
 
-from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
+from fenics_joints.diagnosis.evidence.entries import FREQUENCY
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit, moved, refreshed

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from fenics_joints.diagnosis.evidence.evidence import DAMPING, FREQUENCY, Evidence
+from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 
 __all__ = ["gain", "held", "predictive"]

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fenics_joints.diagnosis.evidence.evidence import DAMPING, FREQUENCY, SHAPE, Evidence
+from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, SHAPE
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
 from fenics_joints.measurements import TestData

@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.scales import BETWEEN, Scales, correlation
-from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
+from fenics_joints.diagnosis.evidence.covariance import Covariance
+from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, MASS, SHAPE, Entries
+from fenics_joints.diagnosis.evidence.scales import BETWEEN, Scales
+from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import Weighed
 
-__all__ = ["DAMPING", "FREQUENCY", "MASS", "SHAPE", "UNSURE", "Entries", "Evidence"]
+__all__ = ["UNSURE", "Evidence"]
 
-#: Kinds of entries.
-FREQUENCY, DAMPING, SHAPE, MASS = 0, 1, 2, 3
 #: Of a mesh's error as one degree more finds it: what is left beyond that degree, expected, and its
 #: standard deviations, common to all modes and of each one's own. At an edge with the exponent
 #: lambda the error in energy falls with the degree p as p^(-4 lambda) (Babuska and Suri, SIAM J.
@@ -27,42 +27,6 @@ _BEYOND, _COMMON, _OWN = 0.3, 0.3, 0.2
 UNSURE = float(np.hypot(_COMMON, _OWN))
 #: Change of a shape by the mesh, relative to it, up to which it is taken off: beyond, modes turn.
 _LITTLE = 0.3
-#: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
-#: of the condition (5 % per factor e), and a bend of it (2 %); how much more to its damping; and
-#: what it does to a shape, relative to its root mean square.
-_UNKNOWN = (0.10, 0.05, 0.02)
-_UNKNOWN_DAMPING = 10.0
-_UNKNOWN_SHAPE = 0.2
-#: Share of the variance of a model's error that is a row's own after a known change: all else is
-#: the same before and after, and cancels in what the change shifts.
-_OF_CHANGE = 0.0025
-#: What it may do to a mass.
-_UNKNOWN_MASS = 0.1
-#: Change of the logarithm of the condition over which a model's error forgets itself.
-_MEMORY = 0.7
-#: Share of the variance of a model's error in a shape that is each sensor's own.
-_LOCAL = 0.5
-#: It reaches a tenth as far: sensors at one place share it.
-_NARROW = 100
-
-
-@dataclass(frozen=True)
-class Entries:
-    """What each entry of the data is; arrays of shape (N,).
-
-    Attributes:
-        kind: `FREQUENCY`, `DAMPING`, `SHAPE` or `MASS`.
-        row: Its condition; 0 for masses.
-        mode: Its mode; likewise.
-        sensor: Its sensor; -1 but for shapes.
-    """
-
-    kind: np.ndarray
-    row: np.ndarray
-    mode: np.ndarray
-    sensor: np.ndarray
-
-
 @dataclass(frozen=True, repr=False)
 class Evidence:
     """The test as the inference sees it.
@@ -287,20 +251,18 @@ class Evidence:
         if scales in (None, self.scales):
             return self
         found = replace(self, scales=scales)
-        for name in ("entries", "data", "fitted", "_steady", "_parts", "_lowers"):  # same at any
+        same = self.scales is not None and scales.kind == self.scales.kind
+        for name in ("entries", "data", "fitted", *(["_errors"] if same else [])):
             found.__dict__[name] = getattr(self, name)
         return found
 
+    @cached_property
+    def _errors(self) -> Covariance:
+        return Covariance(self)
+
     def lower(self, unknown: bool = False) -> np.ndarray:
         """Cholesky factor of `covariance`, (k, k), remembered."""
-        key = self.scales, unknown
-        if key not in self._lowers:
-            self._lowers[key] = np.linalg.cholesky(self.covariance(unknown))
-        return self._lowers[key]
-
-    @cached_property
-    def _lowers(self) -> dict[tuple, np.ndarray]:
-        return {}
+        return self._errors.lower(self.scales, unknown)
 
     def covariance(self, unknown: bool = False) -> np.ndarray:
         """Covariance of the fitted entries, shape (k, k)."""
@@ -309,118 +271,7 @@ class Evidence:
 
     def full_covariance(self, unknown: bool = False) -> np.ndarray:
         """Covariance of all entries, measured or not, held out or not, shape (N, N)."""
-        if unknown not in self._steady:
-            self._steady[unknown] = self._stated(unknown)
-        total = self._steady[unknown].copy()
-        values = () if self.scales is None else self.scales.values
-        for scale, part in zip(values, self._parts, strict=False):
-            total += scale**2 * part
-        return total
-
-    @cached_property
-    def _steady(self) -> dict[bool, np.ndarray]:
-        return {}
-
-    @cached_property
-    def _same_mode(self) -> np.ndarray:
-        mode = self.entries.mode
-        return mode[:, None] == mode[None, :]
-
-    @cached_property
-    def _parts(self) -> tuple[np.ndarray, ...]:
-        """The covariances that `scales` are of, at one: between levels of ln f and ln damping, or
-        of what is stated of ln f and of shapes."""
-        if not self.drifts:
-            return self._of_frequencies, self._of_shapes
-        e = self.entries
-        drift = correlation(self.conditions)[np.ix_(e.row, e.row)] * self._same_mode
-        return tuple(drift * _blocks(e.kind, *scales) for scales in ((1.0, 0.0), (0.0, 1.0)))
-
-    @cached_property
-    def _by_mode(self) -> np.ndarray:
-        """Standard deviation of the model's error in ln f, as it is stated or found, (m,)."""
-        by_mode = np.broadcast_to(self.discrepancy, self.shape[1])
-        if self.mesh_error is None:
-            return by_mode
-        return np.maximum(by_mode, self._of_all_modes(self.mesh_error))
-
-    @cached_property
-    def _slowly(self) -> np.ndarray:
-        """Correlation of a model's error between entries of one mode."""
-        row = self.entries.row
-        slow = _slow(self.conditions, self.changing)[np.ix_(row, row)] * self._same_mode
-        if any(self.known):
-            changed = np.array([bool(known) for known in self.known])[row]
-            slow = slow + np.diag(np.where(changed, _OF_CHANGE, 0.0))
-        return slow
-
-    @cached_property
-    def _of_frequencies(self) -> np.ndarray:
-        e = self.entries
-        return self._slowly * _blocks(e.kind, self._by_mode[e.mode])
-
-    @cached_property
-    def _locally(self) -> np.ndarray:
-        """Correlation of a model's error between components of one shape."""
-        e = self.entries
-        near = self.near if self.near is not None else np.eye(len(self.shapes))
-        local = _LOCAL * near**_NARROW + (1 - _LOCAL) * near
-        if self.along is not None:
-            local = local * self.along
-        is_shape = e.kind == SHAPE
-        pairs = local[np.ix_(e.sensor, e.sensor)] * self._same_mode
-        return pairs * np.outer(is_shape, is_shape)
-
-    @cached_property
-    def _of_shapes(self) -> np.ndarray:
-        if self.shapes is None:
-            return np.zeros(2 * (len(self.entries.kind),))
-        least = np.broadcast_to(self.shape_error, self.shape[1])
-        if self.mesh_shape is not None:
-            least = np.maximum(least, self._of_all_modes(self.mesh_shape))
-        return self._locally * least[self.entries.mode] ** 2
-
-    def _stated(self, unknown: bool) -> np.ndarray:
-        """All but what `scales` are of."""
-        e = self.entries
-        total = self._slowly * _blocks(e.kind, 0.0, self.damping_scatter)
-        if self.scales is None or self.drifts:
-            total = total + self._of_frequencies + self._of_shapes
-        if self.mesh_common is not None:
-            common = np.pad(self.mesh_common, (0, self.shape[1] - len(self.mesh_common)))
-            of_mesh = np.where(e.kind == FREQUENCY, common[e.mode], 0.0)
-            total = total + np.outer(of_mesh, of_mesh)
-        if unknown:
-            wide = _wide(self.conditions)[np.ix_(e.row, e.row)] * self._same_mode
-            total = total + wide * _blocks(e.kind, 1.0, _UNKNOWN_DAMPING)
-        if self.shapes is not None:
-            # By what is stated, whatever the scales: what shapes of close modes are off by says
-            # little of the frequencies' error.
-            turned = self._turned(self._by_mode)
-            total = total + turned @ turned.T
-            if unknown:
-                total = total + self._locally * _UNKNOWN_SHAPE**2
-        if unknown and self.weighed:
-            total = total + np.diag(np.where(e.kind == MASS, _UNKNOWN_MASS**2, 0.0))
-        return total + np.diag(self.noise_sd() ** 2)
-
-    def _of_all_modes(self, error: np.ndarray) -> np.ndarray:
-        """Errors by mesh, and the largest of modes that were added since, (m,)."""
-        return np.pad(error, (0, self.shape[1] - len(error)), mode="maximum")
-
-    def _turned(self, by_mode: np.ndarray) -> np.ndarray:
-        """Errors of shapes by modes nearby, (N, k), see `turned`."""
-        e, columns = self.entries, []
-        found = turned(
-            self.log_f[self.shape_row], self.shapes, by_mode, self.shape_error, self.neighbours
-        )
-        for parts in found:
-            column = np.zeros(len(e.kind))
-            for mode, shape in parts:
-                own = (e.kind == SHAPE) & (e.mode == mode)
-                column[own] = shape[e.sensor[own]]
-            columns.append(column)
-        return np.array(columns).reshape(-1, len(e.kind)).T
+        return self._errors.full(self.scales, unknown)
 
     def noise_sd(self) -> np.ndarray:
         """Standard deviation of each entry from the instrument alone, (N,)."""
@@ -429,30 +280,3 @@ class Evidence:
         sd = np.choose(e.kind, [sd, self.damping_sd, self.shape_sd, 0.0])
         sd[e.kind == MASS] = [w.sd for w in self.weighed]
         return sd
-
-
-def _blocks(
-    kind: np.ndarray, of_frequency: float | np.ndarray, of_damping: float = 0.0
-) -> np.ndarray:
-    """Products of the scales of frequencies and damping, nought between different kinds."""
-    scale = np.where(kind == FREQUENCY, of_frequency, np.where(kind == DAMPING, of_damping, 0.0))
-    return np.outer(scale, scale) * (kind[:, None] == kind[None, :])
-
-
-def _log(conditions: np.ndarray) -> np.ndarray:
-    """Centred logarithm of the conditions; zero when they are not all positive."""
-    if len(conditions) < 2 or np.any(conditions <= 0):
-        return np.zeros(len(conditions))
-    return np.log(conditions) - np.mean(np.log(conditions))
-
-
-def _slow(conditions: np.ndarray, changing: float) -> np.ndarray:
-    """Correlation of a model's error between conditions, (n, n)."""
-    x = _log(conditions)
-    return (1 - changing) + changing * np.exp(-0.5 * ((x[:, None] - x[None, :]) / _MEMORY) ** 2)
-
-
-def _wide(conditions: np.ndarray) -> np.ndarray:
-    shift, trend, bend = _UNKNOWN
-    x = _log(conditions)
-    return shift**2 + trend**2 * np.outer(x, x) + bend**2 * np.outer(x**2, x**2)

@@ -17,7 +17,8 @@ import numpy as np
 from scipy.stats import qmc
 
 from fenics_joints.diagnosis.effects.effect import Effect
-from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, SHAPE, Evidence
+from fenics_joints.diagnosis.evidence.entries import FREQUENCY, SHAPE
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.problem import Scanned
 from fenics_joints.errors import ConvergenceError, InputError

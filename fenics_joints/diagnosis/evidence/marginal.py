@@ -16,7 +16,8 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.stats import norm, qmc
 
-from fenics_joints.diagnosis.evidence.evidence import FREQUENCY, Evidence
+from fenics_joints.diagnosis.evidence.entries import FREQUENCY
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.leans import of_few_terms
 from fenics_joints.diagnosis.evidence.linear import whiten
