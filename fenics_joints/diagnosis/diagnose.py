@@ -106,7 +106,6 @@ class _Run:
         self.search, self.started = search, started
         self.comm, self.case, self.data = model.comm, model.case, model.data
         self.evidence, self.baseline = model.evidence, model.baseline
-        self.notes: list[str] = []
 
     @property
     def forward(self):
@@ -141,7 +140,7 @@ class _Run:
             if share.region not in changed
         ]  # fmt: skip
         cells = self._cells()
-        separations = self._separations(fits, probability, grouped, leader)
+        separations, unsplit = self._separations(fits, probability, grouped, leader)
         return Diagnosis(
             title=self.case.title,
             verdict=verdict,
@@ -180,7 +179,7 @@ class _Run:
                 "order": self.model.order_note(),
                 "notes": list(dict.fromkeys([
                     *test_notes(self.case, self.model.full), *self.data.notes,
-                    *self.model.mesh_notes(), *self.notes,
+                    *self.model.mesh_notes(), *unsplit,
                 ])),
                 "seconds": time.perf_counter() - self.started,
             },
@@ -359,13 +358,12 @@ class _Run:
             np.array(columns).T, self.model.zones.shown,
         )  # fmt: skip
 
-    def _separations(self, fits, probability, grouped, leader) -> list:
-        """For each class with several likely members: what would split the leading two.
-
-        What stands by now is not lost where the models of these cannot be solved: a note says so.
+    def _separations(self, fits, probability, grouped, leader):
+        """For each class with several likely members: what would split the leading two; and notes
+        of those whose models cannot be solved, for which what stands by now is not lost.
         """
         self.progress.step("looking for measurements that would split what this test cannot")
-        found = []
+        found, failed = [], []
         for name in dict.fromkeys(grouped[e.key] for e in leader.hypothesis.effects):
             members = {e.key: e.name for e in self.model.effects if grouped[e.key] == name}
             if len(members) < 2:
@@ -381,14 +379,14 @@ class _Run:
                     float(np.max(self.data.noise)) or 1e-3, self.evidence.discrepancy,
                 )  # fmt: skip
             except JointsError as error:
-                self.notes.append(
+                failed.append(
                     f"No measurement is offered that would split class {name} "
                     f"({', '.join(members.values())}): {error}"
                 )
                 continue
             if separation is not None:
                 found.append(separation)
-        return found
+        return found, failed
 
     @staticmethod
     def _rival(fits, leader, mine, members) -> Fit | None:

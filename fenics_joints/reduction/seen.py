@@ -137,20 +137,18 @@ class SeenModes:
         return Forward(model, self.sensors, self.n_test, enough, self.reference)
 
 
-def places_all_over(full, count: int, corners: bool = False) -> Sensors:
-    """Points all over a structure, the farthest from each other, in all directions. Collective.
+def places_all_over(full, count: int) -> Sensors:
+    """Points all over a structure, middles and corners of cells that are the farthest from each
+    other, in all directions: middles alone do not see a strip's torsion. Collective.
 
     Args:
         full: A structure with a mesh.
         count: Number of points.
-        corners: Whether the cells' corners are among them; else they are middles of cells alone.
     """
     msh = full.mesh
     owned = msh.topology.index_map(msh.topology.dim).size_local
     cells = msh.geometry.x[geometry_dofmap(msh)[:owned]]
-    own = cells.mean(axis=1)
-    if corners:
-        own = np.concatenate([own, cells.reshape(-1, 3)])
+    own = np.concatenate([cells.mean(axis=1), cells.reshape(-1, 3)])
     there = np.concatenate(msh.comm.allgather(own))[:, : full.gdim]
     there = there[np.unique(np.round(there, 9), axis=0, return_index=True)[1]]
     there = there[np.lexsort(np.round(there, 9).T)]

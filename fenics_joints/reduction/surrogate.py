@@ -190,8 +190,8 @@ class Surrogate(SeenModes):
         return model.projection.points(points)
 
     def everywhere(self, count: int) -> Sensors:
-        """Points all over the structure, corners of cells too, in all directions. Collective."""
-        return places_all_over(self.full, count, corners=True)
+        """Points all over the structure, each in all directions. Collective."""
+        return places_all_over(self.full, count)
 
     def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""

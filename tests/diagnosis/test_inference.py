@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from linear_forward import Linear
+from linear_forward import Linear, shift
 from scipy.stats import kstest, multivariate_normal, norm
 
 from fenics_joints.diagnosis import Effect, Prior
@@ -21,15 +21,6 @@ from fenics_joints.errors import InputError
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 RNG_SEED = 7
-
-
-def shift(index, spread=1.0, median=0.0):
-    """An effect that adds a normal amount to parameter ``index``."""
-
-    def apply(values, theta, condition):
-        values[f"p{index}"] += theta["d"]
-
-    return Effect(f"effect {index}", "", (Prior("d", median, spread, log=False),), apply)
 
 
 def evidence_of(log_f, sd=0.01, discrepancy=0.02, torques=TORQUES):

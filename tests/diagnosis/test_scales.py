@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear_forward import Linear
+from linear_forward import Linear, shift
 from scipy.special import logsumexp
 from scipy.stats import chi2, multivariate_normal
 
-from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit, moved
@@ -18,15 +17,6 @@ from fenics_joints.diagnosis.evidence.scales import ERRORS, Scales
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 STATED, NOISE = 0.02, 0.002
-
-
-def added(index: int) -> Effect:
-    """An effect that adds a normal amount to parameter ``index``."""
-
-    def apply(values, theta, condition):
-        values[f"p{index}"] += theta["d"]
-
-    return Effect(f"effect {index}", "", (Prior("d", 0.0, 1.0, log=False),), apply)
 
 
 def setting(true: float):
@@ -38,7 +28,7 @@ def setting(true: float):
     evidence = Evidence(
         TORQUES, log_f, np.full((3, 4), NOISE), STATED, scales=ERRORS.expected(1)
     )
-    return forward, evidence, Hypothesis((added(0), added(1)))
+    return forward, evidence, Hypothesis((shift(0), shift(1)))
 
 
 def exact(evidence: Evidence, forward: Linear) -> float:

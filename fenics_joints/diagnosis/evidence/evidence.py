@@ -27,6 +27,8 @@ _BEYOND, _COMMON, _OWN = 0.3, 0.3, 0.2
 UNSURE = float(np.hypot(_COMMON, _OWN))
 #: Change of a shape by the mesh, relative to it, up to which it is taken off: beyond, modes turn.
 _LITTLE = 0.3
+
+
 @dataclass(frozen=True, repr=False)
 class Evidence:
     """The test as the inference sees it.

@@ -24,6 +24,8 @@ _DAMPING = Effect("damping at rest", "", (), None)
 _MOTION = (1.0, np.log(5.0), "", True, (0.02, 50.0))
 #: Damping of bolted metal structures, away from slip: 0.3 %, within a factor of 4 either way.
 _AT_REST = (0.003, np.log(4.0), "", True, (1e-6, 0.5))
+#: Distance from a limit, in prior standard deviations, within which a parameter is at it.
+_AT_LIMIT = 1e-3
 
 
 @dataclass(frozen=True, repr=False)
@@ -161,6 +163,15 @@ class Hypothesis:
     def limits(self) -> np.ndarray:
         """Least and largest z of each parameter, (d, 2)."""
         return np.array([prior.limits() for _, prior in self.priors]).reshape(-1, 2)
+
+    def at_limit(self, z: np.ndarray) -> np.ndarray:
+        """Which parameters are at a limit of their prior, (d,), bool.
+
+        Args:
+            z: The point, (d,).
+        """
+        low, high = self.limits.T
+        return np.minimum(z - low, high - z) < _AT_LIMIT
 
     @cached_property
     def shared(self) -> dict[str, list[tuple[Effect, Prior]]]:

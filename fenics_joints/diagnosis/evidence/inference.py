@@ -17,14 +17,10 @@ from scipy.optimize import least_squares
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.linear import (
-    evidence_about,
-    least_square,
-    log_evidence,
-    whiten,
-)
+from fenics_joints.diagnosis.evidence.linear import evidence_about, least_square, log_evidence
 from fenics_joints.diagnosis.evidence.problem import Problem, Scan, Scanned
 from fenics_joints.diagnosis.evidence.scales import Scales, weighed
+from fenics_joints.diagnosis.evidence.screen import whitened
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 
@@ -38,8 +34,6 @@ _CLOSE, _ELSEWHERE = 6.0, 0.3
 #: Gain, in nats, and step, in prior standard deviations, up to which a fit to a part of the data is
 #: linear about that to all of them: what is bent in between is a small part of that gain.
 _NEAR, _STRIDE = 0.3, 0.5
-#: Distance from a limit, in prior standard deviations, within which a parameter is at it.
-_AT_LIMIT = 1e-3
 #: Fits of one hypothesis with the scales that the one before called for.
 _ROUNDS = 3
 
@@ -100,17 +94,8 @@ def fit(
 def _linear(found: Fit, evidence: Evidence, scales: Scales) -> float:
     """ln of the evidence with some standard deviations, linear about a fit."""
     lower = evidence.at(scales).lower(found.hypothesis.unknown)
-    residual, slope, free = _about(found, evidence, lower)
-    return evidence_about(residual, slope, found.z, lower, free)
-
-
-def _about(found: Fit, evidence: Evidence, lower: np.ndarray):
-    """Residual and slopes at a fit, whitened, and which of its parameters are at no limit."""
-    used, (low, high) = evidence.fitted, found.hypothesis.limits.T
-    both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
-    white = whiten(lower, both)
-    free = np.minimum(found.z - low, high - found.z) > _AT_LIMIT
-    return white[:, 0], white[:, 1:], free
+    free = ~found.hypothesis.at_limit(found.z)
+    return evidence_about(*whitened(found, evidence, lower), found.z, lower, free)
 
 
 def _over_all(found: Fit, evidence: Evidence, over: Callable[[Scales], float]) -> Fit:
@@ -118,8 +103,8 @@ def _over_all(found: Fit, evidence: Evidence, over: Callable[[Scales], float]) -
     widening, stated = over(found.scales), None
     if not evidence.drifts:
         lower = evidence.at(evidence.scales.expected).lower(found.hypothesis.unknown)
-        residual, slope, free = _about(found, evidence, lower)
-        stated = least_square(residual, slope, found.z, free)
+        free = ~found.hypothesis.at_limit(found.z)
+        stated, _ = least_square(*whitened(found, evidence, lower), found.z, free)
     return replace(
         found, log_evidence=found.log_evidence + widening, widening=widening, stated=stated
     )
@@ -164,13 +149,11 @@ def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:
     """`moved` with the test's scales as they are."""
     h, z = found.hypothesis, found.z
     lower = evidence.lower(h.unknown)
-    residual, slope, _ = _about(found, evidence, lower)
+    residual, slope = whitened(found, evidence, lower)
     hessian = slope.T @ slope + np.eye(len(z))
     pull = slope.T @ residual + z
     step = -np.linalg.solve(hessian, pull)
-    low, high = h.limits.T
-    inside = np.all(np.minimum(z + step - low, high - z - step) > _AT_LIMIT)
-    if not inside or -0.5 * pull @ step > _NEAR or np.max(np.abs(step)) > _STRIDE:
+    if h.at_limit(z + step).any() or -0.5 * pull @ step > _NEAR or np.max(np.abs(step)) > _STRIDE:
         return None
     left, z = residual + slope @ step, z + step
     return replace(

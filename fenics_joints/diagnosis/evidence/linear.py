@@ -38,15 +38,15 @@ def evidence_about(
         lower: Cholesky factor of the covariance, (k, k).
         free: Which of z may move, (d,), bool: those at a limit may not. None for all.
     """
-    hessian = slope.T @ slope + np.eye(len(z))
-    return log_evidence(least_square(residual, slope, z, free), hessian, lower)
+    return log_evidence(*least_square(residual, slope, z, free), lower)
 
 
 def least_square(
     residual: np.ndarray, slope: np.ndarray, z: np.ndarray, free: np.ndarray | None = None
-) -> float:
-    """Least |r|^2 + |z|^2 of what is linear about a point; see `evidence_about`."""
+) -> tuple[float, np.ndarray]:
+    """Least |r|^2 + |z|^2 of what is linear about a point, and its Hessian, (d, d); arguments as of
+    `evidence_about`."""
     hessian, pull = slope.T @ slope + np.eye(len(z)), slope.T @ residual + z
     free = np.ones(len(z), dtype=bool) if free is None else free
     gain = pull[free] @ np.linalg.solve(hessian[np.ix_(free, free)], pull[free])
-    return float(residual @ residual + z @ z - gain)
+    return float(residual @ residual + z @ z - gain), hessian

@@ -66,10 +66,9 @@ class Marginal:
         self.limits = self.hypothesis.limits[self.own]
         self.n_effects = len(self.limits)
         self.used = evidence.fitted
-        covariance = evidence.at(fit.scales).covariance(self.hypothesis.unknown)
-        self.lower = np.linalg.cholesky(covariance)
+        self.lower = evidence.at(fit.scales).lower(self.hypothesis.unknown)
         is_f = evidence.entries.kind[self.used] == FREQUENCY
-        self.error_limit = _LIMIT * float(np.median(np.sqrt(np.diag(covariance)[is_f])))
+        self.error_limit = _LIMIT * float(np.median(np.linalg.norm(self.lower[is_f], axis=1)))
         self.calls = 0
 
     # -- the prior -----------------------------------------------------------------------------

@@ -202,11 +202,11 @@ class Problem:
         n = len(self.lower)
         hessian = slope.T @ slope
         found = log_evidence(residual @ residual, hessian, self.lower)
-        low, high = self.hypothesis.limits.T
-        close = np.minimum(z - low, high - z) < 1e-3
         at_bound = tuple(
             f"{effect.name}: {prior.name}"
-            for (effect, prior), near in zip(self.hypothesis.priors, close, strict=True)
+            for (effect, prior), near in zip(
+                self.hypothesis.priors, self.hypothesis.at_limit(z), strict=True
+            )
             if near
         )
         if not np.isfinite(found):

@@ -87,7 +87,7 @@ def _measured(small: SeenModes, better: Modes) -> tuple[np.ndarray, np.ndarray, 
         own = own[modes.visibility(sensors)[own] > VISIBLE]
     # The highest of one may have no like among those of the other.
     own = own[: len(better) - better.n_rigid]
-    index, same = likes(modes, own, better, places_all_over(small.full, PLACES, corners=True))
+    index, same = likes(modes, own, better, places_all_over(small.full, PLACES))
     errors = modes.frequencies_hz[own] / better.frequencies_hz[index] - 1.0
     like = dict(zip(own.tolist(), index.tolist(), strict=True))
     known = dict(zip(own[same].tolist(), errors[same].tolist(), strict=True))
