@@ -103,6 +103,14 @@ def score(
         write_text(report, page(scores, seal.read_json(folder / seal.SEALED)))
 
 
+@app.command()
+def misses(folder: Folder) -> None:
+    """The cases that were wrong, as Markdown, from what `score` wrote."""
+    from benchmarks.blind.misses import told
+
+    typer.echo(told(folder))
+
+
 def _scored(folder: Path, oracle: bool) -> dict:
     from benchmarks.blind.score import read_records
     from benchmarks.blind.score import score as score_of

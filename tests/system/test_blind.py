@@ -7,6 +7,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,17 @@ ROOT = Path(__file__).resolve().parents[2]
 
 from scipy.stats import multivariate_normal, norm  # noqa: E402
 
-from benchmarks.blind import forecast, matching, oracle, page, rates, score, seal, targets  # noqa: E402
+from benchmarks.blind import (  # noqa: E402
+    forecast,
+    matching,
+    misses,
+    oracle,
+    page,
+    rates,
+    score,
+    seal,
+    targets,
+)
 from fenics_joints.files import json_text  # noqa: E402
 
 # -- seals -----------------------------------------------------------------------------------------
@@ -241,6 +252,40 @@ def test_shrinkage():
     found = score.summary([r])["shrinkage"]
     assert found["s"]["median"] == pytest.approx(0.4)
     assert (found["predicted_covered"]["k"], found["predicted_covered"]["n"]) == (2, 3)
+
+
+def test_wrong_answers_are_told(tmp_path):
+    """Six of eight are wrong, the one that nobody could tell (D of 1) after the one that is not."""
+    wrong, right = said({C: 0.7, B: 0.3}), said({B: 0.8, C: 0.2})
+    nothing = said({("no gap",): 0.9, B: 0.1}, verdict="no gap")
+    cases = {
+        "aa": record("single", [("b", "here")], wrong, separability=1.0),
+        "bb": record("single", [("b", "here")], wrong, separability=5.0),
+        "cc": record("single", [("b", "here")], right, separability=5.0),
+        "dd": record("none", [], right),
+        "ee": record("none", [], nothing),
+        "ff": record("unknown", [], nothing),
+        "gg": record("pair", [("b", ""), ("d", "")], said({C: 1.0})),
+        "hh": record("single", [("b", "")], forecast.Forecast(None), separability=3.0),
+    }  # fmt: skip
+    records = [replace(r, name=name) for name, r in cases.items()]
+    (tmp_path / "scores.json").write_text(json_text(score.score(records)))
+    of_test = {
+        "geometry": "g", "noise": [1e-3, 0.02], "spec": {"shapes": True}, "test": "torque",
+        "frequencies": [[1.0] * 4] * 3, "shapes": [[1.0] * 4] * 7, "missing": [2], "gap": 0.05,
+    }  # fmt: skip
+    (tmp_path / seal.UNSEALED).write_text(json_text({"answers": dict.fromkeys(cases, of_test)}))
+    (tmp_path / "diagnoses").mkdir()
+    for r in records:
+        kept = {"diagnosis": r.forecast.diagnosis} if r.forecast.diagnosis else {"error": "?"}
+        (tmp_path / "diagnoses" / f"{r.name}.json").write_text(json_text(kept))
+    found = misses.told(tmp_path)
+    rows = [[x.strip() for x in y.split("|")[1:-1]] for y in found.splitlines() if "| `" in y]
+    assert [row[0].strip("`") for row in rows] == ["bb", "hh", "aa", "dd", "ff", "gg"]
+    row = dict(zip(("id", "true", "test", "gap", "D", "said", "truth"), rows[0], strict=True))
+    assert row["test"] == "g, 4 modes, 6 sensors, 3 torques, 0.10 %, 2.00 %"
+    assert (row["true"], row["gap"], row["D"]) == ("b (here)", "5.00 %", "5.0")
+    assert (row["said"], row["truth"]) == ("cause: c 0.70; b 0.30", "0.30")
 
 
 # -- the oracle ------------------------------------------------------------------------------------
