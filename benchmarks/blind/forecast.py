@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from benchmarks.blind.matching import same_cause, same_region
+from benchmarks.blind.weights import weights_of
 
 __all__ = ["LEVELS", "NONE", "UNKNOWN", "Forecast"]
 
@@ -58,15 +59,15 @@ class Forecast:
         if self.diagnosis is None:
             return []
         found = []
-        for row in self.diagnosis["hypotheses"]:
+        rows = self.diagnosis["hypotheses"]
+        for row, weight in zip(rows, weights_of(self.diagnosis), strict=True):
             if row["label"] in (NONE, UNKNOWN):
                 members = (row["label"],)
             elif "effects" in row:
                 members = tuple(row["effects"])
             else:
                 members = tuple(self._by_name(name) for name in row["label"].split(" + "))
-            # Shown probabilities are bounded; the weights sum to one.
-            found.append((members, float(row.get("weight", row["probability"]))))
+            found.append((members, float(weight)))
         total = sum(p for _, p in found)
         return [(members, p / total) for members, p in found] if total > 0 else []
 

@@ -127,7 +127,10 @@ class Record:
         if not found:
             return None
         label = max(found, key=lambda k: found[k])
-        return found[label], any(label in right for right in self.accepted(level, region=False))
+        # Nothing is said to be surer than experience bears.
+        most = self.forecast.diagnosis.get("probabilities", {}).get("most", 1.0)
+        right = any(label in each for each in self.accepted(level, region=False))
+        return min(found[label], most), right
 
     def set_of(self, share: float = 0.9) -> list[str]:
         """Fewest causes and regions that together have that probability, likeliest first."""

@@ -19,6 +19,7 @@ from fenics_joints.diagnosis.evidence.classes import classes, detectable
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
+from fenics_joints.diagnosis.evidence.somewhere import changes
 from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.location import locate_gap
@@ -88,6 +89,7 @@ def diagnose(
         if folder is not None:
             on_root(comm, lambda: writable_folder(folder, "--keep"))
         model.reduce(progress, folder)
+        model.place_unknown()
         model.effects = one_of_alike(
             model.effects, model.forward, model.evidence, model.baseline, comm
         )
@@ -171,6 +173,7 @@ class _Run:
             ),
             shrinkage=shrink,
             sampled=self.sampled,
+            somewhere=changes(next(f for f in fits if f.hypothesis.unknown), self.evidence),
             row_names=self.data.row_names,
             model={
                 **self.model.surrogate.facts(),

@@ -12,9 +12,8 @@ from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.where.constitutive import ConstitutiveError, constitutive_error
 from fenics_joints.diagnosis.where.patches import PatchMap, patch_tests, patches
-from fenics_joints.diagnosis.where.zone_sensitivity import given_way, zone_sensitivities
+from fenics_joints.diagnosis.where.zone_sensitivity import zone_sensitivities
 from fenics_joints.diagnosis.where.zone_tests import Attribution, ZoneTest, attribution, zone_tests
-from fenics_joints.modal.modes import solve_modes
 
 __all__ = ["AXES", "Location", "locate_gap"]
 
@@ -93,25 +92,13 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
     nominal, pairing = model.surrogate.nominal, model.surrogate.pairing
     mapped = patch_tests(
         model.cells, nominal, pairing, evidence, residual, nuisance, n_patches,
-        soft=_yielding(model), by_torque=torque, merged=model.zones.shown,
+        soft=model.yielding(), by_torque=torque, merged=model.zones.shown,
     ) if n_patches else None  # fmt: skip
     return Location(
         tests(whole), tests(split) if len(split) > len(whole) else (), tuple(parts), mapped,
         _constitutive(model, n_patches), sum(part.chi2 for part in by_mode),
         sum(part.expected for part in by_mode),
     )  # fmt: skip
-
-
-def _yielding(model: Prepared):
-    """The full model's modes with all joints giving way, paired with the test's; None without."""
-    if not len(model.zones):
-        return None
-    surrogate = model.surrogate
-    values = given_way(model.baseline, interfaces(model.zones, model.baseline))
-    modes = solve_modes(
-        model.full, values, n_modes=surrogate.n_modes, solver=surrogate.nominal.solver
-    )
-    return modes, surrogate.forward.paired(modes)
 
 
 def _groups(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]]:

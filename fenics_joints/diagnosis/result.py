@@ -10,6 +10,7 @@ import numpy as np
 from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.sampled import Sampled
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS, Kind, Scales
+from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
@@ -130,6 +131,8 @@ class Diagnosis:
         scales: What the leading hypothesis has of the standard deviations that the data infer.
         damping: Measured and, by the leading hypothesis, predicted damping ratios, each of shape
             (n, m); None if damping was not used.
+        somewhere: Where an unknown cause would be, if it is a change of stiffness or mass; None
+            where that was not looked at.
         row_names: Names of the conditions that are after a known change, ``""`` for the others;
             empty without such.
     """
@@ -161,6 +164,7 @@ class Diagnosis:
     location: Location | None = None
     shrinkage: Shrinkage | None = None
     sampled: dict[str, Sampled] = field(default_factory=dict)
+    somewhere: Somewhere | None = None
     row_names: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
@@ -225,6 +229,8 @@ class Diagnosis:
             label: {key: getattr(n, key) for key in _OF_SAMPLED}
             for label, n in self.sampled.items()
         }
+        if self.somewhere is not None:
+            out["somewhere"] = asdict(self.somewhere)
         if self.damping is not None:
             out["damping"] = dict(zip(("test", "after"), self.damping, strict=True))
         if self.between is not None:
@@ -248,7 +254,7 @@ def _effect(e: EffectResult) -> dict:
 
 
 def _hypothesis(h: HypothesisResult) -> dict:
-    return {**asdict(h), "probability": bounded(h.probability)}
+    return {**asdict(h), "probability": bounded(h.probability), "weight": h.probability}
 
 
 def _renamed(result: EffectResult | Separation, name: str, *without: str) -> dict:

@@ -144,10 +144,12 @@ class Assembly:
     def _make_spaces(self, degree: int) -> None:
         cell = self.mesh.topology.cell_name()
         family = "S" if degree > 1 and cell in _SERENDIPITY_CELLS else "Lagrange"
-        self.element = basix.ufl.element(family, cell, degree)
+        #: Family, cell and degree of the displacements.
+        self.element_of = family, cell, degree
+        self.element = basix.ufl.element(*self.element_of)
         gdim = self.mesh.geometry.dim
         self.V = fem.functionspace(
-            self.mesh, basix.ufl.element(family, cell, degree, shape=(gdim,))
+            self.mesh, basix.ufl.element(*self.element_of, shape=(gdim,))
         )
 
     def _dirichlet(self) -> list:

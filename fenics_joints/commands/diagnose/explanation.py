@@ -40,6 +40,7 @@ from fenics_joints.commands.diagnose.words import (
     sentence,
     share_words,
     shortened,
+    somewhere_words,
     span,
     times_words,
 )
@@ -257,7 +258,9 @@ def _unknown(d: Diagnosis) -> str:
             "effect does, and so is likely a part of the cause"
         )
     p = probability(probability_of(d, UNKNOWN))
-    return f"{words}; that something else is at work{' too' if is_part(d) else ''} has {p}"
+    words += f"; that something else is at work{' too' if is_part(d) else ''} has {p}"
+    placed = somewhere_words(d.somewhere)
+    return f"{words}; it would most surely be {placed}" if placed else words
 
 
 def _cause(d: Diagnosis) -> str:

@@ -1,4 +1,4 @@
-"""Seven questions on a diagnosis, and their answers with the numbers behind them."""
+"""Eight questions on a diagnosis, and their answers with the numbers behind them."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from fenics_joints.commands.diagnose.reading import (
     is_loud,
     leading,
     named,
+    probability_of,
     sure_causes,
 )
 from fenics_joints.commands.diagnose.words import (
@@ -28,12 +29,13 @@ from fenics_joints.commands.diagnose.words import (
     sentence,
     share_words,
     shortened,
+    somewhere_words,
     zone_words,
 )
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
-from fenics_joints.diagnosis.verdict import NO_GAP
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 from fenics_joints.formatting import (
     condition_value,
@@ -41,6 +43,7 @@ from fenics_joints.formatting import (
     interval,
     percent,
     point_mm,
+    probability,
     quantity,
     spaced,
 )
@@ -61,6 +64,7 @@ def questions(d: Diagnosis) -> dict[str, str]:
         ("In which part?", _in_which_part(d)),
         ("What was fitted?", _fitted(d)),
         ("Why this and not another?", _why(d)),
+        ("What if it is something else?", _something_else(d)),
         ("What can these data not tell?", _not_told(d)),
         ("Does it predict?", _predicts(d)),
     )
@@ -229,6 +233,17 @@ def _not_told(d: Diagnosis) -> str:
         names = shortened([spaced(s.effect) for s in d.silent])
         words.append(f"Nothing at all is said of {names}.")
     return " ".join(words)
+
+
+def _something_else(d: Diagnosis) -> str:
+    p, words = probability_of(d, UNKNOWN), somewhere_words(d.somewhere)
+    if p < SHARE or not words or d.somewhere is None:
+        return ""
+    return (
+        f"A cause that is not in the library has {probability(p)}. That it is a change of "
+        f"stiffness or mass somewhere is {share_words(d.somewhere.probability)} of that; then most "
+        f"surely there is {words}."
+    )
 
 
 def _split(d: Diagnosis, group: EffectClass) -> str:

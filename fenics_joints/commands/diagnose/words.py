@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+import numpy as np
+
+from fenics_joints.diagnosis.evidence.somewhere import Patch, Somewhere
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import confirmed
 from fenics_joints.diagnosis.where.zone_tests import Attribution
@@ -15,13 +18,14 @@ from fenics_joints.formatting import (
     error_percent,
     number,
     percent,
+    point_mm,
     spaced,
 )
 
 __all__ = [
     "NAMED", "NARROWED", "VERDICTS", "chance_words", "from_to", "group_words", "is_part",
-    "joined", "p_value_words", "sentence", "share_words", "shortened", "span", "times_words",
-    "zone_words",
+    "joined", "p_value_words", "sentence", "share_words", "shortened", "somewhere_words", "span",
+    "times_words", "zone_words",
 ]  # fmt: skip
 
 #: Verdicts as headings.
@@ -40,12 +44,45 @@ NARROWED = {
 }
 #: Members of a list that are worth a word.
 NAMED = 3
+#: Probability from which an unknown cause has a place; and standard deviations from which a change
+#: there is one.
+_HAS_PLACE, _SURELY = 0.5, 2.0
 
 
 def is_part(d: Diagnosis) -> bool:
     """Whether the best explanation leaves too much to be the cause, and yet predicts held-out data
     better than the nominal model and the best wrong effect."""
     return d.verdict == "unknown" and d.shrinkage is not None and confirmed(d.shrinkage)
+
+
+def somewhere_words(found: Somewhere | None) -> str:
+    """Where an unknown cause would be, and what it would change there; "" where nowhere is sure."""
+    if found is None or found.probability < _HAS_PLACE:
+        return ""
+    first = found.patches[0]
+    parts = _changes(first)
+    if not parts:
+        return ""
+    return f"{joined(parts)} in {zone_words(first.region)} about {point_mm(first.middle)} mm"
+
+
+def _changes(patch: Patch) -> list[str]:
+    """What surely changes in a patch, and by how much."""
+    both = (
+        ("stiffness", patch.stiffness, patch.stiffness_sd), ("mass", patch.mass, patch.mass_sd)
+    )  # fmt: skip
+    sure = [(name, mean, sd) for name, mean, sd in both if abs(mean) > _SURELY * sd]
+    if patch.of_joint:
+        return [f"{'less' if mean < 0 else 'more'} {name}" for name, mean, _ in sure]
+    return [
+        f"{percent(np.expm1(mean), 0, sign=True)} of {name} ({_within(mean, sd)})"
+        for name, mean, sd in sure
+    ]
+
+
+def _within(mean: float, sd: float) -> str:
+    ends = (percent(np.expm1(mean + way * sd), 0, sign=True) for way in (-1, 1))
+    return "68 %: " + " to ".join(ends)
 
 
 def joined(words: Sequence[str], last: str = "and") -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from fenics_joints.diagnosis.evidence.covariance import Covariance
 from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, MASS, SHAPE, Entries
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, Scales
+from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import Weighed
 
@@ -79,6 +80,8 @@ class Evidence:
         neighbours: The nominal model's modes, those that the test lacks among them; None where they
             are not known.
         known: See `TestData`: rows after a known change, the last ones.
+        signatures: What a change in each patch of the structure would do; None where an unknown
+            cause has no place.
     """
 
     conditions: np.ndarray
@@ -104,6 +107,7 @@ class Evidence:
     mesh_shape: np.ndarray | None = None
     neighbours: Neighbours | None = None
     known: tuple[Mapping[str, float], ...] = ()
+    signatures: Signatures | None = None
 
     def __repr__(self) -> str:
         return f"Evidence({self.fitted.sum()} data at {len(self.conditions)} conditions)"

@@ -32,6 +32,9 @@ class Fit:
         widening: ln of the evidence over that at those.
         stated: Of errors that are stated at most: the least misfit + |z|^2 if all of them is there,
             linear about the fit; None where none are.
+        placed: Of an unknown cause, the probability that it is a change somewhere
+            (`fenics_joints.diagnosis.evidence.somewhere`), and not one that may do anything; None
+            where that was not looked at.
         ends: Other points at which the search ended, from other starts, nearly as probable, each
             (d,).
     """
@@ -49,6 +52,7 @@ class Fit:
     scales: Scales | None = None
     widening: float = 0.0
     stated: float | None = None
+    placed: float | None = None
     ends: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:

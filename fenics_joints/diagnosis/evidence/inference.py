@@ -21,6 +21,7 @@ from fenics_joints.diagnosis.evidence.linear import evidence_about, least_square
 from fenics_joints.diagnosis.evidence.problem import Problem, Scan, Scanned
 from fenics_joints.diagnosis.evidence.scales import Scales, weighed
 from fenics_joints.diagnosis.evidence.screen import whitened
+from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 
@@ -86,6 +87,8 @@ def fit(
                 hypothesis, forward, test, baseline, [found.z], tolerance, found, guide, scanned
             )
         found = replace(_over_all(found, evidence, over), ends=ends)
+    if hypothesis.unknown:
+        found = with_somewhere(found, evidence)
     if progress:
         progress()
     return found
@@ -135,14 +138,17 @@ def moved(found: Fit, evidence: Evidence) -> Fit | None:
     if evidence.drifts or any(p.scan for _, p in h.priors) or not len(found.z):
         return None
     near = _moved_at(found, evidence.at(found.scales))
-    if near is None or evidence.scales is None:
-        return near
+    if near is None:
+        return None
+    if evidence.scales is None:
+        return with_somewhere(near, evidence) if h.unknown else near
     best, over = weighed(evidence.scales.tried(), partial(_linear, near, evidence))
     if best != near.scales:
         near = _moved_at(found, evidence.at(best))
     if near is None:
         return None
-    return _over_all(near, evidence, over)
+    near = _over_all(near, evidence, over)
+    return with_somewhere(near, evidence) if h.unknown else near
 
 
 def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:

@@ -16,6 +16,7 @@ from fenics_joints.case.dimensions import unfit
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
+from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.user import for_zones
@@ -27,9 +28,13 @@ from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
+from fenics_joints.diagnosis.where.patch_signatures import signatures
+from fenics_joints.diagnosis.where.patches import patches
+from fenics_joints.diagnosis.where.zone_sensitivity import given_way
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.gap import skipped
+from fenics_joints.measurements.gap import Pairing, skipped
+from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.seen import SeenModes
@@ -43,6 +48,8 @@ __all__ = ["Prepared", "prepare"]
 #: discrepancy of 0.5 %, where small effects count, 15 % of one of 2.5 %. In the median over the
 #: effects of the blind check's T the error is 0.06 % at a share of 0.5 %, of its box 0.01 % at 1 %.
 _LACKING, _MOST_LACKING = 12.0, 1e-2
+#: Patches of each region in which an unknown cause may be.
+_PATCHES = 12
 
 
 @dataclass(repr=False, kw_only=True)
@@ -73,6 +80,7 @@ class Prepared(Subject):
     surrogate: SeenModes | None = None
     unresolved: tuple[str, ...] = ()
     left_out: np.ndarray | None = None
+    _yielding: tuple[Modes, Pairing] | None = None
 
     def __repr__(self) -> str:
         return f"Prepared({self.case.title!r}, {len(self.effects)} effects, {self.evidence})"
@@ -137,6 +145,29 @@ class Prepared(Subject):
             )  # fmt: skip
             if errors is not None:
                 self.on_mesh(errors)
+
+    def yielding(self) -> tuple[Modes, Pairing] | None:
+        """The full model's modes with all joints giving way, and which of them the test saw; None
+        without joints. Collective."""
+        if not len(self.zones):
+            return None
+        if self._yielding is None:
+            seen = self.surrogate
+            values = given_way(self.baseline, interfaces(self.zones, self.baseline))
+            modes = solve_modes(
+                self.full, values, n_modes=seen.n_modes, solver=seen.nominal.solver
+            )
+            self._yielding = modes, seen.forward.paired(modes)
+        return self._yielding
+
+    def place_unknown(self) -> None:
+        """Let an unknown cause have a place. Collective; after `reduce`."""
+        seen, split = self.surrogate, patches(self.cells, _PATCHES, self.zones.shown)
+        found = signatures(
+            self.cells, seen.nominal, seen.pairing, self.evidence, split, self.data.sensors,
+            self.yielding(),
+        )  # fmt: skip
+        self.evidence = replace(self.evidence, signatures=found)
 
     def _unfit(self) -> list[str]:
         """Thicknesses and widths that the model cannot represent, which no effect changes."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 from mpi4py import MPI
@@ -15,6 +15,7 @@ from fenics_joints.diagnosis.where.two_fields import DenseFields, SparseFields, 
 from fenics_joints.diagnosis.zones.places import bolt_points
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure import Sensors, Structure
+from fenics_joints.structure.cell_forces import CellForces
 
 __all__ = ["BeamElements", "Cells", "MeshCells"]
 
@@ -64,6 +65,21 @@ class Cells(ABC):
 
         Returns:
             Shape (n_owned, m) by property; nought where a cell has no such property.
+        """
+
+    @abstractmethod
+    def crossed(
+        self, modes: Modes, index: Sequence[int]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Of mode after mode i, x_i^T K x_k and x_i^T M x_k of each cell with every mode k.
+        Collective.
+
+        Args:
+            modes: Modes, M of them.
+            index: Which of them i is, one after the other.
+
+        Yields:
+            Both (n_owned, M).
         """
 
     @abstractmethod
@@ -155,6 +171,15 @@ class MeshCells(Cells):
                 out[cells] = gradient[cells, slot] * q[cells, slot]
         return out
 
+    def crossed(self, modes: Modes, index: Sequence[int]):
+        forces = CellForces(self.structure)
+        motions = np.array([forces.motion(modes.vector(k)) for k in range(len(modes))])
+        for i in index:
+            yield tuple(
+                np.einsum("cd,kcd->ck", by_cell, motions)
+                for by_cell in forces.of(modes.vector(int(i)), modes.given)
+            )
+
     def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:
         gradient = self.structure.cell_gradient(x, omega**2, given)
         # Stiffness is of the first degree in all moduli together, mass in the density.
@@ -202,6 +227,19 @@ class BeamElements(Cells):
 
     def slopes(self, modes: Modes, index: Sequence[int]) -> dict[str, np.ndarray]:
         return log_slopes(self.structure, self.structure.cells, modes, index)
+
+    def crossed(self, modes: Modes, index: Sequence[int]):
+        for i in index:
+            x = modes.shapes[:, [int(i)]]
+            # x^T K y is a quarter of what the squares of x + y and x - y differ by.
+            ends = [
+                cell_energies(self.structure, self.structure.cells, modes.shapes + y, modes.given)
+                for y in (x, -x)
+            ]
+            with_it, less = (
+                (sum(end[key] for key in self.stiffness), end["rho"]) for end in ends
+            )
+            yield tuple((a - b) / 4 for a, b in zip(with_it, less, strict=True))
 
     def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:
         found = cell_energies(self.structure, self.structure.cells, x[:, None], given)

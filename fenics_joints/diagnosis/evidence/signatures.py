@@ -1,0 +1,92 @@
+"""What changes of stiffness and mass in each patch of a structure do to a test, to first order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fenics_joints.diagnosis.evidence.covariance import Stated
+from fenics_joints.diagnosis.evidence.entries import FREQUENCY, MASS, SHAPE
+
+__all__ = ["Signatures"]
+
+#: Exponent of an interface's stiffness in the torque; variance that keeps a correlation definite.
+_EXPONENT, _JITTER = 0.5, 1e-6
+
+
+@dataclass(frozen=True, repr=False)
+class Signatures:
+    """What changes of the expected size in each patch of a structure do to a test.
+
+    Attributes:
+        names: Name of each patch, (P,).
+        region: Region of each, (P,).
+        middle: Centre of each, m, (P, 3).
+        volume: m3, (P,).
+        of_joint: Which are of joints, whose stiffness falls and whose mass stays, (P,).
+        log_f: Change of ln f by the stiffness and by the mass of each, (m, P, 2).
+        shapes: Change of shapes at the sensors, which the test has scaled, (n_s, m, P, 2); None
+            without shapes.
+        expected: Expected changes of ln E and ln rho, which these are of.
+    """
+
+    names: tuple[str, ...]
+    region: tuple[str, ...]
+    middle: np.ndarray
+    volume: np.ndarray
+    of_joint: np.ndarray
+    log_f: np.ndarray
+    shapes: np.ndarray | None
+    expected: tuple[float, float]
+
+    def __repr__(self) -> str:
+        return f"Signatures({len(self.names)} patches, {len(self.log_f)} modes)"
+
+    @cached_property
+    def _apart(self) -> np.ndarray:
+        """Distances over the structure's size, (P, P); infinite between regions."""
+        away = np.linalg.norm(self.middle[:, None] - self.middle[None, :], axis=2)
+        away = away / max(float(away.max(initial=0.0)), 1e-300)
+        region = np.array(self.region)
+        return np.where(region[:, None] == region[None, :], away, np.inf)
+
+    def root(self, length: float) -> np.ndarray:
+        """Factor of the correlation of the patches' changes, (P, P).
+
+        Args:
+            length: Over how much of the structure's size they are alike.
+        """
+        alike = np.exp(-0.5 * (self._apart / length) ** 2)
+        return np.linalg.cholesky(alike + _JITTER * np.eye(len(alike)))
+
+    def columns(self, test: Stated) -> list[np.ndarray]:
+        """Change of all of a test's entries by the stiffness of each patch, by its mass, and, where
+        there are several torques, by a stiffness of joints that grows with them, each (N, P)."""
+        e, count = test.entries, len(self.names)
+        stiff, mass = np.zeros((2, len(e.kind), count))
+        of_f, of_shape = e.kind == FREQUENCY, e.kind == SHAPE
+        for key, table in enumerate((stiff, mass)):
+            table[of_f] = self.log_f[e.mode[of_f], :, key]
+            if self.shapes is not None:
+                table[of_shape] = self.shapes[e.sensor[of_shape], e.mode[of_shape], :, key]
+        mass[e.kind == MASS] = self._weighed(test)
+        conditions = test.conditions
+        if not self.of_joint.any() or len(conditions) < 2 or test.drifts or min(conditions) <= 0:
+            return [stiff, mass]
+        x = np.log(conditions)
+        tightened = _EXPONENT * (x - x.mean())[e.row, None] * stiff * self.of_joint
+        return [stiff, mass, tightened]
+
+    def _weighed(self, test: Stated) -> np.ndarray:
+        """Change of ln of each mass that was weighed by the mass of each patch, (k, P)."""
+        found = np.zeros((len(test.weighed), len(self.names)))
+        region = np.array(self.region)
+        for row, scale in zip(found, test.weighed, strict=True):
+            for part, kg in scale.parts.items():
+                own = region == part
+                if own.any():
+                    row[own] = self.expected[1] * kg / scale.kg * self.volume[own]
+                    row[own] /= self.volume[own].sum()
+        return found
