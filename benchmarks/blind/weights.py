@@ -1,10 +1,10 @@
-"""Probabilities of hypotheses as a diagnosis counted with them, where it wrote only those it shows.
+"""Probabilities of hypotheses as a diagnosis counted with them; it writes only those it shows.
 
 Shown ones stay between 1 and 90 %. With a hundred hypotheses the least of them add up to one more:
 as weights they would make "no gap" out of 0.6 to 0.3, and "some sensor is misplaced" likely. The
 JSON has what they were made of: evidence, odds and p-values
-(`fenics_joints.diagnosis.search.Search.probabilities`; commit 267c644). Recomputed so, they are
-those that are shown in between to 4 % of themselves at most, 1 % in the median of 213 diagnoses.
+(`fenics_joints.diagnosis.search.Search.probabilities`). Recomputed so, they are those that are
+shown in between to 4 % of themselves at most, 1 % in the median of 213 diagnoses.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def weights_of(diagnosis: Mapping) -> np.ndarray:
     """Posterior probability of each of ``hypotheses``, in their order; they sum to one.
 
     Args:
-        diagnosis: The JSON of a diagnosis: one with weights, or by commit 267c644.
+        diagnosis: The JSON of a diagnosis; some early ones wrote weights, which are taken.
     """
     rows = diagnosis["hypotheses"]
     for key in ("weight", "probability"):

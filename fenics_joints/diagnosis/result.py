@@ -254,7 +254,7 @@ def _effect(e: EffectResult) -> dict:
 
 
 def _hypothesis(h: HypothesisResult) -> dict:
-    return {**asdict(h), "probability": bounded(h.probability), "weight": h.probability}
+    return {**asdict(h), "probability": bounded(h.probability)}
 
 
 def _renamed(result: EffectResult | Separation, name: str, *without: str) -> dict:

@@ -22,6 +22,7 @@ from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.evidence.sampled import Sampled
+from fenics_joints.diagnosis.evidence.somewhere import Patch, Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
@@ -245,6 +246,31 @@ def test_other_verdicts_have_sentences_of_their_own():
     words = explain(diagnosis(verdict="unknown", hypotheses=none, shrinkage=at_chance))
     assert "the best, the nominal model within its tolerances, leaves" in words.which
     assert "79 to 93 %), by what is within tolerance alone; " in words.how_far
+
+
+def test_an_unknown_cause_with_a_place_says_where():
+    """In words, in the page and in the JSON; nothing where no patch surely changes."""
+    h = diagnosis().hypotheses
+    unknown = [replace(h[4], probability=0.98), replace(h[0], probability=0.01, p_value=1e-8)]
+    filled = Patch("plate_1 11", "plate_1", (0.225, 0.013, -0.017), False, 0.0, 0.01, 0.67, 0.03)
+    loose = Patch("the_lap 2", "the_lap", (0.1, 0.0, 0.0), True, -12.0, 2.0, 0.0, 0.1)
+
+    def of(*patches, probability=0.97):
+        found = Somewhere(probability, patches)
+        return diagnosis(verdict="unknown", hypotheses=unknown, somewhere=found)
+
+    most = "+95 % (+90 % to +101 %) of mass in plate 1 about (225, 13, -17) mm"
+    assert explain(of(filled, loose)).which.endswith(f"it would most surely be {most}.")
+    asked = "What if it is something else?"
+    assert point(of(filled), asked).endswith(f"is 97 % of that; then most surely there is {most}.")
+    assert "be less stiffness in the lap about (100, 0, 0) mm." in explain(of(loose)).which
+    for quiet in (of(replace(filled, mass=0.05)), of(filled, probability=0.3)):
+        assert "most surely" not in explain(quiet).which
+        assert asked not in explain(quiet).points and 'id="somewhere"' not in diagnosis_html(quiet)
+    page = diagnosis_html(of(filled, loose))
+    assert 'id="somewhere"' in page and "+95 % (+90 % to +101 %)" in page
+    first = of(filled).to_json()["somewhere"]["patches"][0]
+    assert (first["region"], first["mass"], first["mass_sd"]) == ("plate_1", 0.67, 0.03)
 
 
 def test_a_class_of_many_is_a_doubt():

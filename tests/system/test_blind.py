@@ -29,6 +29,7 @@ from benchmarks.blind import (  # noqa: E402
     score,
     seal,
     targets,
+    weights,
 )
 from fenics_joints.files import json_text  # noqa: E402
 
@@ -179,6 +180,27 @@ def record(kind, effects, forecast_, **kwargs):
 
 
 NEAR, AWAY, B, C = ("a (near)",), ("a (away)",), ("b",), ("c",)
+
+
+def test_weights_are_those_counted_with():
+    """Shown probabilities have a floor that a hundred hypotheses would add up; worked out by hand:
+    odds 1.5 shared by two, 0.2 of an unknown cause, which takes all that has failed, and what
+    looks alike by p = 1."""
+    effects = [{"name": n, "region": "", "odds": 1.0, "probability": 0.5} for n in "ab"]
+    rows = [("a", 0.0, 1.0), ("b", 3.0, 1e-5), ("no gap", -2.0, 1.0), ("none of these", -1.0, 1.0)]
+    hypotheses = [
+        {"label": n, "effects": [n] if n in "ab" else [], "log_evidence": z, "p_value": p,
+         "probability": 0.01}
+        for n, z, p in rows
+    ]  # fmt: skip
+    other = 0.2 * math.exp(-1)
+    parts = np.array([0.75, other, math.exp(-2), other])  # what failed has what the unknown has
+    alike = 1 / (1 + math.exp(2.08))
+    expected = (1 - alike) * parts / parts.sum() + np.array([0, 0, 0, alike])
+    found = weights.weights_of({"effects": effects, "hypotheses": hypotheses})
+    assert found == pytest.approx(expected, rel=1e-12)
+    shares = forecast.Forecast({"effects": effects, "hypotheses": hypotheses}).shares
+    assert shares("effect")["none of these"] == pytest.approx(expected[3])
 
 
 def test_three_levels_of_detail():

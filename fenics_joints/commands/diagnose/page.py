@@ -9,6 +9,7 @@ import numpy as np
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.pictures import forecasts, gap_bars, level_panels
 from fenics_joints.commands.diagnose.reading import (
+    SHARE,
     EffectClass,
     by_effect,
     by_reason,
@@ -16,18 +17,25 @@ from fenics_joints.commands.diagnose.reading import (
     heading_of,
     leading,
     named,
+    probability_of,
     sampled,
     with_place,
 )
 from fenics_joints.commands.diagnose.view import diagnosis_view
-from fenics_joints.commands.diagnose.words import group_words, zone_words
+from fenics_joints.commands.diagnose.words import (
+    changes_of,
+    group_words,
+    somewhere_words,
+    zone_words,
+)
 from fenics_joints.diagnosis.evidence.classes import confusion
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
+from fenics_joints.diagnosis.verdict import UNKNOWN
 from fenics_joints.diagnosis.where.localise import CellMap
 from fenics_joints.diagnosis.where.patches import PatchMap
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest
-from fenics_joints.formatting import LIMITS, condition_value
+from fenics_joints.formatting import LIMITS, condition_value, point_mm
 from fenics_joints.report import cell_map, patch_map
 from fenics_joints.report.beam_pictures import beam_cells, beam_patches
 from fenics_joints.report.html import facts, heat_pair, render, svg
@@ -45,6 +53,8 @@ _SAID = ("notes", "order")
 _MOST_HYPOTHESES = 8
 #: Classes of effects below this are folded away, but for so many.
 _PROBABLE, _FEWEST_CLASSES = 1e-3, 5
+#: Patches in which an unknown cause would be that get a row.
+_MOST_PATCHES = 8
 #: A nuisance further from its expected value than this, in its standard deviations, is marked.
 _FAR = 2.0
 
@@ -81,6 +91,7 @@ def diagnosis_html(
         map=None if d.cells is None else svg(_cell_picture(d.cells)),
         zones=[] if found is None else _zones(found),
         axes=[] if found is None else _axes(found, d.condition),
+        placed=_placed(d),
         heat=heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
         classes=classes,
         shown=_worth_showing(classes),
@@ -121,6 +132,19 @@ def _cell_picture(cells: CellMap) -> str:
 def _has_map(found: Location | None) -> bool:
     patches = None if found is None else found.patches
     return patches is not None and patches.vertices is not None
+
+
+def _placed(d: Diagnosis) -> list[tuple[str, str, str, str]]:
+    """Patches where an unknown cause would be, where there may be one that has a place: name,
+    place, changes of stiffness and of mass."""
+    if d.somewhere is None or not somewhere_words(d.somewhere):
+        return []
+    if probability_of(d, UNKNOWN) < SHARE:
+        return []
+    return [
+        (zone_words(p.name), point_mm(p.middle), *changes_of(p))
+        for p in d.somewhere.patches[:_MOST_PATCHES]
+    ]
 
 
 def _zones(found: Location) -> list[tuple[str, list[tuple[str, ZoneTest]]]]:

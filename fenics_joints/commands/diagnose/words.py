@@ -23,9 +23,9 @@ from fenics_joints.formatting import (
 )
 
 __all__ = [
-    "NAMED", "NARROWED", "VERDICTS", "chance_words", "from_to", "group_words", "is_part",
-    "joined", "p_value_words", "sentence", "share_words", "shortened", "somewhere_words", "span",
-    "times_words", "zone_words",
+    "NAMED", "NARROWED", "VERDICTS", "chance_words", "changes_of", "from_to", "group_words",
+    "is_part", "joined", "p_value_words", "sentence", "share_words", "shortened",
+    "somewhere_words", "span", "times_words", "zone_words",
 ]  # fmt: skip
 
 #: Verdicts as headings.
@@ -68,21 +68,25 @@ def somewhere_words(found: Somewhere | None) -> str:
 
 def _changes(patch: Patch) -> list[str]:
     """What surely changes in a patch, and by how much."""
-    both = (
-        ("stiffness", patch.stiffness, patch.stiffness_sd), ("mass", patch.mass, patch.mass_sd)
-    )  # fmt: skip
-    sure = [(name, mean, sd) for name, mean, sd in both if abs(mean) > _SURELY * sd]
+    means = (patch.stiffness, patch.stiffness_sd), (patch.mass, patch.mass_sd)
+    names = ("stiffness", "mass")
+    rows = zip(names, means, changes_of(patch), strict=True)
+    sure = [(name, words) for name, (mean, sd), words in rows if abs(mean) > _SURELY * sd]
     if patch.of_joint:
-        return [f"{'less' if mean < 0 else 'more'} {name}" for name, mean, _ in sure]
-    return [
-        f"{percent(np.expm1(mean), 0, sign=True)} of {name} ({_within(mean, sd)})"
-        for name, mean, sd in sure
-    ]
+        return [f"{words} {name}" for name, words in sure]
+    return [f"{words} of {name}" for name, words in sure]
+
+
+def changes_of(patch: Patch) -> tuple[str, str]:
+    """Changes of stiffness and of mass in a patch, with 68 % intervals; of a joint which way."""
+    if patch.of_joint:
+        return ("less" if patch.stiffness < 0 else "more"), "–"
+    return _within(patch.stiffness, patch.stiffness_sd), _within(patch.mass, patch.mass_sd)
 
 
 def _within(mean: float, sd: float) -> str:
-    ends = (percent(np.expm1(mean + way * sd), 0, sign=True) for way in (-1, 1))
-    return "68 %: " + " to ".join(ends)
+    at, *ends = (percent(np.expm1(mean + way * sd), 0, sign=True) for way in (0, -1, 1))
+    return f"{at} ({' to '.join(ends)})"
 
 
 def joined(words: Sequence[str], last: str = "and") -> str:
