@@ -47,10 +47,10 @@ _GROUND = Prior("stiffness", 1e4, np.log(30.0), "N/m", True, (1.0, 1e8))
 #: factor of 3.
 _OWN = (np.log(3.0), 30.0)
 #: Frequencies of its own at which a fit looks whether to start there.
-_FREQUENCIES = 4
+_FREQUENCIES = 16
 #: Its loss factor, which bounds what it does to a mode near it: a guess, from what stranded cables
 #: and rubber have.
-_LOSS_FACTOR = 0.1
+_LOSS_FACTOR = 0.03
 #: Height of a bow over its length: sheet and plate may be 0.2 to 0.5 % off flat (EN 485-4 and EN
 #: 10029), within a factor of 3 either way.
 _HEIGHT = (0.002, np.log(3.0), (1e-5, 0.02))

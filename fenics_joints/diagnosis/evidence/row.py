@@ -71,6 +71,9 @@ class RowPrediction:
     ):
         self._near = near
         self._steady, self._chains = steady, {}
+        if hypothesis.tuned and hasattr(forward, "each"):
+            # What resonates has motions of its own, which look like the modes beside them.
+            forward, self._near = forward.each(hypothesis.hz), None
         self._hypothesis, self._forward, self._z = hypothesis, forward, z
         self._condition, self._baseline, self._row = condition, baseline, row
         self._beyond, self._order = False, None

@@ -114,11 +114,12 @@ class Prepared(Subject):
 
     @cached_property
     def hz(self) -> tuple[float, ...]:
-        """About the frequency of each of the test's modes, Hz; none where one is not known."""
-        there = np.isfinite(self.data.frequencies_hz).any(axis=0)
-        if not there.all():
+        """About the frequency of each of the test's modes, Hz, of those that are left out too; none
+        where one is not known."""
+        measured = self.evidence.off_mesh(self.evidence.log_f)
+        if not np.isfinite(measured).any(axis=0).all():
             return ()
-        return tuple(np.exp(np.nanmean(np.log(self.data.frequencies_hz), axis=0)).tolist())
+        return tuple(np.exp(np.nanmean(measured, axis=0)).tolist())
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:
         """Make the reduced model, or read it from a folder if it is kept there; and measure the
