@@ -30,7 +30,7 @@ LIBRARY: dict[str, tuple[str, ...]] = {
     "density": ("density error",),
     "thickness": ("thickness error",),
     "harness": ("harness mass", "cable or stinger"),
-    "bolts": ("bolts mass",),
+    "bolts": ("bolts mass", "mass error"),
     "stinger": ("cable or stinger",),
     "resonator": ("attached resonator",),
     "local_loss": ("local loss of stiffness",),
