@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from benchmarks.blind import seal
-from benchmarks.blind.forecast import Forecast
+from benchmarks.blind.forecast import NONE, UNKNOWN, Forecast
 from benchmarks.blind.matching import same_cause
 from benchmarks.blind.score import APART
 from benchmarks.blind.seal import SealError
@@ -62,7 +62,7 @@ def misses(rows: Mapping[str, Mapping]) -> dict[str, list[str]]:
     for name, row in sorted(rows.items(), key=lambda item: -(item[1]["separability"] or 0.0)):
         if row["kind"] == "single" and not (row["rank_class"] and row["rank_class"] <= 1):
             (apart if (row["separability"] or 0.0) >= APART else close).append(name)
-        elif row["kind"] == "none" and row["verdict"] != "no gap":
+        elif row["kind"] == "none" and row["verdict"] != NONE:
             none.append(name)
         elif row["kind"] == "unknown" and row["verdict"] != "unknown":
             unknown.append(name)
@@ -127,7 +127,7 @@ def _of_truth(forecast: Forecast, row: Mapping) -> str:
     """Probability that each true effect is at work, by its name, alone or not."""
     shares = forecast.marginals("cause")
     if row["kind"] in ("none", "unknown"):
-        label = {"none": "no gap", "unknown": "none of these"}[row["kind"]]
+        label = {"none": NONE, "unknown": UNKNOWN}[row["kind"]]
         return f"{shares.get(label, 0.0):.2f}"
     found = [
         max((p for label, p in shares.items() if same_cause(true["name"], label)), default=0.0)

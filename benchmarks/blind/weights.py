@@ -16,7 +16,7 @@ from scipy.special import expit, logsumexp
 
 __all__ = ["weights_of"]
 
-_NONE, _UNKNOWN = "no gap", "none of these"
+_UNKNOWN = "none of these"
 #: Prior odds of any effect and of an unknown cause; p-value below which a hypothesis fails; weights
 #: of what looks like a listed effect, and nats beyond which a misfit says no more.
 _ANY, _OTHER, _MISFIT = 1.5, 0.2, 0.01

@@ -11,7 +11,7 @@ them all.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -81,13 +81,15 @@ class _Linear:
     Args:
         found: The fit, of no effect.
         test: The test, with the scales that count.
+        columns: What the patches' changes do to its entries, from `Signatures.columns`, which no
+            scales change.
     """
 
-    def __init__(self, found: Fit, test: Evidence):
+    def __init__(self, found: Fit, test: Evidence, columns: Sequence[np.ndarray]):
         lower, used = test.lower(), test.fitted
         self.lower, self.z, signatures = lower, found.z, test.signatures
         self.free = ~found.hypothesis.at_limit(found.z)
-        columns = [column[used] for column in signatures.columns(test)]
+        columns = [column[used] for column in columns]
         self.n_kinds, self.signatures = len(columns), signatures
         residual = (found.predicted - test.data)[used]
         white = whiten(lower, np.column_stack([residual, found.jacobian[used], *columns]))
@@ -129,9 +131,9 @@ def _priors() -> Iterator[tuple[tuple, float]]:
 def _scores(found: Fit, test: Evidence) -> dict[tuple[Scales | None, tuple], float]:
     """ln of the evidence times the prior, by scales of the test and prior of the changes."""
     tried = [(None, 0.0)] if test.scales is None else test.scales.tried()
-    scores = {}
+    scores, columns = {}, test.signatures.columns(test)
     for scales, weight in tried:
-        linear = _Linear(found, test.at(scales))
+        linear = _Linear(found, test.at(scales), columns)
         for prior, more in _priors():
             scores[scales, prior] = weight + more + linear.log_evidence(*prior)
     return scores
@@ -165,7 +167,7 @@ def changes(found: Fit, test: Evidence) -> Somewhere | None:
         return None
     scores = _scores(found, test)
     scales, prior = max(scores, key=lambda key: scores[key])
-    linear = _Linear(found, test.at(scales))
+    linear = _Linear(found, test.at(scales), test.signatures.columns(test))
     mean, sd = (part.reshape(linear.n_kinds, -1) for part in linear.posterior(*prior))
     signatures = test.signatures
     expected = np.array(signatures.expected)[:, None] * np.ones(len(signatures.names))
