@@ -211,6 +211,16 @@ def test_samples_hold_every_effect_within_its_prior(case, zones):
     assert sample_values([], baseline, TORQUES, 8, seed=2) == []
 
 
+def test_few_samples_hold_every_place_of_a_joint(case, zones):
+    """A basis that never saw a bolt loose would have it stiff at any stiffness."""
+    found, _ = library(case, zones, measured())
+    baseline = bonded_values(case)
+    samples = sample_values(found, baseline, TORQUES, 4, seed=2, known=sample_ranges(case))
+    changed = [{key for key in v if v[key] != baseline[key]} for v in samples]
+    loose = [e for e in found if e.name in ("loose bolt", "compliance at one bolt")]
+    assert len(loose) > 4 and all(touched(e, baseline) in changed for e in loose)
+
+
 def test_library_and_model_have_the_same_parameters(zones):
     """What effects change is there in the structure, and nothing is missing from the values."""
     clamp = {"left_end": {"facets": sorted(zones.tagged.facet_names)[0]}}

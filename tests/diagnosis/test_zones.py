@@ -55,3 +55,25 @@ def test_bolts_of_stacked_layers_are_one_and_those_of_other_joints_are_not():
     assert grading.groups == {
         "ring 1": ("left_b1_r1", "right_b1_r1"), "ring 2": ("left_b1_r2", "right_b1_r2")
     }  # fmt: skip
+
+
+def test_screws_in_line_in_one_joint_are_two():
+    """As at both ends of a wall; and of joints whose bolts the mesh knows, by where they are."""
+    rows = [
+        LayerZone(f"{joint}_b{bolt}_r1", joint, 1.0, bolt, 1, (0.0, 5e-3), (0.1, 0, z), True, face)
+        for joint, bolt, z, face in (
+            ("all", 1, 0.0, "base and wall"), ("all", 2, 0.07, "wall and lid"),
+            ("foot", 1, 0.0, ""), ("top", 1, 0.2, ""),
+        )
+    ]  # fmt: skip
+    own = {row.name: SimpleNamespace(bolted=False, normal=(0.0, 0.0, 1.0)) for row in rows}
+    found = placed(SimpleNamespace(joints=own), rows)
+    assert found.by("bolt") == {
+        "bolt 1": ("all_b1_r1", "foot_b1_r1"), "bolt 2": ("all_b2_r1",),
+        "top bolt 1": ("top_b1_r1",),
+    }  # fmt: skip
+    # Faces of one joint are places of their own, but for what a bolt holds together.
+    assert found.places["joint"] == {
+        "base and wall, foot": ("all_b1_r1", "foot_b1_r1"), "wall and lid": ("all_b2_r1",),
+        "top": ("top_b1_r1",),
+    }  # fmt: skip

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
+from step_files import bores
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.errors import InputError
+from fenics_joints.meshes.step_writer import write_step
 
 STEEL = {"E": 2e11, "nu": 0.3, "rho": 7800.0}
 SOFT = {"E": 1e9, "G": 4e8}
@@ -85,6 +87,45 @@ def test_a_layer_far_from_the_bolt_stays_whole():
     two = zones(BEAM, lap={"bolts": [[0.19, 0.0], [0.23, 0.0]]})
     left, right = (areas(two, "bolt", label).sum() for label in BOLTS[:2])
     assert left == pytest.approx(right) and left + right == pytest.approx(found.area[:-1].sum())
+
+
+#: Screws of a wall between two plates, mm: as many in the one as in the other, in line.
+SCREWS = [(20, 10), (60, 10), (100, 10)]
+
+
+def _walled(occ):
+    plates = [(3, occ.addBox(0, 0, z, 120, 20, 8)) for z in (0, 48)]
+    wall = (3, occ.addBox(0, 0, 8, 120, 20, 40))
+    occ.cut([*plates, wall], bores(occ, SCREWS, -1, 57, 3))
+
+
+@pytest.mark.parallel
+def test_screws_in_line_hold_their_own_ends_of_a_wall(shared_tmp_path):
+    """One joint section for all: each screw has its own ring, each end of the wall is a face."""
+    path = shared_tmp_path / "wall.step"
+    if MPI.COMM_WORLD.rank == 0:
+        write_step(path, _walled)
+    MPI.COMM_WORLD.barrier()
+    points = [[x * 1e-3, y * 1e-3, z * 1e-3] for z in (8, 48) for x, y in SCREWS]
+    parts = {"base": 4, "wall": 28, "lid": 52}
+    data = {
+        "mesh": {
+            "file": str(path), "size": 0.02, "ring_size": 6e-3, "circle": 8,
+            "parts": {name: [0.04, 0.01, z * 1e-3] for name, z in parts.items()},
+            "bolts": {"at": points, "r_nei": 3e-3, "r_wai": 7e-3},
+        },
+        "parts": {name: {"cells": [name], **STEEL} for name in parts},
+        "joints": {"all": {"cells": "ring_*", "law": "springs", "k_n": 1e14, "k_t": 1e14}},
+    }  # fmt: skip
+    found = zones(data, MPI.COMM_WORLD, all={})
+    assert list(found.by("bolt")) == [f"bolt {i}" for i in range(1, 7)]
+    for i, (*_, z) in enumerate(points, start=1):
+        own = areas(found, "bolt", f"bolt {i}")
+        assert own.sum() == pytest.approx(np.pi * (7**2 - 3**2) * 1e-6, rel=0.15)
+        names = [zone.name for zone in found if zone.bolt == f"bolt {i}"]
+        face = "base and wall" if z < 0.03 else "wall and lid"
+        assert set(names) <= set(found.places["joint"][face])
+    assert list(found.places["joint"]) == ["base and wall", "wall and lid"]
 
 
 @pytest.mark.parallel

@@ -68,13 +68,14 @@ def sample_values(
 
     The effects take turns, first each alone, then each with one of another family; and first one
     place of each kind, then the next, so that few samples leave no kind out. What changes nothing
-    in the model is left out.
+    in the model is left out. Each place where a joint can give way comes once at least, however
+    few samples there are: a basis without it would have it stiff at any stiffness.
 
     Args:
         effects: The effects.
         baseline: Values of the nominal model.
         conditions: The test's conditions, which take turns too.
-        count: Number of samples.
+        count: Number of samples; more where it takes more for every place.
         seed: Of the sequence.
         known: Parameters that are sampled otherwise; effects that change no others are left out.
     """
@@ -83,8 +84,9 @@ def sample_values(
     if not acting or count < 1:
         return []
     turns = [_turn(acting, i) for i in range(count)]
+    turns += [(e,) for e in _left_out(acting, turns, baseline)]
     most = max(sum(len(e.priors) for e in turn) for turn in turns)
-    exponent = int(np.ceil(np.log2(max(count, 2))))
+    exponent = int(np.ceil(np.log2(max(len(turns), 2))))
     places = _WIDE * (2 * qmc.Sobol(most, seed=seed).random_base2(exponent) - 1)
     found = []
     for i, turn in enumerate(turns):
@@ -115,6 +117,17 @@ def _kinds_first(effects: Sequence[Effect]) -> list[Effect]:
         numbered.append((met[effect.name], effect))
         met[effect.name] += 1
     return [effect for _, effect in sorted(numbered, key=lambda pair: pair[0])]
+
+
+def _left_out(
+    effects: Sequence[Effect], turns: Sequence[tuple[Effect, ...]], baseline: Mapping[str, float]
+) -> list[Effect]:
+    """One effect for each set of parameters that none of those in turn changes alone."""
+    touched = {e.key: e.touches(baseline, 1.0, 1.0) | e.touches(baseline, -1.0, 1.0)
+               for e in effects}  # fmt: skip
+    met = {touched[e.key] for turn in turns for e in turn}
+    left = {touched[e.key]: e for e in effects if touched[e.key] not in met}
+    return list(left.values())
 
 
 def _turn(effects: Sequence[Effect], i: int) -> tuple[Effect, ...]:

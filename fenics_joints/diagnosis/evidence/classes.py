@@ -29,6 +29,8 @@ __all__ = ["APART", "classes", "confusion", "detectable", "distance", "labels"]
 APART = 2.33
 #: ln of the Bayes factor up to which the data leave two hypotheses undecided.
 UNDECIDED = np.log(100.0)
+#: How many times less probable than the likeliest of its class an effect is left out of it.
+_DECIDED = 20.0
 
 
 def confusion(distance: float) -> float:
@@ -101,7 +103,9 @@ def classes(
     Two effects are of one class when hypotheses that differ by nothing but them are not apart
     (D < `APART`), be it alone or beside what the leading hypothesis holds, and when this test does
     not decide between them either (a Bayes factor below 100). Each must be called for: more
-    probable than what it is put beside (nothing, or the rest of the leader) is without it.
+    probable than what it is put beside (nothing, or the rest of the leader) is without it. What
+    with its prior odds is a twentieth as probable as the likeliest of its class is decided too: by
+    a chain of neighbours a class would hold most of a library.
 
     Args:
         fits: Fitted hypotheses.
@@ -137,10 +141,19 @@ def classes(
                 continue
             if distance(a, b, evidence) < APART:
                 together.merge(*swap)
-    # In alphabetical order: by probability, round-off would have a say in the name.
-    return {
-        key: " or ".join(sorted({names[other] for other in together.subset(key)})) for key in keys
-    }
+    found = {}
+    for members in together.subsets():
+        best = max(_marginal(key, weighed) for key in members)
+        likely = {k for k in members if _marginal(k, weighed) * _DECIDED >= best}
+        # In alphabetical order: by probability, round-off would have a say in the name.
+        one = " or ".join(sorted({names[key] for key in likely}))
+        found |= {key: one if key in likely else names[key] for key in members}
+    return found
+
+
+def _marginal(key: str, weighed: Sequence[tuple[Fit, float]]) -> float:
+    """Probability that an effect is at work."""
+    return sum(p for f, p in weighed if any(e.key == key for e in f.hypothesis.effects))
 
 
 def labels(effects: Sequence[Effect]) -> dict[str, str]:

@@ -48,6 +48,8 @@ __all__ = ["Prepared", "prepare"]
 #: discrepancy of 0.5 %, where small effects count, 15 % of one of 2.5 %. In the median over the
 #: effects of the blind check's T the error is 0.06 % at a share of 0.5 %, of its box 0.01 % at 1 %.
 _LACKING, _MOST_LACKING = 12.0, 1e-2
+#: What kept models were sampled at, so that one of another version is not taken for it.
+_SAMPLED = "every place where a joint can give way"
 #: Patches of each region in which an unknown cause may be.
 _PATCHES = 12
 
@@ -182,7 +184,7 @@ class Prepared(Subject):
 
     def _file(self, keep: Path, what: str, suffix: str) -> Path:
         """A file that serves every test of the structure with this discrepancy. Collective."""
-        more = sorted(self.full.parameters), self._share
+        more = sorted(self.full.parameters), self._share, _SAMPLED
         name = fingerprint(self.case, self.full, None, *more)
         return Path(keep) / f"{what}-{name}{suffix}"
 

@@ -2,7 +2,9 @@
 
 Every cell of a joint belongs to its nearest bolt, and to a ring of distances from that bolt's axis.
 The rings of a joint share its area equally; their radii are the same at all of its bolts, so that
-ring 2 means the same everywhere. Bolts share the cells that are half-way between them.
+ring 2 means the same everywhere. Bolts share the cells that are half-way between them. Of bolts in
+line, such as screws into both ends of a wall, each has what is nearest along their axis. A joint
+that holds several pairs of parts is several faces, which can give way each by itself.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ __all__ = ["joint_zones"]
 _SAME = 1e-6
 #: Cells that a ring has at a bolt on average, at least.
 _CELLS = 2
+#: Zones of a joint at most, as long as it has two rings: of many bolts each needs fewer.
+_MOST = 32
 
 
 @dataclass(frozen=True)
@@ -54,11 +58,13 @@ class _Layer:
         good = (off <= 1e-6 * room.max()) | (normal > 0.5)
         return bool(good.all() and (not along or np.all((off <= thin) | (normal <= 0.5))))
 
-    def distances(self, middles: np.ndarray, bolts: np.ndarray) -> np.ndarray:
-        """Distance of middles, (n, 3), from the bolts' axes, m, (n, n_bolts)."""
+    def distances(self, middles: np.ndarray, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance of middles, (n, 3), from the bolts' axes and, along them, from their points, m,
+        each (n, n_bolts)."""
+        normal = _unit(self.section.normal)
         off = middles[:, None] - bolts
-        off = off - (off @ _unit(self.section.normal))[..., None] * _unit(self.section.normal)
-        return np.linalg.norm(off, axis=2)
+        along = off @ normal
+        return np.linalg.norm(off - along[..., None] * normal, axis=2), np.abs(along)
 
 
 def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> Zones:
@@ -99,8 +105,9 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> Zones:
         count = min(
             max(1, round(rings * per_bolt[name] / largest)),
             max(1, len(layer.areas) // (_CELLS * len(bolts[name]))),
+            max(2, _MOST // len(bolts[name])),
         )
-        split = _split(name, layer, bolts[name], count)
+        split = _split(case, tagged, name, layer, bolts[name], count)
         for cells in layer.section.cells:
             del names[cells]
         for row, local in split:
@@ -179,7 +186,7 @@ def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _Layer) -> np.ndarr
 
 
 def _split(
-    name: str, layer: _Layer, bolts: np.ndarray, count: int
+    case: Case, tagged: TaggedMesh, name: str, layer: _Layer, bolts: np.ndarray, count: int
 ) -> list[tuple[LayerZone, np.ndarray]]:
     """The zones of a joint, each with its local cells."""
     nearest, distance = _nearest(layer, bolts)
@@ -187,6 +194,7 @@ def _split(
     ring = np.searchsorted(edges, distance)
     # This rank's cells, ghosts included, among those of all.
     place = cKDTree(layer.middles).query(layer.local)[1] if len(layer.cells) else np.array([], int)
+    faces = _faces(case, tagged, layer.cells, nearest[place], len(bolts))
     rows = []
     for b in range(len(bolts)):
         for r in range(len(edges) + 1):
@@ -195,20 +203,56 @@ def _split(
                 continue
             zone = f"{name}_r{r + 1}" if len(bolts) == 1 else f"{name}_b{b + 1}_r{r + 1}"
             span = float(distance[mask].min()), float(distance[mask].max())
-            area = float(layer.areas[mask].sum())
-            row = LayerZone(zone, name, area, b + 1, r + 1, span, bolts[b])
+            row = LayerZone(
+                zone, name, float(layer.areas[mask].sum()), b + 1, r + 1, span, bolts[b],
+                layer.section.bolts is None, faces[b],
+            )  # fmt: skip
             rows.append((row, layer.cells[mask[place]]))
     return rows
 
 
+def _faces(
+    case: Case, tagged: TaggedMesh, cells: np.ndarray, bolt: np.ndarray, n_bolts: int
+) -> list[str]:
+    """The parts that a joint holds together at each of its bolts, in words; ``""`` where these are
+    the same at all of them, or at none the same as at another. Collective.
+
+    Args:
+        case: The case.
+        tagged: Its mesh.
+        cells: This rank's cells of the joint.
+        bolt: The nearest bolt of each.
+        n_bolts: Number of bolts.
+    """
+    owner = {tagged.cell_tag(c): name for name, part in case.parts.items() for c in part.cells}
+    topology, tags = tagged.mesh.topology, tagged.cell_tags
+    facets, behind = topology.dim - 1, topology.dim
+    topology.create_connectivity(behind, facets), topology.create_connectivity(facets, behind)
+    to_facets = topology.connectivity(behind, facets)
+    to_cells = topology.connectivity(facets, behind)
+    tag_of = dict(zip(tags.indices.tolist(), tags.values.tolist(), strict=True))
+    touched: list[set[str]] = [set() for _ in range(n_bolts)]
+    for cell, b in zip(cells, bolt, strict=True):
+        beside = {int(c) for facet in to_facets.links(cell) for c in to_cells.links(facet)}
+        touched[b] |= {owner[tag_of[c]] for c in beside if tag_of.get(c) in owner}
+    every = tagged.mesh.comm.allgather(touched)
+    held = [frozenset().union(*(part[b] for part in every)) for b in range(n_bolts)]
+    if not 1 < len(set(held)) < n_bolts:
+        return [""] * n_bolts
+    return [" and ".join(name for name in case.parts if name in parts) for parts in held]
+
+
 def _nearest(layer: _Layer, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest bolt of all cells and its distance, m; of equally near bolts that with least area."""
-    distances = layer.distances(layer.middles, bolts)
+    """Nearest bolt of all cells and its distance, m; of bolts in line that whose point is nearest,
+    of equally near ones that with least area."""
+    distances, along = layer.distances(layer.middles, bolts)
     least = distances.min(axis=1)
     size = np.linalg.norm(layer.high - layer.low)
     near = distances <= least[:, None] + _SAME * size
+    along = np.where(near, along, np.inf)
+    near = along <= along.min(axis=1)[:, None] + _SAME * size
     nearest, tied = near.argmax(axis=1), near.sum(axis=1) > 1
-    area = np.bincount(nearest[~tied], layer.areas[~tied], minlength=len(bolts))
+    area = np.bincount(nearest[~tied], layer.areas[~tied], minlength=len(bolts)).astype(float)
     # By place, since their order depends on the number of ranks; the offset keeps off grid lines.
     cell = np.floor((layer.middles - layer.low) / (_SAME * size) + 0.318)
     for i in np.lexsort(cell.T):

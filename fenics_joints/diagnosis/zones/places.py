@@ -35,6 +35,8 @@ class LayerZone:
         ring: Number of its ring, 1 the innermost.
         distance: Least and largest distance of its cells' middles from the bolt's axis, m.
         axis: A point on that axis, m, (3,).
+        there: Whether that point is in the joint: bolts in line with others are others then.
+        face: The parts that it holds together, where its joint has several such; else ``""``.
     """
 
     name: str
@@ -44,6 +46,13 @@ class LayerZone:
     ring: int = 0
     distance: tuple[float, float] = (np.nan, np.nan)
     axis: Sequence[float] = (np.nan,) * 3
+    there: bool = False
+    face: str = ""
+
+    @property
+    def place(self) -> str:
+        """What it is a part of: its joint, or of a joint with several faces one of these."""
+        return self.face or self.joint
 
 
 def bolt_points(tagged: TaggedMesh) -> np.ndarray:
@@ -101,23 +110,31 @@ def _by(pairs: Iterable[tuple[LayerZone, str]]) -> dict[str, tuple[str, ...]]:
 def _labels(case: Case, rows: Sequence[LayerZone]) -> list[str]:
     """The name of the bolt of each zone: bolts of several joints are one if they are in line."""
     scale = _SAME * max((r.distance[1] for r in rows if r.bolt), default=0.0)
-    known: list[tuple[np.ndarray, str]] = []
+    known: list[tuple[LayerZone, str]] = []
     labels = []
     for row in rows:
         if not row.bolt:
             labels.append("")
             continue
         normal = np.asarray(case.joints[row.name].normal, dtype=float)
-        normal, axis = normal / np.linalg.norm(normal), np.asarray(row.axis, dtype=float)
-        there = (_off(axis - point, normal) for point, _ in known)
-        same = next((k for k, off in enumerate(there) if off <= scale), None)
+        same = next((label for other, label in known if _is_one(row, other, normal, scale)), None)
         if same is None:
-            words = f"bolt {row.bolt}"
-            taken = words in (other for _, other in known)
-            known.append((axis, f"{row.joint} {words}" if taken else words))
-            same = -1
-        labels.append(known[same][1])
+            same = f"bolt {row.bolt}"
+            if same in (label for _, label in known):
+                same = f"{row.joint} {same}"
+            known.append((row, same))
+        labels.append(same)
     return labels
+
+
+def _is_one(a: LayerZone, b: LayerZone, normal: np.ndarray, scale: float) -> bool:
+    """Whether two zones have the same bolt."""
+    if a.joint == b.joint:
+        return a.bolt == b.bolt
+    off = np.asarray(a.axis, dtype=float) - np.asarray(b.axis, dtype=float)
+    if a.there and b.there:
+        return float(np.linalg.norm(off)) <= scale
+    return _off(off, normal / np.linalg.norm(normal)) <= scale
 
 
 def _off(vector: np.ndarray, normal: np.ndarray) -> float:
@@ -126,13 +143,13 @@ def _off(vector: np.ndarray, normal: np.ndarray) -> float:
 
 
 def _held_together(rows: Sequence[LayerZone], labels: Sequence[str]) -> list[str]:
-    """For each zone the joints that it is one with: those that share a bolt."""
-    joints = list(dict.fromkeys(row.joint for row in rows))
+    """For each zone the joints, or faces of one, that it is one with: those that share a bolt."""
+    joints = list(dict.fromkeys(row.place for row in rows))
     one, first = DisjointSet(joints), {}
     for row, label in zip(rows, labels, strict=True):
         if label:
-            one.merge(row.joint, first.setdefault(label, row.joint))
-    return [", ".join(j for j in joints if one.connected(j, row.joint)) for row in rows]
+            one.merge(row.place, first.setdefault(label, row.place))
+    return [", ".join(j for j in joints if one.connected(j, row.place)) for row in rows]
 
 
 def _groups(rows: Sequence[LayerZone]) -> dict[str, tuple[str, ...]]:
