@@ -131,7 +131,9 @@ class Search:
         model = self.model
 
         def look(task):
-            forward = self.leans.of(task[0]) or model.forward
+            # Of many that are several of a kind few are fitted: no lean model for all of these.
+            many = any(effect.holds for effect in task[0].effects)
+            forward = (None if many else self.leans.of(task[0])) or model.forward
             return quick_evidence(*task, forward, model.evidence, model.baseline, lowers)
 
         return spread(model.comm, list(zip(hypotheses, starts, strict=True)), look)

@@ -8,6 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
+from fenics_joints.reduction.bends import bends
 from fenics_joints.reduction.forward import ways_of
 from fenics_joints.reduction.snapshots import bordered, cross, dense_columns, project
 from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
@@ -54,14 +55,17 @@ class Projection:
 
     def sensors(self, sensors: Sensors | None) -> tuple[np.ndarray | None, np.ndarray | None]:
         """What sensors read of the basis, (n_s, n), and the same per metre that they sit further
-        along each of their ways, (n_ways, n_s, n)."""
+        along each of their ways, (n_ways, n_s, n); of two ways then per square metre, `bends`."""
         if sensors is None:
             return None, None
         ways = ways_of(sensors, self.full.gdim)
-        return (
-            self.full.observe(self.basis, sensors),
-            np.array([self.full.observe_slopes(self.basis, sensors, way) for way in ways]),
-        )
+        rows = self.full.observe(self.basis, sensors)
+        slopes = np.array([self.full.observe_slopes(self.basis, sensors, way) for way in ways])
+        if len(ways) == 2:
+            slopes = np.concatenate(
+                [slopes, bends(self.full, self.basis, sensors, ways, rows, slopes)]
+            )
+        return rows, slopes
 
     def region(
         self,

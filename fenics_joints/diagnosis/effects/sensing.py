@@ -19,7 +19,9 @@ class Sensing:
             shape (m,); m itself is the one after those that the test is taken for.
         gains: Reading over true motion of each sensor, shape (n_s,).
         shifts: How far each sensor sits from where the case has it, m, along each of its ways
-            (`fenics_joints.reduction.forward.ways_of`), shape (n_ways, n_s).
+            (`fenics_joints.reduction.forward.ways_of`), and the square of the first, the product
+            and the square of the second, m2: what `ArrayModel.shift_rows` are multiplied by, shape
+            (5, n_s). Where there is one way, the first row counts.
     """
 
     order: np.ndarray
@@ -27,9 +29,9 @@ class Sensing:
     shifts: np.ndarray
 
     @classmethod
-    def true(cls, n_modes: int, n_sensors: int, n_ways: int = 2) -> Sensing:
+    def true(cls, n_modes: int, n_sensors: int) -> Sensing:
         """A test without errors."""
-        return cls(np.arange(n_modes), np.ones(n_sensors), np.zeros((n_ways, n_sensors)))
+        return cls(np.arange(n_modes), np.ones(n_sensors), np.zeros((5, n_sensors)))
 
 
 def in_order(forward, order: np.ndarray | None, values: Mapping[str, float]):

@@ -33,7 +33,7 @@ _SAME = 1e-6
 #: Cells that a ring has at a bolt on average, at least.
 _CELLS = 2
 #: Zones of a joint at most, as long as it has two rings: of many bolts each needs fewer.
-_MOST = 32
+_MOST = 64
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,76 @@
+"""How what sensors read bends from place to place on their faces, of the vectors of a basis.
+
+A sensor that sits a centimetre or two from where it should reads more than a slope says. What it
+reads at its own place and the slope there are known; the second derivatives are those of the
+parabola that comes nearest to the nodes of its face round about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from petsc4py import PETSc
+
+from fenics_joints.structure import Sensors, Structure
+
+__all__ = ["REACH", "bends"]
+
+#: How far nodes count, over the largest distance of two sensors: the furthest that a sensor may sit
+#: elsewhere (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`).
+REACH = 0.2
+#: Height of a node over a sensor's face, relative to its distance, up to which it is on that.
+_FLAT = 0.25
+#: Share of the largest moment of the nodes below which these say nothing of a bend.
+_TOLD = 1e-3
+#: Nodes of a face at most.
+_MOST = 24
+
+
+def bends(
+    structure: Structure, basis: Sequence[PETSc.Vec], sensors: Sensors, ways: np.ndarray,
+    rows: np.ndarray, slopes: np.ndarray,
+) -> np.ndarray:
+    """Second derivatives, 1/m2, along the first way, along both, along the second, over two but
+    the mixed one: factors of a^2, a b, b^2, (3, n_sensors, n). Collective.
+
+    Args:
+        structure: The full model.
+        basis: Vectors, owned entries.
+        sensors: Where they stand.
+        ways: Two directions on the face of each, (2, n_sensors, gdim).
+        rows: What they read of each vector, (n_sensors, n).
+        slopes: The same per metre along each way, (2, n_sensors, n).
+    """
+    gdim = structure.gdim
+    points, normals = sensors.points[:, :gdim], sensors.directions[:, :gdim]
+    reach = REACH * np.max(np.linalg.norm(points[:, None] - points, axis=2), initial=0.0)
+    nodes = [_round_about(structure, x, n, reach) for x, n in zip(points, normals, strict=True)]
+    found = np.zeros((3, len(points), len(basis)))
+    at = np.vstack(nodes)
+    if not len(at):
+        return found
+    of = np.repeat(np.arange(len(points)), [len(each) for each in nodes])
+    read = structure.observe(basis, Sensors(at, normals[of]))
+    for i, x in enumerate(points):
+        off, own = at[of == i] - x, read[of == i]
+        a, b = off @ ways[0, i], off @ ways[1, i]
+        left = own - rows[i] - np.outer(a, slopes[0, i]) - np.outer(b, slopes[1, i])
+        powers = np.stack([a**2, a * b, b**2]) / reach**2
+        weight = powers * (reach**2 / np.maximum(a**2 + b**2, 1e-300))
+        moments = weight @ powers.T
+        found[:, i] = np.linalg.pinv(moments, rcond=_TOLD, hermitian=True) @ (weight @ left)
+    return found / reach**2
+
+
+def _round_about(structure: Structure, x: np.ndarray, normal: np.ndarray, reach: float):
+    """Nodes of the mesh on the face of a point, the nearest ones, (k, gdim). Collective."""
+    nodes = structure.mesh.geometry.x[:, : structure.gdim]
+    off = nodes - x
+    along = np.linalg.norm(off - np.outer(off @ normal, normal), axis=1)
+    near = (along > 0) & (along <= reach) & (np.abs(off @ normal) <= _FLAT * along)
+    every = np.vstack(structure.comm.allgather(nodes[near]))
+    grain = 1e-6 * max(reach, 1e-300)
+    every = every[np.unique(np.round(every / grain), axis=0, return_index=True)[1]]
+    away = np.round(np.linalg.norm(every - x, axis=1) / grain)
+    return every[np.argsort(away, kind="stable")[:_MOST]]
