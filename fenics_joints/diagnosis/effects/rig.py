@@ -31,8 +31,6 @@ _MISJUDGED = {
 _GAIN = Prior("gain", 1.0, 0.3, span=(0.05, 20.0))
 #: Place of a sensor, relative to the length of the line of sensors: measured with a tape.
 _SHIFT = 0.02
-#: How many times as far it may be at most.
-_FAR = 10.0
 
 
 # -- attached to it --------------------------------------------------------------------------------
@@ -135,7 +133,7 @@ def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Eff
         sensing.shifts[:, i] = a, b, a**2, a * b, b**2
 
     sd = _SHIFT * length
-    priors = tuple(Prior(name, 0.0, sd, "m", False, (-_FAR * sd, _FAR * sd)) for name in names)
+    priors = tuple(Prior(name, 0.0, sd, "m", False, (-5 * sd, 5 * sd)) for name in names)
     where = "along the line of sensors" if ways == 1 else "on its face"
     words = f"Sensor {i + 1} sits elsewhere {where} than the case says."
     return Effect(
