@@ -14,11 +14,11 @@ from petsc4py import PETSc
 
 from fenics_joints.structure import Sensors, Structure
 
-__all__ = ["REACH", "bends"]
+__all__ = ["bends"]
 
 #: How far nodes count, over the largest distance of two sensors: twice as far as a sensor may sit
 #: elsewhere (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`), so that there are some.
-REACH = 0.2
+_REACH = 0.2
 #: Height of a node over a sensor's face, relative to its distance, up to which it is on that.
 _FLAT = 0.25
 #: Share of the largest moment of the nodes below which these say nothing of a bend.
@@ -44,7 +44,7 @@ def bends(
     """
     gdim = structure.gdim
     points, normals = sensors.points[:, :gdim], sensors.directions[:, :gdim]
-    reach = REACH * np.max(np.linalg.norm(points[:, None] - points, axis=2), initial=0.0)
+    reach = _REACH * np.max(np.linalg.norm(points[:, None] - points, axis=2), initial=0.0)
     nodes = [_round_about(structure, x, n, reach) for x, n in zip(points, normals, strict=True)]
     found = np.zeros((3, len(points), len(basis)))
     at = np.vstack(nodes)

@@ -79,7 +79,7 @@ def test_causes_in_the_test_change_how_it_reads():
     misscaled_sensor(1, 0.5).sensing(sensing, {"gain": 1.3})
     misplaced_sensor(0, 0.3, 0.5).sensing(sensing, {"shift": -2e-3})
     assert sensing.gains.tolist() == [1.0, 1.3]
-    assert sensing.shifts[:2].tolist() == [[-2e-3, 0.0], [0.0, 0.0]]
+    assert sensing.shifts.tolist() == [[-2e-3, 0], [0, 0], [4e-6, 0], [0, 0], [0, 0]]
     both = {"shift": 1e-3, "shift across": 4e-3}
     misplaced_sensor(1, 0.3, 0.5, ways=2).sensing(sensing, both)
     assert sensing.shifts[:2].tolist() == [[-2e-3, 1e-3], [0.0, 4e-3]]

@@ -129,8 +129,10 @@ def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Eff
     names = ("shift", "shift across")[:ways]
 
     def read(sensing, theta):
-        a, b = sensing.shifts[:2, i] + [theta.get(name, 0.0) for name in ("shift", "shift across")]
-        sensing.shifts[:, i] = a, b, a**2, a * b, b**2
+        for way, name in enumerate(names):
+            sensing.shifts[way, i] += theta[name]
+        a, b = sensing.shifts[:2, i]
+        sensing.shifts[2:, i] = a**2, a * b, b**2
 
     sd = _SHIFT * length
     priors = tuple(Prior(name, 0.0, sd, "m", False, (-5 * sd, 5 * sd)) for name in names)

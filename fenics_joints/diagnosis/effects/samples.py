@@ -122,7 +122,7 @@ def _kinds_first(effects: Sequence[Effect]) -> list[Effect]:
 def _left_out(
     effects: Sequence[Effect], turns: Sequence[tuple[Effect, ...]], baseline: Mapping[str, float]
 ) -> list[Effect]:
-    """One effect for each set of parameters that none of those in turn changes alone."""
+    """One effect for each set of parameters that none of those in turn changes."""
     touched = {e.key: e.touches(baseline, 1.0, 1.0) | e.touches(baseline, -1.0, 1.0)
                for e in effects}  # fmt: skip
     met = {touched[e.key] for turn in turns for e in turn}

@@ -141,19 +141,18 @@ def classes(
                 continue
             if distance(a, b, evidence) < APART:
                 together.merge(*swap)
+    at_work = {
+        key: sum(p for f, p in weighed if any(e.key == key for e in f.hypothesis.effects))
+        for key in keys
+    }
     found = {}
     for members in together.subsets():
-        best = max(_marginal(key, weighed) for key in members)
-        likely = {k for k in members if _marginal(k, weighed) * _DECIDED >= best}
+        best = max(at_work[key] for key in members)
+        likely = {key for key in members if at_work[key] * _DECIDED >= best}
         # In alphabetical order: by probability, round-off would have a say in the name.
         one = " or ".join(sorted({names[key] for key in likely}))
         found |= {key: one if key in likely else names[key] for key in members}
     return found
-
-
-def _marginal(key: str, weighed: Sequence[tuple[Fit, float]]) -> float:
-    """Probability that an effect is at work."""
-    return sum(p for f, p in weighed if any(e.key == key for e in f.hypothesis.effects))
 
 
 def labels(effects: Sequence[Effect]) -> dict[str, str]:

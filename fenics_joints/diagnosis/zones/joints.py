@@ -230,11 +230,13 @@ def _faces(
     topology.create_connectivity(behind, facets), topology.create_connectivity(facets, behind)
     to_facets = topology.connectivity(behind, facets)
     to_cells = topology.connectivity(facets, behind)
-    tag_of = dict(zip(tags.indices.tolist(), tags.values.tolist(), strict=True))
+    cell_map = topology.index_map(behind)
+    tag = np.full(cell_map.size_local + cell_map.num_ghosts, -1)
+    tag[tags.indices] = tags.values
     touched: list[set[str]] = [set() for _ in range(n_bolts)]
     for cell, b in zip(cells, bolt, strict=True):
         beside = {int(c) for facet in to_facets.links(cell) for c in to_cells.links(facet)}
-        touched[b] |= {owner[tag_of[c]] for c in beside if tag_of.get(c) in owner}
+        touched[b] |= {owner[tag[c]] for c in beside if tag[c] in owner}
     every = tagged.mesh.comm.allgather(touched)
     held = [frozenset().union(*(part[b] for part in every)) for b in range(n_bolts)]
     if not 1 < len(set(held)) < n_bolts:
