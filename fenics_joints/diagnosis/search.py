@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence.inference import fit, settled
 from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.screen import (
     near_best,
@@ -44,6 +44,9 @@ _ANY, _UNKNOWN = 1.5, 0.2
 _MARGIN, _MOST = 8.0, 24
 #: What an effect that is not there may cost a hypothesis, in ln, at most.
 _OCCAM = 10.0
+#: Nats by which "no gap" has to be better by a better model for effects that it left behind to be
+#: fitted anew from there.
+_RAISED = 1.0
 #: Relative change of the sum of squares at which a fit ends.
 _TOLERANCE = 1e-4
 #: How far from the middle of their priors a second look at effects by level is taken from.
@@ -131,9 +134,7 @@ class Search:
         model = self.model
 
         def look(task):
-            # Of many that are several of a kind few are fitted: no lean model for all of these.
-            many = any(effect.holds for effect in task[0].effects)
-            forward = (None if many else self.leans.of(task[0])) or model.forward
+            forward = self.leans.known(task[0]) or model.forward
             return quick_evidence(*task, forward, model.evidence, model.baseline, lowers)
 
         return spread(model.comm, list(zip(hypotheses, starts, strict=True)), look)
@@ -165,16 +166,29 @@ class Search:
         unknown = np.array([f.hypothesis.unknown for f in fits])
         near = list(near_listed(self.scores(fits), unknown, _AGAIN, len(fits)))
         near += [i for i, f in enumerate(fits) if f.hypothesis.name and i not in near]
-        self.progress.step("fitting again with the better model", len(near))
+        same = spread(
+            self.model.comm, near, lambda i: self._settled(fits[i]), lambda f: f and _pack(f),
+            lambda i, packed: packed and _unpack((fits[i].hypothesis,), packed),
+        )  # fmt: skip
+        lost = [i for i, f in zip(near, same, strict=True) if f is None]
+        self.progress.step("fitting again with the better model", len(lost))
         # Where the old model was far off, the way on from its end may be shut.
-        starts = [[fits[i].z, np.zeros(len(fits[i].z))] for i in near]
-        anew = self.fit_all([fits[i].hypothesis for i in near], starts, again=True)
-        for i, f in zip(near, anew, strict=True):
+        starts = [[fits[i].z, np.zeros(len(fits[i].z))] for i in lost]
+        anew = self.fit_all([fits[i].hypothesis for i in lost], starts, again=True)
+        before = _no_gap(fits)
+        for i, f in zip(near, same, strict=True):
+            fits[i] = fits[i] if f is None else f
+        for i, f in zip(lost, anew, strict=True):
             fits[i] = f
         # The model before may have had no such modes: nothing is what each effect alone holds.
-        none = next(f for f in fits if f.hypothesis.name == NO_GAP)
+        none = _no_gap(fits)
+        raised = none.log_evidence > before.log_evidence + _RAISED
         alone = [i for i, f in enumerate(fits) if len(f.hypothesis.effects) == 1]
-        self._lift(fits, dict.fromkeys(alone, none))
+        self._lift(fits, {i: none for i in alone if raised or i in lost})
+
+    def _settled(self, found: Fit) -> Fit | None:
+        model = self.model
+        return settled(found, model.forward, model.evidence, model.baseline, _TOLERANCE)
 
     def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
         """Parameters of the leading fits at the lowest condition, where joints are softest."""
@@ -421,6 +435,10 @@ class Search:
         found = self.probabilities(fits)
         order = np.lexsort((-self.scores(fits), -found))
         return order, found[order]
+
+
+def _no_gap(fits: Sequence[Fit]) -> Fit:
+    return next(f for f in fits if f.hypothesis.name == NO_GAP)
 
 
 def _compatible(effects: Sequence[Effect]) -> bool:

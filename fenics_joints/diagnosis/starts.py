@@ -47,7 +47,7 @@ def starts_of(
         return []
     from_none = [search.start(h.effects, none) for h in singles]
     steps = [z for _, z in search.looked(singles, from_none, lowers)]
-    strong = [any(p.log and p.spread > 1 for p in h.effects[0].priors) for h in singles]
+    strong = [h.wide for h in singles]
     weak = [(i, z) for i, h in enumerate(singles) if not strong[i] for z in _tries(h)]
     tried = [singles[i] for i, _ in weak]
     looks = search.looked(tried, [z for _, z in weak], lowers)
@@ -84,7 +84,8 @@ def _residuals(search: Fits, hypothesis: Hypothesis, points: np.ndarray) -> np.n
     one, as where each mode sees another model; nan where the model has no such modes."""
     evidence, baseline = search.model.evidence, search.model.baseline
     used = evidence.fitted
-    forward = search.leans.of(hypothesis) or search.model.forward
+    leans = search.leans
+    forward = (leans.of if hypothesis.wide else leans.known)(hypothesis) or search.model.forward
     if isinstance(forward, Forward) and not hypothesis.tuned and batched(forward).batches:
         many = ManyPredictions(hypothesis, batched(forward), evidence, baseline, held_out=True)
         return many(points)[0][:, used] - evidence.data[used]

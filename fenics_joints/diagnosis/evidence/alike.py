@@ -82,28 +82,41 @@ def _kind(effect: Effect) -> tuple:
 
 def _groups(group: Sequence[Effect], look: _Look) -> list[tuple[Effect, list[Effect]]]:
     """Each effect that no earlier one is like, with those that are like it."""
-    found: list[tuple[Effect, np.ndarray, list[Effect]]] = []
+    found: list[tuple[Effect, list[Effect]]] = []
     for effect in group:
-        seen = look(effect)
-        for _, known, others in found:
-            apart = np.linalg.norm(seen - known, axis=1) / 2
-            if np.all(apart <= _SAME):
+        for known, others in found:
+            if look.same(effect, known):
                 others.append(effect)
                 break
         else:
-            found.append((effect, seen, []))
-    return [(effect, others) for effect, _, others in found]
+            found.append((effect, []))
+    return found
 
 
 class _Look:
-    """Whitened predictions of an effect over its prior, all else at its median."""
+    """Compares effects by whitened predictions over their priors, all else at its median."""
 
     def __init__(self, forward: Forward, evidence: Evidence, baseline: dict[str, float]):
         self._given = batched(forward), evidence, baseline
         self._lower = evidence.lower()
+        self._known: dict[tuple[str, bool], np.ndarray] = {}
 
-    def __call__(self, effect: Effect) -> np.ndarray:
-        """Shape (n_points, k)."""
+    def same(self, effect: Effect, other: Effect) -> bool:
+        """Whether two are the same; most differ at their medians already."""
+        for far in (False, True):
+            apart = np.linalg.norm(self._at(effect, far) - self._at(other, far), axis=1) / 2
+            if not np.all(apart <= _SAME):
+                return False
+        return True
+
+    def _at(self, effect: Effect, far: bool) -> np.ndarray:
+        """Predictions at an effect's medians, or far from these, (n_points, k), remembered."""
+        key = effect.key, far
+        if key not in self._known:
+            self._known[key] = self._solved(effect, far)
+        return self._known[key]
+
+    def _solved(self, effect: Effect, far: bool) -> np.ndarray:
         forward, evidence, baseline = self._given
         m = evidence.log_f.shape[1]
         hypothesis = Hypothesis(
@@ -112,9 +125,8 @@ class _Look:
         )  # fmt: skip
         d = len(effect.priors)
         limits = np.array([prior.limits() for prior in effect.priors]).reshape(d, 2)
-        steps = [np.zeros((1, d)), *(size * np.eye(d) for size in _SIZES)]
-        points = np.clip(np.vstack(steps), *limits.T)
-        z = np.array([hypothesis.at(point) for point in points])
+        steps = np.vstack([size * np.eye(d) for size in _SIZES]) if far else np.zeros((1, d))
+        z = np.array([hypothesis.at(point) for point in np.clip(steps, *limits.T)])
         if forward.batches:
             predicted = ManyPredictions(hypothesis, forward, evidence, baseline)(z)[0]
         else:

@@ -20,7 +20,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
-from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.prediction import predicted
 from fenics_joints.reduction.forward import Forward
 
 __all__ = ["APART", "classes", "confusion", "detectable", "distance", "labels"]
@@ -86,9 +86,9 @@ def detectable(
                       driven=evidence.driven, known=evidence.known)  # fmt: skip
     with_it = replace(bare, effects=(effect,))
     lower = evidence.lower()
-    without, _ = predict(bare, forward, evidence, bare.at(0.0), baseline)
+    without = predicted(bare, forward, evidence, bare.at(0.0), baseline)
     changes = (
-        (predict(with_it, forward, evidence, with_it.at(size), baseline)[0] - without)
+        predicted(with_it, forward, evidence, with_it.at(size), baseline) - without
         for size in (0.0, 1.0)
     )
     seen = (np.linalg.norm(whiten(lower, change[evidence.fitted])) for change in changes)

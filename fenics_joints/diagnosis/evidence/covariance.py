@@ -53,6 +53,8 @@ class Stated(Protocol):
     mesh_shape: np.ndarray | None
     neighbours: Neighbours | None
     known: tuple
+    joint_f: np.ndarray | None
+    joint_shapes: np.ndarray | None
     shape: tuple[int, int]
     entries: Entries
     fitted: np.ndarray
@@ -166,6 +168,9 @@ class Covariance:
             common = np.pad(common, (0, self.test.shape[1] - len(common)))
             of_mesh = np.where(e.kind == FREQUENCY, common[e.mode], 0.0)
             total = total + np.outer(of_mesh, of_mesh)
+        if self.test.joint_f is not None:
+            of_joints = self._of_joints()
+            total = total + of_joints @ of_joints.T
         if unknown:
             wide = _wide(self.test.conditions)[np.ix_(e.row, e.row)] * self._same_mode
             total = total + wide * _blocks(e.kind, 1.0, _UNKNOWN_DAMPING)
@@ -179,6 +184,17 @@ class Covariance:
         if unknown and self.test.weighed:
             total = total + np.diag(np.where(e.kind == MASS, _UNKNOWN_MASS**2, 0.0))
         return total + np.diag(self.test.noise_sd() ** 2)
+
+    def _of_joints(self) -> np.ndarray:
+        """Errors by joints that are as one in the model, (N, k)."""
+        e, test = self.test.entries, self.test
+        found = np.zeros((len(e.kind), test.joint_f.shape[1]))
+        own = (e.kind == FREQUENCY) & (e.mode < len(test.joint_f))
+        found[own] = test.joint_f[e.mode[own]]
+        if test.joint_shapes is not None:
+            own = (e.kind == SHAPE) & (e.mode < test.joint_shapes.shape[1])
+            found[own] = test.joint_shapes[e.sensor[own], e.mode[own]]
+        return found
 
     def _of_all_modes(self, error: np.ndarray) -> np.ndarray:
         """Errors by mesh, and the largest of modes that were added since, (m,)."""

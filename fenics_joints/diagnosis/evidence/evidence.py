@@ -82,6 +82,9 @@ class Evidence:
         known: See `TestData`: rows after a known change, the last ones.
         signatures: What a change in each patch of the structure would do; None where an unknown
             cause has no place.
+        joint_f: What a model errs by having joints as one, k changes of ln f at one standard
+            deviation each, (m, k), the same at all conditions; None for no such error.
+        joint_shapes: Likewise of shapes, (n_s, m, k); None without.
     """
 
     conditions: np.ndarray
@@ -108,6 +111,8 @@ class Evidence:
     neighbours: Neighbours | None = None
     known: tuple[Mapping[str, float], ...] = ()
     signatures: Signatures | None = None
+    joint_f: np.ndarray | None = None
+    joint_shapes: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"Evidence({self.fitted.sum()} data at {len(self.conditions)} conditions)"

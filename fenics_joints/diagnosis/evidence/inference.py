@@ -25,7 +25,7 @@ from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["fit", "moved", "refreshed"]
+__all__ = ["fit", "moved", "refreshed", "settled"]
 
 #: Times that a search goes on beyond an edge; half a squared misfit per datum that is bad enough;
 #: where it looks, in linear steps; and the gain that is worth it.
@@ -35,6 +35,9 @@ _CLOSE, _ELSEWHERE = 6.0, 0.3
 #: Gain, in nats, and step, in prior standard deviations, up to which a fit to a part of the data is
 #: linear about that to all of them: what is bent in between is a small part of that gain.
 _NEAR, _STRIDE = 0.3, 0.5
+#: Nats that a better model may change where a fit ended, and that a search from there may gain, for
+#: its end to be one of that model.
+_UNMOVED, _GAIN = 0.5, 0.02
 #: Fits of one hypothesis with the scales that the one before called for.
 _ROUNDS = 3
 
@@ -125,6 +128,49 @@ def refreshed(found: Fit, forward: Forward, evidence: Evidence, baseline) -> Fit
     problem = Problem(found.hypothesis, forward, evidence, baseline, None)
     predicted, jacobian = problem.predict(found.z)
     return replace(found, predicted=predicted, jacobian=jacobian)
+
+
+def settled(
+    found: Fit, forward: Forward, evidence: Evidence, baseline: dict[str, float],
+    tolerance: float = 1e-5,
+) -> Fit | None:
+    """A fit by a better model if a search by that would end where the one by the model before did,
+    and about as high; None where it has to be searched for anew.
+
+    Args:
+        found: The fit by the model before.
+        forward: Predicts frequencies.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+        tolerance: See `fit`.
+    """
+    h, z, test = found.hypothesis, found.z, evidence.at(found.scales)
+    lower = test.lower(h.unknown)
+    problem = Problem(h, forward, test, baseline, lower)
+    try:
+        again = problem.finish(z)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    square = again.misfit + z @ z
+    least, _ = least_square(*whitened(again, test, lower), z, ~h.at_limit(z))
+    if square - least > max(2 * _GAIN, tolerance * square):
+        return None
+    change = square - found.misfit - z @ z
+    if abs(change) > 2 * _UNMOVED:
+        return None
+    if any(p.scan and not p.even for _, p in h.priors):
+        # All of the grid is as much better as its peak is.
+        return replace(
+            again, covariance=found.covariance, log_evidence=found.log_evidence - 0.5 * change,
+            widening=found.widening, stated=found.stated, ends=found.ends,
+        )  # fmt: skip
+    if test.scales is not None:
+        best, over = weighed(test.scales.tried(), partial(_linear, again, test))
+        if best != again.scales:
+            return None
+        again = _over_all(again, test, over)
+    again = replace(again, ends=found.ends)
+    return with_somewhere(again, evidence) if h.unknown else again
 
 
 def moved(found: Fit, evidence: Evidence) -> Fit | None:
@@ -252,7 +298,7 @@ def _beyond(problem: Problem, z, cost: float) -> np.ndarray | None:
 def _finished(problem: Problem, scan: Scan | None, ends) -> Fit:
     cost, z = min(ends, key=lambda end: end[0])
     found = replace(problem.finish(z), ends=_others(ends, cost, z, problem.hypothesis.own))
-    return found if scan is None else scan.improved(found)
+    return found if scan is None else problem.scan_near(scan, found).improved(found)
 
 
 def _others(ends, cost, z, own: slice) -> tuple[np.ndarray, ...]:

@@ -102,12 +102,10 @@ class Leans:
             several: Whether one of several effects is worth it, as where it is fitted many times:
                 a single fit takes no longer than the making.
         """
-        # A mode that the test missed is another model's.
-        missed = hypothesis.senses and self.forward.further is not None
-        if not self.wanted or missed or (len(hypothesis.effects) > 1 and not several):
+        too_many = len(hypothesis.effects) > 1 and not several
+        if not self.wanted or self._misses(hypothesis) or too_many:
             return None
-        # What changes the sensors alone leaves the model as it is.
-        own = tuple(e for e in hypothesis.effects if e.apply is not None or e.loss is not None)
+        own = _own(hypothesis)
         hypothesis = replace(hypothesis, effects=own)
         key = tuple(effect.key for effect in own)
         if key not in self._known:
@@ -119,6 +117,16 @@ class Leans:
                 self._known[key] = None  # somewhere in its prior there is no model
         return self._known[key]
 
+    def known(self, hypothesis: Hypothesis) -> LeanForward | None:
+        """That of a hypothesis if there is one already: for a look or two none is worth its making.
+
+        Args:
+            hypothesis: The hypothesis.
+        """
+        if self._misses(hypothesis):
+            return None
+        return self._known.get(tuple(effect.key for effect in _own(hypothesis)))
+
     def for_fit(
         self, hypothesis: Hypothesis, several: bool = False
     ) -> tuple[Forward, LeanForward | None]:
@@ -128,8 +136,15 @@ class Leans:
             hypothesis: The hypothesis.
             several: See `of`.
         """
-        guide = self.of(hypothesis, several)
+        # From few points about the medians a fit takes no longer than the making of a guide.
+        often = several or len(self.evidence.conditions) > 1
+        often = often or hypothesis.wide or any(p.scan for _, p in hypothesis.priors)
+        guide = self.of(hypothesis, several) if often else self.known(hypothesis)
         return (self.whole_of(hypothesis) if guide is None else self.forward), guide
+
+    def _misses(self, hypothesis: Hypothesis) -> bool:
+        """Whether it may have a mode that the test missed, which is another model's."""
+        return hypothesis.senses and self.forward.further is not None
 
     def whole_of(self, hypothesis: Hypothesis) -> Forward:
         """The reduced model's forward in as few terms as a hypothesis asks for: it says the same,
@@ -219,6 +234,11 @@ class Leans:
 
     def _values(self, hypothesis: Hypothesis, count: int, seed: int) -> list[dict[str, float]]:
         return all_over(hypothesis, self.evidence, self.baseline, count, seed)
+
+
+def _own(hypothesis: Hypothesis) -> tuple[Effect, ...]:
+    """Its effects that change the model: what changes the sensors alone leaves it as it is."""
+    return tuple(e for e in hypothesis.effects if e.apply is not None or e.loss is not None)
 
 
 def _is_placed(hypothesis: Hypothesis) -> bool:

@@ -14,7 +14,9 @@ from fenics_joints.diagnosis.evidence.weighed import weights
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import batched
 
-__all__ = ["frequencies_and_damping", "in_turn", "joined", "predict"]
+__all__ = [
+    "frequencies_and_damping", "in_turn", "joined", "predict", "predicted", "predicted_alone",
+]  # fmt: skip
 
 
 def predict(
@@ -48,6 +50,29 @@ def predict(
     m = evidence.shape[1]
     masses, by_mass = weights(evidence.weighed, hypothesis, z, evidence.conditions[0], baseline)
     return joined(rows, [*shapes[0], masses], m), joined(slopes, [*shapes[1], by_mass], m)
+
+
+def predicted(
+    hypothesis: Hypothesis, forward: Forward, evidence: Evidence, z: np.ndarray, baseline
+) -> np.ndarray:
+    """The prediction of `predict`, (N,), with no more of the derivatives than comes with it."""
+    found = predicted_alone(hypothesis, forward, evidence, z, baseline)
+    return predict(hypothesis, forward, evidence, z, baseline)[0] if found is None else found
+
+
+def predicted_alone(
+    hypothesis: Hypothesis, forward: Forward, evidence: Evidence, z: np.ndarray, baseline
+) -> np.ndarray | None:
+    """The prediction of `predict` without its derivatives, which are most of the work; None where
+    these come with it, as at several conditions, whose modes are followed from one to the next."""
+    if len(evidence.conditions) > 1 or not isinstance(forward, Forward):
+        return None
+    [(row, prediction)] = in_turn(hypothesis, forward, evidence, z, baseline)
+    parts = [prediction.data]
+    if evidence.shapes is not None:
+        parts.append(prediction.read_shapes(evidence.shapes).ravel())
+    masses, _ = weights(evidence.weighed, hypothesis, z, evidence.conditions[row], baseline)
+    return np.concatenate([*parts, masses])
 
 
 def _together(hypothesis, forward, evidence, z, baseline):

@@ -13,8 +13,12 @@ from scipy.special import ndtri
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.linear import log_evidence, whiten
-from fenics_joints.diagnosis.evidence.prediction import frequencies_and_damping, predict
+from fenics_joints.diagnosis.evidence.linear import least_square, log_evidence, whiten
+from fenics_joints.diagnosis.evidence.prediction import (
+    frequencies_and_damping,
+    predict,
+    predicted_alone,
+)
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 
@@ -24,6 +28,9 @@ __all__ = ["Problem", "Scan", "Scanned"]
 _FARTHEST = 4.0
 #: Of the places that are looked at so many are started from.
 _STARTS = 3
+#: Points of a scan about the end of a fit that is surer than two of its steps, and how far they
+#: reach, in standard deviations.
+_NEAR, _NEAR_SD = 13, 4.0
 #: Distance of starts from limits.
 _INSIDE = np.array([[1e-6], [-1e-6]])
 #: Step of differences, in standard deviations of the prior.
@@ -68,23 +75,42 @@ class Scan:
 
     Attributes:
         index: Which parameter.
-        start: The most probable point met, shape (d,).
-        log_evidence: ln of the integral over the grid.
-        variance: Posterior variance of the parameter.
+        grid: Its values, ascending, (n,).
+        log_density: ln of the evidence at each, the others integrated out, (n,).
+        points: The most probable point at each, (n, d).
     """
 
     index: int
-    start: np.ndarray
-    log_evidence: float
-    variance: float
+    grid: np.ndarray
+    log_density: np.ndarray
+    points: np.ndarray
+
+    @property
+    def start(self) -> np.ndarray:
+        """The most probable point met, (d,)."""
+        return self.points[int(np.argmax(self.log_density))]
+
+    def with_points(self, grid: np.ndarray, log_density: np.ndarray, points: np.ndarray) -> Scan:
+        """The same with more points."""
+        grid = np.concatenate([self.grid, grid])
+        order = np.argsort(grid, kind="stable")
+        return Scan(
+            self.index, grid[order], np.concatenate([self.log_density, log_density])[order],
+            np.concatenate([self.points, points])[order],
+        )  # fmt: skip
 
     def improved(self, found: Fit) -> Fit:
         """A fit with the evidence and the variance from the grid."""
+        top = self.log_density.max()
+        weight = np.exp(self.log_density - top)
+        total = trapezoid(weight, self.grid)
+        mean = trapezoid(weight * self.grid, self.grid) / total
+        variance = trapezoid(weight * (self.grid - mean) ** 2, self.grid) / total
         scale = np.ones(len(found.z))
-        scale[self.index] = np.sqrt(self.variance / found.covariance[self.index, self.index])
+        scale[self.index] = np.sqrt(variance / found.covariance[self.index, self.index])
         return replace(
             found,
-            log_evidence=self.log_evidence,
+            log_evidence=float(top + np.log(total) - 0.5 * np.log(2 * np.pi)),
             covariance=found.covariance * np.outer(scale, scale),
         )
 
@@ -98,6 +124,7 @@ class Problem:
         self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
         self.baseline, self.lower = baseline, lower
         self._last = None if known is None else (known.z, known.predicted, known.jacobian)
+        self._alone: tuple[np.ndarray, np.ndarray] | None = None
         self._slips = hypothesis.damped and any(e.by_level and e.loss for e in hypothesis.effects)
 
     def predict(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -124,8 +151,21 @@ class Problem:
             jacobian[n : 2 * n, j] = (moved[n:] - predicted[n : 2 * n]) / step[j]
         return jacobian
 
+    def _predicted(self, z) -> np.ndarray:
+        """The prediction alone: a search asks for slopes only where it goes on from."""
+        for last in (self._last, self._alone):
+            if last is not None and np.array_equal(last[0], z):
+                return last[1]
+        found = predicted_alone(
+            self.hypothesis, self.forward, self.evidence, z, self.baseline
+        )
+        if found is None:
+            return self.predict(z)[0]
+        self._alone = z.copy(), found
+        return found
+
     def residual(self, z):
-        predicted, _ = self.predict(z)
+        predicted = self._predicted(z)
         used = self.evidence.fitted
         return np.concatenate([whiten(self.lower, (predicted - self.evidence.data)[used]), z])
 
@@ -160,18 +200,27 @@ class Problem:
         """The evidence's integrand over one parameter, the others optimal in a linear model."""
         count = self.hypothesis.priors[index][1].scan
         grid = np.linspace(max(limits[0], -_FARTHEST), min(limits[1], _FARTHEST), count)
-        looks = [self._at({index: value}) for value in grid]
-        log_density, points = np.array([look[0] for look in looks]), [z for _, z in looks]
-        top = log_density.max()
-        weight = np.exp(log_density - top)
-        total = trapezoid(weight, grid)
-        mean = trapezoid(weight * grid, grid) / total
-        return Scan(
-            index,
-            points[int(np.argmax(log_density))],
-            float(top + np.log(total) - 0.5 * np.log(2 * np.pi)),
-            float(trapezoid(weight * (grid - mean) ** 2, grid) / total),
-        )
+        return Scan(index, grid, *self._along(index, grid))
+
+    def scan_near(self, scan: Scan, found: Fit) -> Scan:
+        """A scan with points about the end of a fit, where the others are linear about that: a peak
+        that is narrower than a step of the grid would be passed by.
+
+        Args:
+            scan: The scan.
+            found: The fit.
+        """
+        j, sd = scan.index, np.sqrt(found.covariance[scan.index, scan.index])
+        if sd > 2 * (scan.grid[1] - scan.grid[0]):
+            return scan
+        steps = sd * np.linspace(-_NEAR_SD, _NEAR_SD, _NEAR)
+        near = np.unique(np.clip(found.z[j] + steps, scan.grid[0], scan.grid[-1]))
+        return scan.with_points(near, *self._along(j, near, found.z))
+
+    def _along(self, index: int, grid, about=None) -> tuple[np.ndarray, np.ndarray]:
+        """`_at` at values of one parameter, (n,) and (n, d)."""
+        looks = [self._at({index: value}, about) for value in grid]
+        return np.array([look[0] for look in looks]), np.array([z for _, z in looks])
 
     def places(self, indices: Sequence[int]) -> list[np.ndarray]:
         """The most probable points over parameters that say where, and others that act in steps, at
@@ -182,19 +231,19 @@ class Problem:
         order = np.argsort([-value for value, _ in looks], kind="stable")
         return [looks[i][1] for i in order[:_STARTS]]
 
-    def _at(self, fixed: dict[int, float]) -> tuple[float, np.ndarray]:
-        """ln of the evidence at values of some parameters, the others linear about their medians,
-        and the most probable z there."""
-        z = np.zeros(len(self.hypothesis.priors))
+    def _at(self, fixed: dict[int, float], about=None) -> tuple[float, np.ndarray]:
+        """ln of the evidence at values of some parameters, the others linear about a point, by
+        default their medians; and the most probable z there."""
+        z = np.zeros(len(self.hypothesis.priors)) if about is None else about.copy()
         z[list(fixed)] = list(fixed.values())
-        if self._scanned is not None and not self._slips:
+        if about is None and self._scanned is not None and not self._slips:
             self._last = z.copy(), *self._scanned(self.hypothesis, self.forward, z, self._role)
         others = np.delete(np.arange(len(z)), list(fixed))
         residual, slope = self.residual(z)[: -len(z)], self.slope(z)[: -len(z), others]
-        hessian = slope.T @ slope + np.eye(slope.shape[1])
-        z[others] = -np.linalg.solve(hessian, slope.T @ residual)
-        residual = residual + slope @ z[others]
-        return log_evidence(residual @ residual + z @ z, hessian, self.lower), z
+        square, hessian = least_square(residual, slope, z[others])
+        given = np.array(list(fixed.values()))
+        z[others] -= np.linalg.solve(hessian, slope.T @ residual + z[others])
+        return log_evidence(square + given @ given, hessian, self.lower), z
 
     def finish(self, z) -> Fit:
         predicted, jacobian = self.predict(z)

@@ -26,6 +26,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
+from fenics_joints.diagnosis.model.bonded import joint_errors
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.diagnosis.where.patch_signatures import signatures
@@ -148,6 +149,15 @@ class Prepared(Subject):
             )  # fmt: skip
             if errors is not None:
                 self.on_mesh(errors)
+        self._share_joints()
+
+    def _share_joints(self) -> None:
+        """Take what joints that are as one do to all modes for an error that they share."""
+        found = joint_errors(
+            self.forward, self.evidence, self.baseline, interfaces(self.zones, self.baseline)
+        )
+        if found is not None:
+            self.evidence = replace(self.evidence, joint_f=found[0], joint_shapes=found[1])
 
     def yielding(self) -> tuple[Modes, Pairing] | None:
         """The full model's modes with all joints giving way, and which of them the test saw; None

@@ -1,0 +1,107 @@
+"""What a model errs by having joints as one: an error that all modes share.
+
+Clamped faces give way a little, whatever is wrong with a structure, and a layer or a bonded patch
+stands for them only as well as anyone can say. Of the error that a case states some is of this
+kind: all joints give way, across or along their planes, by so much that frequencies fall by a part
+of what is stated. It moves all modes together and turns their shapes, so that many sensors tell it
+from none; a covariance that has each mode err by itself takes it for a joint that has come loose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.reduction.forward import Forward
+
+__all__ = ["JointErrors", "joint_errors"]
+
+#: Root mean square of ln f by each way of giving way, relative to the discrepancy that is stated.
+_SHARE = 0.5
+#: ln of the compliance's range, over that of an interface of the prior's median stiffness; steps of
+#: its bisection.
+_RANGE, _STEPS = (np.log(1e-8), np.log(1e2)), 30
+
+#: Change of ln f, (m, k), and of shapes at the sensors as the test has scaled them, (n_s, m, k) or
+#: None.
+JointErrors = tuple[np.ndarray, np.ndarray | None]
+
+
+def joint_errors(
+    forward: Forward,
+    evidence: Evidence,
+    baseline: Mapping[str, float],
+    interfaces: Mapping[str, Mapping[str, float]],
+) -> JointErrors | None:
+    """What all joints do that give way a little across their planes, and along them, each at one
+    standard deviation.
+
+    Args:
+        forward: Predicts frequencies and shapes.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+        interfaces: For each joint the stiffness of an interface of the expected stiffness, by the
+            parameter that it is in series with (`effects.joint.interfaces`).
+
+    Returns:
+        The errors; None without joints, or where no compliance moves a frequency.
+    """
+    found = []
+    for key in dict.fromkeys(key for stiffness in interfaces.values() for key in stiffness):
+        change = _change(_softer(key, interfaces), forward, evidence, baseline)
+        if change is not None:
+            found.append(change)
+    if not found:
+        return None
+    m, stacked = evidence.shape[1], np.array(found).T
+    shapes = None if evidence.shapes is None else stacked[m:].reshape(*evidence.shapes.shape, -1)
+    return stacked[:m], shapes
+
+
+def _softer(key: str, interfaces) -> Effect:
+    """All joints with a share of the expected interface's compliance in series."""
+
+    def apply(values, theta, condition):
+        for joint, stiffness in interfaces.items():
+            if key in stiffness:
+                in_series(values, f"{joint}.{key}", stiffness[key] / np.exp(theta["ln share"]))
+
+    prior = Prior("ln share", 0.0, 1.0, "", False, _RANGE)
+    return Effect(f"{key} of all joints", "joint", (prior,), apply)
+
+
+def _change(effect: Effect, forward, evidence: Evidence, baseline) -> np.ndarray | None:
+    """Change of ln f and of the shapes, (m,) or (m + n_s m,), at one standard deviation."""
+    row, size = evidence.shape_row, _SHARE * evidence.discrepancy
+    conditions = (float(evidence.conditions[row]),)
+    hypothesis = Hypothesis((effect,), conditions=conditions)
+
+    def log_f(share: float) -> np.ndarray:
+        values = hypothesis.values(np.array([share]), conditions[0], baseline, 0)
+        return forward(values)[0]
+
+    before, (low, high) = log_f(_RANGE[0]), _RANGE
+    for _ in range(_STEPS):
+        middle = 0.5 * (low + high)
+        moved = np.sqrt(np.mean((log_f(middle) - before) ** 2))
+        low, high = (low, middle) if moved > size else (middle, high)
+    bare = Hypothesis((effect,), conditions=tuple(map(float, evidence.conditions)))
+    ends = [predict(bare, forward, evidence, np.array([x]), baseline)[0] for x in (_RANGE[0], low)]
+    n, m = evidence.shape
+    change = ends[1] - ends[0]
+    own = np.concatenate([change[row * m : (row + 1) * m], _shapes(change, evidence, n * m)])
+    # What never gets so far is as stiff as it gets soft, or moves nothing that is measured.
+    return own if np.all(np.isfinite(own)) and np.any(own) else None
+
+
+def _shapes(change: np.ndarray, evidence: Evidence, after: int) -> np.ndarray:
+    """The part of a change that is of shapes, nought where none was measured, (n_s m,)."""
+    if evidence.shapes is None:
+        return np.zeros(0)
+    own = change[after : after + evidence.shapes.size]
+    return np.where(np.isfinite(evidence.shapes).ravel(), own, 0.0)
