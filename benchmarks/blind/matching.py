@@ -84,18 +84,23 @@ def opened(answer: Mapping) -> dict:
         # A rule of the third check: answers by class count only while the class is small.
         "small_classes": world.SMALL_CLASSES,
         "effects": [
-            {"name": e["name"], "region": _region(e), "size": e["params"]}
+            {"name": e["name"], "region": _region(e, answer["geometry"]), "size": e["params"]}
             for e in answer["effects"]
         ],
     }
 
 
-def _region(effect: Mapping):
-    """Where it acts: the world has no place for two modes that were mistaken, the library has."""
-    if effect["name"] != "mis_pairing" or effect["region"]:
+def _region(effect: Mapping, geometry: str):
+    """Where it acts: the world has no place for two modes that were mistaken, the library has; and
+    joints that the world counts are pairs of parts to the library."""
+    if effect["name"] == "mis_pairing" and not effect["region"]:
+        first = effect["params"]["mode"] + 1
+        return f"bending {first}, bending {first + 1}"
+    touching = getattr(worlds.world_of(geometry), "touching", None)
+    pair = touching(geometry, effect["region"]) if touching else ()
+    if not pair:
         return effect["region"]
-    first = effect["params"]["mode"] + 1
-    return f"bending {first}, bending {first + 1}"
+    return [effect["region"], *(" and ".join(way) for way in (pair, pair[::-1]))]
 
 
 def outcomes(geometry: str) -> int:

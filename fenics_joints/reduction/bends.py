@@ -1,8 +1,8 @@
 """How what sensors read bends from place to place on their faces, of the vectors of a basis.
 
-A sensor that sits a centimetre or two from where it should reads more than a slope says. What it
-reads at its own place and the slope there are known; the second derivatives are those of the
-parabola that comes nearest to the nodes of its face round about.
+A sensor that sits some centimetres from where it should reads more than a slope says. What it
+reads at its own place and the slope there are known; the second and third derivatives are those of
+the polynomial that comes nearest to the nodes of its face round about.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from fenics_joints.structure import Sensors, Structure
 
-__all__ = ["bends"]
+__all__ = ["N_BENDS", "bends", "monomials"]
 
 #: How far nodes count, over the largest distance of two sensors: twice as far as a sensor may sit
 #: elsewhere (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`), so that there are some.
@@ -23,16 +23,30 @@ _REACH = 0.2
 _FLAT = 0.25
 #: Share of the largest moment of the nodes below which these say nothing of a bend.
 _TOLD = 1e-3
-#: Nodes of a face at most.
-_MOST = 24
+#: Nodes of a face at most, of more some at all distances.
+_MOST = 60
+#: Powers of the distances along both ways, of two and three together.
+_POWERS = tuple((order - k, k) for order in (2, 3) for k in range(order + 1))
+#: How many these are.
+N_BENDS = len(_POWERS)
+
+
+def monomials(a, b) -> np.ndarray:
+    """a^2, a b, b^2, a^3, a^2 b, a b^2, b^3, (7, ...).
+
+    Args:
+        a: Distances along the first way, m.
+        b: Along the second, m.
+    """
+    return np.array([a**i * b**j for i, j in _POWERS])
 
 
 def bends(
     structure: Structure, basis: Sequence[PETSc.Vec], sensors: Sensors, ways: np.ndarray,
     rows: np.ndarray, slopes: np.ndarray,
 ) -> np.ndarray:
-    """Second derivatives, 1/m2, along the first way, along both, along the second, over two but
-    the mixed one: factors of a^2, a b, b^2, (3, n_sensors, n). Collective.
+    """Second and third derivatives as factors of `monomials`, 1/m2 and 1/m3, (7, n_sensors, n).
+    Collective.
 
     Args:
         structure: The full model.
@@ -46,7 +60,7 @@ def bends(
     points, normals = sensors.points[:, :gdim], sensors.directions[:, :gdim]
     reach = _REACH * np.max(np.linalg.norm(points[:, None] - points, axis=2), initial=0.0)
     nodes = [_round_about(structure, x, n, reach) for x, n in zip(points, normals, strict=True)]
-    found = np.zeros((3, len(points), len(basis)))
+    found = np.zeros((N_BENDS, len(points), len(basis)))
     at = np.vstack(nodes)
     if not len(at):
         return found
@@ -56,11 +70,11 @@ def bends(
         off, own = at[of == i] - x, read[of == i]
         a, b = off @ ways[0, i], off @ ways[1, i]
         left = own - rows[i] - np.outer(a, slopes[0, i]) - np.outer(b, slopes[1, i])
-        powers = np.stack([a**2, a * b, b**2]) / reach**2
+        powers = monomials(a / reach, b / reach)
         weight = powers * (reach**2 / np.maximum(a**2 + b**2, 1e-300))
         moments = weight @ powers.T
         found[:, i] = np.linalg.pinv(moments, rcond=_TOLD, hermitian=True) @ (weight @ left)
-    return found / reach**2
+    return found / np.array([reach ** (i + j) for i, j in _POWERS])[:, None, None]
 
 
 def _round_about(structure: Structure, x: np.ndarray, normal: np.ndarray, reach: float):
@@ -73,4 +87,5 @@ def _round_about(structure: Structure, x: np.ndarray, normal: np.ndarray, reach:
     grain = 1e-6 * max(reach, 1e-300)
     every = every[np.unique(np.round(every / grain), axis=0, return_index=True)[1]]
     away = np.round(np.linalg.norm(every - x, axis=1) / grain)
-    return every[np.argsort(away, kind="stable")[:_MOST]]
+    order = np.argsort(away, kind="stable")
+    return every[order[:: max(-(-len(order) // _MOST), 1)]]

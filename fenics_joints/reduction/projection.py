@@ -55,7 +55,7 @@ class Projection:
 
     def sensors(self, sensors: Sensors | None) -> tuple[np.ndarray | None, np.ndarray | None]:
         """What sensors read of the basis, (n_s, n), and the same per metre that they sit further
-        along each of their ways, (n_ways, n_s, n); of two ways then per square metre, `bends`."""
+        along each of their ways, (n_ways, n_s, n); of two ways then `bends`, per m2 and m3."""
         if sensors is None:
             return None, None
         ways = ways_of(sensors, self.full.gdim)

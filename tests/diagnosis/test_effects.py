@@ -79,12 +79,13 @@ def test_causes_in_the_test_change_how_it_reads():
     misscaled_sensor(1, 0.5).sensing(sensing, {"gain": 1.3})
     misplaced_sensor(0, 0.3, 0.5).sensing(sensing, {"shift": -2e-3})
     assert sensing.gains.tolist() == [1.0, 1.3]
-    assert sensing.shifts.tolist() == [[-2e-3, 0], [0, 0], [4e-6, 0], [0, 0], [0, 0]]
+    assert sensing.shifts[:, 0].tolist() == [-2e-3, 0, 4e-6, 0, 0, -8e-9, 0, 0, 0]
     both = {"shift": 1e-3, "shift across": 4e-3}
     misplaced_sensor(1, 0.3, 0.5, ways=2).sensing(sensing, both)
     assert sensing.shifts[:2].tolist() == [[-2e-3, 1e-3], [0.0, 4e-3]]
-    assert sensing.shifts[2:, 1] == pytest.approx([1e-6, 4e-6, 16e-6])
-    assert misplaced_sensor(0, 0.3, 0.5).priors[0].spread == pytest.approx(6e-3)
+    assert sensing.shifts[2:5, 1] == pytest.approx([1e-6, 4e-6, 16e-6])
+    assert sensing.shifts[5:, 1] == pytest.approx([1e-9, 4e-9, 16e-9, 64e-9])
+    assert misplaced_sensor(0, 0.3, 0.5).priors[0].spread == pytest.approx(9e-3)
     hypothesis = Hypothesis((swapped_modes(1, MODES),), modes=MODES)
     flat = np.zeros((1, 3))
     evidence = Evidence(np.ones(1), flat, flat + 0.01, 0.01)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,7 @@ from fenics_joints.diagnosis.effects.joint import gives_way
 from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable, distance
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence.inference import fit, settled
 from fenics_joints.diagnosis.held_out import folds
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
@@ -143,6 +144,41 @@ def test_scanned_evidence_is_the_marginal_density():
     moved = [mean + np.tile(forward.matrix[:, 1], 3) * 0.4 * k for k in range(4)]
     density = [multivariate_normal(m, covariance).pdf(evidence.log_f.ravel()) for m in moved]
     assert got.log_evidence == pytest.approx(np.log(np.diff(edges) @ density), abs=5e-3)
+
+
+def test_a_scan_sees_a_peak_between_its_steps():
+    """A parameter told to a thousandth of a step of its grid, whose evidence is in closed form."""
+    rng = np.random.default_rng(RNG_SEED)
+    forward = Linear(rng.standard_normal((4, 2)))
+
+    def apply(values, theta, condition):
+        values["p1"] += theta["d"]
+
+    scanned = Effect("p 1", "", (Prior("d", 0.0, 1.0, log=False, scan=60),), apply)
+    nuisance = shift(0, 0.3)
+    truth = 5.0 + np.tile(forward.matrix @ [0.1, 0.777], (3, 1))
+    evidence = evidence_of(truth + 1e-4 * rng.standard_normal((3, 4)), 1e-4, 1e-4)
+    got = fit(Hypothesis((scanned,), (nuisance,)), forward, evidence, forward.baseline)
+    mean, covariance, _ = prior_predictive(forward, (nuisance, shift(1)), evidence)
+    exact = multivariate_normal(mean, covariance).logpdf(evidence.log_f.ravel())
+    assert got.log_evidence == pytest.approx(exact, abs=0.02)
+
+
+def test_a_fit_that_a_better_model_leaves_is_not_searched_for_again():
+    """By the same model it is the same, a scan's too; by one that is elsewhere it is none."""
+    rng = np.random.default_rng(RNG_SEED)
+    matrix = rng.standard_normal((4, 2)) * 0.05
+    forward = Linear(matrix)
+    evidence = evidence_of(5.0 + 0.05 * rng.standard_normal((3, 4)))
+    stepped = replace(shift(1), priors=(replace(shift(1).priors[0], scan=41),))
+    for effect in (shift(1), stepped):
+        found = fit(Hypothesis((effect,), (shift(0),)), forward, evidence, forward.baseline)
+        nearly = Linear(matrix * (1 + 1e-4))
+        again = settled(found, nearly, evidence, forward.baseline)
+        anew = fit(found.hypothesis, nearly, evidence, forward.baseline)
+        assert again.log_evidence == pytest.approx(anew.log_evidence, abs=0.01)
+        assert np.array_equal(again.z, found.z) and again.misfit != found.misfit
+        assert settled(found, Linear(2 * matrix), evidence, forward.baseline) is None
 
 
 def test_p_value_is_uniform_when_the_hypothesis_is_right():

@@ -398,6 +398,11 @@ def test_names_of_the_world_are_matched():
     five = "bolt 1 / bolt 2 / bolt 3 / bolt 4 / bolt 5"
     assert matching.same_region("bolt 2", five)
     assert not matching.same_region("bolt 2", f"{five} / bolt 6")
+    answer = {"geometry": "screw_box", "noise": [1e-3], "kind": "single", "final_only": False}
+    soft = {"name": "soft_face", "region": "joint 3", "params": {}}
+    region = matching.opened({**answer, "effects": [soft]})["effects"][0]["region"]
+    assert matching.same_region(region, "left and lid") and "joint 3" in region
+    assert not matching.same_region(region, "base and left")
     assert matching.same_cause("modulus", "modulus error")
     assert not matching.same_cause("modulus", "modulus error of all parts")
     assert matching.cause_of("clamp compliance") == "clamp"

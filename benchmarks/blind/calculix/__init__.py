@@ -6,7 +6,7 @@ shares no code with the package that it checks, nor with the first world.
 
 from . import cases, effects, specimen
 from .cases import GEOMETRIES, generate, noise_word, nominal_spec, plan, write_nominal
-from .effects import EFFECTS, LIBRARY, UNKNOWN, draw, regions
+from .effects import EFFECTS, LIBRARY, UNKNOWN, draw, regions, touching
 from .program import MISSING, CalculixError, find_program
 from .specimen import Spec, clean
 
@@ -16,6 +16,6 @@ SMALL_CLASSES = True
 __all__ = [
     "EFFECTS", "GEOMETRIES", "LIBRARY", "MISSING", "SMALL_CLASSES", "UNKNOWN", "CalculixError",
     "Spec", "cases", "clean", "draw", "effects", "find_program", "generate", "noise_word",
-    "nominal_spec", "plan", "regions", "specimen",
+    "nominal_spec", "plan", "regions", "specimen", "touching",
     "write_nominal",
 ]  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from .build import Build
 from .rigs import RIGS, Rig
 
-__all__ = ["EFFECTS", "LIBRARY", "UNKNOWN", "UNKNOWN_OF", "apply", "draw", "regions"]
+__all__ = ["EFFECTS", "LIBRARY", "UNKNOWN", "UNKNOWN_OF", "apply", "draw", "regions", "touching"]
 
 #: What the diagnosis calls the causes that its library has, by our names; patterns.
 LIBRARY: dict[str, tuple[str, ...]] = {
@@ -86,6 +86,15 @@ def regions(geometry: str, name: str) -> list[str]:
     if name == "soft_face":
         return [f"joint {i + 1}" for i in range(len(rig.interfaces))]
     return ["joint" if name in ("soft_joint", "sliding_joint", "small_contact") else ""]
+
+
+def touching(geometry: str, region: str) -> tuple[str, ...]:
+    """The two bodies of "joint 3", counted from 1, of several; none for any other region."""
+    faces = RIGS[geometry].interfaces
+    number = region.removeprefix("joint ")
+    if len(faces) == 1 or not number.isdigit():
+        return ()
+    return tuple(RIGS[geometry].bodies[i].name for i in faces[int(number) - 1].bodies)
 
 
 # -- sizes -----------------------------------------------------------------------------------------

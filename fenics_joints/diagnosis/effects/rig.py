@@ -8,6 +8,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series, relative_error
 from fenics_joints.formatting import spaced
+from fenics_joints.reduction.bends import monomials
 
 __all__ = [
     "MISPLACED", "MISSCALED", "MISSED", "SWAPPED", "attached", "misjudged", "misplaced_sensor",
@@ -29,8 +30,9 @@ _MISJUDGED = {
 #: Gain of a sensor whose setting or mounting is wrong, about 1: calibrations hold to 1 to 3 %, so
 #: this is a blunder's.
 _GAIN = Prior("gain", 1.0, 0.3, span=(0.05, 20.0))
-#: Place of a sensor, relative to the length of the line of sensors: measured with a tape.
-_SHIFT = 0.02
+#: Place of a sensor that is wrong, relative to the length of the line of sensors: what is measured
+#: with a tape is off by less, what is read off another line of a table by more.
+_SHIFT = 0.03
 
 
 # -- attached to it --------------------------------------------------------------------------------
@@ -117,7 +119,7 @@ def misscaled_sensor(i: int, weight: float) -> Effect:
 
 def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Effect:
     """Sensor i (from 0) sits elsewhere than the case says: to first order along a line, on a face
-    to second.
+    to third.
 
     Args:
         i: Which sensor.
@@ -132,7 +134,7 @@ def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Eff
         for way, name in enumerate(names):
             sensing.shifts[way, i] += theta[name]
         a, b = sensing.shifts[:2, i]
-        sensing.shifts[2:, i] = a**2, a * b, b**2
+        sensing.shifts[2:, i] = monomials(a, b)
 
     sd = _SHIFT * length
     priors = tuple(Prior(name, 0.0, sd, "m", False, (-5 * sd, 5 * sd)) for name in names)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.reduction.bends import N_BENDS
+
 __all__ = ["Sensing", "in_order"]
 
 
@@ -19,9 +21,9 @@ class Sensing:
             shape (m,); m itself is the one after those that the test is taken for.
         gains: Reading over true motion of each sensor, shape (n_s,).
         shifts: How far each sensor sits from where the case has it, m, along each of its ways
-            (`fenics_joints.reduction.forward.ways_of`), and the square of the first, the product
-            and the square of the second, m2: what `ArrayModel.shift_rows` are multiplied by, shape
-            (5, n_s). Where there is one way, the first row counts.
+            (`fenics_joints.reduction.forward.ways_of`), and their `monomials`, m2 and m3: what
+            `ArrayModel.shift_rows` are multiplied by, shape (9, n_s). Where there is one way, the
+            first row counts.
     """
 
     order: np.ndarray
@@ -31,7 +33,7 @@ class Sensing:
     @classmethod
     def true(cls, n_modes: int, n_sensors: int) -> Sensing:
         """A test without errors."""
-        return cls(np.arange(n_modes), np.ones(n_sensors), np.zeros((5, n_sensors)))
+        return cls(np.arange(n_modes), np.ones(n_sensors), np.zeros((2 + N_BENDS, n_sensors)))
 
 
 def in_order(forward, order: np.ndarray | None, values: Mapping[str, float]):

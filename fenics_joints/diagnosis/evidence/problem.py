@@ -30,7 +30,7 @@ _FARTHEST = 4.0
 _STARTS = 3
 #: Points of a scan about the end of a fit that is surer than two of its steps, and how far they
 #: reach, in standard deviations.
-_NEAR, _NEAR_SD = 13, 4.0
+_NEAR, _NEAR_SD = 13, 6.0
 #: Distance of starts from limits.
 _INSIDE = np.array([[1e-6], [-1e-6]])
 #: Step of differences, in standard deviations of the prior.
