@@ -45,7 +45,7 @@ _MARGIN, _MOST = 8.0, 24
 #: What an effect that is not there may cost a hypothesis, in ln, at most.
 _OCCAM = 10.0
 #: Nats by which "no gap" has to be better by a better model for effects that it left behind to be
-#: fitted anew from there.
+#: fitted anew from there, or another fit worse for it to be fitted from the start as well.
 _RAISED = 1.0
 #: Relative change of the sum of squares at which a fit ends.
 _TOLERANCE = 1e-4
@@ -172,9 +172,14 @@ class Search:
         )  # fmt: skip
         lost = [i for i, f in zip(near, same, strict=True) if f is None]
         self.progress.step("fitting again with the better model", len(lost))
+        anew = self.fit_all([fits[i].hypothesis for i in lost], [[fits[i].z] for i in lost], True)
         # Where the old model was far off, the way on from its end may be shut.
-        starts = [[fits[i].z, np.zeros(len(fits[i].z))] for i in lost]
-        anew = self.fit_all([fits[i].hypothesis for i in lost], starts, again=True)
+        shut = [k for k, i in enumerate(lost)
+                if anew[k].log_evidence < fits[i].log_evidence - _RAISED]  # fmt: skip
+        starts = [[np.zeros(len(anew[k].z))] for k in shut]
+        others = self.fit_all([anew[k].hypothesis for k in shut], starts, True)
+        for k, f in zip(shut, others, strict=True):
+            anew[k] = max(anew[k], f, key=lambda fit: fit.log_evidence)
         before = _no_gap(fits)
         for i, f in zip(near, same, strict=True):
             fits[i] = fits[i] if f is None else f
@@ -310,13 +315,26 @@ class Search:
         # fitted, and never against another promise.
         chosen = [i for i in near_best(scores, np.inf, _MOST) if scores[i] > best - _MARGIN]
         self.progress.step(f"fitting {size} effects at a time", len(chosen))
+        singles = [f for f in known if len(f.hypothesis.effects) == 1]
         found = self._above(
-            [hypotheses[i] for i in chosen], [[looks[i][1]] for i in chosen],
+            [hypotheses[i] for i in chosen],
+            [[looks[i][1], *self._as_alone(hypotheses[i], looks[i][1], singles)] for i in chosen],
             [pairs[i][1] for i in chosen],
         )  # fmt: skip
-        singles = [f for f in known if len(f.hypothesis.effects) == 1]
         lowers = self._lowers([*known, *found])
         return found + fit_exchanged(self, found, singles, allowed, lowers)
+
+    @staticmethod
+    def _as_alone(h: Hypothesis, z: np.ndarray, singles: Sequence[Fit]) -> list[np.ndarray]:
+        """A point with what acts in steps of the last effect where the fit of that alone has it,
+        in a list; empty if nothing does."""
+        last = h.effects[-1]
+        alone = next((f for f in singles if f.hypothesis.effects == (last,)), None)
+        if alone is None or not any(p.scan for p in last.priors):
+            return []
+        start, z = h.own.stop - len(last.priors), z.copy()
+        z[start : h.own.stop] = alone.z[alone.hypothesis.own]
+        return [z]
 
     def _pairs(self, singles: Sequence[Fit]) -> list[tuple[tuple[Effect, ...], Fit]]:
         """Every two effects of different families, with the better of the two alone."""

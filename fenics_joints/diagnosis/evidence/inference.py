@@ -58,9 +58,9 @@ def fit(
     """Most probable parameters of a hypothesis and its Laplace evidence.
 
     The evidence is ln Z = ln N(r; 0, Sigma) - |z|^2 / 2 - ln det(J^T Sigma^-1 J + I) / 2 at the
-    maximum, with the Gauss-Newton Hessian. Over a parameter that acts in steps (`Prior.scan`) it is
-    integrated on a grid instead, the others linear about their medians. Over the test's `scales`
-    it is summed, linear about the fit to the most probable.
+    maximum, with the Gauss-Newton Hessian. Over a parameter that acts in steps (`Prior.scan`) of an
+    effect alone it is integrated on a grid instead, the others linear about their medians. Over the
+    test's `scales` it is summed, linear about the fit to the most probable.
 
     Args:
         hypothesis: What is fitted.
@@ -158,7 +158,7 @@ def settled(
     change = square - found.misfit - z @ z
     if abs(change) > 2 * _UNMOVED:
         return None
-    if any(p.scan and not p.even for _, p in h.priors):
+    if len(h.effects) == 1 and any(p.scan and not p.even for _, p in h.priors):
         # All of the grid is as much better as its peak is.
         return replace(
             again, covariance=found.covariance, log_evidence=found.log_evidence - 0.5 * change,
@@ -252,7 +252,7 @@ def _searched(problem: Problem, starts, tolerance: float, anew: bool):
     if placed and len(hypothesis.effects) == 1 and anew:
         # In several effects, and in a part of the data, it is where that found it.
         starts = [*problem.places(scanned), *(starts or ())]
-    elif scanned and not placed:
+    elif scanned and not placed and len(hypothesis.effects) == 1:
         scan = problem.scan(scanned[0], bounds[scanned[0]])
         starts = [scan.start, *(starts or ())]
     ends: list[tuple[float, np.ndarray]] = []
