@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -172,7 +173,8 @@ class Search:
         )  # fmt: skip
         lost = [i for i, f in zip(near, same, strict=True) if f is None]
         self.progress.step("fitting again with the better model", len(lost))
-        anew = self.fit_all([fits[i].hypothesis for i in lost], [[fits[i].z] for i in lost], True)
+        ends = [[fits[i].z] for i in lost]
+        anew = self.fit_all([fits[i].hypothesis for i in lost], ends, True, places=False)
         # Where the old model was far off, the way on from its end may be shut.
         shut = [k for k, i in enumerate(lost)
                 if anew[k].log_evidence < fits[i].log_evidence - _RAISED]  # fmt: skip
@@ -221,14 +223,16 @@ class Search:
     # -- fits ----------------------------------------------------------------------------------
 
     def fit_all(
-        self, hypotheses: Sequence[Hypothesis], starts: Sequence | None = None, again: bool = False
-    ) -> list[Fit]:
+        self, hypotheses: Sequence[Hypothesis], starts: Sequence | None = None, again: bool = False,
+        places: bool = True,
+    ) -> list[Fit]:  # fmt: skip
         """Fit hypotheses, each from its starts, or from where an earlier run ended. Collective.
 
         Args:
             hypotheses: The hypotheses.
             starts: Points z for each; the prior's median by default.
             again: Whether the starts are better than what is kept.
+            places: See `fit`.
         """
         starts = [()] * len(hypotheses) if starts is None else starts
         done: list[Fit] = []
@@ -237,7 +241,8 @@ class Search:
             tasks = list(zip(hypotheses, starts, strict=True))[first : first + chunk]
             if not again:
                 tasks = [(h, self._kept(h) or start) for h, start in tasks]
-            found = spread(self.model.comm, tasks, self._fit_task, _pack, _unpack)
+            work = partial(self._fit_task, places=places)
+            found = spread(self.model.comm, tasks, work, _pack, _unpack)
             self.kept.add({f.hypothesis.label_of_keys: f.z for f in found})
             done += found
             if self.model.comm.size > 1:
@@ -272,20 +277,20 @@ class Search:
             if fits[i].log_evidence < parent.log_evidence - _OCCAM
         ]  # fmt: skip
         ways = [[self.start(fits[i].hypothesis.effects, parents[i])] for i in below]
-        anew = self.fit_all([fits[i].hypothesis for i in below], ways, again=True)
+        anew = self.fit_all([fits[i].hypothesis for i in below], ways, True, places=False)
         for i, f in zip(below, anew, strict=True):
             fits[i] = max(f, fits[i], key=lambda fit: fit.log_evidence)
 
     def _kept(self, hypothesis: Hypothesis) -> list[np.ndarray]:
         return self.kept.start(hypothesis.label_of_keys, len(hypothesis.priors))
 
-    def _fit_task(self, task) -> Fit:
+    def _fit_task(self, task, places: bool = True) -> Fit:
         hypothesis, starts = task
         model, alone = self.model, self.model.comm.size == 1
         forward, guide = self.leans.for_fit(hypothesis)
         return fit(
             hypothesis, forward, model.evidence, model.baseline, starts=starts,
-            tolerance=_TOLERANCE, guide=guide, scanned=self.leans.scanned,
+            tolerance=_TOLERANCE, guide=guide, scanned=self.leans.scanned, places=places,
             progress=self.progress.advance if alone else None,
         )  # fmt: skip
 

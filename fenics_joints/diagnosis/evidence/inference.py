@@ -53,6 +53,7 @@ def fit(
     known: Fit | None = None,
     guide: Forward | None = None,
     scanned: Scanned | None = None,
+    places: bool = True,
     progress: Callable[[], None] | None = None,
 ) -> Fit:
     """Most probable parameters of a hypothesis and its Laplace evidence.
@@ -74,11 +75,14 @@ def fit(
         guide: Predicts nearly the same with less work (`Leans`): it shows the way, and ``forward``
             says whether its end is one, and goes on from there if it is not. None for none.
         scanned: Remembers predictions on grids, of these very models; None to remember nothing.
+        places: Whether to start from the best of all places as well, of an effect that has one, if
+            nothing is known of it.
         progress: Called when done.
     """
     found = _fit_at(
-        hypothesis, forward, evidence, baseline, starts, tolerance, known, guide, scanned
-    )
+        hypothesis, forward, evidence, baseline, starts, tolerance, known, guide, scanned,
+        places and known is None,
+    )  # fmt: skip
     if evidence.scales is not None:
         tried, ends = evidence.scales.tried(), found.ends
         for again in range(_ROUNDS):
@@ -218,7 +222,7 @@ def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:
 
 def _fit_at(
     hypothesis, forward, evidence, baseline, starts, tolerance, known=None, guide=None,
-    scanned=None,
+    scanned=None, places=False,
 ) -> Fit:
     """`fit` with the test's scales as they are."""
     lower = evidence.lower(hypothesis.unknown)
@@ -226,7 +230,7 @@ def _fit_at(
     if guide is not None:
         quick = Problem(hypothesis, guide, evidence, baseline, lower, known, scanned, "guide")
         try:
-            scan, ends = _searched(quick, starts, tolerance, known is None)
+            scan, ends = _searched(quick, starts, tolerance, places)
             z = min(ends, key=lambda end: end[0])[1]
             # A guide may follow another mode than the model does: no end is worse than a start.
             costs = [whole.cost(start) for start in starts or ()]
@@ -239,17 +243,17 @@ def _fit_at(
             starts = [z, *better]
         except (InputError, np.linalg.LinAlgError):
             pass  # beyond what the guide was made for
-    return _finished(whole, *_searched(whole, starts, tolerance, known is None))
+    return _finished(whole, *_searched(whole, starts, tolerance, places))
 
 
-def _searched(problem: Problem, starts, tolerance: float, anew: bool):
+def _searched(problem: Problem, starts, tolerance: float, places: bool):
     """What was found over a parameter that acts in steps, or None; and (cost, z) of each end."""
     hypothesis = problem.hypothesis
     bounds = hypothesis.limits
     scanned = [j for j, (_, p) in enumerate(hypothesis.priors) if p.scan]
     placed = any(hypothesis.priors[j][1].even for j in scanned)
     scan = None
-    if placed and len(hypothesis.effects) == 1 and anew:
+    if placed and len(hypothesis.effects) == 1 and places:
         # In several effects, and in a part of the data, it is where that found it.
         starts = [*problem.places(scanned), *(starts or ())]
     elif scanned and not placed and len(hypothesis.effects) == 1:

@@ -136,8 +136,9 @@ class Leans:
             hypothesis: The hypothesis.
             several: See `of`.
         """
-        # From few points about the medians a fit takes no longer than the making of a guide.
-        often = several or len(self.evidence.conditions) > 1
+        # From few points about the medians a fit takes no longer than the making of a guide. What
+        # changes the sensors alone shares one with all such.
+        often = several or len(self.evidence.conditions) > 1 or not _own(hypothesis)
         often = often or hypothesis.wide or any(p.scan for _, p in hypothesis.priors)
         guide = self.of(hypothesis, several) if often else self.known(hypothesis)
         return (self.whole_of(hypothesis) if guide is None else self.forward), guide
