@@ -15,7 +15,7 @@ from fenics_joints.case import Case, test_notes
 from fenics_joints.case.dimensions import unfit
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.alike import one_of_alike
-from fenics_joints.diagnosis.evidence.classes import classes, detectable
+from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_ins
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
@@ -123,14 +123,17 @@ class _Run:
     def _report(self, fits: list[Fit]) -> Diagnosis:
         order, probability = self.search.ranked(fits)
         fits = [fits[i] for i in order]
-        grouped = classes(fits, probability, self.evidence)
+        alike = stand_ins(fits, probability, self.evidence)
+        grouped = classes(fits, probability, alike)
         leader = self._leader(fits)
         effects = self._effects(fits, probability, grouped, leader)
         verdict, summary = decide(
             fits, probability, effects, leader, self._gap(self.data, leader.log_f)
         )
-        wrong = self._is_wrong(fits, leader, grouped)
-        causes = self._causes(fits, probability, effects) if verdict in NAMED else {}
+        wrong = self._is_wrong(fits, leader, alike)
+        causes = {}
+        if verdict in NAMED:
+            causes = self._causes(fits, probability, effects, grouped, alike)
         shrink = self._shrink(fits, wrong, causes)
         verdict, summary = confirm(verdict, summary, shrink)
         self.progress.step("localising the gap")
@@ -247,21 +250,21 @@ class _Run:
         order = np.lexsort((places, [-e.probability for e in found]))
         return [found[i] for i in order]
 
-    def _is_wrong(self, fits: Sequence[Fit], leader: Fit, grouped: dict[str, str]):
+    def _is_wrong(self, fits: Sequence[Fit], leader: Fit, alike: dict[str, frozenset[str]]):
         """A hypothesis is a placebo if it has nothing of the leader's main cause.
 
-        The main cause is the class of effects without which the evidence falls most, of those that
-        move frequencies, which S* is of: beside one that only damps, the other is no placebo. Of
-        its kind
-        are also effects of its family, and what acts on the same parameters of the model: a joint
-        that gives way at one place is no fair placebo for one that gives way.
+        The main cause is the effect without which the evidence falls most, of those that move
+        frequencies, which S* is of (beside one that only damps, the other is no placebo), and all
+        that can stand for it. Of its kind are also effects of its family, and what acts on the same
+        parameters of the model: a joint that gives way at one place is no fair placebo for one that
+        gives way.
         """
         last = float(self.evidence.conditions[-1])
         touched = {e.key: e.touches(self.baseline, 1.0, last) for e in self.model.effects}
 
         def holds(f: Fit, effect: Effect) -> bool:
             return any(
-                grouped[e.key] == grouped[effect.key]
+                e.key in alike[effect.key]
                 or (e.family and e.family == effect.family)
                 or touched[e.key] & touched[effect.key]
                 for e in f.hypothesis.effects
@@ -282,19 +285,20 @@ class _Run:
 
         return wrong
 
-    def _causes(self, fits, probability, effects) -> dict[str, Callable[[Fit], bool]]:
-        """Several causes that are called so, each as whether a hypothesis holds one of its class;
-        by the most probable member's name. A single one is S*'s to confirm."""
+    def _causes(
+        self, fits, probability, effects, grouped, alike
+    ) -> dict[str, Callable[[Fit], bool]]:
+        """Several causes that are called so, each as whether a hypothesis holds one of its class,
+        or what can stand for one and is no member since it is rarer; by the most probable member's
+        name. A single one is S*'s to confirm."""
         rated = class_probabilities(fits, probability, effects)
         other = sum(p for f, p in zip(fits, probability, strict=True) if f.hypothesis.unknown)
         found = {}
         for name in sure_classes(rated, float(other)):
             members = [e for e in effects if e.class_name == name]
-            kind = {(e.name, e.region) for e in members}
+            kind = frozenset().union(*(alike[k] for k, of in grouped.items() if of == name))
             label = members[0].name + (" (or its like)" if len(members) > 1 else "")
-            found[label] = lambda f, kind=kind: any(
-                (e.name, e.region) in kind for e in f.hypothesis.effects
-            )
+            found[label] = lambda f, kind=kind: any(e.key in kind for e in f.hypothesis.effects)
         return found if len(found) > 1 else {}
 
     def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool], causes) -> Shrinkage:

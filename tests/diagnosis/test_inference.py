@@ -12,7 +12,7 @@ from scipy.stats import kstest, multivariate_normal, norm
 
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.effects.joint import gives_way
-from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable, distance
+from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable, distance, stand_ins
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit, settled
@@ -312,10 +312,17 @@ def test_classes_hold_what_stands_for_each_other(angle_deg, together):
     forward = flat(4, angle_deg)
     truth = 5.0 + forward.matrix @ [0.1, 0.0, 0.0]
     evidence = evidence_of(truth[None], sd=0.005, discrepancy=0.0, torques=np.array([10.0]))
-    found = classes(*all_fits(forward, evidence), evidence)
+    fits, p = all_fits(forward, evidence)
+    alike = stand_ins(fits, p, evidence)
+    found = classes(fits, p, alike)
     assert (found["effect 0"] == found["effect 1"]) == together
     # Idle beside the cause, as the other stand-in is: that makes no class.
     assert found["effect 2"] == "effect 2"
+    if together:
+        # What is far less probable is no member, and stands for the others all the same.
+        rare = np.where(["effect 1" in f.hypothesis.label_of_keys for f in fits], 1e-3 * p, p)
+        left = classes(fits, rare, alike)
+        assert left["effect 0"] == "effect 0" and alike["effect 0"] == {"effect 0", "effect 1"}
 
 
 def test_two_causes_are_two_classes():
@@ -323,7 +330,8 @@ def test_two_causes_are_two_classes():
     forward = flat(4, 5.0)
     truth = 5.0 + forward.matrix @ [0.1, 0.0, 0.1]
     evidence = evidence_of(truth[None], sd=0.005, discrepancy=0.0, torques=np.array([10.0]))
-    found = classes(*all_fits(forward, evidence), evidence)
+    fits, p = all_fits(forward, evidence)
+    found = classes(fits, p, stand_ins(fits, p, evidence))
     assert found["effect 0"] == found["effect 1"] != found["effect 2"]
 
 

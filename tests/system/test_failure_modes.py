@@ -46,7 +46,7 @@ from fenics_joints.diagnosis.effects.rig import (
     misscaled_sensor,
     swapped_modes,
 )
-from fenics_joints.diagnosis.evidence.classes import classes
+from fenics_joints.diagnosis.evidence.classes import classes, stand_ins
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
@@ -131,7 +131,7 @@ def diagnosed(data, library=LIBRARY, shapes=False) -> Answer:
     p = search.probabilities(fits)
     order = np.argsort(-p)
     fits, p = [fits[i] for i in order], p[order]
-    grouped = classes(fits, p, evidence)
+    grouped = classes(fits, p, stand_ins(fits, p, evidence))
     leader = next(f for f in fits if not f.hypothesis.unknown)
     gap = Gap(evidence.conditions, MODES, np.exp(evidence.log_f), np.exp(leader.log_f))
     found = {f.hypothesis.label_of_keys: float(x) for f, x in zip(fits, p, strict=True)}

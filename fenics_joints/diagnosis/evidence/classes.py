@@ -9,7 +9,7 @@ standard deviations from the nominal one it is d sin(alpha) / 2, alpha the angle
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,9 @@ from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.prediction import predicted
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["APART", "classes", "confusion", "detectable", "distance", "labels"]
+__all__ = [
+    "APART", "classes", "confusion", "detectable", "distance", "labels", "stand_ins",
+]  # fmt: skip
 
 #: 1 % confusion.
 APART = 2.33
@@ -95,17 +97,15 @@ def detectable(
     return bool(max(seen) >= 2 * APART)
 
 
-def classes(
+def stand_ins(
     fits: Sequence[Fit], probability: Sequence[float], evidence: Evidence
-) -> dict[str, str]:
-    """Class of every effect: effects that can stand for each other in some hypothesis.
+) -> dict[str, frozenset[str]]:
+    """Effects that can stand for each other in some hypothesis.
 
-    Two effects are of one class when hypotheses that differ by nothing but them are not apart
-    (D < `APART`), be it alone or beside what the leading hypothesis holds, and when this test does
-    not decide between them either (a Bayes factor below 100). Each must be called for: more
-    probable than what it is put beside (nothing, or the rest of the leader) is without it. What
-    with its prior odds is a twentieth as probable as the likeliest of its class is decided too: by
-    a chain of neighbours a class would hold most of a library.
+    Two can when hypotheses that differ by nothing but them are not apart (D < `APART`), be it alone
+    or beside what the leading hypothesis holds, and when this test does not decide between them
+    either (a Bayes factor below 100). Each must be called for: more probable than what it is put
+    beside (nothing, or the rest of the leader) is without it.
 
     Args:
         fits: Fitted hypotheses.
@@ -113,11 +113,9 @@ def classes(
         evidence: The test.
 
     Returns:
-        Name of the class by the effect's key: its members' names, joined by " or "; with their
-        regions where effects at several places share a name.
+        Keys of what can stand for each effect, itself among them, by its key.
     """
     keys = list(dict.fromkeys(e.key for f in fits for e in f.hypothesis.effects))
-    names = labels([e for f in fits for e in f.hypothesis.effects])
     leader = fits[int(np.argmax(probability))]
     lead = {e.key for e in leader.hypothesis.effects}
     together = DisjointSet(keys)
@@ -141,12 +139,33 @@ def classes(
                 continue
             if distance(a, b, evidence) < APART:
                 together.merge(*swap)
+    return {key: frozenset(members) for members in together.subsets() for key in members}
+
+
+def classes(
+    fits: Sequence[Fit], probability: Sequence[float], alike: Mapping[str, frozenset[str]]
+) -> dict[str, str]:
+    """Class of every effect: what can stand for it, but for what with its prior odds is a twentieth
+    as probable as the likeliest of them, which is decided too: by a chain of neighbours a class
+    would hold most of a library.
+
+    Args:
+        fits: Fitted hypotheses.
+        probability: Their posterior probabilities.
+        alike: See `stand_ins`.
+
+    Returns:
+        Name of the class by the effect's key: its members' names, joined by " or "; with their
+        regions where effects at several places share a name.
+    """
+    names = labels([e for f in fits for e in f.hypothesis.effects])
+    weighed = list(zip(fits, probability, strict=True))
     at_work = {
         key: sum(p for f, p in weighed if any(e.key == key for e in f.hypothesis.effects))
-        for key in keys
+        for key in alike
     }
     found = {}
-    for members in together.subsets():
+    for members in set(alike.values()):
         best = max(at_work[key] for key in members)
         likely = {key for key in members if at_work[key] * _DECIDED >= best}
         # In alphabetical order: by probability, round-off would have a say in the name.

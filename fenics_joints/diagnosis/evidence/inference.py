@@ -272,15 +272,16 @@ def _descended(problem: Problem, start, bounds, tolerance: float) -> tuple[float
 
     Where modes change places the residual jumps, and a search by small steps ends at the first
     edge: from an end that explains the test badly it goes on beyond, while it gets better there.
+    From where a search has ended before it does not: that one looked.
     """
     z, cost = start, np.inf
-    for _ in range(_LEAPS):
+    for left in reversed(range(1 if problem.knows else _LEAPS)):
         result = least_squares(
             problem.residual, z, problem.slope, bounds=tuple(bounds.T), method="trf",
             x_scale=1.0, ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=30,
         )  # fmt: skip
         z, cost = result.x, float(result.cost)
-        if cost <= _BAD * (len(result.fun) - len(z)):
+        if not left or cost <= _BAD * (len(result.fun) - len(z)):
             break
         beyond = _beyond(problem, z, cost)
         if beyond is None:

@@ -123,6 +123,7 @@ class Problem:
         self._scanned, self._role = scanned, role
         self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
         self.baseline, self.lower = baseline, lower
+        self.knows = known is not None
         self._last = None if known is None else (known.z, known.predicted, known.jacobian)
         self._alone: tuple[np.ndarray, np.ndarray] | None = None
         self._slips = hypothesis.damped and any(e.by_level and e.loss for e in hypothesis.effects)
