@@ -66,8 +66,10 @@ def test_evidence_is_the_exact_marginal_density():
     assert got.misfit + got.z @ got.z == pytest.approx((data - mean) @ gain, rel=1e-6)
 
 
-def test_where_a_fit_ended_is_not_solved_for_again():
-    """A fit to fewer of the data from there is the one that knows nothing, a prediction less."""
+@pytest.mark.parametrize(("noise", "leaps"), [(0.01, False), (0.05, True)])
+def test_where_a_fit_ended_is_not_solved_for_again(noise, leaps):
+    """A fit to fewer of the data from there is the one that knows nothing, a prediction less; and
+    where that explains the test badly it does not look beyond once more."""
     asked = []
 
     class Counted(Linear):
@@ -77,7 +79,7 @@ def test_where_a_fit_ended_is_not_solved_for_again():
 
     rng = np.random.default_rng(RNG_SEED)
     forward = Counted(rng.standard_normal((4, 2)) * 0.05)
-    evidence = evidence_of(5.0 + 0.05 * rng.standard_normal((3, 4)))
+    evidence = evidence_of(5.0 + noise * rng.standard_normal((3, 4)))
     found = fit(Hypothesis((shift(0), shift(1))), forward, evidence, forward.baseline)
     fewer = evidence.without(np.arange(4) == np.array([[3]] * 3))
 
@@ -87,7 +89,7 @@ def test_where_a_fit_ended_is_not_solved_for_again():
         return got, len(asked)
 
     (knowing, few), (alone, many) = again(found), again(None)
-    assert many - few == len(TORQUES)
+    assert many - few > len(TORQUES) if leaps else many - few == len(TORQUES)
     assert knowing.z == pytest.approx(alone.z, abs=1e-12)
     assert knowing.log_evidence == pytest.approx(alone.log_evidence, abs=1e-12)
 
