@@ -16,7 +16,7 @@ __all__ = ["KeptFits"]
 
 #: Of how fits are found and in which order their parameters stand: those of an earlier way may
 #: stand in a valley that the present one leaves.
-_WAY = 5
+_WAY = 6
 
 
 class KeptFits:
