@@ -173,25 +173,28 @@ class Search:
         )  # fmt: skip
         lost = [i for i, f in zip(near, same, strict=True) if f is None]
         self.progress.step("fitting again with the better model", len(lost))
-        ends = [[fits[i].z] for i in lost]
-        anew = self.fit_all([fits[i].hypothesis for i in lost], ends, True, places=False)
-        # Where the old model was far off, the way on from its end may be shut.
-        shut = [k for k, i in enumerate(lost)
-                if anew[k].log_evidence < fits[i].log_evidence - _RAISED]  # fmt: skip
-        starts = [[np.zeros(len(anew[k].z))] for k in shut]
-        others = self.fit_all([anew[k].hypothesis for k in shut], starts, True)
-        for k, f in zip(shut, others, strict=True):
-            anew[k] = max(anew[k], f, key=lambda fit: fit.log_evidence)
         before = _no_gap(fits)
+        anew = dict(zip(lost, self._from_ends([fits[i] for i in lost]), strict=True))
         for i, f in zip(near, same, strict=True):
-            fits[i] = fits[i] if f is None else f
-        for i, f in zip(lost, anew, strict=True):
-            fits[i] = f
+            fits[i] = anew.get(i, f)
         # The model before may have had no such modes: nothing is what each effect alone holds.
         none = _no_gap(fits)
         raised = none.log_evidence > before.log_evidence + _RAISED
         alone = [i for i, f in enumerate(fits) if len(f.hypothesis.effects) == 1]
         self._lift(fits, {i: none for i in alone if raised or i in lost})
+
+    def _from_ends(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Fits by the better model from where those by the old one ended; from the start as well
+        where they fell: where the old model was far off, the way on from its end may be shut."""
+        hypotheses = [f.hypothesis for f in fits]
+        anew = self.fit_all(hypotheses, [[f.z] for f in fits], again=True, places=False)
+        shut = [i for i, f in enumerate(fits)
+                if anew[i].log_evidence < f.log_evidence - _RAISED]  # fmt: skip
+        starts = [[np.zeros(len(fits[i].z))] for i in shut]
+        others = self.fit_all([hypotheses[i] for i in shut], starts, again=True)
+        for i, f in zip(shut, others, strict=True):
+            anew[i] = max(anew[i], f, key=lambda fit: fit.log_evidence)
+        return anew
 
     def _settled(self, found: Fit) -> Fit | None:
         model = self.model
@@ -277,7 +280,8 @@ class Search:
             if fits[i].log_evidence < parent.log_evidence - _OCCAM
         ]  # fmt: skip
         ways = [[self.start(fits[i].hypothesis.effects, parents[i])] for i in below]
-        anew = self.fit_all([fits[i].hypothesis for i in below], ways, True, places=False)
+        again = [fits[i].hypothesis for i in below]
+        anew = self.fit_all(again, ways, again=True, places=False)
         for i, f in zip(below, anew, strict=True):
             fits[i] = max(f, fits[i], key=lambda fit: fit.log_evidence)
 

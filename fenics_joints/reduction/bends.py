@@ -16,8 +16,8 @@ from fenics_joints.structure import Sensors, Structure
 
 __all__ = ["N_BENDS", "bends", "monomials"]
 
-#: How far nodes count, over the largest distance of two sensors: twice as far as a sensor may sit
-#: elsewhere (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`), so that there are some.
+#: How far nodes count, over the largest distance of two sensors: a third further than a sensor may
+#: sit elsewhere (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`), so that there are some.
 _REACH = 0.2
 #: Height of a node over a sensor's face, relative to its distance, up to which it is on that.
 _FLAT = 0.25

@@ -55,7 +55,9 @@ def test_joints_that_give_way_a_little_are_within_what_is_stated():
 
 
 def test_what_moves_no_frequency_is_no_error():
-    """Joints without springs of these names, and none."""
+    """A joint that the modes do not strain, and none."""
     forward = Softened()
+    forward.baseline["idle.E"] = BONDED
     evidence = Evidence(np.array([1.0]), np.full((1, 3), 5.0), np.full((1, 3), 1e-3), 0.02)
     assert joint_errors(forward, evidence, forward.baseline, {}) is None
+    assert joint_errors(forward, evidence, forward.baseline, {"idle": {"E": EXPECTED}}) is None

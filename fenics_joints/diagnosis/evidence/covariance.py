@@ -169,7 +169,7 @@ class Covariance:
             of_mesh = np.where(e.kind == FREQUENCY, common[e.mode], 0.0)
             total = total + np.outer(of_mesh, of_mesh)
         if self.test.joint_f is not None:
-            of_joints = self._of_joints()
+            of_joints = e.filled(self.test.joint_f, self.test.joint_shapes)
             total = total + of_joints @ of_joints.T
         if unknown:
             wide = _wide(self.test.conditions)[np.ix_(e.row, e.row)] * self._same_mode
@@ -184,17 +184,6 @@ class Covariance:
         if unknown and self.test.weighed:
             total = total + np.diag(np.where(e.kind == MASS, _UNKNOWN_MASS**2, 0.0))
         return total + np.diag(self.test.noise_sd() ** 2)
-
-    def _of_joints(self) -> np.ndarray:
-        """Errors by joints that are as one in the model, (N, k)."""
-        e, test = self.test.entries, self.test
-        found = np.zeros((len(e.kind), test.joint_f.shape[1]))
-        own = (e.kind == FREQUENCY) & (e.mode < len(test.joint_f))
-        found[own] = test.joint_f[e.mode[own]]
-        if test.joint_shapes is not None:
-            own = (e.kind == SHAPE) & (e.mode < test.joint_shapes.shape[1])
-            found[own] = test.joint_shapes[e.sensor[own], e.mode[own]]
-        return found
 
     def _of_all_modes(self, error: np.ndarray) -> np.ndarray:
         """Errors by mesh, and the largest of modes that were added since, (m,)."""

@@ -27,3 +27,19 @@ class Entries:
     row: np.ndarray
     mode: np.ndarray
     sensor: np.ndarray
+
+    def filled(self, log_f: np.ndarray, shapes: np.ndarray | None) -> np.ndarray:
+        """Changes of every entry, (N, k), the same at all rows; nought of other kinds, and of modes
+        beyond those that are known.
+
+        Args:
+            log_f: Of ln f, (m, k).
+            shapes: Of the shapes at the sensors, (n_s, m, k); None for none.
+        """
+        found = np.zeros((len(self.kind), log_f.shape[1]))
+        own = (self.kind == FREQUENCY) & (self.mode < len(log_f))
+        found[own] = log_f[self.mode[own]]
+        if shapes is not None:
+            own = (self.kind == SHAPE) & (self.mode < shapes.shape[1])
+            found[own] = shapes[self.sensor[own], self.mode[own]]
+        return found

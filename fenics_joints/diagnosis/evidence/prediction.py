@@ -68,11 +68,9 @@ def predicted_alone(
     if len(evidence.conditions) > 1 or not isinstance(forward, Forward):
         return None
     [(row, prediction)] = in_turn(hypothesis, forward, evidence, z, baseline)
-    parts = [prediction.data]
-    if evidence.shapes is not None:
-        parts.append(prediction.read_shapes(evidence.shapes).ravel())
+    shapes = [] if evidence.shapes is None else [prediction.read_shapes(evidence.shapes).ravel()]
     masses, _ = weights(evidence.weighed, hypothesis, z, evidence.conditions[row], baseline)
-    return np.concatenate([*parts, masses])
+    return joined({row: prediction.data}, [*shapes, masses], evidence.shape[1])
 
 
 def _together(hypothesis, forward, evidence, z, baseline):

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.covariance import Stated
-from fenics_joints.diagnosis.evidence.entries import FREQUENCY, MASS, SHAPE
+from fenics_joints.diagnosis.evidence.entries import MASS
 
 __all__ = ["Signatures"]
 
@@ -64,13 +64,11 @@ class Signatures:
     def columns(self, test: Stated) -> list[np.ndarray]:
         """Change of all of a test's entries by the stiffness of each patch, by its mass, and, where
         there are several torques, by a stiffness of joints that grows with them, each (N, P)."""
-        e, count = test.entries, len(self.names)
-        stiff, mass = np.zeros((2, len(e.kind), count))
-        of_f, of_shape = e.kind == FREQUENCY, e.kind == SHAPE
-        for key, table in enumerate((stiff, mass)):
-            table[of_f] = self.log_f[e.mode[of_f], :, key]
-            if self.shapes is not None:
-                table[of_shape] = self.shapes[e.sensor[of_shape], e.mode[of_shape], :, key]
+        e, shapes = test.entries, self.shapes
+        stiff, mass = (
+            e.filled(self.log_f[..., key], None if shapes is None else shapes[..., key])
+            for key in (0, 1)
+        )
         mass[e.kind == MASS] = self._weighed(test)
         conditions = test.conditions
         if not self.of_joint.any() or len(conditions) < 2 or test.drifts or min(conditions) <= 0:

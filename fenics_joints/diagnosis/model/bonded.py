@@ -13,10 +13,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series
+from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.where.zone_sensitivity import giving_way
 from fenics_joints.reduction.forward import Forward
 
 __all__ = ["JointErrors", "joint_errors"]
@@ -53,7 +54,9 @@ def joint_errors(
     """
     found = []
     for key in dict.fromkeys(key for stiffness in interfaces.values() for key in stiffness):
-        change = _change(_softer(key, interfaces), forward, evidence, baseline)
+        joints = [joint for joint, stiffness in interfaces.items() if key in stiffness]
+        effect = giving_way("all joints", joints, interfaces, key)
+        change = _change(effect, forward, evidence, baseline)
         if change is not None:
             found.append(change)
     if not found:
@@ -63,37 +66,25 @@ def joint_errors(
     return stacked[:m], shapes
 
 
-def _softer(key: str, interfaces) -> Effect:
-    """All joints with a share of the expected interface's compliance in series."""
-
-    def apply(values, theta, condition):
-        for joint, stiffness in interfaces.items():
-            if key in stiffness:
-                in_series(values, f"{joint}.{key}", stiffness[key] / np.exp(theta["ln share"]))
-
-    prior = Prior("ln share", 0.0, 1.0, "", False, _RANGE)
-    return Effect(f"{key} of all joints", "joint", (prior,), apply)
-
-
 def _change(effect: Effect, forward, evidence: Evidence, baseline) -> np.ndarray | None:
     """Change of ln f and of the shapes, (m,) or (m + n_s m,), at one standard deviation."""
     row, size = evidence.shape_row, _SHARE * evidence.discrepancy
-    conditions = (float(evidence.conditions[row]),)
-    hypothesis = Hypothesis((effect,), conditions=conditions)
+    hypothesis = Hypothesis((effect,), conditions=tuple(map(float, evidence.conditions)))
 
-    def log_f(share: float) -> np.ndarray:
-        values = hypothesis.values(np.array([share]), conditions[0], baseline, 0)
-        return forward(values)[0]
+    def z(log_share: float) -> np.ndarray:
+        return np.exp([log_share])
+
+    def log_f(log_share: float) -> np.ndarray:
+        return forward(hypothesis.values(z(log_share), evidence.conditions[row], baseline, row))[0]
 
     before, (low, high) = log_f(_RANGE[0]), _RANGE
     for _ in range(_STEPS):
         middle = 0.5 * (low + high)
         moved = np.sqrt(np.mean((log_f(middle) - before) ** 2))
         low, high = (low, middle) if moved > size else (middle, high)
-    bare = Hypothesis((effect,), conditions=tuple(map(float, evidence.conditions)))
-    ends = [predict(bare, forward, evidence, np.array([x]), baseline)[0] for x in (_RANGE[0], low)]
-    n, m = evidence.shape
-    change = ends[1] - ends[0]
+    soft, stiff = (predict(hypothesis, forward, evidence, z(at), baseline)[0]
+                   for at in (low, _RANGE[0]))  # fmt: skip
+    (n, m), change = evidence.shape, soft - stiff
     own = np.concatenate([change[row * m : (row + 1) * m], _shapes(change, evidence, n * m)])
     # What never gets so far is as stiff as it gets soft, or moves nothing that is measured.
     return own if np.all(np.isfinite(own)) and np.any(own) else None

@@ -14,7 +14,7 @@ from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.forward import Forward
 
 __all__ = [
-    "EXPECTED", "EXPONENT", "given_way", "trend", "zone_sensitivities",
+    "EXPECTED", "EXPONENT", "given_way", "giving_way", "trend", "zone_sensitivities",
 ]  # fmt: skip
 
 #: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too,
@@ -133,7 +133,7 @@ def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
         return
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     for key in next(iter(interfaces.values())):
-        effects = [_giving_way(zone, joints, interfaces, key) for zone, joints in zones.items()]
+        effects = [giving_way(zone, joints, interfaces, key) for zone, joints in zones.items()]
         parts = np.zeros((len(nominal), len(effects)))
         for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
             # Most happens early: a little compliance is much beside that of a bonded layer.
@@ -146,8 +146,17 @@ def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
         yield from zip(zones, parts.T, strict=True)
 
 
-def _giving_way(zone: str, joints: Sequence[str], interfaces, key: str) -> Effect:
-    """Joints with a share of the expected interface's compliance in series."""
+def giving_way(
+    zone: str, joints: Sequence[str], interfaces: Mapping[str, Mapping[str, float]], key: str
+) -> Effect:
+    """Joints with a share of the expected interface's compliance in series.
+
+    Args:
+        zone: What they are together.
+        joints: Their names.
+        interfaces: See `zone_sensitivities`.
+        key: The parameter that gives way.
+    """
 
     def apply(values, theta, condition):
         for joint in joints:
