@@ -1,7 +1,8 @@
 """D and the oracle's answer for cases of the second world, from CalculiX' own predictions.
 
-The metric counts noise, tolerances, and the error that the nominal case states of its model: the
-same that the diagnosis counts, half of its variance in frequencies and in shapes common.
+The metric counts noise, tolerances, and the error of the nominal model as the diagnosis counts it
+(`benchmarks.blind.counted`). The oracle has the case's own effect, at its own size and place, among
+those that it chooses from.
 """
 
 from __future__ import annotations
@@ -15,17 +16,24 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
 from benchmarks.blind.calculix.cases import SCATTER
+from benchmarks.blind.calculix.meshing import mesh_of
 from benchmarks.blind.calculix.rigs import RIGS
 from benchmarks.blind.calculix.sheets import Sheet, sheets_of
 from benchmarks.blind.calculix.states import States
+from benchmarks.blind.counted import Errors
 from benchmarks.blind.oracle import Curve, Whitened, posterior, separability
 from benchmarks.blind.score import NONE
+from benchmarks.blind.seal import read_json
+from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.files import read_toml
+from fenics_joints.measurements.data import TestData
+from fenics_joints.structure import Sensors
 
 __all__ = ["Reckoning"]
 
 _ALONG = 16
-_CHANGING = 0.5  # of the variance of the model's error, from torque to torque
+#: Sheets of all joints giving way.
+_GIVING_WAY = ("soft_joint", "sliding_joint")
 
 
 class _Geometry:
@@ -47,25 +55,44 @@ class _Geometry:
 class _Test:
     """How one case's test sees states. Data are ln f (n m) and shapes (n_s m)."""
 
-    def __init__(self, geometry: _Geometry, answer: Mapping, stated: Mapping):
+    def __init__(self, geometry: _Geometry, answer: Mapping, stated: Errors):
         self.of, self.answer, self.stated = geometry, answer, stated
         own = answer["spec"]
         self.n = len(own["torques"])
         self.m = len(answer["frequencies"][0])
         self.sensors, self.shaped = own["sensors"], own["shapes"]
         self.ln_torque = np.log(np.array(own["torques"]) / max(geometry.rig.torques))
-        self.modes = self._modes()
+        hz, u = geometry.states.base
+        self.modes = self._told(np.log(hz), u)
+        self.own_modes = self._told(*self._states[-1]) if own["effects"] else self.modes
 
-    def _modes(self) -> np.ndarray:
-        """Of each measured mode the drawing's that it is most like, (m,)."""
-        hz, u = self.of.states.base
-        clean = np.log(np.array(self.answer["frequencies"][-1]))
-        cost = ((clean[:, None] - np.log(hz)[None, :]) / 0.1) ** 2
+    @cached_property
+    def _states(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The structure as drawn with this case's effects at each torque, as it should be
+        tightened: ln f and shapes, in the order of the drawing's modes."""
+        effects = self.answer["spec"]["effects"]
+        return [
+            self.of.states.of(effects, self._drift(i), float(np.exp(t)))
+            for i, t in enumerate(self.ln_torque)
+        ]
+
+    def _told(self, log_f: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Of each measured mode that of a state which is most like it, (m,)."""
+        measured = np.log(np.array(self.answer["frequencies"][-1]))
+        cost = ((measured[:, None] - log_f[None, :]) / 0.1) ** 2
         if self.shaped:
             a, b = np.array(self.answer["shapes"]), self._read(u)
             a, b = (v / np.linalg.norm(v, axis=0) for v in (a, b))
-            cost = cost + 4 * (1 - (a.T @ b) ** 2)
+            # Shapes decide: a test may have exchanged frequencies.
+            cost = np.minimum(cost, 4.0) + 20 * (1 - (a.T @ b) ** 2)
         return linear_sum_assignment(np.minimum(cost, 50.0))[1]
+
+    def _swapped(self) -> list[int]:
+        """The first of each two modes that the test has exchanged."""
+        effects = self.answer["spec"]["effects"]
+        return [
+            int(e["params"]["share"] * (self.m - 1)) for e in effects if e["name"] == "mis_pairing"
+        ]
 
     def _read(self, u: np.ndarray) -> np.ndarray:
         """Along the sensors, (n_s, m), of shapes (m, n, 3)."""
@@ -84,10 +111,12 @@ class _Test:
         """Shapes (n_s, m) as near as can be to the drawing's."""
         return shapes * np.sum(shapes * self.like, axis=0) / np.sum(shapes**2, axis=0)
 
-    def data(self, log_f: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Of ln f at the rows (n, m_all) and the shapes of the last (m_all, n, 3)."""
-        shapes = self.scaled(self._read(u[self.modes])) if self.shaped else np.zeros(0)
-        return np.concatenate([np.ravel(log_f[:, self.modes]), np.ravel(shapes)])
+    def data(self, log_f: np.ndarray, u: np.ndarray, modes=None) -> np.ndarray:
+        """Of ln f at the rows (n, m_all) and the shapes of the last (m_all, n, 3); of the modes
+        that the drawing has for the measured ones, or others."""
+        modes = self.modes if modes is None else modes
+        shapes = self.scaled(self._read(u[modes])) if self.shaped else np.zeros(0)
+        return np.concatenate([np.ravel(log_f[:, modes]), np.ravel(shapes)])
 
     def constant(self, state) -> np.ndarray:
         """Of a state that is the same at all rows."""
@@ -101,27 +130,43 @@ class _Test:
 
     @cached_property
     def white(self) -> Whitened:
-        """Noise, the model's error as stated, tolerances, and the scales of shapes."""
-        noise = self.answer["noise"]
-        n_shape = self.none.size - self.n * self.m
-        error, of_shapes = self.stated["discrepancy"], self.stated["shape_discrepancy"]
-        sd = np.concatenate([
-            np.full(self.n * self.m, np.hypot(noise[0], np.sqrt(_CHANGING) * error)),
-            np.full(n_shape, np.hypot(noise[1], of_shapes)),
-        ])  # fmt: skip
+        """Noise, the model's error, tolerances, and the scales of shapes."""
         hz, u = self.of.states.base
         columns = [
             self.constant((np.log(hz) + f, u + s)) - self.none for f, s in self.of.nuisances
         ]
-        for j in range(self.m):
-            common = np.zeros((self.n, self.m))
-            common[:, j] = np.sqrt(1 - _CHANGING) * error
-            columns.append(np.concatenate([common.ravel(), np.zeros(n_shape)]))
-            if n_shape:
-                scale = np.zeros_like(self.like)
-                scale[:, j] = self.like[:, j]
-                columns.append(np.concatenate([0 * common.ravel(), scale.ravel()]))
-        return Whitened(np.diag(sd**2), np.array(columns).T)
+        for j in range(self.m if self.shaped else 0):
+            scale = np.zeros_like(self.like)
+            scale[:, j] = self.like[:, j]
+            columns.append(np.concatenate([np.zeros(self.n * self.m), scale.ravel()]))
+        covariance = self.stated.covariance(self._seen(), self._neighbours(), self._giving_way())
+        return Whitened(covariance, np.array(columns).T)
+
+    def _seen(self) -> TestData:
+        """The test without its noise."""
+        pool, noise = self.of.states.pool, self.answer["noise"]
+        x = mesh_of(self.of.rig.name).x[pool.observed.nodes[pool.sensors[self.sensors]]]
+        return TestData(
+            self.answer["spec"]["torques"], self.answer["frequencies"],
+            [f"mode {j + 1}" for j in range(self.m)], noise=noise[0],
+            sensors=Sensors(x, pool.normals[self.sensors]),
+            shapes=self.scaled(np.array(self.answer["shapes"])) if self.shaped else None,
+            shape_noise=noise[1],
+        )  # fmt: skip
+
+    def _neighbours(self) -> Neighbours:
+        hz, u = self.of.states.base
+        return Neighbours(np.log(hz), self._read(u), self.modes)
+
+    def _giving_way(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """What all joints do that give way, at the stiffest that is computed."""
+        found = []
+        for sheet in self.of.sheets:
+            if sheet.name in _GIVING_WAY:
+                change = self.constant((sheet.states[0][-1], sheet.states[1][-1])) - self.none
+                log_f, shapes = change[: self.m], change[self.n * self.m :]
+                found.append((log_f, shapes.reshape(-1, self.m)))
+        return found
 
     # -- families --------------------------------------------------------------------------------
 
@@ -183,8 +228,6 @@ class _Test:
 
     def _near(self, sensor: int) -> list[int]:
         """Other places of the pool that face the same way, the nearest four."""
-        from benchmarks.blind.calculix.meshing import mesh_of
-
         pool = self.of.states.pool
         x = mesh_of(self.of.rig.name).x[pool.observed.nodes[pool.sensors]]
         away = np.linalg.norm(x - x[sensor], axis=1)
@@ -220,13 +263,9 @@ class _Test:
 
     def truth(self) -> np.ndarray:
         """What this case's effects show on the structure as drawn, tightened as it should be."""
-        effects = self.answer["spec"]["effects"]
-        rows = [
-            self.of.states.of(effects, self._drift(i), float(np.exp(t)))
-            for i, t in enumerate(self.ln_torque)
-        ]
-        shown = self.data(np.array([f for f, _ in rows]), rows[-1][1])
-        return self._by_test(shown, rows[-1][1], effects)
+        rows, effects = self._states, self.answer["spec"]["effects"]
+        shown = self.data(np.array([f for f, _ in rows]), rows[-1][1], self.own_modes)
+        return self._by_test(shown, rows[-1][1][self.own_modes], effects)
 
     def _drift(self, row: int):
         def change(build) -> None:
@@ -240,7 +279,7 @@ class _Test:
     def _by_test(self, shown: np.ndarray, u, effects) -> np.ndarray:
         """With what the test itself does to the data."""
         log_f, shapes = shown[: self.n * self.m].copy(), shown[self.n * self.m :]
-        pool, raw = self.of.states.pool, self._read(u[self.modes])
+        pool, raw = self.of.states.pool, self._read(u)
         for effect in effects:
             p = effect["params"]
             if effect["name"] == "sensor_gain":
@@ -248,11 +287,10 @@ class _Test:
                 shapes = self._row(raw, i, raw[i] * p["factor"])
             elif effect["name"] == "sensor_place":
                 i, normal = self.sensors.index(p["sensor"]), pool.normals[p["sensor"]]
-                shapes = self._row(raw, i, u[self.modes][:, pool.sensors[p["reads"]]] @ normal)
-            elif effect["name"] == "mis_pairing":
-                j = int(p["share"] * (self.m - 1))
-                by_row = log_f.reshape(self.n, self.m)
-                by_row[:, [j, j + 1]] = by_row[:, [j + 1, j]]
+                shapes = self._row(raw, i, u[:, pool.sensors[p["reads"]]] @ normal)
+        by_row = log_f.reshape(self.n, self.m)
+        for j in self._swapped():
+            by_row[:, [j, j + 1]] = by_row[:, [j + 1, j]]
         return np.concatenate([log_f, shapes])
 
     def measured(self, folder: Path) -> np.ndarray:
@@ -283,20 +321,28 @@ class Reckoning:
         geometry = answer["geometry"]
         of = self._geometries.setdefault(geometry, _Geometry(geometry, self.say))
         place = self.folder / "cases" / name
-        test = _Test(of, answer, _stated(place))
+        test = _Test(of, answer, self._errors(name))
         families = test.families()
-        chances = posterior(test.measured(place), families, test.white)
-        if answer["kind"] == "none":
-            return None, chances
         own = {effect["name"] for effect in answer["effects"]}
+        truth = test.truth() if own else None
+        if answer["kind"] == "single":
+            families.setdefault(min(own), []).append(Curve(truth))
+        chances = posterior(test.measured(place), families, test.white)
+        if truth is None:
+            return None, chances
         rivals = {rival: curves for rival, curves in families.items() if rival not in own}
-        return separability(test.truth(), rivals, test.white), chances
+        return separability(truth, rivals, test.white), chances
 
-
-def _stated(folder: Path) -> dict[str, float]:
-    """The model's errors that the nominal case states, as numbers."""
-    section = read_toml(folder / "case.toml", "a case of the check")["diagnose"]
-    return {
-        key: float(section[key].removesuffix("%")) / 100
-        for key in ("discrepancy", "shape_discrepancy")
-    }
+    def _errors(self, name: str) -> Errors:
+        """What the nominal case states, as numbers, and what its diagnosis found of the mesh."""
+        case = read_toml(self.folder / "cases" / name / "case.toml", "a case of the check")
+        discrepancy, of_shapes = (
+            float(case["diagnose"][key].removesuffix("%")) / 100
+            for key in ("discrepancy", "shape_discrepancy")
+        )
+        found = read_json(self.folder / "diagnoses" / f"{name}.json").get("diagnosis") or {}
+        mesh = found.get("model", {}).get("mesh_error", {})
+        return Errors(
+            discrepancy=discrepancy, of_shapes=of_shapes,
+            mesh={int(mode.removeprefix("mode ")): error for mode, error in mesh.items()},
+        )  # fmt: skip

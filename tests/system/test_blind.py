@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 from scipy.stats import multivariate_normal, norm  # noqa: E402
 
 from benchmarks.blind import (  # noqa: E402
+    counted,
     forecast,
     matching,
     misses,
@@ -31,7 +32,10 @@ from benchmarks.blind import (  # noqa: E402
     targets,
     weights,
 )
+from fenics_joints.diagnosis.evidence.turning import Neighbours  # noqa: E402
 from fenics_joints.files import json_text  # noqa: E402
+from fenics_joints.measurements.data import TestData  # noqa: E402
+from fenics_joints.structure import Sensors  # noqa: E402
 
 # -- seals -----------------------------------------------------------------------------------------
 
@@ -311,6 +315,47 @@ def test_wrong_answers_are_told(tmp_path):
 
 
 # -- the oracle ------------------------------------------------------------------------------------
+
+
+def test_what_a_stated_error_turns_is_no_difference():
+    """Two modes of a chain whose stiffnesses err by 2 % turn as the eigenvectors of such chains do;
+    far apart they do not. What all joints do together is one more direction."""
+    x = np.zeros((4, 3))
+    x[:, 0] = range(4)
+    shapes = np.array([[1.0, 1, 1, 1], [1, -1, 1, -1]]).T
+    error = 0.02
+
+    def covariance(hz, joints=()) -> np.ndarray:
+        test = TestData(
+            [30.0], [hz], ["mode 1", "mode 2"], noise=1e-6, sensors=Sensors(x, [0, 0, 1]),
+            shapes=shapes, shape_noise=1e-6,
+        )  # fmt: skip
+        errors = counted.Errors(discrepancy=error, of_shapes=1e-4, mesh={})
+        near = Neighbours(np.log(hz), shapes, np.arange(2))
+        return errors.covariance(test, near, joints)
+
+    def sd_of_turn(hz) -> float:
+        """Of what the first shape has of the second."""
+        along = np.zeros(10)
+        along[[2, 4, 6, 8]] = shapes[:, 1] / 4
+        return np.sqrt(along @ covariance(hz) @ along)
+
+    def drawn(hz) -> float:
+        """The same of matrices diag(w^2) with each entry off by twice 2 %, as ln w^2 is."""
+        squares, random, turns = np.square(hz), np.random.default_rng(0), []
+        for coupling in 2 * error * random.standard_normal(4000):
+            off = coupling * np.sqrt(np.prod(squares))
+            _, v = np.linalg.eigh([[squares[0], off], [off, squares[1]]])
+            turns.append(v[1, 0] / v[0, 0])
+        return np.std(turns)
+
+    assert sd_of_turn((100.0, 130.0)) == pytest.approx(drawn((100.0, 130.0)), rel=0.05)
+    assert sd_of_turn((100.0, 1000.0)) < 0.02
+    assert sd_of_turn((100.0, 101.0)) > 0.5
+    log_f = np.array([-3.0, -4.0])
+    more = covariance((100.0, 130.0), [(log_f, 0 * shapes)]) - covariance((100.0, 130.0))
+    joint = 0.5 * error * np.array([3, 4]) / np.sqrt(12.5)
+    assert more[:2, :2] == pytest.approx(np.outer(joint, joint)) and not more[2:].any()
 
 
 def test_oracle_errs_as_often_as_separability_says():

@@ -15,7 +15,7 @@ from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import Weighed
 
-__all__ = ["UNSURE", "Evidence"]
+__all__ = ["BEYOND", "UNSURE", "Evidence"]
 
 #: Of a mesh's error as one degree more finds it: what is left beyond that degree, expected, and its
 #: standard deviations, common to all modes and of each one's own. At an edge with the exponent
@@ -23,7 +23,7 @@ __all__ = ["UNSURE", "Evidence"]
 #: Numer. Anal. 24, 1987): from degree 2 to 3, a share of 0.25 of what was found is left for
 #: lambda = 1, 0.8 for 1/2, and next to nothing without edges. And where joints give way there is
 #: between 0.4 and 1.1 times the error of the nominal model (docs/diagnosis.md).
-_BEYOND, _COMMON, _OWN = 0.3, 0.3, 0.2
+BEYOND, _COMMON, _OWN = 0.3, 0.3, 0.2
 #: The share that stays uncertain in all.
 UNSURE = float(np.hypot(_COMMON, _OWN))
 #: Change of a shape by the mesh, relative to it, up to which it is taken off: beyond, modes turn.
@@ -239,7 +239,7 @@ class Evidence:
         known = np.isfinite(error)
         error = np.where(known, error, 0.0)
         found, most = np.log1p(error), float(np.abs(error).max(initial=0.0))
-        shift, shapes = (1 + _BEYOND) * found, self.shapes
+        shift, shapes = (1 + BEYOND) * found, self.shapes
         if shapes is not None and change is not None:
             shapes = shapes - np.where(known & (shape < _LITTLE), change, 0.0)
         return replace(

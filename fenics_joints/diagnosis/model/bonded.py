@@ -20,10 +20,10 @@ from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.where.zone_sensitivity import giving_way
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["JointErrors", "joint_errors"]
+__all__ = ["SHARE", "JointErrors", "joint_errors"]
 
 #: Root mean square of ln f by each way of giving way, relative to the discrepancy that is stated.
-_SHARE = 0.5
+SHARE = 0.5
 #: ln of the compliance's range, over that of an interface of the prior's median stiffness; steps of
 #: its bisection.
 _RANGE, _STEPS = (np.log(1e-8), np.log(1e2)), 30
@@ -68,7 +68,7 @@ def joint_errors(
 
 def _change(effect: Effect, forward, evidence: Evidence, baseline) -> np.ndarray | None:
     """Change of ln f and of the shapes, (m,) or (m + n_s m,), at one standard deviation."""
-    row, size = evidence.shape_row, _SHARE * evidence.discrepancy
+    row, size = evidence.shape_row, SHARE * evidence.discrepancy
     hypothesis = Hypothesis((effect,), conditions=tuple(map(float, evidence.conditions)))
 
     def z(log_share: float) -> np.ndarray:
