@@ -316,21 +316,20 @@ class Reckoning:
         self._geometries: dict[str, _Geometry] = {}
 
     def __call__(self, name: str, answer: Mapping) -> tuple[float | None, dict[str, float]]:
-        """D against all other effects and none (None of a case without effect); probabilities."""
+        """D against all other effects and none, and probabilities, of a case with one effect; of
+        others none, as no score rests on theirs."""
+        if answer["kind"] != "single":
+            return None, {}
         self.say(f"oracle: case {name}")
         geometry = answer["geometry"]
         of = self._geometries.setdefault(geometry, _Geometry(geometry, self.say))
         place = self.folder / "cases" / name
         test = _Test(of, answer, self._errors(name))
         families = test.families()
-        own = {effect["name"] for effect in answer["effects"]}
-        truth = test.truth() if own else None
-        if answer["kind"] == "single":
-            families.setdefault(min(own), []).append(Curve(truth))
+        own, truth = answer["effects"][0]["name"], test.truth()
+        families.setdefault(own, []).append(Curve(truth))
         chances = posterior(test.measured(place), families, test.white)
-        if truth is None:
-            return None, chances
-        rivals = {rival: curves for rival, curves in families.items() if rival not in own}
+        rivals = {rival: curves for rival, curves in families.items() if rival != own}
         return separability(truth, rivals, test.white), chances
 
     def _errors(self, name: str) -> Errors:

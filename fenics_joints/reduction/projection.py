@@ -104,8 +104,9 @@ class Projection:
         """What else changes of the structure, as a region of its own law."""
         if isinstance(change, PlacedPoint):
             row = self.points(change.point)[0]
-            own = (row.T @ row)[:, -self._new.getSize()[1] :]
-            return _term(change.name, change.law, change.properties, own[None], own,
+            new = row[:, -self._new.getSize()[1] :]
+            own = row[:, :, None] * new[:, None, :]
+            return _term(change.name, change.law, change.properties, own, own.sum(axis=0),
                          change.volume, known)  # fmt: skip
         stiff, heavy = [], None
         for which in range(1 + change.has_mass):

@@ -17,6 +17,7 @@ from fenics_joints.reduction.compact import trimmed
 from fenics_joints.reduction.condensed import condensed
 from fenics_joints.reduction.forward import SPARE
 from fenics_joints.reduction.kept import KeptModel
+from fenics_joints.reduction.memory import give_back
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.seen import SeenModes, places_all_over
@@ -169,6 +170,7 @@ class Surrogate(SeenModes):
         self._whole = self._on(sampled, whole)
         self.forward.model = self._trimmed()
         self.forward.forget()
+        give_back()
 
     def facts(self) -> dict[str, object]:
         """Its size and use."""

@@ -58,7 +58,8 @@ def _count(q) -> int:
 
 
 def _placed(q) -> np.ndarray:
-    return np.array([q["stiffness"] * hat(q["place"] - q["at"])])
+    here = hat(q["place"] - q["at"])
+    return np.array([q[f"stiffness_{way}"] * here for way in "xyz"])
 
 
 def _powers(q) -> np.ndarray:
@@ -75,7 +76,7 @@ _LOSS = _law(
     lambda q: 0.0 * q["depth"],
 )  # fmt: skip
 _POINT = _law(
-    "placed point", ("mass", "stiffness", "place", "at"), _placed,
+    "placed point", ("mass", "stiffness_x", "stiffness_y", "stiffness_z", "place", "at"), _placed,
     lambda q: q["mass"] * hat(q["place"] - q["at"]),
 )  # fmt: skip
 _SHAPE = _law(
@@ -125,13 +126,13 @@ class LocalLoss(_Scalars):
 
 @dataclass(frozen=True, eq=False)
 class PlacedPoint(_Scalars):
-    """A mass, and a spring to the ground that is as stiff in all directions, at one of several
-    points: its share at this one.
+    """A mass and a spring to the ground at one of several points of a solid: its share at this one.
 
     Attributes:
         name: Name in messages.
-        point: Where, m, (gdim,).
-        properties: ``mass``, kg; ``stiffness``, N/m; ``place``, and ``at`` which this one is.
+        point: Where, m, (3,).
+        properties: ``mass``, kg; ``stiffness_x``, ``stiffness_y``, ``stiffness_z``, N/m;
+            ``place``, and ``at`` which this one is.
     """
 
     name: str
@@ -262,7 +263,7 @@ def add_changes(model: Assembly, A: PETSc.Mat, which: int, values: Mapping[str, 
         if not np.any(terms) or (which and not change.has_mass):
             continue
         if isinstance(change, PlacedPoint):
-            model.add_point(A, change.point, float(terms[0]) * np.eye(3))
+            model.add_point(A, change.point, np.diag(np.broadcast_to(terms, 3).astype(float)))
             continue
         for term, part in zip(terms, forms_of(model, change, which, terms), strict=True):
             if part is not None:
@@ -304,7 +305,8 @@ def forms_of(
     if isinstance(change, PlacedPoint):
         place = np.atleast_2d(np.asarray(change.point, dtype=float))[:, : model.gdim]
         at = model.point_loads(model.rows(np.repeat(place, model.gdim, axis=0)))
-        yield RowForm(at, at, 1.0, model.comm)
+        for own in (at,) if which else np.split(at, model.gdim, axis=1):
+            yield RowForm(own, own, 1.0, model.comm)
     elif isinstance(change, LocalLoss):
         for cells, asked in zip(change.cells, np.broadcast_to(wanted, len(change.cells)),
                                 strict=True):  # fmt: skip

@@ -78,6 +78,10 @@ TRUTHS = {
         lambda: held_by(0.010, 1e4, (0.32, 0.06, 0.0)), SIZE[2], "cable or stinger",
         {"mass": (0.010, 1.3)},
     ),
+    "a stinger": (
+        lambda: held_by(0.005, 1e5, (0.32, 0.06, 0.0), [(0, 0, 1)]), SIZE[2], "cable or stinger",
+        {"mass": (0.005, 1.3), "stiffness along z": (1e5, 1.3)},
+    ),
     "a harness": (
         lambda: with_resonator(0.008, 370.0, (0.08, 0.0, 0.0)), SIZE[2], "attached resonator",
         {"mass": (0.008, 2.0), "frequency": (370.0, 1.3)},
@@ -107,6 +111,8 @@ def test_what_is_there_is_named_first(truth, tmp_path):
     if truth in PLACES:
         place = [float(c) for c in rows["place"]["at"].split(")")[0][1:].split(",")]
         assert np.linalg.norm(np.subtract(place, PLACES[truth])) < 35
+    if truth == "a stinger":  # of the other ways it knows no more than before
+        assert rows["stiffness along x"]["value"] < 3e4
 
 
 @pytest.mark.slow
@@ -183,7 +189,7 @@ def test_places_are_the_same_on_two_ranks(shared_tmp_path):
     assert together.sites.tapered == alone.sites.tapered and len(alone.sites.bowed) == 2
     given = [
         {"local_loss.depth": 0.5, "local_loss.place": 7.3, "local_loss.size": 2.0},
-        {"put_on.mass": 0.01, "put_on.stiffness": 1e4, "put_on.place": 3.4},
+        {"put_on.mass": 0.01, "put_on.stiffness_y": 1e4, "put_on.place": 3.4},
         {"taper.block": 0.1}, {"bow.across": 1e-3},
     ]  # fmt: skip
     for values in given:

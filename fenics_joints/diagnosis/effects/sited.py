@@ -7,6 +7,7 @@ model. They are rarer than a property that is off by a little, and have the odds
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,7 +42,8 @@ _SIZE = Prior("size", 2.0, np.log(2.0), "", True, (1.0, 12.0))
 #: (Babuska et al., J. Spacecraft Rockets 47, 2010).
 _MASS = (0.01, np.log(3.0), (1e-5, 0.5))
 #: Stiffness to the ground, N/m: a taut lead has some 1e2, a steel stinger of 2 mm bends with 1e3 to
-#: 1e4 and pushes with 1e6: within a factor of 30 either way.
+#: 1e4 and pushes with 1e6: within a factor of 30 either way, along each axis
+#: by itself: a stinger pushes along itself alone.
 _GROUND = Prior("stiffness", 1e4, np.log(30.0), "N/m", True, (1.0, 1e8))
 #: Its own frequency, over the middle of the test's band: as often above it as below, within a
 #: factor of 3.
@@ -169,11 +171,13 @@ def cable(places: Sequence[str], total_mass: float) -> Effect:
     """
 
     def apply(values, theta, condition):
-        for key in ("mass", "stiffness", "place"):
-            values[f"{ON}.{key}"] = theta[key]
+        values[f"{ON}.mass"], values[f"{ON}.place"] = theta["mass"], theta["place"]
+        for along in "xyz":
+            values[f"{ON}.stiffness_{along}"] = theta[f"stiffness along {along}"]
 
     count = len(places)
-    priors = (_mass(total_mass), _GROUND, somewhere("place", count, count))
+    springs = (replace(_GROUND, name=f"stiffness along {along}") for along in "xyz")
+    priors = (_mass(total_mass), *springs, somewhere("place", count, count))
     words = "A cable, a hose or a stinger holds the structure at one point and weighs on it."
     return Effect(
         CABLE, "", priors, apply, words, family=ON, weight=RARE, beside=True, places=tuple(places)
@@ -196,7 +200,8 @@ def resonator(places: Sequence[str], total_mass: float, middle: float) -> Effect
     def apply(values, theta, hz):
         values[f"{ON}.place"] = theta["place"]
         mass, spring = dynamic(theta["mass"], theta["frequency"], hz)
-        values[f"{ON}.mass"], values[f"{ON}.stiffness"] = mass, spring
+        values[f"{ON}.mass"] = mass
+        values.update(dict.fromkeys((f"{ON}.stiffness_{along}" for along in "xyz"), spring))
 
     spread, far = _OWN
     span = middle / far, middle * far

@@ -38,6 +38,7 @@ from fenics_joints.measurements.gap import Pairing, skipped
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.memory import give_back
 from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.reduction.surrogate import LACKING
 from fenics_joints.reduction.tested import tested_models
@@ -149,6 +150,7 @@ class Prepared(Subject):
             )  # fmt: skip
             if errors is not None:
                 self.on_mesh(errors)
+        give_back()
         self._share_joints()
 
     def _share_joints(self) -> None:

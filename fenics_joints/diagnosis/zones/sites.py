@@ -96,7 +96,8 @@ def sites_of(
     found, changes, values = Sites.none(), [], {}
     if ON in wanted:
         points = full.comm.bcast(cells.points(sensors))
-        own = {key: f"{ON}.{key}" for key in ("mass", "stiffness", "place")}
+        springs = (f"stiffness_{along}" for along in "xyz")
+        own = {key: f"{ON}.{key}" for key in ("mass", *springs, "place")}
         changes += [PlacedPoint(f"{ON} {i}", tuple(x), own | {"at": float(i)})
                     for i, x in enumerate(points.tolist())]  # fmt: skip
         values |= dict.fromkeys(own.values(), 0.0)
