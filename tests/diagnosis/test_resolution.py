@@ -53,7 +53,8 @@ def test_mesh_error_is_that_against_a_finer_mesh(degree, shared_tmp_path):
 
 def test_to_few_sensors_two_modes_may_look_alike():
     """One sensor on a corner, which bending and torsion move alike: each mode is still compared
-    with itself on the finer mesh, where some are in another order."""
+    with itself on the finer mesh. Some are in another order there, and of these the mesh resolves
+    no mode that a test counts."""
     corner = Sensors([[0.3, 0.06, 0.006]], [0.0, 0.0, 1.0])
     given = {"sensors": corner, "n_test": 6, "n_modes": 24}
     small = SeenModes(strip(8, 2, 1, degree=2), {}, **given)
@@ -63,7 +64,11 @@ def test_to_few_sensors_two_modes_may_look_alike():
     index, fine = small.pairing.index, solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
     best = pair_modes(fine, 6, grid, reference=small.nominal.at(grid)[:, index])
     true = small.nominal.frequencies_hz[index] / fine.frequencies_hz[best.index] - 1
-    assert found == pytest.approx(true, rel=0.5, abs=5e-4) and best.mac.min() > 0.95
+    counted = fine.frequencies_hz[pair_modes(fine, 6, corner).index]
+    same = np.abs(np.log(counted / fine.frequencies_hz[best.index])) < 0.01
+    assert 2 <= same.sum() < 6 and best.mac.min() > 0.95
+    assert np.isfinite(found).tolist() == same.tolist()
+    assert found[same] == pytest.approx(true[same], rel=0.5, abs=5e-4)
 
 
 def test_modes_that_any_error_turns_are_resolved():
@@ -141,7 +146,8 @@ def test_what_a_mesh_does_to_shapes_is_that_against_a_finer_one():
     """Torsion of a strip of bricks one across bends its shape at the test's sensors."""
     at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 7) for y in (0.0, 0.06)])
     given = {"sensors": Sensors(at, [0.0, 0.0, 1.0]), "n_test": 8, "n_modes": 24}
-    small = SeenModes(strip(4, 1, 1, degree=2), {}, **given)
+    counted = SeenModes(strip(4, 1, 1, degree=2), {}, **given)
+    small = SeenModes(counted.full, {}, **given, shapes=counted.pairing.shapes)
     found = mesh_errors(small, {}, Progress(silent=True)).shapes
     fine = solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
     own = small.pairing.shapes

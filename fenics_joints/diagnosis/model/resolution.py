@@ -117,7 +117,8 @@ def _changed(ours: np.ndarray, theirs: np.ndarray, measured: np.ndarray) -> np.n
 
 def _told_otherwise(small: SeenModes, better: Modes, like: Mapping[int, int]) -> np.ndarray:
     """Mask of the test's modes, (m,), that are like one of the finer model, if that is not the like
-    of the mode that they are paired with, or this is not like them.
+    of the mode that they are paired with, or this is not like them. Those of a test without shapes
+    are counted, in either model.
 
     Args:
         small: Knows the test's shapes and their pairing.
@@ -125,17 +126,19 @@ def _told_otherwise(small: SeenModes, better: Modes, like: Mapping[int, int]) ->
         like: Those that are the model's own, by index.
     """
     own, sensors = small.pairing, small.sensors
-    other = np.zeros(small.n_test, dtype=bool)
-    if own.mac is None:
-        return other
+    other, shaped = np.zeros(small.n_test, dtype=bool), own.mac is not None
     try:
-        finer = pair_modes(better, small.n_test, sensors, reference=small.reference)
+        reference = small.reference if shaped else None
+        finer = pair_modes(better, small.n_test, sensors, reference=reference)
     except InputError:
         return other  # too few modes that the test could see
     log_f = np.log(np.maximum(better.frequencies_hz, _TINY))
     for i, (mine, theirs) in enumerate(zip(own.index.tolist(), finer.index.tolist(), strict=True)):
         apart = abs(log_f[like[mine]] - log_f[theirs]) if mine in like else np.inf
-        other[i] = finer.mac[i] >= ALIKE and (apart > TURNED or own.mac[i] < ALIKE)
+        unlike = apart > TURNED
+        if shaped:
+            unlike = finer.mac[i] >= ALIKE and (unlike or own.mac[i] < ALIKE)
+        other[i] = unlike
     return other
 
 
