@@ -25,9 +25,12 @@ from fenics_joints.structure.sparse import MatrixForm, RowForm
 from fenics_joints.structure.values import number, slopes
 
 __all__ = [
-    "CHANGES", "Change", "LocalLoss", "PlacedPoint", "ShapeChange", "add_changes",
+    "CHANGES", "STIFFNESSES", "Change", "LocalLoss", "PlacedPoint", "ShapeChange", "add_changes",
     "change_slopes", "forms_of", "hat",
 ]  # fmt: skip
+
+#: Of a `PlacedPoint`, along x, y and z.
+STIFFNESSES = ("stiffness_x", "stiffness_y", "stiffness_z")
 
 Value = float | str
 #: `fenics_joints.structure.assembly.Assembly`, which holds changes.
@@ -59,7 +62,7 @@ def _count(q) -> int:
 
 def _placed(q) -> np.ndarray:
     here = hat(q["place"] - q["at"])
-    return np.array([q[f"stiffness_{way}"] * here for way in "xyz"])
+    return np.array([q[key] * here for key in STIFFNESSES])
 
 
 def _powers(q) -> np.ndarray:
@@ -76,7 +79,7 @@ _LOSS = _law(
     lambda q: 0.0 * q["depth"],
 )  # fmt: skip
 _POINT = _law(
-    "placed point", ("mass", "stiffness_x", "stiffness_y", "stiffness_z", "place", "at"), _placed,
+    "placed point", ("mass", *STIFFNESSES, "place", "at"), _placed,
     lambda q: q["mass"] * hat(q["place"] - q["at"]),
 )  # fmt: skip
 _SHAPE = _law(

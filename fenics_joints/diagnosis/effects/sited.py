@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, 
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
 from fenics_joints.diagnosis.zones.sites import BOW, LOSS, ON, TAPER, Plate, Sites
 from fenics_joints.measurements.data import TestData
+from fenics_joints.structure.changes import STIFFNESSES
 
 __all__ = [
     "BOWED", "CABLE", "LOCAL_LOSS", "RESONATOR", "TAPERED", "dynamic", "looked_for",
@@ -201,7 +202,7 @@ def resonator(places: Sequence[str], total_mass: float, middle: float) -> Effect
         values[f"{ON}.place"] = theta["place"]
         mass, spring = dynamic(theta["mass"], theta["frequency"], hz)
         values[f"{ON}.mass"] = mass
-        values.update(dict.fromkeys((f"{ON}.stiffness_{along}" for along in "xyz"), spring))
+        values.update(dict.fromkeys((f"{ON}.{key}" for key in STIFFNESSES), spring))
 
     spread, far = _OWN
     span = middle / far, middle * far

@@ -17,7 +17,7 @@ from fenics_joints.case import Case
 from fenics_joints.case.dimensions import Dimensions, directed_parts, unfit
 from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.structure import Sensors, Structure
-from fenics_joints.structure.changes import Change, LocalLoss, PlacedPoint, ShapeChange
+from fenics_joints.structure.changes import STIFFNESSES, Change, LocalLoss, PlacedPoint, ShapeChange
 
 __all__ = ["BOW", "LOSS", "ON", "TAPER", "Plate", "Sites", "sites_of"]
 
@@ -96,8 +96,7 @@ def sites_of(
     found, changes, values = Sites.none(), [], {}
     if ON in wanted:
         points = full.comm.bcast(cells.points(sensors))
-        springs = (f"stiffness_{along}" for along in "xyz")
-        own = {key: f"{ON}.{key}" for key in ("mass", *springs, "place")}
+        own = {key: f"{ON}.{key}" for key in ("mass", *STIFFNESSES, "place")}
         changes += [PlacedPoint(f"{ON} {i}", tuple(x), own | {"at": float(i)})
                     for i, x in enumerate(points.tolist())]  # fmt: skip
         values |= dict.fromkeys(own.values(), 0.0)
