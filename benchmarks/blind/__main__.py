@@ -138,9 +138,11 @@ def calibrate(
     folders: Annotated[list[Path], typer.Argument(help="Checks whose answers are open.")],
 ) -> None:
     """Weights for what looks like a listed effect and is none, from opened cases."""
-    from benchmarks.blind.calibrate import read_samples, report
+    from benchmarks.blind.calibrate import named_right, read_samples, report
 
     typer.echo(report(read_samples(folders)))
+    for verdict, (right, n) in named_right(folders).items():
+        typer.echo(f"verdict {verdict}: right in {right} of {n}")
 
 
 @app.command()

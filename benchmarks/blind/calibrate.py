@@ -1,7 +1,8 @@
 """Weights of `fenics_joints.diagnosis.evidence.unlisted` from cases that were opened.
 
 Cases and geometries that are for scoring only are left out, and those of two effects count as
-inside the library. Beside the weights stands what each geometry is given by the other's.
+inside the library. Beside the weights stands what each geometry is given by the other's, and how
+often a cause that was named was right, confirmed on held-out data or not.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from benchmarks.blind import seal
+from benchmarks.blind.score import read_records
 from benchmarks.blind.seal import SealError
 from fenics_joints.diagnosis.evidence.unlisted import misfit_in_nats
-from fenics_joints.diagnosis.verdict import UNKNOWN
+from fenics_joints.diagnosis.verdict import NAMED, UNKNOWN
 
-__all__ = ["Sample", "calibrate", "log_loss", "read_samples", "report"]
+__all__ = ["Sample", "calibrate", "log_loss", "named_right", "read_samples", "report"]
 
 #: Weight of the square of the slope, against ln likelihood.
 _RIDGE = 1.0
@@ -50,6 +52,17 @@ def leader_misfit(diagnosis: Mapping) -> float:
     """Misfit of the most probable hypothesis but for the unknown, in nats."""
     known = [h for h in diagnosis["hypotheses"] if h["label"] != UNKNOWN]
     return misfit_in_nats(max(known, key=lambda h: h["probability"])["p_value"])
+
+
+def named_right(folders: Sequence[Path]) -> dict[str, tuple[int, int]]:
+    """How often what was named, as a class, was right, and how often something was, by verdict."""
+    found = {verdict: (0, 0) for verdict in NAMED}
+    for record in (r for folder in folders for r in read_records(folder, None)):
+        said = record.statement("class")
+        if said is not None and record.forecast.verdict in found and not record.truth["final_only"]:
+            right, n = found[record.forecast.verdict]
+            found[record.forecast.verdict] = right + said[1], n + 1
+    return found
 
 
 def _columns(samples: Sequence[Sample]) -> tuple[np.ndarray, np.ndarray]:

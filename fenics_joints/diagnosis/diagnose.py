@@ -20,6 +20,7 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.evidence.somewhere import changes
+from fenics_joints.diagnosis.evidence.unlisted import after_held_out
 from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.location import locate_gap
@@ -35,6 +36,7 @@ from fenics_joints.diagnosis.verdict import (
     UNKNOWN,
     class_probabilities,
     confirm,
+    confirmed,
     decide,
     sure_classes,
 )
@@ -126,15 +128,17 @@ class _Run:
         alike = stand_ins(fits, probability, self.evidence)
         grouped = classes(fits, probability, alike)
         leader = self._leader(fits)
+        after = self._gap(self.data, leader.log_f)
         effects = self._effects(fits, probability, grouped, leader)
-        verdict, summary = decide(
-            fits, probability, effects, leader, self._gap(self.data, leader.log_f)
-        )
-        wrong = self._is_wrong(fits, leader, alike)
-        causes = {}
+        verdict, summary = decide(fits, probability, effects, leader, after)
+        wrong, causes = self._is_wrong(fits, leader, alike), {}
         if verdict in NAMED:
             causes = self._causes(fits, probability, effects, grouped, alike)
         shrink = self._shrink(fits, wrong, causes)
+        if verdict in NAMED:
+            fits, probability = _held_out(fits, probability, leader, confirmed(shrink))
+            effects = self._effects(fits, probability, grouped, leader)
+            verdict, summary = decide(fits, probability, effects, leader, after)
         verdict, summary = confirm(verdict, summary, shrink)
         self.progress.step("localising the gap")
         shown = self.model.zones.shown
@@ -152,7 +156,7 @@ class _Run:
             summary=summary,
             condition=self.model.condition,
             before=self._gap(self.data, self.model.nominal_log_f()),
-            after=self._gap(self.data, leader.log_f),
+            after=after,
             noise=float(np.sqrt(np.nanmean(self.data.log_sd()[self.evidence.used] ** 2))),
             heldout_before=shrink.before,
             heldout_after=shrink.after,
@@ -405,6 +409,17 @@ class _Run:
             if rest <= keys and len(others) == 1 and others <= set(members) - {mine}:
                 return f
         return None
+
+
+def _held_out(
+    fits: Sequence[Fit], probability: np.ndarray, leader: Fit, confirms: bool
+) -> tuple[list[Fit], np.ndarray]:
+    """Hypotheses and their probabilities, the most probable first, once held-out data spoke of the
+    cause that is named."""
+    unknown = np.array([f.hypothesis.unknown for f in fits])
+    found = after_held_out(probability, unknown, leader.p_value, confirms)
+    order = np.argsort(-found, kind="stable")
+    return [fits[i] for i in order], found[order]
 
 
 def _described(effect: Effect, best: Fit) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 
 import numpy as np
@@ -14,9 +15,16 @@ from benchmarks.blind.calibrate import (  # noqa: E402
     calibrate,
     leader_misfit,
     log_loss,
+    named_right,
     read_samples,
 )
-from fenics_joints.diagnosis.evidence.unlisted import WEIGHTS, look_alike, misfit_in_nats  # noqa: E402
+from fenics_joints.diagnosis.evidence.unlisted import (  # noqa: E402
+    WEIGHTS,
+    WRONG,
+    after_held_out,
+    look_alike,
+    misfit_in_nats,
+)
 
 
 def test_the_worse_the_fit_the_more_is_left():
@@ -58,3 +66,42 @@ def test_read_from_what_a_diagnosis_writes(tmp_path):
         text = {"error": "stopped"} if name == "c" else {"diagnosis": said}
         (tmp_path / "diagnoses" / f"{name}.json").write_text(json.dumps(text))
     assert [s.outside for s in read_samples([tmp_path])] == [True, False]
+
+
+def test_held_out_data_replace_the_fits_own_misfit():
+    """Odds among the listed stay; what is left for the unknown is as often as named causes err."""
+    p, unknown = 0.3, np.array([False, True, False])
+    listed, other = np.array([6.0, 0.0, 1.0]), 1e-9
+    for confirmed in (True, False):
+        raw = np.where(unknown, other, listed) / (listed.sum() + other)
+        before = raw * (1 - look_alike(p))
+        before[1] += 1 - before.sum()
+        found = after_held_out(before, unknown, p, confirmed)
+        assert found.sum() == pytest.approx(1)
+        assert found[0] / found[2] == pytest.approx(6)
+        assert found[1] == pytest.approx(WRONG[confirmed], abs=1e-6)
+
+
+def test_how_often_what_was_named_was_right(tmp_path):
+    """Of four cases that name the same cause it is at work in two, one of these confirmed."""
+    name = "compliance at one bolt"
+    said = {
+        "effects": [{"name": name, "region": "joint", "class": name, "probability": 0.8}],
+        "hypotheses": [{"label": name, "effects": [f"{name} (joint)"], "probability": 0.8}],
+    }
+    (tmp_path / "diagnoses").mkdir()
+    answers, digests = {}, {}
+    for name, verdict, kind in (
+        ("a", "cause", "single"), ("b", "likely", "single"), ("c", "cause", "unknown"),
+        ("d", "likely", "none"), ("e", "ambiguous", "single"),
+    ):  # fmt: skip
+        effect = {"name": "loose_bolt", "region": "joint", "params": {}}
+        effects = [effect] if kind == "single" else []
+        answers[name] = {"geometry": "t_tubes", "kind": kind, "final_only": False,
+                         "effects": effects, "noise": [0.0, 0.0]}  # fmt: skip
+        text = json.dumps({"diagnosis": {**said, "verdict": verdict}})
+        (tmp_path / "diagnoses" / f"{name}.json").write_text(text)
+        digests[name] = hashlib.sha256(text.encode()).hexdigest()
+    opened = {"answers": answers, "diagnoses_sha256": digests}
+    (tmp_path / "answers.json").write_text(json.dumps(opened))
+    assert named_right([tmp_path]) == {"cause": (1, 2), "likely": (1, 2)}
