@@ -6,6 +6,7 @@ What a test brings by itself is not in them: its sensors, and the points where s
 from __future__ import annotations
 
 import hashlib
+import re
 import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +16,6 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import InputError
 from fenics_joints.files import write_arrays
 from fenics_joints.parallel import on_root
@@ -24,17 +24,18 @@ from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.projection import Projection
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import PlacedPoint
+from fenics_joints.structure.node_keys import node_keys
 from fenics_joints.structure.sparse import vectors_like
 
 __all__ = ["KeptModel", "read_vectors", "write_vectors"]
 
-#: Digits of a node's place, relative to the body, by which it is known again.
-_DIGITS = 9
+#: What cannot be read, in whichever way.
+_UNREADABLE = (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile)
 
 
 class KeptModel:
     """The files of a reduced model: its matrices, and beside them its basis, each rank's part of
-    it. Collective.
+    it, to be read by any number of ranks. Collective.
 
     Args:
         full: The full structure.
@@ -45,8 +46,7 @@ class KeptModel:
         self.full, self.file = full, file
 
     def read(self) -> tuple[ArrayModel, list[PETSc.Vec]] | None:
-        """The model without what is a test's own, and its basis; None if they are not to be had, or
-        were kept by another number of ranks."""
+        """The model without what is a test's own, and its basis; None if they are not to be had."""
         comm, model = self.full.comm, None
         if comm.bcast(self.file.is_file()):
             try:
@@ -89,25 +89,29 @@ class KeptModel:
 def write_vectors(
     full: Structure, file: Path, vectors: Sequence[PETSc.Vec], stamp: str, **more: np.ndarray
 ) -> None:
-    """Keep vectors of a structure, each rank its part. Collective.
+    """Keep vectors of a structure, each rank its part; those that other ranks kept in this file's
+    name go. Collective.
 
     Args:
         full: The structure.
         file: A file beside which they go, in one named by this rank.
         vectors: The vectors.
         stamp: What they belong to.
-        more: Further arrays.
+        more: Further arrays, equal on all ranks.
     """
     rows = np.array([vector.array_r for vector in vectors])
-    write_arrays(
-        _of_rank(full, file), rows=rows, stamp=np.array(f"{stamp} {_layout(full)}"), **more
-    )
+    keys, mine = node_keys(full.V), _of_rank(full, file)
+    write_arrays(mine, rows=rows, keys=keys, stamp=np.array(stamp), **more)
+    written = set(full.comm.allgather(mine.name))
+    on_root(full.comm, lambda: [
+        path.unlink(missing_ok=True) for path in _parts(file) if path.name not in written
+    ])  # fmt: skip
 
 
 def read_vectors(
     full: Structure, file: Path, stamp: str, more: dict[str, np.ndarray] | None = None
 ) -> list[PETSc.Vec] | None:
-    """What `write_vectors` kept; None if it is not there, or of another layout. Collective.
+    """What `write_vectors` kept, on whichever ranks; None if it is not there. Collective.
 
     Args:
         full: The structure.
@@ -115,20 +119,41 @@ def read_vectors(
         stamp: Likewise.
         more: Gets the further arrays.
     """
-    rows, found = None, {}
-    try:
-        with np.load(_of_rank(full, file)) as kept:
-            if str(kept["stamp"]) == f"{stamp} {_layout(full)}":
-                found = {name: kept[name] for name in kept.files}
-                rows = found.pop("rows")
-    except (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile):
-        pass
-    good = rows is not None and rows.ndim == 2 and rows.shape[1] == full.n_local
+    keys, rows, found = node_keys(full.V), None, {}
+    for path in _parts(file):
+        try:
+            with np.load(path) as kept:
+                if str(kept["stamp"]) == stamp:
+                    rows = _taken(rows, keys, kept["keys"], kept["rows"])
+                    found |= {n: kept[n] for n in kept.files if n not in ("rows", "keys", "stamp")}
+        except _UNREADABLE:
+            continue
+    good = rows is not None and not np.isnan(rows).any()
     if not full.comm.allreduce(good, op=MPI.LAND):
         return None
     if more is not None:
         more |= found
+    rows = rows.reshape(len(rows), -1)
     return vectors_like(PETSc.Vec().createMPI((full.n_local, None), comm=full.comm), rows)
+
+
+def _taken(
+    rows: np.ndarray | None, keys: np.ndarray, theirs: np.ndarray, kept: np.ndarray
+) -> np.ndarray:
+    """This rank's part of vectors, (k, n_nodes, block), with what a file has of it; nan elsewhere.
+
+    Args:
+        rows: What there is of it by now, or None.
+        keys: Its nodes', (n_nodes,).
+        theirs: The file's nodes', (n_theirs,).
+        kept: The file's part, (k, n_theirs block).
+    """
+    kept = kept.reshape(len(kept), len(theirs), -1)
+    if rows is None:
+        rows = np.full((len(kept), len(keys), kept.shape[2]), np.nan)
+    _, own, at = np.intersect1d(keys, theirs, return_indices=True)
+    rows[:, own] = kept[:, at]
+    return rows
 
 
 def _of_rank(full: Structure, file: Path) -> Path:
@@ -137,14 +162,10 @@ def _of_rank(full: Structure, file: Path) -> Path:
     return file.with_name(f"{file.stem}{rank}.npz")
 
 
-def _layout(full: Structure) -> str:
-    """Which degrees of freedom this rank has, in which order: a mesh is parted anew each time."""
-    x = full.mesh.geometry.x
-    size = max(float(np.abs(x).max(initial=0.0)), 1e-300)
-    found = hashlib.sha256((np.round(x / size, _DIGITS) + 0.0).tobytes())
-    for numbers in (geometry_dofmap(full.mesh), full.V.dofmap.list):
-        found.update(np.ascontiguousarray(numbers, dtype=np.int64).tobytes())
-    return found.hexdigest()[:16]
+def _parts(file: Path) -> list[Path]:
+    """Files of vectors, kept by any number of ranks."""
+    name = re.compile(re.escape(file.stem) + r"(-\d+of\d+)?\.npz")
+    return sorted(path for path in file.parent.glob("*.npz") if name.fullmatch(path.name))
 
 
 def _stamp(model: ArrayModel) -> str:

@@ -18,6 +18,7 @@ from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.snapshots import orthonormal
 from fenics_joints.reduction.surrogate import Surrogate
 from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Structure, joint, part
+from fenics_joints.structure.sparse import product
 
 N_MODES = 12
 #: Low and high of every parameter, log-uniform but for nu and the travel.
@@ -265,6 +266,27 @@ def test_a_kept_model_serves_another_test_of_the_structure(shared_tmp_path):
     assert quick.errors(elsewhere) == pytest.approx(own, rel=0.1, abs=1e-6)
     quick.extend(elsewhere)
     assert np.all(kept.errors(elsewhere) < 1e-5 + 0.05 * own)
+
+
+@pytest.mark.parallel
+def test_a_model_kept_on_some_ranks_serves_any(shared_tmp_path):
+    """Kept on all of them, read on one: the basis is that of the matrices."""
+    world, own, file = build(MPI.COMM_WORLD), build(), shared_tmp_path / "model.h5"
+    start = {name: p.value for name, p in world.parameters.items()}
+    Surrogate(world, start, samples=lambda: [start], sensors=None, n_test=3, n_modes=N_MODES,
+              travel=lambda: TRAVEL, keep=lambda: file)  # fmt: skip
+    model, basis = KeptModel(own, file).read()
+    Z = np.array([vector.array_r for vector in basis]).T
+    K = own.stiffness(start)
+    theirs = model.stiffness(start)
+    assert Z.T @ product(K, Z) == pytest.approx(theirs, abs=1e-6 * np.abs(theirs).max())
+    kept = [path.name for path in sorted(file.parent.glob("*.npz"))]
+    assert len(kept) == MPI.COMM_WORLD.size
+    MPI.COMM_WORLD.barrier()
+    if MPI.COMM_WORLD.rank == 0 and len(kept) > 1:
+        # Kept anew by one: what the others kept is of no use any more.
+        KeptModel(own, file).write(model, basis)
+        assert [path.name for path in file.parent.glob("*.npz")] == ["model.npz"]
 
 
 def test_a_basis_of_another_model_is_not_taken(tmp_path):
