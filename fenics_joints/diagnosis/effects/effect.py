@@ -54,6 +54,7 @@ class Prior:
         span: Hard limits (low, high) in ``unit``.
         scan: Number of values at which the evidence is integrated over this parameter, for one
             that acts in steps or in many places; 0 for one that acts smoothly.
+        also: Further values at which a fit looks whether to start there.
         even: Whether any value of ``span`` is as likely, as of a place; median and spread are then
             those of this distribution.
     """
@@ -66,6 +67,7 @@ class Prior:
     span: tuple[float, float] = (-np.inf, np.inf)
     scan: int = 0
     even: bool = False
+    also: tuple[float, ...] = ()
 
     def __post_init__(self):
         text("prior.name", self.name)
@@ -90,6 +92,13 @@ class Prior:
         if value <= 0:
             return -np.inf
         return np.log(value / self.median) / self.spread
+
+    def tried(self) -> np.ndarray:
+        """Values of z at which a fit looks whether to start there: as many as `scan`, all equally
+        probable, and those of `also` within the limits."""
+        low, high = self.limits()
+        also = [z for z in map(self.standard, self.also) if low <= z <= high]
+        return np.array([*ndtri((np.arange(self.scan) + 0.5) / max(self.scan, 1)), *also])
 
     def limits(self, widest: float = 5.0) -> tuple[float, float]:
         """Limits of z."""

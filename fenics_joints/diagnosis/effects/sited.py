@@ -49,11 +49,14 @@ _GROUND = Prior("stiffness", 1e4, np.log(30.0), "N/m", True, (1.0, 1e8))
 #: Its own frequency, over the middle of the test's band: as often above it as below, within a
 #: factor of 3.
 _OWN = (np.log(3.0), 30.0)
-#: Frequencies of its own at which a fit looks whether to start there.
-_FREQUENCIES = 16
-#: Its loss factor, which bounds what it does to a mode near it: a guess, between a metal bracket's
-#: 0.01 and the 0.1 of stranded cables and rubber.
-_LOSS_FACTOR = 0.03
+#: Frequencies of its own at which a fit looks whether to start there; and over those of the test's
+#: modes, as of one whose own motions the test sees: what bears it gives way, so that they are below
+#: by a tenth at most.
+_FREQUENCIES, _ABOVE = 12, (1.02, 1.07)
+#: What bounds what it does to a mode near it: 100 times its mass. Its loss factor, 0.01 of a metal
+#: bracket to 0.1 of rubber, does not: a mode that is its own motion is damped as much as it is, and
+#: in the ratio of the two that cancels but for its square.
+_LOSS_FACTOR = 0.005
 #: Height of a bow over its length: sheet and plate may be 0.2 to 0.5 % off flat (EN 485-4 and EN
 #: 10029), within a factor of 3 either way.
 _HEIGHT = (0.002, np.log(3.0), (1e-5, 0.02))
@@ -96,8 +99,8 @@ def sited_effects(
         found.append(local_loss(sites.patches, case))
     if len(sites.points) > 1:
         places = _named(sites.points, data.sensors)
-        middle = float(np.exp(np.nanmean(np.log(data.frequencies_hz))))
-        found += [cable(places, total_mass), resonator(places, total_mass, middle)]
+        hz = np.exp(np.nanmean(np.log(data.frequencies_hz), axis=0))
+        found += [cable(places, total_mass), resonator(places, total_mass, hz)]
     weight = RARE / max(len(sites.bowed), 1)
     found += [bowed(plate, case, weight) for plate in sites.bowed]
     weight = RARE / max(len(sites.tapered), 1)
@@ -185,7 +188,7 @@ def cable(places: Sequence[str], total_mass: float) -> Effect:
     )
 
 
-def resonator(places: Sequence[str], total_mass: float, middle: float) -> Effect:
+def resonator(places: Sequence[str], total_mass: float, measured_hz: np.ndarray) -> Effect:
     """A mass on a spring at one point: a harness between clamps, an antenna, a loose lid.
 
     To a mode of frequency f it is a mass or a spring there, `dynamic`, so that the modes below its
@@ -195,8 +198,10 @@ def resonator(places: Sequence[str], total_mass: float, middle: float) -> Effect
     Args:
         places: See `cable`.
         total_mass: The structure's, kg.
-        middle: Of the test's band, Hz.
+        measured_hz: About the frequencies of the test's modes, Hz, (m,); nan where not known.
     """
+    hz = measured_hz[np.isfinite(measured_hz)]
+    middle = float(np.exp(np.mean(np.log(hz))))
 
     def apply(values, theta, hz):
         values[f"{ON}.place"] = theta["place"]
@@ -206,7 +211,8 @@ def resonator(places: Sequence[str], total_mass: float, middle: float) -> Effect
 
     spread, far = _OWN
     span = middle / far, middle * far
-    own = Prior("frequency", middle, spread, "Hz", True, span, _FREQUENCIES)
+    also = tuple(np.outer(_ABOVE, hz).ravel().tolist())
+    own = Prior("frequency", middle, spread, "Hz", True, span, _FREQUENCIES, also=also)
     count = len(places)
     priors = (_mass(total_mass), own, somewhere("place", count, count))
     words = (

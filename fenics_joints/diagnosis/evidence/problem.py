@@ -8,7 +8,6 @@ from itertools import product
 
 import numpy as np
 from scipy.integrate import trapezoid
-from scipy.special import ndtri
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
@@ -225,9 +224,8 @@ class Problem:
 
     def places(self, indices: Sequence[int]) -> list[np.ndarray]:
         """The most probable points over parameters that say where, and others that act in steps, at
-        as many values of each as their priors say; the others optimal in a linear model."""
-        priors = [self.hypothesis.priors[j][1] for j in indices]
-        axes = [ndtri((np.arange(p.scan) + 0.5) / p.scan) for p in priors]
+        the values of each that their priors say; the others optimal in a linear model."""
+        axes = [self.hypothesis.priors[j][1].tried() for j in indices]
         looks = [self._at(dict(zip(indices, point, strict=True))) for point in product(*axes)]
         order = np.argsort([-value for value, _ in looks], kind="stable")
         return [looks[i][1] for i in order[:_STARTS]]
