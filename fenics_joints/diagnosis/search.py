@@ -31,6 +31,7 @@ from fenics_joints.diagnosis.several import fit_several
 from fenics_joints.diagnosis.starts import starts_of
 from fenics_joints.diagnosis.survey import survey
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.zones.sites import as_mass
 from fenics_joints.parallel import spread
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
@@ -216,7 +217,8 @@ class Search:
             f: The fit.
         """
         lowest = self.model.evidence.conditions[0]
-        return f.hypothesis.values(f.z, lowest, self.model.baseline, 0)
+        found = f.hypothesis.values(f.z, lowest, self.model.baseline, 0)
+        return as_mass(found, self.model.baseline)
 
     def _leading(self, fits: Sequence[Fit], count: int) -> list[Fit]:
         """The most probable but for the unknown."""

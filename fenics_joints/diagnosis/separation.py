@@ -18,6 +18,7 @@ from fenics_joints.diagnosis.plan.added import (
     next_modes,
 )
 from fenics_joints.diagnosis.result import Separation
+from fenics_joints.diagnosis.zones.sites import as_mass
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import point_mm
 from fenics_joints.measurements.gap import VISIBLE
@@ -69,7 +70,7 @@ def best_measurement(
     first, second = (
         solve_modes(
             surrogate.full,
-            f.hypothesis.values(f.z, at, baseline, row),
+            as_mass(f.hypothesis.values(f.z, at, baseline, row), baseline),
             n_modes=surrogate.n_modes,
             solver=surrogate.nominal.solver,
         )

@@ -80,7 +80,7 @@ class KeptModel:
         """
         on, known = Projection(self.full, basis), {r.name: r for r in model.regions}
         full = self.full
-        own = [*full.regions, *full.elastic_supports, *full.changes]
+        own = [*full.regions, *full.elastic_supports, *on.changes]
         regions = [known[each.name] if each.name in known else on.change(each) for each in own]
         pencil = replace(model.pencil, parameters=full.parameters, regions=regions)
         return ArrayModel(pencil, model.scale_hz, *on.sensors(sensors))

@@ -13,7 +13,7 @@ from fenics_joints.reduction.forward import ways_of
 from fenics_joints.reduction.snapshots import bordered, cross, dense_columns, project
 from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
-from fenics_joints.structure.changes import Change, PlacedPoint, forms_of
+from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator, forms_of
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 
 __all__ = ["Projection"]
@@ -35,6 +35,12 @@ class Projection:
         self.full, self.basis = structure, basis
         self._dense = dense_columns(basis)
         self._new = dense_columns(basis[n_known:]) if n_known else self._dense
+
+    @property
+    def changes(self) -> list[Change]:
+        """The structure's, without what has motions of its own (`fenics_joints.reduction.motions`).
+        """
+        return [c for c in self.full.changes if not isinstance(c, PlacedResonator)]
 
     def matrix(self, A: PETSc.Mat) -> np.ndarray:
         """Z^T A Z, shape (n, n), equal on all ranks."""

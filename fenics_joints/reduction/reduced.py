@@ -61,7 +61,7 @@ class ReducedStructure(ArrayModel):
             on.support(i, s.properties, terms.get(s.name))
             for i, s in enumerate(structure.elastic_supports)
         ]
-        regions += [on.change(change, terms.get(change.name)) for change in structure.changes]
+        regions += [on.change(c, terms.get(c.name)) for c in on.changes]
         pencil = AffinePencil(
             structure.parameters, regions, [on.spring(s) for s in structure.springs],
             [on.mass(m, (travel or {}).get(m.name)) for m in structure.masses],

@@ -18,6 +18,7 @@ from fenics_joints.reduction.condensed import condensed
 from fenics_joints.reduction.forward import SPARE
 from fenics_joints.reduction.kept import KeptModel
 from fenics_joints.reduction.memory import give_back
+from fenics_joints.reduction.motions import with_motions
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.seen import SeenModes, places_all_over
@@ -79,12 +80,16 @@ class Surrogate(SeenModes):
         self._whole = self._kept() if self.kept else self._reduce()
         if self.kept:
             self._condense()
-        self.forward = self._forward(self._trimmed())
+        self.forward = self._forward(self._with_motions())
 
-    def _trimmed(self) -> ArrayModel:
-        model = trimmed(self._whole, self._still, self._start) if self._still else self._whole
+    def _with_motions(self) -> ArrayModel:
+        """`_trimmed`, with what moves by itself."""
+        model = with_motions(self._trimmed(), self.full, self._basis)
         model.pencil.settle(model.values(self._start))
         return model
+
+    def _trimmed(self) -> ArrayModel:
+        return trimmed(self._whole, self._still, self._start) if self._still else self._whole
 
     def _kept(self) -> ArrayModel:
         """The model in its files, or made and kept there."""
@@ -98,7 +103,9 @@ class Surrogate(SeenModes):
 
     def _condense(self) -> None:
         """Take what the test's modes need of a model that serves others too."""
-        forward = self._forward(self._trimmed())
+        model = self._trimmed()
+        model.pencil.settle(model.values(self._start))
+        forward = self._forward(model)
         turn = condensed(forward, self.samples, self._of_test, self.lacking)
         if turn.shape[1] < self._whole.n_dofs:
             rows = np.array([vector.array_r for vector in self._basis])
@@ -153,7 +160,8 @@ class Surrogate(SeenModes):
         if key not in self._refined:
             modes, pairing = self.forward.solve(values)
             rows = np.array([vector.array_r for vector in self._basis]).T
-            start = rows @ modes.shapes[:, : int(pairing.index.max()) + 1 + SPARE]
+            some = int(pairing.index.max()) + 1 + SPARE
+            start = rows @ modes.shapes[: rows.shape[1], :some]
             self._refined[key] = refine_modes(self.full, values, self._solver, start)
         return self._refined[key]
 
@@ -168,7 +176,7 @@ class Surrogate(SeenModes):
             sampled.add(modes, self._of_test(modes))
         self._refined.clear()
         self._whole = self._on(sampled, whole)
-        self.forward.model = self._trimmed()
+        self.forward.model = self._with_motions()
         self.forward.forget()
         give_back()
 

@@ -24,6 +24,7 @@ from fenics_joints.structure.changes import (
     Change,
     LocalLoss,
     PlacedPoint,
+    PlacedResonator,
     ShapeChange,
     add_changes,
 )
@@ -109,7 +110,8 @@ class Assembly:
         self.masses = items("masses", masses, PointMass, "PointMass")
         self.springs = items("springs", springs, Spring, "Spring")
         supports = items("supports", supports, (Support, ElasticSupport), "Support, ElasticSupport")
-        self.changes = items("changes", changes, (LocalLoss, PlacedPoint, ShapeChange), "changes")
+        kinds = LocalLoss, PlacedPoint, PlacedResonator, ShapeChange
+        self.changes = items("changes", changes, kinds, "changes")
         self._made_of = {
             "regions": self.regions, "masses": self.masses, "springs": self.springs,
             "supports": supports, "changes": self.changes, "axisymmetric": axisymmetric,

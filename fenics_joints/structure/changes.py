@@ -19,14 +19,15 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
+from fenics_joints.errors import InputError
 from fenics_joints.forms import isotropic_stress, lame_parameters
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.sparse import MatrixForm, RowForm
 from fenics_joints.structure.values import number, slopes
 
 __all__ = [
-    "CHANGES", "STIFFNESSES", "Change", "LocalLoss", "PlacedPoint", "ShapeChange", "add_changes",
-    "change_slopes", "forms_of", "hat",
+    "CHANGES", "STIFFNESSES", "Change", "LocalLoss", "PlacedPoint", "PlacedResonator",
+    "ShapeChange", "add_changes", "change_slopes", "forms_of", "hat",
 ]  # fmt: skip
 
 #: Of a `PlacedPoint`, along x, y and z.
@@ -65,6 +66,13 @@ def _placed(q) -> np.ndarray:
     return np.array([q[key] * here for key in STIFFNESSES])
 
 
+def _hung(q) -> np.ndarray:
+    """By this place alone, and by this and the next: what bears the spring between two places moves
+    by the mean of both, so that a rotation of the body does not stretch it."""
+    here, beyond = hat(q["place"] - q["at"]), hat(q["place"] - q["at"] - 1)
+    return np.array([q["stiffness"] * here * share for share in (here, beyond)])
+
+
 def _powers(q) -> np.ndarray:
     """Powers of an amount from the first on, times actual over nominal modulus."""
     return np.array([q["amount"] ** (k + 1) * (q["E"] / q["nominal"]) for k in range(_count(q))])
@@ -82,12 +90,16 @@ _POINT = _law(
     "placed point", ("mass", *STIFFNESSES, "place", "at"), _placed,
     lambda q: q["mass"] * hat(q["place"] - q["at"]),
 )  # fmt: skip
+_RESONATOR = _law(
+    "placed resonator", ("mass", "stiffness", "place", "at", "idle"), _hung,
+    lambda q: q["mass"] * hat(q["place"] - q["at"]),
+)  # fmt: skip
 _SHAPE = _law(
     "shape", ("amount", "E", "nominal", "rho", "nominal_rho", "count"), _powers,
     lambda q: q["amount"] * q["rho"] / q["nominal_rho"],
 )  # fmt: skip
 #: Their laws, for files.
-CHANGES = (_LOSS, _POINT, _SHAPE)
+CHANGES = (_LOSS, _POINT, _RESONATOR, _SHAPE)
 
 
 class _Scalars:
@@ -143,6 +155,42 @@ class PlacedPoint(_Scalars):
     properties: Mapping[str, Value]
 
     law, volume, has_mass = _POINT, 1.0, True
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedResonator(_Scalars):
+    """A mass on a spring, the same in all directions, at one of several points of a solid: its
+    share at this one.
+
+    Its motion is a displacement of its own, which reduced models have beside those of their basis
+    (`fenics_joints.reduction.motions`). The full model has none: there it is idle, and refused when
+    it is not.
+
+    Attributes:
+        name: Name in messages.
+        point: Where, m, (3,).
+        properties: ``mass``, kg; ``stiffness``, N/m; ``place``, and ``at`` which this one is;
+            ``idle``, the mass at which it is as good as not there.
+    """
+
+    name: str
+    point: tuple[float, ...]
+    properties: Mapping[str, Value]
+
+    law, volume, has_mass = _RESONATOR, 1.0, True
+
+    def check_idle(self, values: Mapping[str, float]) -> None:
+        """Refuse one that moves.
+
+        Raises:
+            InputError: If it has more than its idle mass.
+        """
+        q = self.values(values)
+        if q["mass"] > q["idle"] * (1 + 1e-9):
+            raise InputError(
+                f"{self.name}: mass {q['mass']:g} kg: the full model has no motion of its own for "
+                "what hangs on a spring; expected a reduced model"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,12 +303,15 @@ class ShapeChange(_Scalars):
         return fem.form(stretch * ufl.inner(stress, eps[1]) * dx), amount
 
 
-Change = LocalLoss | PlacedPoint | ShapeChange
+Change = LocalLoss | PlacedPoint | PlacedResonator | ShapeChange
 
 
 def add_changes(model: Assembly, A: PETSc.Mat, which: int, values: Mapping[str, float]) -> None:
     """Put changes into a stiffness (0) or a mass (1), in place. Collective."""
     for change in model.changes:
+        if isinstance(change, PlacedResonator):
+            change.check_idle(values)
+            continue
         q = change.values(values)
         terms = [change.law.inertia_term(q)] if which else change.law.stiffness_terms(q)
         if not np.any(terms) or (which and not change.has_mass):
@@ -281,6 +332,8 @@ def change_slopes(
     """As `Structure.slopes`, by what changes take. Collective."""
     position = {name: i for i, name in enumerate(model.parameters)}
     for change in model.changes:
+        if isinstance(change, PlacedResonator):
+            continue
         q = change.values(values)
         names = [(key, name) for key, name in change.properties.items() if isinstance(name, str)]
         for which, terms in enumerate((change.law.stiffness_terms, change.law.inertia_term)):

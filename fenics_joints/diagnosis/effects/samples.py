@@ -14,6 +14,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.part import CAUSES, SHEAR
 from fenics_joints.diagnosis.effects.rig import MASS, SPRING
 from fenics_joints.diagnosis.zones.nominal import bonded_values
+from fenics_joints.diagnosis.zones.sites import as_mass
 
 __all__ = ["is_rare", "sample_ranges", "sample_values"]
 
@@ -94,7 +95,7 @@ def sample_values(
         for effect in sorted(turn, key=lambda e: e.by_level):
             theta = {p.name: p.value(float(np.clip(next(z), *p.limits()))) for p in effect.priors}
             effect.apply(values, theta, float(conditions[i % len(conditions)]))
-        found.append(values)
+        found.append(as_mass(values, baseline))
     return found
 
 

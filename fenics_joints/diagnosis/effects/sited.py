@@ -14,13 +14,11 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, somewhere
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
-from fenics_joints.diagnosis.zones.sites import BOW, LOSS, ON, TAPER, Plate, Sites
+from fenics_joints.diagnosis.zones.sites import BOW, HUNG, LOSS, ON, TAPER, Plate, Sites
 from fenics_joints.measurements.data import TestData
-from fenics_joints.structure.changes import STIFFNESSES
 
 __all__ = [
-    "BOWED", "CABLE", "LOCAL_LOSS", "RESONATOR", "TAPERED", "dynamic", "looked_for",
-    "sited_effects", "wanted",
+    "BOWED", "CABLE", "LOCAL_LOSS", "RESONATOR", "TAPERED", "looked_for", "sited_effects", "wanted",
 ]  # fmt: skip
 
 LOCAL_LOSS = "local loss of stiffness"
@@ -53,10 +51,6 @@ _OWN = (np.log(3.0), 30.0)
 #: modes, as of one whose own motions the test sees: what bears it gives way, so that they are below
 #: by a tenth at most.
 _FREQUENCIES, _ABOVE = 12, (1.02, 1.07)
-#: What bounds what it does to a mode near it: 100 times its mass. Its loss factor, 0.01 of a metal
-#: bracket to 0.1 of rubber, does not: a mode that is its own motion is damped as much as it is, and
-#: in the ratio of the two that cancels but for its square.
-_LOSS_FACTOR = 0.005
 #: Height of a bow over its length: sheet and plate may be 0.2 to 0.5 % off flat (EN 485-4 and EN
 #: 10029), within a factor of 3 either way.
 _HEIGHT = (0.002, np.log(3.0), (1e-5, 0.02))
@@ -191,9 +185,8 @@ def cable(places: Sequence[str], total_mass: float) -> Effect:
 def resonator(places: Sequence[str], total_mass: float, measured_hz: np.ndarray) -> Effect:
     """A mass on a spring at one point: a harness between clamps, an antenna, a loose lid.
 
-    To a mode of frequency f it is a mass or a spring there, `dynamic`, so that the modes below its
-    own frequency fall and those above rise. Its own motions, if the test sees them, are modes of
-    that kind too: two on both sides of its frequency may look like one of the model's.
+    Modes below its own frequency fall, those above it rise, and its own motions, one in each
+    direction, are further modes, which the test may have seen.
 
     Args:
         places: See `cable`.
@@ -203,11 +196,9 @@ def resonator(places: Sequence[str], total_mass: float, measured_hz: np.ndarray)
     hz = measured_hz[np.isfinite(measured_hz)]
     middle = float(np.exp(np.mean(np.log(hz))))
 
-    def apply(values, theta, hz):
-        values[f"{ON}.place"] = theta["place"]
-        mass, spring = dynamic(theta["mass"], theta["frequency"], hz)
-        values[f"{ON}.mass"] = mass
-        values.update(dict.fromkeys((f"{ON}.{key}" for key in STIFFNESSES), spring))
+    def apply(values, theta, condition):
+        values[f"{HUNG}.mass"], values[f"{HUNG}.place"] = theta["mass"], theta["place"]
+        values[f"{HUNG}.stiffness"] = theta["mass"] * (2 * np.pi * theta["frequency"]) ** 2
 
     spread, far = _OWN
     span = middle / far, middle * far
@@ -221,23 +212,8 @@ def resonator(places: Sequence[str], total_mass: float, measured_hz: np.ndarray)
     )
     return Effect(
         RESONATOR, "", priors, apply, words, family=ON, weight=RARE, beside=True,
-        places=tuple(places), by_frequency=True,
+        places=tuple(places),
     )  # fmt: skip
-
-
-def dynamic(mass, own, hz) -> tuple:
-    """Mass, kg, and spring to the ground, N/m, that act on a body at a frequency as a mass on a
-    spring does: m (1 + i eta) / (1 + i eta - r^2) of it moves with the body, r = f / f0, of which
-    the real part is a mass where it is positive, and else a spring.
-
-    Args:
-        mass: Of the resonator, kg.
-        own: f0, its own frequency on a body that stands still, Hz.
-        hz: f; 0 for a body that moves slowly.
-    """
-    square = (hz / own) ** 2
-    felt = mass * (1 - square + _LOSS_FACTOR**2) / ((1 - square) ** 2 + _LOSS_FACTOR**2)
-    return np.maximum(felt, 0.0), np.maximum(-felt, 0.0) * (2 * np.pi * hz) ** 2
 
 
 def _mass(total: float) -> Prior:

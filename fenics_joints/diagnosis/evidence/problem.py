@@ -13,6 +13,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import least_square, log_evidence, whiten
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import (
     frequencies_and_damping,
     predict,
@@ -20,6 +21,7 @@ from fenics_joints.diagnosis.evidence.prediction import (
 )
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.lean import batched
 
 __all__ = ["Problem", "Scan", "Scanned"]
 
@@ -27,6 +29,9 @@ __all__ = ["Problem", "Scan", "Scanned"]
 _FARTHEST = 4.0
 #: Of the places that are looked at so many are started from.
 _STARTS = 3
+#: Sizes of an effect, in standard deviations, at which its places are looked at, and how far apart
+#: those are that a fit starts from.
+_SIZES, _AWAY = (-0.6, 0.6), 0.15
 #: Points of a scan about the end of a fit that is surer than two of its steps, and how far they
 #: reach, in standard deviations.
 _NEAR, _NEAR_SD = 13, 6.0
@@ -225,10 +230,41 @@ class Problem:
     def places(self, indices: Sequence[int]) -> list[np.ndarray]:
         """The most probable points over parameters that say where, and others that act in steps, at
         the values of each that their priors say; the others optimal in a linear model."""
-        axes = [self.hypothesis.priors[j][1].tried() for j in indices]
+        priors = [self.hypothesis.priors[j][1] for j in indices]
+        axes = [p.tried() for p in priors]
+        if any(p.also for p in priors) and isinstance(self.forward, Forward):
+            many = batched(self.forward)
+            if many.batches:
+                return self._least_of(self._all_over(indices, axes), indices, many)
         looks = [self._at(dict(zip(indices, point, strict=True))) for point in product(*axes)]
         order = np.argsort([-value for value, _ in looks], kind="stable")
         return [looks[i][1] for i in order[:_STARTS]]
+
+    def _all_over(self, indices: Sequence[int], axes) -> np.ndarray:
+        """Points at all values of some parameters, at two sizes of the effects' others, (n, d)."""
+        own = self.hypothesis.own
+        sizes = [j for j in range(own.start, own.stop) if j not in indices]
+        grid = np.array(list(product(*axes, *([_SIZES] * len(sizes)))))
+        points = np.zeros((len(grid), len(self.hypothesis.priors)))
+        points[:, [*indices, *sizes]] = grid
+        return points
+
+    def _least_of(self, points: np.ndarray, indices: Sequence[int], many) -> list[np.ndarray]:
+        """Of points those of the least cost, by the model itself: what resonates makes new modes,
+        of which no slope tells. They are apart in some of the scanned parameters."""
+        used = self.evidence.fitted
+        predict = ManyPredictions(self.hypothesis, many, self.evidence, self.baseline, True)
+        residual = predict(points)[0][:, used] - self.evidence.data[used]
+        there = np.all(np.isfinite(residual), axis=1)
+        costs = np.full(len(points), np.inf)
+        costs[there] = np.sum(whiten(self.lower, residual[there].T) ** 2, axis=0)
+        costs[there] += np.sum(points[there] ** 2, axis=1)
+        found: list[np.ndarray] = []
+        for i in np.argsort(costs, kind="stable"):
+            away = [np.max(np.abs(points[i] - z)[list(indices)]) > _AWAY for z in found]
+            if there[i] and all(away) and len(found) < _STARTS:
+                found.append(points[i])
+        return found
 
     def _at(self, fixed: dict[int, float], about=None) -> tuple[float, np.ndarray]:
         """ln of the evidence at values of some parameters, the others linear about a point, by

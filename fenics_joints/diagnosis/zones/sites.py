@@ -17,12 +17,21 @@ from fenics_joints.case import Case
 from fenics_joints.case.dimensions import Dimensions, directed_parts, unfit
 from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.structure import Sensors, Structure
-from fenics_joints.structure.changes import STIFFNESSES, Change, LocalLoss, PlacedPoint, ShapeChange
+from fenics_joints.structure.changes import (
+    STIFFNESSES,
+    Change,
+    LocalLoss,
+    PlacedPoint,
+    PlacedResonator,
+    ShapeChange,
+)
 
-__all__ = ["BOW", "LOSS", "ON", "TAPER", "Plate", "Sites", "sites_of"]
+__all__ = ["BOW", "HUNG", "LOSS", "ON", "TAPER", "Plate", "Sites", "as_mass", "sites_of"]
 
 #: Prefixes of the parameters.
-LOSS, ON, BOW, TAPER = "local_loss", "put_on", "bow", "taper"
+LOSS, ON, HUNG, BOW, TAPER = "local_loss", "put_on", "hung", "bow", "taper"
+#: Mass of what hangs on a spring where nothing does, over the structure's.
+_IDLE = 1e-6
 #: Points at most, and patches: the reduced model has a matrix for each.
 _POINTS, _PATCHES = 12, 40
 #: A plate is so many times as long as thick, and its cells fill its box.
@@ -100,6 +109,8 @@ def sites_of(
         changes += [PlacedPoint(f"{ON} {i}", tuple(x), own | {"at": float(i)})
                     for i, x in enumerate(points.tolist())]  # fmt: skip
         values |= dict.fromkeys(own.values(), 0.0)
+        more, idle = _hung(full, points)
+        changes, values = [*changes, *more], values | idle
         found = replace(found, points=points)
     if LOSS in wanted:
         losses, middles = cells.losses()
@@ -115,6 +126,28 @@ def sites_of(
         values |= {plate.parameter: 0.0 for plate in (*bowed, *tapered)}
         found = replace(found, bowed=bowed, tapered=tapered)
     return found, changes, values
+
+
+def _hung(full: Structure, points: np.ndarray) -> tuple[list[Change], dict[str, float]]:
+    """What may hang on a spring at these points, and the parameters' nominal values, at which it
+    is as light as nothing and too fast to take part."""
+    mass = _IDLE * full.total_mass()
+    own = {key: f"{HUNG}.{key}" for key in ("mass", "stiffness", "place")}
+    changes = [PlacedResonator(f"{HUNG} {i}", tuple(x), own | {"at": float(i), "idle": mass})
+               for i, x in enumerate(points.tolist())]  # fmt: skip
+    stiffness = mass * (2 * np.pi * full.dilation_frequency()) ** 2
+    return changes, dict(zip(own.values(), (mass, stiffness, 0.0), strict=True))
+
+
+def as_mass(values: dict[str, float], baseline: dict[str, float]) -> dict[str, float]:
+    """Values for the full model, which has no motion of what hangs on a spring: there it is the
+    mass that a mode far below its own frequency feels."""
+    own = {name for name in baseline if name.startswith(f"{HUNG}.")}
+    if not own or values[f"{HUNG}.mass"] == baseline[f"{HUNG}.mass"]:
+        return values
+    idle = {name: baseline[name] for name in own}
+    felt = {f"{ON}.{key}": values[f"{HUNG}.{key}"] for key in ("mass", "place")}
+    return {**values, **felt, **idle}
 
 
 class _Cells:

@@ -1,0 +1,49 @@
+"""Motions of what hangs on a structure by springs, beside those of a reduced model's basis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from petsc4py import PETSc
+
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.terms import RegionTerm
+from fenics_joints.structure import Sensors, Structure
+from fenics_joints.structure.changes import PlacedResonator
+
+__all__ = ["with_motions"]
+
+
+def with_motions(model: ArrayModel, full: Structure, basis: Sequence[PETSc.Vec]) -> ArrayModel:
+    """A reduced model with a displacement of its own, in each direction, of what hangs on the
+    structure at one of its places; the model itself where nothing does. Collective.
+
+    The spring is stretched by what the structure moves at a place less that displacement, in units
+    in which its idle stiffness is 1 N/m. Sensors see nothing of it.
+
+    Args:
+        model: The model, of plain arrays, without it.
+        full: The structure.
+        basis: The model's basis, with no force of its own on masses that move.
+    """
+    hung = [c for c in full.changes if isinstance(c, PlacedResonator)]
+    if not hung:
+        return model
+    n, gdim = model.n_dofs, full.gdim
+    wider = model.on(np.eye(n, n + gdim))
+    unit = 1.0 / np.sqrt(hung[0].values(full.values())["stiffness"])
+    points = np.repeat([c.point[:gdim] for c in hung], gdim, axis=0)
+    at = full.observe(list(basis), Sensors(points, np.tile(np.eye(gdim), (len(hung), 1))))
+    own = np.zeros((n + gdim, n + gdim))
+    own[n:, n:] = unit**2 * np.eye(gdim)
+    stretch = [np.hstack([r, -unit * np.eye(gdim)]) for r in at.reshape(len(hung), gdim, n)]
+    terms = []
+    for change, here, beyond in zip(hung, stretch, [*stretch[1:], 0.0 * stretch[0]], strict=True):
+        both = here.T @ beyond
+        stiff = np.array([here.T @ here, both + both.T])
+        terms.append(
+            RegionTerm(change.name, change.law, change.properties, stiff, own, change.volume)
+        )
+    return replace(wider, pencil=replace(wider.pencil, regions=[*wider.regions, *terms]))
