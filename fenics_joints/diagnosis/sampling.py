@@ -88,8 +88,6 @@ def _leading(search: Search, fits: Sequence[Fit]) -> list[int]:
     scores = search.scores(fits)
     order = np.argsort(-scores, kind="stable")
     near = [i for i in order if scores[i] > scores[order[0]] - _MARGIN]
-    # Of what each mode sees at its own frequency Laplace's evidence stays.
-    near = [i for i in near if not fits[i].hypothesis.tuned]
     return [i for i in near if 0 < _size(fits[i]) <= _MOST][:_COUNT]
 
 

@@ -86,7 +86,7 @@ def _residuals(search: Fits, hypothesis: Hypothesis, points: np.ndarray) -> np.n
     used = evidence.fitted
     leans = search.leans
     forward = (leans.of if hypothesis.wide else leans.known)(hypothesis) or search.model.forward
-    if isinstance(forward, Forward) and not hypothesis.tuned and batched(forward).batches:
+    if isinstance(forward, Forward) and batched(forward).batches:
         many = ManyPredictions(hypothesis, batched(forward), evidence, baseline, held_out=True)
         return many(points)[0][:, used] - evidence.data[used]
     found = np.full((min(len(points), _SINGLY), int(used.sum())), np.nan)

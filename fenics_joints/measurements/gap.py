@@ -27,8 +27,6 @@ ALIKE, _PLACE = 0.5, 0.2
 _FAR = 0.1
 #: Frequencies that are off by a factor of e to this are of other modes, or of a joint that is not.
 _ELSEWHERE = 0.4
-#: Motions of its own that something attached may have near a mode, one for each direction.
-_OWN_MODES = 3
 #: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen.
 VISIBLE = 0.3
 
@@ -119,7 +117,6 @@ def pair_modes(
     *,
     reference: np.ndarray | None = None,
     threshold: float = VISIBLE,
-    each_hz: Sequence[float] | None = None,
 ) -> Pairing:
     """Pair the test's modes with the model's.
 
@@ -137,10 +134,6 @@ def pair_modes(
         reference: Shapes at the sensors to match, shape (n_sensors, n_test); a column of nan for a
             mode that is not to be told, which then gets one that is left.
         threshold: Least visibility, see `Modes.visibility`.
-        each_hz: Measured frequencies, Hz, (n_test,), by which each mode is told by itself, so that
-            two may be one of the model's, as on both sides of what resonates between them; by shape
-            and frequency, or, without shapes, by the nearest of its place in the order and the
-            three before, as what resonates in all directions has three. None tells them together.
 
     Raises:
         TooFewModes: If the model has too few modes that the test could see.
@@ -153,21 +146,14 @@ def pair_modes(
     elastic = np.arange(modes.n_rigid, len(modes))
     if sensors is None:
         _check_enough(elastic, n_test, modes)
-        columns = np.arange(n_test)
-        if each_hz is not None:
-            columns = _at_or_before(modes.frequencies_hz[elastic], each_hz)
-        return Pairing(elastic[columns], elastic)
+        return Pairing(elastic[:n_test], elastic)
     visible = elastic[modes.visibility(sensors)[elastic] > threshold]
     shapes = modes.at(sensors)[:, visible]
     _check_enough(visible, n_test, modes, None if reference is None else mac(reference, shapes))
     if reference is None:
         return Pairing(visible[:n_test], visible, shapes[:, :n_test])
     match = mac(reference, shapes)
-    if each_hz is None:
-        columns = assigned(match, modes.frequencies_hz[visible])
-    else:
-        alike = likeness(match, modes.frequencies_hz[visible], np.asarray(each_hz))
-        columns = np.argmax(alike, axis=1)
+    columns = assigned(match, modes.frequencies_hz[visible])
     told = match.any(axis=1)
     crossing = tuple(
         (i, i + 1) for i in range(n_test - 1)
@@ -175,14 +161,6 @@ def pair_modes(
     )  # fmt: skip
     agreement = match[np.arange(n_test), columns]
     return Pairing(visible[columns], visible, shapes[:, columns], agreement, crossing)
-
-
-def _at_or_before(candidates: np.ndarray, each_hz: Sequence[float]) -> np.ndarray:
-    """Of each mode the candidate of its place in the order, or one of those before if nearer."""
-    own = np.arange(len(each_hz))
-    columns = np.maximum(own - np.arange(_OWN_MODES + 1)[:, None], 0)
-    off = np.abs(np.log(candidates[columns] / np.asarray(each_hz)))
-    return columns[np.argmin(off, axis=0), own]
 
 
 def same_modes(

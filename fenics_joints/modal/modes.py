@@ -18,8 +18,8 @@ from fenics_joints.structure import Model, Sensors
 from fenics_joints.structure.grids import cell_grid, pyvista
 
 __all__ = [
-    "SHIFT_SHARE", "Modes", "check_model", "count_rigid", "dense_modes", "inverted_modes",
-    "refine_modes", "rigid_below", "solve_modes", "upright",
+    "NOTHING", "SHIFT_SHARE", "Modes", "check_model", "count_rigid", "dense_modes",
+    "inverted_modes", "refine_modes", "rigid_below", "solve_modes", "upright",
 ]  # fmt: skip
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
@@ -30,6 +30,8 @@ _RIGID_SHARE = 0.01
 #: Or below so many round-offs of the stiffness: those of rigid bodies with joint layers of a
 #: micrometre came to 3 at most, elastic modes had 400 and more.
 _ROUND_OFFS = 20.0
+#: Share of a mode's energy in the structure itself below which it is round-off.
+NOTHING = 1e-9
 #: Share of a dense problem's modes above which all are found sooner than some.
 _SOME = 1 / 8
 
@@ -133,10 +135,13 @@ class Modes:
 
         Root mean square of the shape at the sensors, relative to that of a rigid translation along
         them (which is 1): near 1 for a mode that moves as the sensors measure, near 0 for one that
-        they miss.
+        they miss. What hangs on the structure and moves by itself has no part in it.
         """
-        mass = self.model.total_mass(self.given)
-        return np.sqrt(np.mean(self.at(sensors) ** 2, axis=0) * mass)
+        mass, own = self.model.total_mass(self.given), 0.0
+        if hasattr(self.model, "hung_share"):
+            own = self.model.hung_share(self.shapes, self.model.values(self.given))
+        rest = np.maximum(1.0 - own, NOTHING)
+        return np.sqrt(np.mean(self.at(sensors) ** 2, axis=0) * mass / rest)
 
     def gradients(self, index: Sequence[int]) -> np.ndarray:
         """Derivatives of eigenvalues by every parameter, shape (len(index), n_parameters).

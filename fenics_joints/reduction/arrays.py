@@ -32,6 +32,8 @@ class ArrayModel:
         places: Displacement of the basis where forces and responses are asked for; or None.
         dampers: Matrices of dashpots by name, (n_dofs, n_dofs), which are in neither K nor M:
             ``Damping.viscous`` has the coefficient of each.
+        hung: Name of the parameter that is the mass of what hangs on the structure, and its own
+            displacement, (gdim, n_dofs); None where nothing does.
     """
 
     pencil: AffinePencil
@@ -40,6 +42,7 @@ class ArrayModel:
     shift_rows: np.ndarray | None = None
     places: PlaceRows | None = None
     dampers: Mapping[str, np.ndarray] = field(default_factory=dict)
+    hung: tuple[str, np.ndarray] | None = None
 
     #: See `fenics_joints.structure.model.Model`.
     is_dense, is_meshed = True, False
@@ -205,7 +208,24 @@ class ArrayModel:
         )
         places = self.places and self.places.on(basis)
         dampers = {name: basis.T @ D @ basis for name, D in self.dampers.items()}
-        return ArrayModel(self.pencil.on(basis), self.scale_hz, sensors, shifts, places, dampers)
+        hung = self.hung and (self.hung[0], self.hung[1] @ basis)
+        pencil = self.pencil.on(basis)
+        return ArrayModel(pencil, self.scale_hz, sensors, shifts, places, dampers, hung)
+
+    def hung_share(self, shapes: np.ndarray, values: Mapping[str, float]) -> np.ndarray | float:
+        """Share of mass-normalised shapes' kinetic energy that is in what hangs on the structure.
+
+        Args:
+            shapes: As columns, (n_dofs, k), or many such, (b, n_dofs, k).
+            values: All parameters' values; of many (b,) each.
+
+        Returns:
+            (k,) or (b, k); 0 where nothing hangs, or what does stands still.
+        """
+        if self.hung is None or self.hung[0] not in values:
+            return 0.0
+        mass = np.asarray(values[self.hung[0]])
+        return mass[..., None] * np.sum((self.hung[1] @ shapes) ** 2, axis=-2)
 
     def total_mass(self, given: Mapping[str, float] | None = None) -> float:
         """Mass, kg."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -98,7 +97,6 @@ class Forward:
     """
 
     batches = False
-    _each_hz: tuple[float, ...] | None = None
 
     def __init__(
         self,
@@ -226,25 +224,7 @@ class Forward:
         """Which modes of such a model the test's are."""
         return pair_modes(
             modes, self.n_test, self.sensors, reference=self.reference, threshold=self.threshold,
-            each_hz=self._each_hz,
         )  # fmt: skip
-
-    def each(self, hz: tuple[float, ...]) -> Forward:
-        """The same with each of the test's modes told by itself, see `pair_modes`.
-
-        Args:
-            hz: Measured frequencies, Hz, (n_test,).
-        """
-        key = hz, self.model, self.reference
-        known = self.__dict__.get("_by_each")
-        if known is None or known[0][0] != hz or any(
-            a is not b for a, b in zip(known[0][1:], key[1:], strict=True)
-        ):  # fmt: skip
-            other = copy(self)
-            other._each_hz, other._cache, other._whole, other._last = hz, {}, {}, None
-            other.__dict__.pop("_by_each", None)
-            known = self.__dict__["_by_each"] = key, other
-        return known[1]
 
     def of(self, model, n_modes: int | None = None) -> Forward:
         """The same of another model of the structure.

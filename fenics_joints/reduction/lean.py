@@ -15,7 +15,7 @@ import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac, nearest, with_untold
-from fenics_joints.modal.modes import inverted_modes, upright
+from fenics_joints.modal.modes import NOTHING, inverted_modes, upright
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.many import ManyModes
@@ -253,7 +253,9 @@ class LeanForward(Forward):
         if self.sensors is not None:
             shapes = self.model.sensor_rows @ vectors
             mass = self.model.pencil.total_mass(values)
-            seen &= np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None]) > self.threshold
+            own = self.model.hung_share(vectors, values)
+            rest = np.maximum(1.0 - own, NOTHING)
+            seen &= np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None] / rest) > self.threshold
         good = np.sum(seen, axis=1) >= m
         index = np.zeros((b, m), dtype=int)
         if self.sensors is None or self.reference is None:

@@ -46,4 +46,6 @@ def with_motions(model: ArrayModel, full: Structure, basis: Sequence[PETSc.Vec])
         terms.append(
             RegionTerm(change.name, change.law, change.properties, stiff, own, change.volume)
         )
-    return replace(wider, pencil=replace(wider.pencil, regions=[*wider.regions, *terms]))
+    pencil = replace(wider.pencil, regions=[*wider.regions, *terms])
+    name = hung[0].properties["mass"]
+    return replace(wider, pencil=pencil, hung=(name, unit * np.eye(gdim, n + gdim, n)))

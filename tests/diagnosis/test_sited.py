@@ -22,13 +22,12 @@ from virtual_strip import (
 )
 
 from fenics_joints.case import load_case
-from fenics_joints.diagnosis.effects.sited import dynamic
-from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.model.subject import subject_of, with_places
 from fenics_joints.diagnosis.search import Search
+from fenics_joints.diagnosis.zones.sites import as_mass
+from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 
@@ -86,6 +85,10 @@ TRUTHS = {
         lambda: with_resonator(0.008, 370.0, (0.08, 0.0, 0.0)), SIZE[2], "attached resonator",
         {"mass": (0.008, 2.0), "frequency": (370.0, 1.3)},
     ),
+    "a harness in the band": (
+        lambda: with_resonator(0.008, 380.0, (0.08, 0.0, 0.0), own_share=0.98), SIZE[2],
+        "attached resonator", {"mass": (0.008, 1.2), "frequency": (380.0, 1.05)},
+    ),
     "a bow": (
         lambda: measured(strip(bowed, thick=0.002)), 0.002, "plate not flat",
         {"height": (0.6e-3, 1.3)},
@@ -94,7 +97,8 @@ TRUTHS = {
         lambda: measured(strip(tapered)), SIZE[2], "thickness not even", {"taper": (0.1, 1.2)}
     ),
 }  # fmt: skip
-PLACES = {"a soft band": (140, 30, 3), "a lead": (320, 60, 0), "a harness": (80, 0, 0)}
+PLACES = {"a soft band": (140, 30, 3), "a lead": (320, 60, 0), "a harness": (80, 0, 0),
+          "a harness in the band": (80, 0, 0)}  # fmt: skip
 
 
 @pytest.mark.slow
@@ -139,38 +143,31 @@ def test_supports_that_dissipate_are_named(tmp_path):
     assert leading(fits, probability)[0] == "end compliance"
 
 
-def test_a_resonator_is_a_mass_below_its_frequency_and_a_spring_above():
-    mass, spring = dynamic(0.02, 300.0, np.array([0.0, 30.0, 150.0, 3000.0]))
-    assert mass == pytest.approx([0.02, 0.02 / (1 - 0.01), 0.02 / (1 - 0.25), 0.0], rel=0.02)
-    assert spring[:3] == pytest.approx(0.0)
-    assert spring[3] == pytest.approx(0.02 * (2 * np.pi * 300.0) ** 2, rel=0.05)
-
-
-def test_what_a_mode_was_measured_at_has_no_say_in_where_it_is(tmp_path):
-    """A resonator is looked at about the measured frequency; the prediction is that of the model's
-    own, and all ways to it agree."""
-    data = with_resonator(0.008, 370.0, (0.08, 0.0, 0.0))
-    path = write_strip(tmp_path, *data, 'effects = ["attached resonator", "modulus error"]')
+def test_what_hangs_on_a_spring_has_motions_of_its_own(tmp_path):
+    """Frequencies, shapes, and which modes the sensors see, in the band of the test, are those of
+    the plate's own modes joined to a mass on springs; the full model takes it for a mass."""
+    kg, own_hz, at = 0.008, 380.0, (0.075, 0.0, 0.0)
+    hz, shapes = with_resonator(kg, own_hz, at, own_share=0.98)
+    path = write_strip(tmp_path, hz, shapes, 'effects = ["attached resonator"]')
     model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
     model.reduce(QUIET)
-    effect = next(e for e in model.effects if e.by_frequency)
-    hypothesis = model.hypothesis((effect,))
-    z = hypothesis.at([0.7, -0.9, -0.4])
-    near = RowPrediction(hypothesis, model.forward, z, 0.0, model.baseline, 0).log_f
-    moved = model.hypothesis((effect,))
-    object.__setattr__(moved, "hz", tuple(1.01 * hz for hz in hypothesis.hz))
-    off = RowPrediction(moved, model.forward, z, 0.0, model.baseline, 0).log_f
-    assert off == pytest.approx(near, abs=3e-5)
-    steps = 1e-3 * np.eye(len(z))
-    _, jacobian = predict(hypothesis, model.forward, model.evidence, z, model.baseline)
-    for j in range(*hypothesis.own.indices(len(z))):
-        ends = [
-            RowPrediction(hypothesis, model.forward, z + way * steps[j], 0.0, model.baseline, 0)
-            for way in (-1, 1)
-        ]
-        by = (ends[1].log_f - ends[0].log_f) / 2e-3
-        # That the mass felt bends with the frequency is left out of them.
-        assert jacobian[: len(by), j] == pytest.approx(by, rel=0.1, abs=1e-6)
+    place = int(np.argmin(np.linalg.norm(model.sites.points - at, axis=1)))
+    assert np.linalg.norm(model.sites.points[place] - at) < 1e-9
+    effect, values = model.effects[0], dict(model.baseline)
+    effect.apply(values, {"mass": kg, "frequency": own_hz, "place": float(place)}, 0.0)
+    found, _ = model.forward(values)
+    assert np.exp(found) == pytest.approx(hz, rel=2e-3)
+    seen, _ = model.forward.seen_shapes(values)
+    same = np.sum(seen * shapes, axis=0) ** 2
+    same /= np.sum(seen**2, axis=0) * np.sum(shapes**2, axis=0)
+    assert np.all(same > 0.99)
+    # Two modes are about its own frequency, where the plate alone has none.
+    near = np.abs(np.log(hz / own_hz)) < 0.1
+    assert near.sum() == 2 and not np.any(np.abs(model.nominal_log_f()[0] - np.log(own_hz)) < 0.2)
+    with pytest.raises(InputError, match="no motion of its own"):
+        model.full.stiffness(values)
+    felt = as_mass(values, model.baseline)
+    assert felt["put_on.mass"] == kg and felt["hung.mass"] == model.baseline["hung.mass"]
 
 
 @pytest.mark.parallel

@@ -134,7 +134,8 @@ def with_resonator(
     shapes = modes.at(SENSORS) @ vectors[:count]
     found = np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
     size = np.sqrt(np.mean(shapes**2, axis=0)) / np.sqrt(1 / 0.39)
-    index = np.flatnonzero((found > 150.0) & (own < own_share) & (size > 0.3 * np.sqrt(1 - np.minimum(own, 1))))[:MODES]
+    size /= np.sqrt(1 - np.minimum(own, 1 - 1e-9))
+    index = np.flatnonzero((found > 150.0) & (own < own_share) & (size > 0.3))[:MODES]
     return found[index], shapes[:, index]
 
 

@@ -188,20 +188,3 @@ def test_a_mode_that_is_not_to_be_told_takes_none_from_the_others(strip):
     left = pair_modes(modes, 4, across, reference=untold)
     assert left.index[[0, 1, 3]].tolist() == plain.index[[0, 1, 3]].tolist()
     assert left.index[2] == plain.index[2] and left.mac[2] == 0 and left.crossing == ()
-
-
-def test_each_by_itself_two_may_be_one_mode_of_the_model(strip):
-    """On both sides of what resonates between them two of the test's look like one of the model's,
-    and without shapes up to three more come before those above."""
-    modes = solve_modes(strip, n_modes=16)
-    index = pair_modes(modes, 4, ACROSS).index
-    shapes, hz = modes.at(ACROSS), modes.frequencies_hz
-    split = [index[0], index[1], index[1], index[2]]
-    measured = (0.95 * hz[index[1]], 1.05 * hz[index[1]])
-    each_hz = (hz[index[0]], *measured, hz[index[2]])
-    pairing = pair_modes(modes, 4, ACROSS, reference=shapes[:, split], each_hz=each_hz)
-    assert pairing.index.tolist() == split and pairing.mac == pytest.approx(1.0)
-    assert len(set(pair_modes(modes, 4, ACROSS, reference=shapes[:, split]).index)) == 4
-    f = hz[6:]
-    own = (f[0], 0.97 * f[1], f[1], 1.02 * f[1], f[2])
-    assert pair_modes(modes, 5, each_hz=own).index.tolist() == [6, 7, 7, 7, 8]

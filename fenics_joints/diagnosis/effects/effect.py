@@ -144,7 +144,6 @@ class Effect:
             test reads the structure, in place.
         holds: Keys of effects that are a part of it, such as each bolt of several that are loose:
             it is looked at only beside the best of these; empty for one that stands alone.
-        by_frequency: Whether its condition is the frequency, Hz, of the mode that looks at it.
         never_with: Names of effects that the model cannot have together with it.
         places: What its ``place`` may be, in words; empty for one without.
         beside: Whether its prior odds come beside those of the others, as of a cause that was an
@@ -164,7 +163,6 @@ class Effect:
     sensing: Callable[[Sensing, Mapping[str, float]], None] | None = None
     drifts: bool = False
     holds: frozenset[str] = frozenset()
-    by_frequency: bool = False
     never_with: frozenset[str] = frozenset()
     places: tuple[str, ...] = ()
     beside: bool = False

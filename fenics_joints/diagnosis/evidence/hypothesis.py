@@ -46,8 +46,6 @@ class Hypothesis:
         driven: Those measured at several levels, by their place, each with an amplitude of its own
             at the same level for effects that depend on it; None for all. The first one's is the
             level itself, and others than these are measured near rest, where it does not matter.
-        hz: About the frequency of each mode, Hz, at which effects that depend on it are looked at;
-            none for as if the structure moved slowly.
         known: Values that parameters of the model are known to have, by row of ``conditions``; see
             `fenics_joints.measurements.TestData`.
         as_row: The row whose tightening each one has, where rows share one; none for their own.
@@ -62,7 +60,6 @@ class Hypothesis:
     modes: tuple[str, ...] = ()
     damped: bool = False
     driven: tuple[int, ...] | None = None
-    hz: tuple[float, ...] = ()
     known: tuple[Mapping[str, float], ...] = ()
     as_row: tuple[int, ...] = ()
 
@@ -107,20 +104,13 @@ class Hypothesis:
         return tuple(Prior(f"{self.modes[i]} over {first}", *_MOTION) for i in self.moved)
 
     @cached_property
-    def tuned(self) -> bool:
-        """Whether each mode sees the model at its own frequency."""
-        return bool(self.hz) and any(e.by_frequency for e in self.effects)
-
-    @cached_property
     def looks(self) -> tuple[int | None, ...]:
         """How the model is looked at, at each condition: as a mode sees it, for those in `moved`,
-        or all where they are `tuned`, behind None, as all others do."""
-        return (None, *(range(len(self.hz)) if self.tuned else self.moved))
+        behind None, as all others do."""
+        return (None, *self.moved)
 
     def look_of(self, n: int) -> list[int]:
         """Which of `looks` is that of each of n modes."""
-        if self.tuned:
-            return list(range(1, n + 1))
         return [self.moved.index(i) + 1 if i in self.moved else 0 for i in range(n)]
 
     @cached_property
@@ -198,7 +188,6 @@ class Hypothesis:
         baseline: dict[str, float],
         row: int | np.ndarray | None = None,
         mode: int | None = None,
-        faster: float = 0.0,
     ) -> dict:
         """The model's parameter values at ``z`` and a condition.
 
@@ -210,16 +199,13 @@ class Hypothesis:
             row: Which of ``conditions`` it is, likewise; None for a tightening that was not
                 measured.
             mode: The mode of `looks` that looks at it; None for the others.
-            faster: ln of the frequency of that mode over the one in `hz`.
         """
         values = dict(baseline)
         felt = self._condition(z, condition, row, mode)
-        hz = self.hz[mode] * np.exp(faster) if self.tuned and mode is not None else 0.0
         acting = list(self._acting(z))
         for effect, theta in sorted(acting, key=lambda pair: pair[0].by_level):
             if effect.apply is not None:
-                at = hz if effect.by_frequency else condition if effect.drifts else felt
-                effect.apply(values, theta, at)
+                effect.apply(values, theta, condition if effect.drifts else felt)
         if self.known and row is not None:
             self._put_in(values, row)
         return values
@@ -298,7 +284,7 @@ class Hypothesis:
         values = dict(baseline)
         for effect, theta in self._acting(z):
             if not effect.by_level and effect.apply is not None:
-                effect.apply(values, theta, 0.0 if effect.by_frequency else condition)
+                effect.apply(values, theta, condition)
         return values
 
     def _acting(self, z: np.ndarray) -> Iterator[tuple[Effect, Mapping[str, float]]]:

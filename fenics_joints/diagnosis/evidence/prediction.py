@@ -77,8 +77,6 @@ def _together(hypothesis, forward, evidence, z, baseline):
     """`predict` with all conditions solved for at once; None where that cannot be done."""
     if not isinstance(forward, Forward):
         return None  # what stands in for one, such as for a structure that is altered
-    if hypothesis.tuned:
-        return None  # each mode sees another model, and feeds back on it
     many = batched(forward)
     if not many.batches or (hypothesis.senses and evidence.shapes is not None):
         return None  # how shapes follow a sensor's own error is known one by one

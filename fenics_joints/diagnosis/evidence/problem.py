@@ -27,8 +27,9 @@ __all__ = ["Problem", "Scan", "Scanned"]
 
 #: Standard deviations of the prior beyond which a scanned parameter is not looked for.
 _FARTHEST = 4.0
-#: Of the places that are looked at so many are started from.
-_STARTS = 3
+#: Of the places that are looked at so many are started from: in a linear model about each, and by
+#: the model itself.
+_STARTS, _STARTS_ALL = 3, 5
 #: Sizes of an effect, in standard deviations, at which its places are looked at, and how far apart
 #: those are that a fit starts from.
 _SIZES, _AWAY = (-0.6, 0.6), 0.15
@@ -262,7 +263,7 @@ class Problem:
         found: list[np.ndarray] = []
         for i in np.argsort(costs, kind="stable"):
             away = [np.max(np.abs(points[i] - z)[list(indices)]) > _AWAY for z in found]
-            if there[i] and all(away) and len(found) < _STARTS:
+            if there[i] and all(away) and len(found) < _STARTS_ALL:
                 found.append(points[i])
         return found
 

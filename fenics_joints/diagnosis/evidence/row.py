@@ -71,9 +71,6 @@ class RowPrediction:
     ):
         self._near = near
         self._steady, self._chains = steady, {}
-        if hypothesis.tuned and hasattr(forward, "each"):
-            # What resonates has motions of its own, which look like the modes beside them.
-            forward, self._near = forward.each(hypothesis.hz), None
         self._hypothesis, self._forward, self._z = hypothesis, forward, z
         self._condition, self._baseline, self._row = condition, baseline, row
         self._beyond, self._order = False, None
@@ -90,23 +87,9 @@ class RowPrediction:
             looks += [self._look(i) for i in hypothesis.looks[1:]]
             self._at = hypothesis.look_of(len(log_f))
             log_f = np.array([looks[at].log_f[i] for i, at in enumerate(self._at)])
-        self._looks, self._damped_by = looks, np.ones(len(log_f))
-        if hypothesis.tuned:
-            # Looked at at the frequency that was measured, the mode is where it says itself: to
-            # first order, so that what was measured has no say in it.
-            self._damped_by = 1 - np.array([self._fed_back(i) for i in range(len(log_f))])
-            near = np.log(hypothesis.hz)
-            log_f = near + (log_f - near) / self._damped_by
+        self._looks = looks
         self._log_f = log_f
         self.log_f = self._ordered(log_f)
-
-    def _fed_back(self, i: int) -> float:
-        """Derivative of ln f of mode i by that at which the model is looked at."""
-        look, step = self._seen(i), _DIFFERENCE
-        low, high = (self._values(self._z, look.mode, way * step) for way in (-1, 1))
-        names = self._forward.model.parameters
-        change = np.array([[(high[name] - low[name]) / (2 * step)] for name in names])
-        return float(_along(look.by_values, [i], change)[0, 0])
 
     def _ordered(self, by_mode: np.ndarray) -> np.ndarray:
         """Rows for the model's modes as rows for the test's columns."""
@@ -135,10 +118,8 @@ class RowPrediction:
         look = self._looks[0]
         return self._forward.vectors(look.values), look.log_f
 
-    def _values(self, z, mode, faster: float = 0.0) -> dict[str, float]:
-        return self._hypothesis.values(
-            z, self._condition, self._baseline, self._row, mode, faster
-        )
+    def _values(self, z, mode) -> dict[str, float]:
+        return self._hypothesis.values(z, self._condition, self._baseline, self._row, mode)
 
     def _seen(self, i: int) -> _Look:
         """The model as mode i sees it."""
@@ -165,7 +146,7 @@ class RowPrediction:
                     for i, at in enumerate(self._at)
                 ]
             )
-        by_z = self._ordered(by_z / self._damped_by[:, None])
+        by_z = self._ordered(by_z)
         if not self._hypothesis.damped:
             return by_z
         return np.concatenate([by_z, self._ordered(self._damping_slopes(chains))])
@@ -224,7 +205,8 @@ class RowPrediction:
         Returns:
             Shapes, (n_s, m), and derivatives, (n_s, m, d).
         """
-        at, along, slope, by_along = self._shape_parts()
+        look = self._looks[0]
+        at, along, slope, by_along = self._forward.shapes(look.values, self._chain(look.mode))
         read = self._read(self._z, at, along)
         sensing = self._sensing(self._z)
         if sensing is not None:
@@ -233,41 +215,9 @@ class RowPrediction:
             slope = sensing.gains[:, None, None] * slope + self._sensing_slopes(at, along)
         return _scaled_to(measured, read, slope)
 
-    def _shape_parts(self) -> tuple[np.ndarray, ...]:
-        """Shapes at the sensors, per metre that these sit further, (n_s, m), and the derivatives of
-        both by z, each mode's as it sees the model."""
-        if not self._hypothesis.tuned:
-            look = self._looks[0]
-            return self._forward.shapes(look.values, self._chain(look.mode))
-        # Of the model's values those that any of the modes sees change.
-        chains = [self._chain(self._seen(i).mode) for i in range(self._m)]
-        touched = np.flatnonzero(np.any(chains, axis=(0, 2)))
-        along_values = np.eye(len(chains[0]))[:, touched]
-        first = self._forward.shapes(self._looks[0].values, along_values)
-        columns = []
-        for i in range(self._m):
-            look = self._seen(i)
-            at, along = (part[..., i] for part in self._forward.seen_shapes(look.values))
-            # Slopes by the model's values hardly differ from one mode's sight to the next's.
-            sign, chain = 1.0 if at @ first[0][:, i] > 0 else -1.0, chains[i][touched]
-            columns.append((at, along, *(sign * by[..., i, :] @ chain for by in first[2:])))
-        # The modes stand behind the sensors, which have each way before them in every other part.
-        at, along, *slopes = zip(*columns, strict=True)
-        return tuple(
-            np.stack(part, axis=1 + i % 2) for i, part in enumerate((at, along, *slopes))
-        )
-
     def read_shapes(self, measured: np.ndarray) -> np.ndarray:
         """`shapes` without their derivatives, which are most of the work, (n_s, m)."""
-        looks = [self._looks[0]]
-        if self._hypothesis.tuned:
-            looks = [self._seen(i) for i in range(self._m)]
-        seen = [self._forward.seen_shapes(look.values) for look in looks]
-        at, along = (
-            part[0] if len(looks) == 1
-            else np.stack([x[..., i] for i, x in enumerate(part)], axis=-1)
-            for part in zip(*seen, strict=True)
-        )
+        at, along = self._forward.seen_shapes(self._looks[0].values)
         read = self._read(self._z, at, along)
         return read * _scales(measured, read)[0]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -105,7 +104,7 @@ class Prepared(Subject):
             tuple(effects), self.nuisances, scatter=self.scatter,
             conditions=tuple(float(c) for c in self.evidence.conditions),
             modes=tuple(self.data.mode_names), damped=self.evidence.log_damping is not None,
-            driven=self.evidence.driven, hz=self.hz, known=self.evidence.known,
+            driven=self.evidence.driven, known=self.evidence.known,
             as_row=self.evidence.as_row if any(self.evidence.known) else (), **kwargs,
         )  # fmt: skip
 
@@ -115,15 +114,6 @@ class Prepared(Subject):
         rows = range(len(self.evidence.conditions))
         return np.array([self.forward(bare.values(np.zeros(0), 1.0, self.baseline, row))[0]
                          for row in rows])  # fmt: skip
-
-    @cached_property
-    def hz(self) -> tuple[float, ...]:
-        """About the frequency of each of the test's modes, Hz, of those that are left out too; none
-        where one is not known."""
-        measured = self.evidence.off_mesh(self.evidence.log_f)
-        if not np.isfinite(measured).any(axis=0).all():
-            return ()
-        return tuple(np.exp(np.nanmean(measured, axis=0)).tolist())
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:
         """Make the reduced model, or read it from a folder if it is kept there; and measure the
