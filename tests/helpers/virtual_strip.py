@@ -118,12 +118,12 @@ def held_by(kg: float, k: float, point, ways=ALL_WAYS) -> tuple[np.ndarray, np.n
 
 
 def with_resonator(
-    kg: float, hz: float, point, count: int = 60, own_share: float = 0.3
+    kg: float, hz: float, point, count: int = 60, own_share: float = 0.3, plate=None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same with a mass on springs in all directions, whose motion is a DOF more of each: on so
     many modes of the plate. Modes with more than that share of its own motion are not the plate's,
     and not in the test."""
-    modes = solve_modes(strip(), n_modes=count)
+    modes = solve_modes(plate or strip(), n_modes=count)
     at = modes.at(Sensors(np.repeat([point], 3, axis=0), np.eye(3)))
     k = kg * (2 * np.pi * hz) ** 2
     joined = np.hstack([at, -np.eye(3)])
