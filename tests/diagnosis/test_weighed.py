@@ -99,7 +99,7 @@ def test_a_scale_splits_density_from_modulus(tmp_path):
     names = {e.class_name for e in blind.effects if e.name in ("density error", "modulus error")}
     assert len(names) == 1 and max(said(blind).values()) < 0.7
     seen = diagnose(case_of(tmp_path / "seen", 1.05 * RHO, apart), MPI.COMM_SELF)
-    assert seen.effects[0].name == "density error" and seen.effects[0].probability > 0.8
+    assert seen.effects[0].name == "density error" and seen.effects[0].probability > 0.75
     # And where the modulus is off, nothing but the nominal mass comes off the scale.
     plain = f'mass = "{BEAMS + BOLT} kg"\nmass_noise = "0.3 %"'
     other = diagnose(case_of(tmp_path / "other", 1.05 * RHO, plain), MPI.COMM_SELF)
