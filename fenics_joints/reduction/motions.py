@@ -9,11 +9,34 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.reduction.terms import RegionTerm
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import PlacedResonator
 
-__all__ = ["with_motions"]
+__all__ = ["MovingModel", "with_motions"]
+
+
+class MovingModel(ArrayModel):
+    """A reduced model with motions of what hangs on it, that any sensors may look at.
+
+    Args:
+        reduced: The model without them.
+    """
+
+    def __init__(self, reduced: ReducedStructure):
+        found = with_motions(reduced.arrays(), reduced.full, reduced.basis)
+        super().__init__(found.pencil, found.scale_hz, hung=found.hung)
+        self.reduced = reduced
+
+    def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
+        """Displacement shapes at sensors, shape (n_sensors, n_shapes)."""
+        return self.reduced.observe(shapes[: self.reduced.n_dofs], sensors)
+
+    def points(self, points: np.ndarray) -> np.ndarray:
+        """Displacement of the basis at points, shape (n_points, gdim, n_dofs)."""
+        found = self.reduced.projection.points(points)
+        return np.pad(found, [(0, 0), (0, 0), (0, self.n_dofs - self.reduced.n_dofs)])
 
 
 def with_motions(model: ArrayModel, full: Structure, basis: Sequence[PETSc.Vec]) -> ArrayModel:

@@ -18,12 +18,13 @@ from fenics_joints.reduction.condensed import condensed
 from fenics_joints.reduction.forward import SPARE
 from fenics_joints.reduction.kept import KeptModel
 from fenics_joints.reduction.memory import give_back
-from fenics_joints.reduction.motions import with_motions
+from fenics_joints.reduction.motions import MovingModel, with_motions
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.seen import SeenModes, places_all_over
 from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
 from fenics_joints.structure import Sensors, Structure
+from fenics_joints.structure.changes import PlacedResonator
 from fenics_joints.structure.sparse import vectors_like
 
 __all__ = ["LACKING", "Surrogate"]
@@ -187,17 +188,22 @@ class Surrogate(SeenModes):
             "reduced_solutions": self.forward.calls,
         }  # fmt: skip
 
-    def wide(self, points: Points) -> ReducedStructure:
+    def wide(self, points: Points) -> ReducedStructure | MovingModel:
         """A reduced model with all modes, whether the test sees them or not. Collective.
 
         Args:
             points: Parameter values at which its modes make the basis.
         """
-        return reduce(self.full, points, self.n_modes, travel=self.travel)
+        found = reduce(self.full, points, self.n_modes, travel=self.travel)
+        hung = any(isinstance(change, PlacedResonator) for change in self.full.changes)
+        return MovingModel(found) if hung else found
 
-    def point_rows(self, model: ReducedStructure, points: np.ndarray) -> np.ndarray:
+    def point_rows(
+        self, model: ReducedStructure | MovingModel, points: np.ndarray
+    ) -> np.ndarray:
         """Displacement of a model's basis at points, shape (n_points, gdim, n_dofs)."""
-        return model.projection.points(points)
+        moving = isinstance(model, MovingModel)
+        return model.points(points) if moving else model.projection.points(points)
 
     def everywhere(self, count: int) -> Sensors:
         """Points all over the structure, each in all directions. Collective."""

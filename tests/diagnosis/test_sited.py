@@ -12,6 +12,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 from virtual_strip import (
+    SENSORS,
     SIZE,
     held_by,
     measured,
@@ -166,9 +167,16 @@ def test_what_hangs_on_a_spring_has_motions_of_its_own(tmp_path):
     assert np.abs(np.log(hz / own_hz)).min() < 0.05
     alone = solve_modes(model.full, n_modes=20).frequencies_hz[6:]
     assert np.abs(np.log(alone / own_hz)).min() > 0.3
+    # So has the model of all modes that plans are made with, and sees the further ones.
+    felt = as_mass(values, model.baseline)
+    wide = model.surrogate.wide([model.baseline, felt])
+    modes = solve_modes(wide, values, n_modes=20)
+    assert np.abs(modes.frequencies_hz / hz[1] - 1).min() < 2e-3
+    assert np.abs(modes.frequencies_hz / hz[-1] - 1).min() < 2e-3
+    rows = model.surrogate.point_rows(wide, SENSORS.points[:2])[:, 2]
+    assert rows @ modes.shapes == pytest.approx(modes.at(SENSORS)[:2])
     with pytest.raises(InputError, match="no motion of its own"):
         model.full.stiffness(values)
-    felt = as_mass(values, model.baseline)
     assert felt["put_on.mass"] == kg and felt["hung.mass"] == model.baseline["hung.mass"]
 
 

@@ -93,8 +93,9 @@ def sited_effects(
         found.append(local_loss(sites.patches, case))
     if len(sites.points) > 1:
         places = _named(sites.points, data.sensors)
-        hz = np.exp(np.nanmean(np.log(data.frequencies_hz), axis=0))
-        found += [cable(places, total_mass), resonator(places, total_mass, hz)]
+        hz = [np.exp(np.mean(np.log(f[np.isfinite(f)])))
+              for f in data.frequencies_hz.T if np.isfinite(f).any()]  # fmt: skip
+        found += [cable(places, total_mass), resonator(places, total_mass, np.array(hz))]
     weight = RARE / max(len(sites.bowed), 1)
     found += [bowed(plate, case, weight) for plate in sites.bowed]
     weight = RARE / max(len(sites.tapered), 1)
@@ -191,10 +192,9 @@ def resonator(places: Sequence[str], total_mass: float, measured_hz: np.ndarray)
     Args:
         places: See `cable`.
         total_mass: The structure's, kg.
-        measured_hz: About the frequencies of the test's modes, Hz, (m,); nan where not known.
+        measured_hz: About the frequencies of the test's modes, Hz, (m,), of those that are known.
     """
-    hz = measured_hz[np.isfinite(measured_hz)]
-    middle = float(np.exp(np.mean(np.log(hz))))
+    middle = float(np.exp(np.mean(np.log(measured_hz))))
 
     def apply(values, theta, condition):
         values[f"{HUNG}.mass"], values[f"{HUNG}.place"] = theta["mass"], theta["place"]
@@ -202,7 +202,7 @@ def resonator(places: Sequence[str], total_mass: float, measured_hz: np.ndarray)
 
     spread, far = _OWN
     span = middle / far, middle * far
-    also = tuple(np.outer(_ABOVE, hz).ravel().tolist())
+    also = tuple(np.outer(_ABOVE, measured_hz).ravel().tolist())
     own = Prior("frequency", middle, spread, "Hz", True, span, _FREQUENCIES, also=also)
     count = len(places)
     priors = (_mass(total_mass), own, somewhere("place", count, count))

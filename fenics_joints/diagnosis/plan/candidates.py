@@ -31,10 +31,11 @@ from fenics_joints.diagnosis.plan.added import (
     widened,
 )
 from fenics_joints.diagnosis.plan.study import Measurement, Study
+from fenics_joints.diagnosis.zones.sites import as_mass
 from fenics_joints.formatting import condition_value, point_mm, spaced
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction import ArrayModel, Forward, ReducedStructure
+from fenics_joints.reduction import ArrayModel, Forward
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["Candidates"]
@@ -115,7 +116,7 @@ class Candidates:
         return found
 
     @cached_property
-    def _wide(self) -> ArrayModel | ReducedStructure:
+    def _wide(self) -> ArrayModel:
         """A reduced model with all modes, whether the test sees them or not. Collective."""
         return self.model.surrogate.wide(self._points_of_sizes())
 
@@ -132,6 +133,7 @@ class Candidates:
         points = [dict(self.model.baseline)]
         for signature in self.study.expected:
             values = self._values(signature.effect, signature.own, row)
+            values = as_mass(values, self.model.baseline)
             if values not in points:
                 points.append(values)
         return points
