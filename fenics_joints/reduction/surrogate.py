@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.measurements.gap import largest_difference
+from fenics_joints.measurements.gap import TooFewModes, largest_difference
 from fenics_joints.modal.modes import Modes, refine_modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points, SmallModel
@@ -123,10 +123,8 @@ class Surrogate(SeenModes):
     def errors(self, points: Points) -> np.ndarray:
         """Largest relative frequency error against the full model at each point, (n,).
 
-        See `fenics_joints.measurements.gap.largest_difference`.
-
-        Raises:
-            InputError: If either lacks a mode that the test saw.
+        See `fenics_joints.measurements.gap.largest_difference`; nan where either lacks a mode that
+        the test saw.
         """
         return self.errors_by(points, self.solve)
 
@@ -137,20 +135,23 @@ class Surrogate(SeenModes):
         return _Quick(self)
 
     def errors_by(self, points: Points, solve: Callable[..., Modes]) -> np.ndarray:
-        """See `errors`; ``solve`` gives modes of the full model at values."""
+        """See `errors`; ``solve`` gives modes of the full model at values. nan at a point where
+        either lacks a mode that the test saw."""
         # Others are let go: they hold vectors of the full model's size.
         wanted = {tuple(values.items()) for values in points}
         for known in (self._solved, self._refined):
             for key in set(known) - wanted:
                 del known[key]
-        errors = np.array([
-            largest_difference(
-                *self.forward.solve(values), *self._paired(values, solve), self.sensors
-            )
-            for values in points
-        ])  # fmt: skip
+        errors = np.array([self._error(values, solve) for values in points])
         # Every rank has to take the same way from here.
         return self.full.comm.bcast(errors)
+
+    def _error(self, values: Mapping[str, float], solve: Callable[..., Modes]) -> float:
+        try:
+            both = *self.forward.solve(values), *self._paired(values, solve)
+        except TooFewModes:
+            return np.nan
+        return largest_difference(*both, self.sensors)
 
     def refined(self, values: Mapping[str, float]) -> Modes:
         """Modes of the full model near the small one's; those that were solved for where they are

@@ -8,6 +8,7 @@ from mpi4py import MPI
 from scipy.stats import qmc
 
 from fenics_joints.errors import InputError
+from fenics_joints.measurements.gap import TooFewModes
 from fenics_joints.meshes import lap_plates
 from fenics_joints.modal import frequency_sensitivity, solve_modes
 from fenics_joints.reduction import ReducedStructure, read_array_model, reduce
@@ -369,3 +370,20 @@ def test_two_ranks_reduce_to_the_same_frequencies():
     assert together.frequencies_hz[elastic] == pytest.approx(
         alone.frequencies_hz[elastic], rel=1e-6
     )
+
+
+def test_a_point_without_the_tests_modes_has_no_error_and_spoils_no_other(monkeypatch):
+    model = build()
+    start = {name: p.value for name, p in model.parameters.items()}
+    small = Surrogate(model, start, samples=lambda: [start], travel=lambda: TRAVEL, sensors=None,
+                      n_test=3, n_modes=N_MODES)  # fmt: skip
+    soft, paired = {**start, "layer.E": 1e7}, small.forward.paired
+
+    def lacks(modes):
+        if modes.given.get("layer.E") == 1e7:
+            raise TooFewModes("two of three")
+        return paired(modes)
+
+    monkeypatch.setattr(small.forward, "paired", lacks)
+    errors = small.quick.errors([start, soft])
+    assert errors[0] < 1e-4 and np.isnan(errors[1])
