@@ -129,7 +129,8 @@ class _Run:
         grouped = classes(fits, probability, alike)
         leader = self._leader(fits)
         after = self._gap(self.data, leader.log_f)
-        effects = self._effects(fits, probability, grouped, leader)
+        seen = self._detectable(leader)
+        effects = self._effects(fits, probability, grouped, seen)
         verdict, summary = decide(fits, probability, effects, leader, after)
         wrong, causes = self._is_wrong(fits, leader, alike), {}
         if verdict in NAMED:
@@ -137,7 +138,7 @@ class _Run:
         shrink = self._shrink(fits, wrong, causes)
         if verdict in NAMED:
             fits, probability = _held_out(fits, probability, leader, confirmed(shrink))
-            effects = self._effects(fits, probability, grouped, leader)
+            effects = self._effects(fits, probability, grouped, seen)
             verdict, summary = decide(fits, probability, effects, leader, after)
         verdict, summary = confirm(verdict, summary, shrink)
         self.progress.step("localising the gap")
@@ -228,17 +229,25 @@ class _Run:
         lowest = float(self.evidence.conditions[0])
         return leader.hypothesis.still(leader.z, lowest, self.baseline)
 
-    def _effects(self, fits, probability, grouped, leader) -> list[EffectResult]:
+    def _detectable(self, leader: Fit) -> dict[str, bool]:
+        """Whether this test could see each effect at its expected size, by key."""
+        model = self.model
+        return {
+            effect.key: detectable(
+                effect, self.forward, self.evidence, self._beneath(effect, leader), model.nuisances
+            )
+            for effect in model.effects
+        }
+
+    def _effects(self, fits, probability, grouped, seen) -> list[EffectResult]:
         found, places = [], []
         for effect in self.model.effects:
             inside = [effect in f.hypothesis.effects for f in fits]
-            base = self._beneath(effect, leader)
-            seen = detectable(effect, self.forward, self.evidence, base, self.model.nuisances)
             total = float(np.sum(probability[inside]))
             places.append(inside.index(True))
             found.append(
                 EffectResult(
-                    effect.name, effect.region, total, grouped[effect.key], seen,
+                    effect.name, effect.region, total, grouped[effect.key], seen[effect.key],
                     _described(effect, fits[inside.index(True)]), effect.weight,
                 )
             )

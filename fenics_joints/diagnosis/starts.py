@@ -9,14 +9,11 @@ from scipy.stats import qmc
 
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.linear import whiten
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.least import least_apart, residuals_at
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.several import Fits
 from fenics_joints.errors import InputError
 from fenics_joints.parallel import spread
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.lean import batched
 
 __all__ = ["starts_of"]
 
@@ -65,17 +62,9 @@ def starts_of(
 def _least(search: Fits, hypothesis: Hypothesis, points: np.ndarray, lower) -> list[np.ndarray]:
     """The points, (b, d), of the least squared residuals, apart from one another."""
     residual = _residuals(search, hypothesis, points)
-    points = points[: len(residual)]
-    there = np.all(np.isfinite(residual), axis=1)
-    squares = np.full(len(points), np.inf)
-    squares[there] = np.sum(whiten(lower, residual[there].T) ** 2, axis=0)
-    squares[there] += np.sum(points[there] ** 2, axis=1)
-    found: list[np.ndarray] = []
-    for i in np.argsort(squares, kind="stable"):
-        away = (np.max(np.abs((points[i] - z)[hypothesis.own]), initial=0.0) for z in found)
-        apart = [distance > 0.5 * _ASIDE for distance in away]
-        if there[i] and all(apart) and len(found) < _BEST:
-            found.append(points[i])
+    found = least_apart(
+        points[: len(residual)], residual, lower, hypothesis.own, 0.5 * _ASIDE, _BEST
+    )
     return found or [points[0]]
 
 
@@ -86,9 +75,9 @@ def _residuals(search: Fits, hypothesis: Hypothesis, points: np.ndarray) -> np.n
     used = evidence.fitted
     leans = search.leans
     forward = (leans.of if hypothesis.wide else leans.known)(hypothesis) or search.model.forward
-    if isinstance(forward, Forward) and batched(forward).batches:
-        many = ManyPredictions(hypothesis, batched(forward), evidence, baseline, held_out=True)
-        return many(points)[0][:, used] - evidence.data[used]
+    together = residuals_at(hypothesis, forward, evidence, baseline, points)
+    if together is not None:
+        return together
     found = np.full((min(len(points), _SINGLY), int(used.sum())), np.nan)
     for i, z in enumerate(points[: len(found)]):
         try:

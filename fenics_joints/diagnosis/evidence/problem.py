@@ -12,8 +12,8 @@ from scipy.integrate import trapezoid
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.least import least_apart, residuals_at
 from fenics_joints.diagnosis.evidence.linear import least_square, log_evidence, whiten
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import (
     frequencies_and_damping,
     predict,
@@ -21,7 +21,6 @@ from fenics_joints.diagnosis.evidence.prediction import (
 )
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.lean import batched
 
 __all__ = ["Problem", "Scan", "Scanned"]
 
@@ -233,10 +232,16 @@ class Problem:
         the values of each that their priors say; the others optimal in a linear model."""
         priors = [self.hypothesis.priors[j][1] for j in indices]
         axes = [p.tried() for p in priors]
-        if any(p.also for p in priors) and isinstance(self.forward, Forward):
-            many = batched(self.forward)
-            if many.batches:
-                return self._least_of(self._all_over(indices, axes), indices, many)
+        if any(p.also for p in priors):
+            # What resonates makes new modes, of which no slope tells.
+            points = self._all_over(indices, axes)
+            residual = residuals_at(
+                self.hypothesis, self.forward, self.evidence, self.baseline, points
+            )
+            if residual is not None:
+                return least_apart(
+                    points, residual, self.lower, list(indices), _AWAY, _STARTS_ALL
+                )
         looks = [self._at(dict(zip(indices, point, strict=True))) for point in product(*axes)]
         order = np.argsort([-value for value, _ in looks], kind="stable")
         return [looks[i][1] for i in order[:_STARTS]]
@@ -249,23 +254,6 @@ class Problem:
         points = np.zeros((len(grid), len(self.hypothesis.priors)))
         points[:, [*indices, *sizes]] = grid
         return points
-
-    def _least_of(self, points: np.ndarray, indices: Sequence[int], many) -> list[np.ndarray]:
-        """Of points those of the least cost, by the model itself: what resonates makes new modes,
-        of which no slope tells. They are apart in some of the scanned parameters."""
-        used = self.evidence.fitted
-        predict = ManyPredictions(self.hypothesis, many, self.evidence, self.baseline, True)
-        residual = predict(points)[0][:, used] - self.evidence.data[used]
-        there = np.all(np.isfinite(residual), axis=1)
-        costs = np.full(len(points), np.inf)
-        costs[there] = np.sum(whiten(self.lower, residual[there].T) ** 2, axis=0)
-        costs[there] += np.sum(points[there] ** 2, axis=1)
-        found: list[np.ndarray] = []
-        for i in np.argsort(costs, kind="stable"):
-            away = [np.max(np.abs(points[i] - z)[list(indices)]) > _AWAY for z in found]
-            if there[i] and all(away) and len(found) < _STARTS_ALL:
-                found.append(points[i])
-        return found
 
     def _at(self, fixed: dict[int, float], about=None) -> tuple[float, np.ndarray]:
         """ln of the evidence at values of some parameters, the others linear about a point, by

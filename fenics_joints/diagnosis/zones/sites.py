@@ -142,9 +142,9 @@ def _hung(full: Structure, points: np.ndarray) -> tuple[list[Change], dict[str, 
 def as_mass(values: dict[str, float], baseline: dict[str, float]) -> dict[str, float]:
     """Values for the full model, which has no motion of what hangs on a spring: there it is the
     mass that a mode far below its own frequency feels."""
-    own = {name for name in baseline if name.startswith(f"{HUNG}.")}
-    if not own or values[f"{HUNG}.mass"] == baseline[f"{HUNG}.mass"]:
+    if values.get(f"{HUNG}.mass") == baseline.get(f"{HUNG}.mass"):
         return values
+    own = {name for name in baseline if name.startswith(f"{HUNG}.")}
     idle = {name: baseline[name] for name in own}
     felt = {f"{ON}.{key}": values[f"{HUNG}.{key}"] for key in ("mass", "place")}
     return {**values, **felt, **idle}

@@ -1,0 +1,51 @@
+"""Of many points of a hypothesis those that fit a test best, by the model itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fenics_joints.diagnosis.evidence.linear import whiten
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.lean import batched
+
+__all__ = ["least_apart", "residuals_at"]
+
+
+def residuals_at(hypothesis, forward, evidence, baseline, points: np.ndarray) -> np.ndarray | None:
+    """Prediction less data at points, (b, d), solved for together: (b, k), nan where the model has
+    no such modes; None where they cannot be."""
+    if not isinstance(forward, Forward) or not batched(forward).batches:
+        return None
+    many = ManyPredictions(hypothesis, batched(forward), evidence, baseline, held_out=True)
+    used = evidence.fitted
+    return many(points)[0][:, used] - evidence.data[used]
+
+
+def least_apart(
+    points: np.ndarray, residual: np.ndarray, lower, among: Sequence[int] | slice,
+    distance: float, count: int,
+) -> list[np.ndarray]:
+    """Some points of the least squared residuals, the best first, apart from one another.
+
+    Args:
+        points: z, (b, d).
+        residual: Prediction less data there, (b, k); nan is left out.
+        lower: Cholesky factor of the covariance, see `whiten`.
+        among: Parameters in one of which they are apart.
+        distance: By more than this, in standard deviations of the prior.
+        count: How many at most.
+    """
+    there = np.all(np.isfinite(residual), axis=1)
+    squares = np.full(len(points), np.inf)
+    squares[there] = np.sum(whiten(lower, residual[there].T) ** 2, axis=0)
+    squares[there] += np.sum(points[there] ** 2, axis=1)
+    found: list[np.ndarray] = []
+    for i in np.argsort(squares, kind="stable"):
+        away = (np.max(np.abs((points[i] - z)[among]), initial=0.0) for z in found)
+        apart = [d > distance for d in away]
+        if there[i] and all(apart) and len(found) < count:
+            found.append(points[i])
+    return found
