@@ -14,8 +14,16 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.measurements.gap import ALIKE, assigned, likeness, mac, nearest, with_untold
-from fenics_joints.modal.modes import NOTHING, inverted_modes, upright
+from fenics_joints.measurements.gap import (
+    ALIKE,
+    Pairing,
+    assigned,
+    likeness,
+    mac,
+    nearest,
+    with_untold,
+)
+from fenics_joints.modal.modes import NOTHING, Modes, inverted_modes, upright
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.many import ManyModes
@@ -55,13 +63,15 @@ class LeanForward(Forward):
     Args:
         forward: The one whose modes it follows.
         model: Its model on fewer vectors.
+        turned: Whether it may take another basis, on which it is solved sooner; else its modes are
+            on the model's.
     """
 
     batches = True
 
-    def __init__(self, forward: Forward, model: ArrayModel):
+    def __init__(self, forward: Forward, model: ArrayModel, turned: bool = True):
         n_modes = min(forward.n_modes, model.n_dofs)
-        unit = _of_unit_mass(model)
+        unit = _of_unit_mass(model) if turned else None
         model = model if unit is None else unit
         self._unit = unit is not None
         super().__init__(
@@ -78,6 +88,10 @@ class LeanForward(Forward):
         """See `Forward`; from `prepare` where that knows the values."""
         ready = self._ready.get(self._key(values))
         return super().__call__(self._own(values)) if ready is None else ready
+
+    def solve(self, values: Mapping[str, float]) -> tuple[Modes, Pairing]:
+        """See `Forward`."""
+        return super().solve(self._own(values))
 
     def follow(self, values: Mapping[str, float], shapes: np.ndarray, log_f: np.ndarray):
         """See `Forward`."""
@@ -169,9 +183,23 @@ class LeanForward(Forward):
             index, good = self._followed(eigenvalues, vectors, followed)
         most = min(_SEARCHED * self.n_modes, self.model.n_dofs)
         if not good.all() and eigenvalues.shape[1] < most:
-            return self.many(values, followed=followed)
+            if followed is not None:
+                return self.many(values, followed=followed)
+            eigenvalues, vectors = self._further(values, eigenvalues, vectors, index, good, most)
         self.calls += len(good)
         return ManyModes(self.model, values, eigenvalues, vectors, index, good)
+
+    def _further(self, values, eigenvalues, vectors, index, good, most: int):
+        """More modes, up to ``most``, where the test's are not among the lowest; of the other
+        points as many are nought, and index and good are put right in place."""
+        few, k = np.flatnonzero(~good), eigenvalues.shape[1]
+        own = {name: value[few] for name, value in values.items()}
+        found = self._modes(own, most)
+        index[few], good[few] = self._among(own, *found)
+        eigenvalues = np.pad(eigenvalues, [(0, 0), (0, most - k)])
+        vectors = np.pad(vectors, [(0, 0), (0, 0), (0, most - k)])
+        eigenvalues[few], vectors[few] = found
+        return eigenvalues, vectors
 
     def _among(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
         """`_paired` among as few modes as there must be, or more where the test's are not there."""
@@ -214,33 +242,29 @@ class LeanForward(Forward):
         """Lowest eigenvalues, (b, count), and M-normalised vectors, (b, n_dofs, count); of all
         modes for None."""
         K, M = self.model.pencil.matrices(values)
-        shift = (2 * np.pi * _SHIFT_SHARE * self.model.scale_hz) ** 2
-        if count is not None and self.model.n_dofs > max(_LARGE, _FEW * count):
-            return self._lowest(K, M, shift, count)
-        if self._unit:
+        n = self.model.n_dofs
+        few = count is not None and n > max(_LARGE, _FEW * count)
+        if self._unit and not few:
             return tuple(found[..., :count] for found in np.linalg.eigh(K))
-        inverse_root = np.linalg.inv(np.linalg.cholesky(K + shift * M))
-        root_t = np.swapaxes(inverse_root, 1, 2)
-        inverse, vectors = np.linalg.eigh(inverse_root @ M @ root_t)
-        inverse, vectors = inverse[:, ::-1][:, :count], vectors[:, :, ::-1][:, :, :count]
-        return upright(inverse, root_t @ vectors, shift)
-
-    def _lowest(self, K, M, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """`_modes` where few of many are wanted, one after the other."""
-        eigenvalues = np.empty((len(K), count))
-        vectors = np.empty((len(K), self.model.n_dofs, count))
+        k = n if count is None else count
+        eigenvalues, vectors = np.empty((len(K), k)), np.empty((len(K), n, k))
         for i in range(len(K)):
-            if self._unit:
-                eigenvalues[i], vectors[i] = scipy.linalg.eigh(
-                    K[i], subset_by_index=[0, count - 1], check_finite=False
-                )
-                continue
-            try:
-                inverse, found = inverted_modes(K[i], M[i], shift, count)
-            except ConvergenceError as error:
-                raise np.linalg.LinAlgError(str(error)) from error
-            eigenvalues[i], vectors[i] = upright(inverse, found, shift)
+            one = self._unit_modes(K[i], k) if self._unit else self._one(K[i], M[i], k, few)
+            eigenvalues[i], vectors[i] = one
         return eigenvalues, vectors
+
+    @staticmethod
+    def _unit_modes(K, count: int) -> tuple[np.ndarray, np.ndarray]:
+        return scipy.linalg.eigh(K, subset_by_index=[0, count - 1], check_finite=False)
+
+    def _one(self, K, M, count: int, few: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Of one model: a third sooner than many together, whose products are not blocked."""
+        shift = (2 * np.pi * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        try:
+            inverse, vectors = inverted_modes(K, M, shift, count if few else None)
+        except ConvergenceError as error:
+            raise np.linalg.LinAlgError(str(error)) from error
+        return upright(inverse[:count], vectors[:, :count], shift)
 
     def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
         """Index of the model's mode of each of the test's, (b, m), and whether there are enough.

@@ -55,7 +55,7 @@ def with_motions(model: ArrayModel, full: Structure, basis: Sequence[PETSc.Vec])
     if not hung:
         return model
     n, gdim = model.n_dofs, full.gdim
-    wider = model.on(np.eye(n, n + gdim))
+    wider = _wider(model, gdim)
     unit = 1.0 / np.sqrt(hung[0].values(full.values())["stiffness"])
     points = np.repeat([c.point[:gdim] for c in hung], gdim, axis=0)
     at = full.observe(list(basis), Sensors(points, np.tile(np.eye(gdim), (len(hung), 1))))
@@ -72,3 +72,32 @@ def with_motions(model: ArrayModel, full: Structure, basis: Sequence[PETSc.Vec])
     pencil = replace(wider.pencil, regions=[*wider.regions, *terms])
     name = hung[0].properties["mass"]
     return replace(wider, pencil=pencil, hung=(name, unit * np.eye(gdim, n + gdim, n)))
+
+
+def _wider(model: ArrayModel, more: int) -> ArrayModel:
+    """A model with so many further displacements, which nothing holds or moves yet."""
+
+    def rows(a: np.ndarray) -> np.ndarray:
+        return np.pad(a, [*[(0, 0)] * (a.ndim - 1), (0, more)])
+
+    def both(a: np.ndarray) -> np.ndarray:
+        return np.pad(a, [*[(0, 0)] * (a.ndim - 2), *[(0, more)] * 2])
+
+    pencil, sensors, shifts = model.pencil, model.sensor_rows, model.shift_rows
+    return replace(
+        model,
+        pencil=replace(
+            pencil,
+            regions=[
+                replace(r, stiffness=both(r.stiffness), inertia=both(r.inertia))
+                for r in pencil.regions
+            ],
+            springs=[replace(s, row=rows(s.row)) for s in pencil.springs],
+            masses=[replace(m, rows=rows(m.rows)) for m in pencil.masses],
+            fixed=pencil.fixed and tuple(map(both, pencil.fixed)),
+        ),
+        sensor_rows=None if sensors is None else rows(sensors),
+        shift_rows=None if shifts is None else rows(shifts),
+        places=model.places and model.places.on(np.eye(model.n_dofs, model.n_dofs + more)),
+        dampers={name: both(D) for name, D in model.dampers.items()},
+    )

@@ -41,10 +41,12 @@ def seen_modes_at(forward: Forward, wanted: Sequence[Mapping[str, float]]) -> li
         table = {name: np.array([values[name] for values in wanted]) for name in wanted[0]}
         try:
             modes = many.many(table, every=False)
-            if modes.good.all():
-                most = np.maximum(modes.index.max(axis=1) + 1, many.n_modes)
-                each = zip(modes.vectors, most, modes.index, modes.log_f, strict=True)
-                return [SeenAt(x[:, :n], index, log_f) for x, n, index, log_f in each]
+            most = np.maximum(modes.index.max(axis=1) + 1, many.n_modes)
+            each = zip(modes.vectors, most, modes.index, modes.log_f, strict=True)
+            return [
+                SeenAt(x[:, :n], index, log_f) if good else _seen_modes(forward, values)
+                for good, values, (x, n, index, log_f) in zip(modes.good, wanted, each, strict=True)
+            ]
         except (InputError, np.linalg.LinAlgError):
             pass  # one of them is beyond a law's limit
     return [_seen_modes(forward, values) for values in wanted]
@@ -65,4 +67,5 @@ def modes_at(forward: Forward, values: Mapping[str, float]) -> np.ndarray:
     try:
         return forward.solve(values)[0].shapes
     except InputError:
-        return solve_modes(forward.model, values, n_modes=forward.n_modes).shapes
+        own = {name: values[name] for name in forward.model.parameters}
+        return solve_modes(forward.model, own, n_modes=forward.n_modes).shapes

@@ -179,14 +179,16 @@ class Leans:
         model = of_few_terms(hypothesis, self.forward.model, self.evidence, self.baseline)
         if model is self.forward.model and not _is_placed(hypothesis):
             return None
-        snapshots = [s for e in (None, *hypothesis.effects) for s in self._of(hypothesis, e)]
+        same = model is self.forward.model
+        quick = self.forward if same else LeanForward(self.forward, model, turned=False)
+        snapshots = [s for e in (None, *hypothesis.effects) for s in self._of(hypothesis, e, quick)]
         snapshots, share = snapshots + self._tried.pop(key, []), _SHARE
         for seed in range(_ROUNDS):
             lean = self._on(model, snapshots, share)
             if lean.model.n_dofs > _SMALL * model.n_dofs:
                 return None
             tries = self._values(hypothesis, _TRIES, seed)
-            seen = seen_modes_at(self.forward, tries)
+            seen = seen_modes_at(quick, tries)
             if not all(len(at.index) for at in seen):
                 return None
             if self._is_good(lean, tries, seen):
@@ -223,14 +225,17 @@ class Leans:
 
     # -- samples -------------------------------------------------------------------------------
 
-    def _of(self, hypothesis: Hypothesis, effect: Effect | None) -> list[Snapshot]:
-        """Modes all over the prior of an effect, beside what is uncertain in any case."""
+    def _of(
+        self, hypothesis: Hypothesis, effect: Effect | None, forward: Forward
+    ) -> list[Snapshot]:
+        """Modes all over the prior of an effect, beside what is uncertain in any case, by a forward
+        of the reduced model in whatever terms."""
         key = "" if effect is None else effect.key
         if key not in self._snapshots:
             alone = replace(hypothesis, effects=() if effect is None else (effect,), name="alone",
                             unknown=False)  # fmt: skip
             points = self._values(alone, _PLACES if _is_placed(alone) else _POINTS, seed=3)
-            self._snapshots[key] = _snapshots(seen_modes_at(self.forward, points))
+            self._snapshots[key] = _snapshots(seen_modes_at(forward, points))
         return self._snapshots[key]
 
     def _values(self, hypothesis: Hypothesis, count: int, seed: int) -> list[dict[str, float]]:

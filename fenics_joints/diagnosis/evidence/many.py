@@ -99,8 +99,9 @@ class ManyPredictions:
             # One row after the other, each at all points.
             points, row = np.tile(z, (len(rows), 1)), np.repeat(rows, len(z))
             followed = self._followed(rows, len(z), seen)
+            with_slopes = with_shapes and bool(by)  # of shapes, which take all modes
             looks = [
-                self._look(points, row, i, by, with_shapes, followed) for i in self.hypothesis.looks
+                self._look(points, row, i, by, with_slopes, followed) for i in self.hypothesis.looks
             ]
             if evidence.turns[-1][1] is not None:
                 modes = looks[0].modes
