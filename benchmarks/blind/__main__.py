@@ -44,6 +44,9 @@ def generate(
     final: Annotated[bool, typer.Option(help="With what is for scoring only.")] = False,
     world: World = "first",
     only: Annotated[str | None, typer.Option(help="A geometry of that world.")] = None,
+    so_far: Annotated[
+        bool, typer.Option("--so-far", help="Seal what an earlier call made, and make no more.")
+    ] = False,
     jobs: Jobs = 2,
     key: Key = None,
 ) -> None:
@@ -53,8 +56,9 @@ def generate(
     folder.mkdir(parents=True, exist_ok=True)
     secret = seal.make_key(_key_path(folder, key), folder)
     listed = make_cases(
-        folder, secret, cases, seed, final=final, jobs=jobs, world=world, only=only, say=_say
-    )
+        folder, secret, cases, seed, final=final, jobs=jobs, world=world, only=only, so_far=so_far,
+        say=_say,
+    )  # fmt: skip
     _say(f"{len(listed['cases'])} cases sealed; publish {folder / seal.SEALED}")
 
 

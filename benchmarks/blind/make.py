@@ -38,6 +38,7 @@ def make_cases(
     jobs: int = 2,
     world: str = "first",
     only: str | None = None,
+    so_far: bool = False,
     say: Callable[[str], None] = print,
 ) -> dict:
     """Make and seal ``n`` cases; what is there of an earlier call is kept.
@@ -51,6 +52,7 @@ def make_cases(
         jobs: Processes at a time.
         world: Name of the world that makes them.
         only: Its geometry that they shall be of; all of them by default.
+        so_far: Whether to seal what an earlier call made, and make no more: they are in no order.
         say: Told what is done.
 
     Returns:
@@ -63,6 +65,10 @@ def make_cases(
         raise SealError(f"{folder}: is sealed already; expected a new folder")
     folder.mkdir(parents=True, exist_ok=True)
     state = _state(folder, key, n, seed, final, world, only)
+    if so_far:
+        for half in {place.name for place in (folder / "cases").iterdir()} - set(state["done"]):
+            shutil.rmtree(folder / "cases" / half)
+        return _publish(folder, key, state)
     state["failed"] = {}
     todo = [name for name in state["items"] if name not in state["done"]]
     secrets.SystemRandom().shuffle(todo)  # times of files shall not tell the plan's order
@@ -168,6 +174,7 @@ def _publish(folder: Path, key: bytes, state: dict) -> dict:
         "rules_sha256": seal.source_digest(*seal.RULES),
         "diagnosis_sha256": seal.source_digest(*seal.DIAGNOSIS),
         "answers_sha256": seal.file_digest(folder / seal.ANSWERS),
+        "planned": len(state["items"]),
         "not_made": len(state["failed"]),
         "cases": cases,
     }
