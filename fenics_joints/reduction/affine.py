@@ -8,7 +8,7 @@ parameter values, or at many together (`AffinePencil.matrices`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -99,14 +99,24 @@ class AffinePencil:
         """Terms of regions, then of springs."""
         terms = [t for r in self.regions for t in r.stiffness]
         springs = [s.share * np.outer(s.row, s.row) for s in self.springs]
-        return Stack([*terms, *springs], self.n)
+        stack = Stack([*terms, *springs], self.n)
+        self._hold({"stiffness": stack.whole[self.rows[r.name]]} for r in self.regions)
+        return stack
 
     @cached_property
     def _inertia(self) -> Stack:
         """Terms of regions, then of masses that stay."""
         at = [m(float(m.travel))[0] for m in self._still]
         still = [m.share * rows.T @ rows for m, rows in zip(self._still, at, strict=True)]
-        return Stack([*(r.inertia for r in self.regions), *still], self.n)
+        stack = Stack([*(r.inertia for r in self.regions), *still], self.n)
+        self._hold({"inertia": own} for own in stack.whole)
+        return stack
+
+    def _hold(self, own: Iterable[Mapping[str, np.ndarray]]) -> None:
+        """Let the regions look into a stack that has copies of their arrays, which then can go:
+        they are most of a model."""
+        held = [replace(r, **arrays) for r, arrays in zip(self.regions, own, strict=False)]
+        object.__setattr__(self, "regions", held)
 
     @property
     def terms(self) -> tuple[np.ndarray, np.ndarray]:

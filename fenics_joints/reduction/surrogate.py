@@ -170,17 +170,20 @@ class Surrogate(SeenModes):
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis, solved for or refined where these are
         known."""
-        known = self._refined | self._solved
-        found = [known.get(tuple(values.items())) or self.solve(values) for values in points]
-        whole = self._whole
-        sampled = SampledBasis(min(self.lacking, LACKING), self._basis, whole)
-        for modes in found:
-            sampled.add(modes, self._of_test(modes))
+        self._whole = self._with(points)
         self._refined.clear()
-        self._whole = self._on(sampled, whole)
         self.forward.model = self._with_motions()
         self.forward.forget()
         give_back()
+
+    def _with(self, points: Points) -> ArrayModel:
+        """The reduced model with modes of the full one at points."""
+        known = self._refined | self._solved
+        found = [known.get(tuple(values.items())) or self.solve(values) for values in points]
+        sampled = SampledBasis(min(self.lacking, LACKING), self._basis, self._whole)
+        for modes in found:
+            sampled.add(modes, self._of_test(modes))
+        return self._on(sampled, self._whole)
 
     def facts(self) -> dict[str, object]:
         """Its size and use."""
